@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from procs.log_files import put_aside
 from procs.paths import log_folder
 from shm.clock import monotonic_ns, pause
 from shm.control_page import ControlPage
@@ -74,7 +75,8 @@ class Background:
         folder = log_folder(os.environ, request.system)
         folder.mkdir(parents=True, exist_ok=True)
         self.log = folder / "supervisor.log"
-        with self.log.open("wb") as log:
+        put_aside(self.log)
+        with self.log.open("ab") as log:  # it may be emptied under the supervisor
             self.popen = subprocess.Popen(request.command(), stdin=subprocess.DEVNULL, stdout=log, stderr=log,
                                           env=environment(), start_new_session=True,
                                           preexec_fn=_end_with_parent if tied else None)

@@ -47,6 +47,15 @@ LOCKSTEP = "lockstep"  # simulated time, as fast as the machine allows
 
 
 @dataclass(frozen=True, slots=True)
+class Logs:
+    """Size and age at which the output of a process begins a new file, and how many old ones are kept of each."""
+
+    max_bytes: int = 10_000_000
+    max_age_s: float = 7 * 86400.0
+    keep: int = 5
+
+
+@dataclass(frozen=True, slots=True)
 class Linear:
     """y = scale · x + offset."""
 
@@ -238,6 +247,7 @@ class SystemConfig:
     supervisor_lost_s: float = 1.0
     group: str = ""  # may attach, too
     service_user: str = ""  # whose shared memory is trusted besides our own and root's
+    logs: Logs = Logs()
     notes: tuple[str, ...] = ()  # overrides made, e.g. "port fw replaced by emulated boards at 127.…"
 
     def io(self, name: str) -> IoConfig:

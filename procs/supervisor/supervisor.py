@@ -14,6 +14,7 @@ from typing import Final
 from procs import codes, lifecycle
 from procs.document.process import ON_DEMAND
 from procs.document.system import WALL, Process, SystemConfig
+from procs.log_files import put_aside
 from procs.manifest import THIRD_PARTY, hung_s, late_s, proc
 from procs.paths import log_folder
 from procs.realtime import in_words, lacking, realtime
@@ -25,6 +26,7 @@ from procs.supervisor.demand import Demand
 from procs.supervisor.dependencies import missing, waves
 from procs.supervisor.judge import HUNG, LATE, Judge, JudgedProcess
 from procs.supervisor.listening import Listening
+from procs.supervisor.log_keeper import LogKeeper
 from procs.supervisor.os_process import OsProcess
 from procs.supervisor.requests import Requests
 from procs.supervisor.shared_pages import lock_shared
@@ -66,6 +68,7 @@ class Supervisor:
             held.enter_context(memory.hold_name(system.name))
             self._listening = {row.name: held.enter_context(closing(Listening(row))) for row in system.processes}
             self._make(memory.maker(system.group))
+            self._log_keeper = held.enter_context(closing(LogKeeper(log_folder(os.environ, system.name), system.logs)))
             self._held = held.pop_all()  # before, nobody had us yet to close us
 
     def _make(self, make: Make) -> None:
@@ -111,8 +114,7 @@ class Supervisor:
 
     def _child(self, row: Process, folder: Path) -> Child:
         path = folder / f"{row.name}.log"
-        if path.exists():
-            path.replace(path.with_suffix(".previous.log"))
+        put_aside(path, self.system.logs.keep)
         page = self._pages[row.name] = ControlPage(self.system.name, row.name, write=True)
         return Child(row, OsProcess(self.system.name, row, page, path, self._listening[row.name].sockets))
 
@@ -179,6 +181,7 @@ class Supervisor:
                 demand.beat()
         self._requests.answer()
         self._clearings.beat(monotonic_ns())
+        self._log_keeper.beat(monotonic_ns())
         self._show()
         self.let_time_pass()
         self.beat()

@@ -85,3 +85,8 @@ def test_who_listens_starts_for_whoever_connects_unless_it_is_said(home: Home, b
     mine, other = map(loaded.system.process, ("mine", "other"))
     assert (mine.start, mine.listen) == ("on-demand", ("127.0.0.1:8080",))
     assert (other.start, len(other.listen)) == ("always", 2)
+
+
+def test_time_is_real_where_nobody_is_there_to_simulate_it(home: Home, beside: Path) -> None:
+    loaded = home.load_made({"trocar": {"processes": {"mine": {"module": "systems/mine.py"}}}})
+    assert loaded.system is not None and loaded.system.clock == "wall"

@@ -6,10 +6,11 @@ import os
 from collections import deque
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TextIO
 
 import typer
 
+from procs.log_files import is_old
 from procs.paths import is_folder, log_folder
 from shm.clock import pause
 from shm.loglines import LogLine, parsed
@@ -47,7 +48,7 @@ def logs(
     if not is_folder(folder):
         chosen_system(system)  # who may not look at it, or misspells it, is told so
         raise Problem(f"{folder}: there are no logs of this system")
-    found = {path.stem: path for path in sorted(folder.glob("*.log")) if not path.stem.endswith(".previous")}
+    found = {path.stem: path for path in sorted(folder.glob("*.log")) if not is_old(path)}
     if instance is not None and instance not in found:
         raise unknown("log", instance, found)
     chosen = {instance: found[instance]} if instance is not None else found
@@ -56,7 +57,7 @@ def logs(
         for name, line in in_order({name: deque(file, maxlen=lines) for name, file in files.items()}):
             _print(name, line, len(chosen) > 1, as_json)
         while follow:
-            for name, line in in_order({name: file.readlines() for name, file in files.items()}):
+            for name, line in in_order({name: _news(file) for name, file in files.items()}):
                 _print(name, line, len(chosen) > 1, as_json)
             pause(POLL_S)
     except KeyboardInterrupt:
@@ -65,6 +66,13 @@ def logs(
         for file in files.values():
             file.close()
     return 0
+
+
+def _news(file: TextIO) -> list[str]:
+    """What was written since; a file that began anew is read from its beginning."""
+    if file.tell() > os.fstat(file.fileno()).st_size:
+        file.seek(0)
+    return file.readlines()
 
 
 def in_order(lines: Mapping[str, Iterable[str]]) -> list[tuple[str, LogLine]]:

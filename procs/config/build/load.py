@@ -263,6 +263,7 @@ def _assemble(
         supervisor_lost_s=options.supervisor_lost_s,
         group=options.group,
         service_user=options.service_user,
+        logs=document.Logs(round(options.logs.size_mb * 1e6), options.logs.days * 86400.0, options.logs.keep),
         notes=tuple(dict.fromkeys(context.notes)),
     )
     return dataclasses.replace(system, processes=build_processes(context, source, system, options))
@@ -270,8 +271,11 @@ def _assemble(
 
 def _usual_clock(context: Context, ios: tuple[document.IoConfig, ...], carts: tuple[document.Cart, ...], emulated: bool,
                  third_parties: tuple[document.ThirdParty, ...]) -> str:
-    """The clock where none is stated: what is not real waits for a busy machine."""
+    """The clock where none is stated: what is not real waits for a busy machine. Users' processes alone wait for none.
+    """
     if not emulated and (any(io.port for io in ios) or any(cart.simulation == "NONE" for cart in carts)):
+        return document.WALL
+    if not emulated and not ios and not carts:
         return document.WALL
     if third_parties:
         names = ", ".join(row.name for row in third_parties)

@@ -86,6 +86,14 @@ class ArmOptions(Section):
                                      description="times the usual zones of the soft walls at joint limits; 0: none")
 
 
+class LogOptions(Section):
+    """The output of each process."""
+
+    size_mb: float = Field(default=10.0, ge=0.01, le=10000.0, description="MB, then a new file begins")
+    days: float = Field(default=7.0, ge=0.001, le=3650.0, description="days, then a new file begins")
+    keep: int = Field(default=5, ge=0, le=100, description="old files of each process")
+
+
 class TrocarSection(Section):
     """The whole section."""
 
@@ -98,4 +106,5 @@ class TrocarSection(Section):
     io: IoOptions = IoOptions()
     arm: ArmOptions = ArmOptions()
     emulation: EmulationOptions = EmulationOptions()
+    logs: LogOptions = LogOptions()
     processes: dict[str, ProcessKeys] = Field(default_factory=dict)

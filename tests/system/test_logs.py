@@ -1,0 +1,41 @@
+"""A process that writes lots: neither the disk nor the others notice."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.system.robot import Robot, wait_for
+
+pytestmark = [pytest.mark.slow, pytest.mark.patient]
+TALKS = """
+import trocar
+
+class Talks(trocar.Process):
+    def update(self):
+        print("it is all the same to me, " * 100, flush=True)  # 2.6 kB
+"""
+MOST = 50_000
+
+
+def test_what_a_process_writes_is_kept_within_bounds(robot: Robot, tmp_path: Path) -> None:
+    (tmp_path / "talks.py").write_text(TALKS)
+    file = tmp_path / "lab.json"
+    section = {"logs": {"size_mb": MOST / 1e6, "keep": 2},
+               "processes": [{"name": "talks", "module": "talks.py", "period_s": 0.001}]}
+    file.write_text(json.dumps({"$id": "dvrk-system.schema.json", "$version": "1", "trocar": section}))
+    robot.up(file)
+    folder = robot.logs / robot.name
+    wait_for(lambda: (folder / "talks.2.log").exists(), 30, "two new files have begun")
+    end = time.monotonic() + 2.0
+    while time.monotonic() < end:
+        sizes = {path.name: path.stat().st_size for path in folder.glob("talks*.log")}
+        assert sizes.keys() <= {"talks.log", "talks.1.log", "talks.2.log"}
+        assert sum(sizes.values()) < 100 * MOST  # it grows for as long as nobody looks
+        time.sleep(0.01)
+    assert "it is all the same" in robot.trocar("logs", "talks", "-n", "1")
+    assert robot.state("talks") == "RUNNING"
+    assert robot.down() == 0
