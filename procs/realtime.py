@@ -36,6 +36,7 @@ LIMITS_FILE: Final = "/etc/security/limits.d/trocar.conf"
 SYSTEMD: Final = f"LimitRTPRIO={HIGHEST} and LimitMEMLOCK=infinity"
 SCRATCH: Final = 16 << 20  # bytes, of a region that is looked at before it is locked
 USED_TOGETHER: Final = 1 << 18  # bytes of it that are locked when one of them was used
+CPUS: Final = Path("/sys/devices/system/cpu")
 REGION = re.compile(r"([0-9a-f]+)-([0-9a-f]+) (\S{4}) ([0-9a-f]+) \S+ \d+ *(.*)")
 
 
@@ -51,7 +52,7 @@ def realtime(row: Process, clock: str, *, reserved: float = 0.0) -> list[str]:
     libc.prctl(PR_SET_NAME, row.name.encode()[:15], 0, 0, 0)
     libc.prctl(PR_SET_TIMERSLACK, 1, 0, 0, 0)
     notes = []
-    if row.priority > 0 and clock == "wall" and reserved and row.cpu is None and _reserve(libc, row.period_s, reserved):
+    if row.priority > 0 and clock == "wall" and reserved and not row.cpus and _reserve(libc, row.period_s, reserved):
         notes.append("deadline")
     elif row.priority > 0 and clock == "wall":
         try:
@@ -59,18 +60,42 @@ def realtime(row: Process, clock: str, *, reserved: float = 0.0) -> list[str]:
             notes.append(f"FIFO {row.priority}")
         except OSError:  # no right to it
             notes.append(NO_FIFO)
-    if row.cpu is not None:
+    if row.cpus:
         try:
-            os.sched_setaffinity(0, {row.cpu})
-            notes.append(f"cpu {row.cpu}")
+            os.sched_setaffinity(0, row.cpus)
+            notes.append(f"cpu {_ranges(row.cpus)}")
         except OSError:
-            notes.append(f"no cpu {row.cpu}")
+            notes.append(f"no cpu {_ranges(row.cpus)}")
     return notes
 
 
+def cores() -> tuple[tuple[int, ...], ...]:
+    """The processors that we may run on, those of one core (hyper-threading) together, in order."""
+    allowed = sorted(os.sched_getaffinity(0))
+    found: dict[str, list[int]] = {}
+    for cpu in allowed:
+        try:
+            siblings = (CPUS / f"cpu{cpu}/topology/thread_siblings_list").read_text()
+        except OSError:  # nobody says: a core of its own
+            siblings = str(cpu)
+        found.setdefault(siblings, []).append(cpu)
+    return tuple(map(tuple, found.values()))
+
+
+def _ranges(cpus: Iterable[int]) -> str:
+    """Numbers as Linux writes them: 0,2-5."""
+    found: list[list[int]] = []
+    for cpu in sorted(cpus):
+        if found and found[-1][-1] == cpu - 1:
+            found[-1].append(cpu)
+        else:
+            found.append([cpu])
+    return ",".join(f"{run[0]}-{run[-1]}" if len(run) > 1 else str(run[0]) for run in found)
+
+
 def in_words(notes: list[str]) -> bytes:
-    """The notes of `realtime` and `lock_memory` for the control page."""
-    return (", ".join(notes)[:31] or "other").encode()
+    """The notes of `realtime` and `lock_memory` for the control page; what is long comes last, and may be cut."""
+    return (", ".join(sorted(notes, key=lambda note: "cpu" in note))[:31] or "other").encode()
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,18 @@ import pytest
 from procs import runtime
 from procs.document.system import Process
 from procs.manifest import Proc
-from procs.realtime import LOCKED, NOT_LOCKED, REGION, SCRATCH, USED_TOGETHER, in_words, lock_memory, realtime
+from procs.realtime import (
+    LOCKED,
+    NOT_LOCKED,
+    REGION,
+    SCRATCH,
+    USED_TOGETHER,
+    _ranges,
+    cores,
+    in_words,
+    lock_memory,
+    realtime,
+)
 
 DEADLINE = 6
 MEGABYTE, ROOM = 1 << 20, 2 * SCRATCH
@@ -130,3 +141,27 @@ def test_only_real_time_kinds_collect_no_garbage(
     finally:
         gc.unfreeze()
         gc.enable()
+
+
+def test_processors_are_asked_for_and_told_in_ranges() -> None:
+    allowed = sorted(os.sched_getaffinity(0))
+    row = Process("io", "io", 0.001, cpus=tuple(allowed))
+    notes, after = forked(lambda: (realtime(row, "wall"), sorted(os.sched_getaffinity(0))))
+    assert after == allowed
+    assert in_words(["FIFO 60", *notes, "locked"]).decode().startswith(f"FIFO 60, locked, cpu {allowed[0]}")
+    assert _ranges((0, 2, 3, 4, 9)) == "0,2-4,9"
+
+
+def test_threads_of_a_core_are_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for cpu in range(6):
+        (tmp_path / f"cpu{cpu}/topology").mkdir(parents=True)
+        (tmp_path / f"cpu{cpu}/topology/thread_siblings_list").write_text(f"{cpu % 3},{cpu % 3 + 3}\n")
+    monkeypatch.setattr("procs.realtime.CPUS", tmp_path)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda pid: {0, 1, 3, 4, 5})
+    assert cores() == ((0, 3), (1, 4), (5,))
+
+
+def test_where_nobody_tells_each_is_a_core_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("procs.realtime.CPUS", tmp_path)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda pid: {2, 0})
+    assert cores() == ((0,), (2,))

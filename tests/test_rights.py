@@ -20,7 +20,7 @@ for limit in (resource.RLIMIT_RTPRIO, resource.RLIMIT_MEMLOCK):
 os.setgroups([])
 os.setgid(65534)
 os.setuid(65534)
-row = Process(name="io", kind="io", period_s=0.001, priority=80, cpu=999)
+row = Process(name="io", kind="io", period_s=0.001, priority=80, cpus=(999,))
 print(in_words([*realtime(row, "wall"), lock_memory()]).decode())
 """
 
@@ -40,4 +40,4 @@ def test_what_is_lacking_is_told_with_who_lacks_it_and_what_grants_it() -> None:
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can become somebody without rights")
 def test_both_refusals_of_the_kernel_are_noted() -> None:
     done = subprocess.run([sys.executable, "-c", ASK], cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.stdout.strip() == "no FIFO, no cpu 999, not locked", done.stderr
+    assert done.stdout.strip() == "no FIFO, not locked, no cpu 999", done.stderr

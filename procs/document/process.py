@@ -23,7 +23,7 @@ class Process:
     after: tuple[str, ...] = ()
     on_exit: str = "restart"  # restart or stay-down
     priority: int = 0  # SCHED_FIFO priority asked for; 0: none
-    cpu: int | None = None
+    cpus: tuple[int, ...] = ()  # processors it may run on; empty: any
     restart_limit: int = 5
     backoff_s: float = 0.2
     late_s: float | None = None  # silence that is reported; None: as usual for its kind

@@ -248,6 +248,7 @@ class SystemConfig:
     group: str = ""  # may attach, too
     service_user: str = ""  # whose shared memory is trusted besides our own and root's
     logs: Logs = Logs()
+    cpus: tuple[int, ...] = ()  # processors of the supervisor, and of those without any of their own; empty: any
     notes: tuple[str, ...] = ()  # overrides made, e.g. "port fw replaced by emulated boards at 127.…"
 
     def io(self, name: str) -> IoConfig:

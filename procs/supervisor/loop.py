@@ -13,6 +13,7 @@ from types import FrameType
 
 from procs.config import load_system
 from procs.document.system import LOCKSTEP, PACED, WALL, SystemConfig
+from procs.realtime import cores
 from procs.supervisor.addresses import NoAddress, free_address
 from procs.supervisor.dependencies import Circle
 from procs.supervisor.listening import AddressTaken
@@ -69,7 +70,7 @@ def main() -> None:
     name = chosen.system or "trocar"
     try:
         loaded = load_system(chosen.file, search=chosen.path, boards=chosen.boards, sets=chosen.sets, name=name,
-                             bus_address=free_address(name))
+                             bus_address=free_address(name), cores=cores())
     except NoAddress as error:
         log.error("%s", error)
         sys.exit(1)

@@ -92,7 +92,7 @@ class Supervisor:
         self.page.segment.claim("supervisor")
         self.page.field("pid")[...] = os.getpid()
         highest = max((p.priority for p in system.processes), default=0)
-        row = Process("supervisor", "supervisor", BEAT_S, priority=highest)
+        row = Process("supervisor", "supervisor", BEAT_S, priority=highest, cpus=system.cpus)
         self._granted = realtime(row, system.clock)
         self.page.field("policy")[...] = in_words(self._granted)
         self.keeper = None if system.clock == WALL else Timekeeper(system.name, memory.simulated(system), make)

@@ -31,7 +31,7 @@ def test_set_changes_the_section_of_trocar(home: Home) -> None:
     assert system is not None
     assert (system.io("IO1").current_error_a, system.io("IO1").current_error_s) == (0.5, 0.05)
     assert (system.io("IO1").period_s, system.io("IO1").spin_us, system.clock) == (0.001, 20.0, "lockstep")
-    assert system.process("IO1").period_s == 0.001 and system.process("PSM1").cpu == 1
+    assert system.process("IO1").period_s == 0.001 and system.process("PSM1").cpus == (1,)
     assert not system.arm("PSM1").use_setpoint_v
 
 
@@ -84,7 +84,7 @@ def test_values_of_single_processes_win(home: Home) -> None:
     assert system is not None
     io, arm = system.process("IO1"), system.process("PSM1")
     assert (io.period_s, io.priority, io.on_exit, io.restart_limit, io.backoff_s) == (0.0005, 50, "stay-down", 1, 0.5)
-    assert (arm.period_s, arm.priority, arm.cpu) == (0.002, 30, 0)
+    assert (arm.period_s, arm.priority, arm.cpus) == (0.002, 30, (0,))
     assert (arm.late_s, arm.hung_s, io.late_s, io.hung_s) == (0.2, 86400.0, None, None)
     assert system.arm("PSM1").period_s == 0.002 and system.io("IO1").period_s == 0.0005
 

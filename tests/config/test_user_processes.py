@@ -35,7 +35,7 @@ def test_a_process_is_what_its_row_declares(home: Home, beside: Path) -> None:
     mine = loaded.system.user("mine")
     assert mine is not None and mine.module == str(beside) and mine.commands[0].moves
     assert mine.topics[0].fields[0].type == "float" and mine.properties[0].upper == 2
-    assert loaded.system.process("mine").restart_limit == 1 and loaded.system.process("PSM1").cpu == 1
+    assert loaded.system.process("mine").restart_limit == 1 and loaded.system.process("PSM1").cpus == (1,)
     assert loaded.system.process("mine").kind == "user" and loaded.system.process("mine").period_s == 0.02
     assert document.from_json(document.to_json(loaded.system)) == loaded.system
 

@@ -60,6 +60,8 @@ class ProcessStatus:
     """STOPPED, RUNNING, STOPPING or RESTARTING: what the supervisor has in mind for it (procs/lifecycle.py)."""
     endings: tuple[PastProcess, ...] = ()
     """The processes that it had before, as far as the supervisor's records go back."""
+    cpus: tuple[int, ...] = ()
+    """Processors that it was given; none: any. `scheduling` says what became of it."""
     listen: tuple[str, ...] = ()
     """Addresses at which it is connected to; who connects starts it where it runs on demand."""
     computes: str = ""
@@ -142,7 +144,7 @@ def _life(name: str, page: ControlPage, ledger: dict[str, Any], simulated: bool,
         scheduling=str(plain(page.get("policy"))),
         silent_s=(monotonic_ns() - beat) * 1e-9 if beat else None,
         computes=str(plain(page.get("computes"))), lifecycle=lifecycle, endings=ledger.get("endings", ()),
-        listen=row.listen if row is not None else (),
+        listen=row.listen if row is not None else (), cpus=row.cpus if row is not None else (),
         problem=_problem(row or Process(name, kind, 0.0), state, lives_on, page, simulated), statistics=statistics,
     )
 

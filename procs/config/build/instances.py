@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Final, TypeVar
 
 from procs.config.build.context import Context
+from procs.config.build.placement import Core, Placement, placed
 from procs.config.models.trocar_section import TrocarSection
 from procs.config.read.source import SourceFile
 from procs.document import system as document
@@ -18,9 +20,9 @@ _DECLARED: Final = {"module", "topics", "commands", "properties"}  # of a proces
 
 
 def build_processes(
-    context: Context, source: SourceFile, system: document.SystemConfig, options: TrocarSection
+    context: Context, source: SourceFile, system: document.SystemConfig, options: TrocarSection, places: Placement
 ) -> tuple[document.Process, ...]:
-    """All instances of all kinds, see `procs.manifest`.
+    """All instances of all kinds, see `procs.manifest`; `places`: what `placement` says.
 
     third-party programs are listed, too: nobody here starts them, but they have places of their own.
     """
@@ -38,8 +40,9 @@ def build_processes(
     for kind, row in found:
         after = tuple(name for name in dict.fromkeys(row.after) if name in known)
         priority, cpu = _scheduled(kind.priority, options)
-        rows.append(document.Process(row.name, kind.kind, row.period_s or kind.period_s, after,
-                                     priority=priority, cpu=cpu, start=kind.start, listen=row.listen))
+        rows.append(document.Process(row.name, kind.kind, row.period_s or kind.period_s, after, priority=priority,
+                                     cpus=places.of(kind, row.name) if cpu is None else (cpu,), start=kind.start,
+                                     listen=row.listen))
     given = tuple(_with_options(row, options) for row in rows)
     _check_demand(context, source, given)
     return given
@@ -58,6 +61,15 @@ def _check_demand(context: Context, source: SourceFile, rows: tuple[document.Pro
             if address in taken:
                 context.error(source, (*key, "listen"), f"{taken[address]} listens at {address}", "one of its own")
             taken[address] = row.name
+
+
+def placement(system: document.SystemConfig, options: TrocarSection, cores: Sequence[Core]) -> Placement:
+    """Where processes run whose `cpu` nobody gives: nowhere in particular unless boards and time are real."""
+    if options.placement == "none" or system.emulation is not None or system.clock != document.WALL:
+        return Placement()
+    own = {io.name: options.processes.get(io.name) for io in system.ios if io.port}
+    return placed(cores, {name: options.io.cpu if row is None or row.cpu is None else row.cpu
+                          for name, row in own.items()})
 
 
 def _scheduled(priority: str, options: TrocarSection) -> tuple[int, int | None]:
@@ -84,6 +96,8 @@ def with_period(row: Row, options: TrocarSection) -> Row:
 def _with_options(row: document.Process, options: TrocarSection) -> document.Process:
     own = options.processes.get(row.name)
     given = own.model_dump(exclude=_DECLARED, exclude_none=True, exclude_defaults=True) if own else {}
+    if (cpu := given.pop("cpu", None)) is not None:
+        given["cpus"] = (cpu,)
     if "start" not in given and (row.listen or "listen" in given) and not proc(row.kind).realtime:
         given["start"] = ON_DEMAND  # the first who connects starts it
     return dataclasses.replace(row, **given)

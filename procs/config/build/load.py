@@ -19,9 +19,10 @@ from procs.config.build.consoles import Operation, load_consoles
 from procs.config.build.context import Context
 from procs.config.build.emulated import build_emulation, default_addresses, ports_of
 from procs.config.build.focus import load_focus
-from procs.config.build.instances import build_processes, with_period
+from procs.config.build.instances import build_processes, placement, with_period
 from procs.config.build.kinematic_arms import KINEMATIC, KINEMATIC_IO
 from procs.config.build.overrides import SECTION, apply_overrides
+from procs.config.build.placement import Core
 from procs.config.build.setup_joints import with_setup_joints
 from procs.config.build.tasks import with_tasks
 from procs.config.build.third_parties import load_third_parties
@@ -59,18 +60,20 @@ def load_system(
     name: str | None = None,
     configs: Path = PROJECT_CONFIGS,
     bus_address: Callable[[int], str] | None = None,
+    cores: Sequence[Core] = (),
 ) -> Loaded:
     """Load a system file (JSON or YAML) and all files it names; nothing is written.
 
     `search` is what `--path` gives, `boards` "emulated" or None (as the file says), `sets` the `--set` options, `name`
-    the system's name (default: the file's), `bus_address` gives the 127/8 address of every emulated bus by its index.
+    the system's name (default: the file's), `bus_address` gives the 127/8 address of every emulated bus by its index,
+    `cores` the processors of each core of this machine, where processes are to be placed on them.
     """
     context = Context(search_path((Path.cwd(), Path(path).parent, *search, configs)))
     source, problems = read_source(Path(path))
     context.problems += problems
     system = None
     if source is not None:
-        system = _load(context, source, boards, sets, name, bus_address)
+        system = _load(context, source, boards, sets, name, bus_address, cores)
     unique = tuple(dict.fromkeys(context.problems))
     errors = tuple(problem for problem in unique if problem.severity == ERROR)
     warnings = tuple(problem for problem in unique if problem.severity == WARNING)
@@ -84,6 +87,7 @@ def _load(
     sets: Mapping[str, str] | Sequence[str],
     name: str | None,
     bus_address: Callable[[int], str] | None,
+    cores: Sequence[Core],
 ) -> document.SystemConfig | None:
     if _is_old_console(source):
         text = "this is a console file from before dVRK 2.4, which is not read"
@@ -128,7 +132,7 @@ def _load(
     operation.third_parties = third_parties
     operation.focuses = load_focus(context, source, content, buses, operation.names)
     system = _assemble(context, source, list(buses.values()), arms, carts, operation, options, emulated, name,
-                       bus_address)
+                       bus_address, cores)
     system = dataclasses.replace(system, audio_volume=content.settings.audio_volume) if system is not None else None
     return with_setup_joints(context, source, content, system)
 
@@ -215,6 +219,7 @@ def _assemble(
     emulated: bool,
     name: str | None,
     bus_address: Callable[[int], str] | None,
+    cores: Sequence[Core],
 ) -> document.SystemConfig | None:
     system_name = name or re.sub(r"[^A-Za-z0-9_-]", "_", source.path.stem)[:40]
     if not _NAME.match(system_name):
@@ -266,7 +271,9 @@ def _assemble(
         logs=document.Logs(round(options.logs.size_mb * 1e6), options.logs.days * 86400.0, options.logs.keep),
         notes=tuple(dict.fromkeys(context.notes)),
     )
-    return dataclasses.replace(system, processes=build_processes(context, source, system, options))
+    places = placement(system, options, cores)
+    return dataclasses.replace(system, processes=build_processes(context, source, system, options, places),
+                               cpus=places.others)
 
 
 def _usual_clock(context: Context, ios: tuple[document.IoConfig, ...], carts: tuple[document.Cart, ...], emulated: bool,

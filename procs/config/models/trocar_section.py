@@ -102,6 +102,7 @@ class TrocarSection(Section):
     calibration_mode: bool = Field(default=False, description="checks that calibration needs off are off")
     group: Account = Field(default="", description="a group of this machine")
     service_user: Account = Field(default="", description="a user of this machine")
+    placement: Literal["auto", "none"] = "auto"
     supervisor_lost_s: float = Field(default=1.0, ge=0.1, le=60.0, description="s")
     io: IoOptions = IoOptions()
     arm: ArmOptions = ArmOptions()
