@@ -8,9 +8,10 @@ from collections.abc import Callable
 from typing import Protocol, TypeVar
 
 from procs import codes
+from procs.document.process import ON_DEMAND
 from procs.document.system import Process, SystemConfig
 from procs.inputs import LATE_S, Input
-from procs.manifest import late_s
+from procs.manifest import late_s, proc
 from procs.pauses import duration
 from shm import directory
 from shm.audit import Audit
@@ -20,7 +21,7 @@ from shm.events import Events, Log
 from shm.faults import Cell, FaultCell, Faults
 from shm.mailbox import DIED, Mailbox
 from shm.ring import RingReader, RingWriter
-from shm.subscriptions import Subscriptions
+from shm.subscriptions import Subscriber, Subscriptions
 from shm.wakeup import Wakeup
 
 
@@ -44,6 +45,7 @@ class OwnMemory:
         self.kind, self.late_s = self.row.kind, late_s(self.row)
         self._held, self._lost_ns = contextlib.ExitStack(), round(document.supervisor_lost_s * 1e9)
         self._mailbox: Mailbox | None = None
+        self._subscribers: dict[str, Subscriber] = {}  # of those that run on demand
         with contextlib.ExitStack() as stack:
             self.page = stack.enter_context(contextlib.closing(ControlPage(self.system, name, write=True)))
             self.page.segment.claim(name)
@@ -56,10 +58,24 @@ class OwnMemory:
         self._time_ns, self.events = now_ns, Events(events, now_ns, log)
         self._begun = f"{name} has just started; ask again", DIED
 
-    def reads(self, instance: str, topic: str) -> RingReader:
-        """Attach to a ring of another instance, or of the supervisor."""
-        kind = instance if instance == "supervisor" else self.document.process(instance).kind
-        return self.hold(directory.reader(self.system, instance, topic, kind))
+    def reads(self, instance: str, topic: str, *, counts: bool = True) -> RingReader:
+        """Attach to a ring of another instance, or of the supervisor.
+
+        Of one that runs on demand we are a subscriber, as long as we hold it; not where this does not count.
+        """
+        if instance == "supervisor":
+            return self.hold(directory.reader(self.system, instance, topic, instance))
+        if counts and instance != self.name and self.document.process(instance).start == ON_DEMAND:
+            if instance not in self._subscribers:
+                self._subscribers[instance] = self.hold(Subscriber(self.system, instance, self.name))
+            self._subscribers[instance].want(topic)
+        return self.hold(directory.reader(self.system, instance, topic, self._layout(instance, topic)))
+
+    def _layout(self, instance: str, topic: str) -> str | None:
+        """The kind whose row says what a topic of an instance looks like; None: the system file does."""
+        kind = self.document.process(instance).kind
+        is_declared = self.document.user(instance) is not None and topic not in (*proc(kind).topics, "events", "audit")
+        return None if is_declared else kind
 
     def input(self, instance: str, topic: str = "state", late_s: float = LATE_S) -> Input:
         """The newest record of another instance, and whether it counts: not one older than `late_s`."""
@@ -67,9 +83,7 @@ class OwnMemory:
 
     def writes(self, topic: str) -> RingWriter:
         """Claim one of our own rings."""
-        user = self.document.user(self.name)
-        own = user is not None and topic not in ("events", "audit")  # its layout is what the system file declares
-        return self.hold(directory.writer(self.system, self.name, topic, None if own else self.kind))
+        return self.hold(directory.writer(self.system, self.name, topic, self._layout(self.name, topic)))
 
     def mailbox(self, guard: Cell | None = None) -> Mailbox:
         """Our own mailbox; what waits in it when the loop begins is refused.
@@ -101,6 +115,7 @@ class OwnMemory:
     def give_back(self) -> None:
         """Close all that was taken but the place itself."""
         self._mailbox = None
+        self._subscribers.clear()
         self._held.close()
 
     def begin(self) -> None:

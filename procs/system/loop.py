@@ -17,7 +17,7 @@ def sources(node: runtime.Node) -> list[MessageSource]:
     found = []
     for name in ("supervisor", *(row.name for row in node.document.processes)):
         if name != node.name:
-            ring = node.reads(name, "events")
+            ring = node.reads(name, "events", counts=False)
             ring.newest()
             found.append(MessageSource(name, ring))
     return found

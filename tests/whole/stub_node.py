@@ -87,7 +87,7 @@ class StubNode:
         dims = {**DIMS, "teleops": len(self.document.consoles[0].teleops) if self.document.consoles else 0}
         return self.rings.setdefault((name, topic), StubRing(f"{name} {topic}", what, self.log, dims))
 
-    def reads(self, name: str, topic: str) -> Any:
+    def reads(self, name: str, topic: str, *, counts: bool = True) -> Any:
         return self.ring(name, topic)
 
     def writes(self, topic: str) -> Any:
