@@ -13,15 +13,14 @@ import select
 from collections.abc import Iterator, Mapping
 from typing import Any, Final, Protocol
 
-import numpy as np
-
 from procs import codes
 from procs.document.system import SystemConfig, from_json
-from procs.document.user_process import PROPERTIES, SAVE_PROPERTIES, SET_PROPERTY, Property, UserCommand, shape_of
+from procs.document.user_process import PROPERTIES, SAVE_PROPERTIES, SET_PROPERTY, Property
 from procs.listening import handed
 from procs.own_memory import OwnMemory
 from procs.pacing import Pacing
 from procs.paths import log_folder
+from procs.user_tables import arguments_of
 from shm import directory, loglines
 from shm.clock import monotonic_ns
 from shm.layout import shorten
@@ -365,34 +364,6 @@ class OwnProcess:
         """Give the place back."""
         self.time.close()
         self.own.leave()
-
-
-def arguments_of(command: UserCommand, request: Received) -> list[Any]:
-    """The arguments as they were declared: float, int, bool, text, or arrays; ValueError: too few or too many numbers.
-    """
-    made: list[Any] = []
-    at, values = 0, request.values
-    for row in command.arguments:
-        bare, shape = shape_of(row.type)
-        if bare == "text":
-            made.append(request.text)
-            continue
-        count = int(np.prod(shape)) if shape else 1
-        part = values[at : at + count]
-        at += count
-        if len(part) < count or not np.isfinite(part).all():
-            raise ValueError(f"{request.name} takes {_takes(command)}")
-        if shape:
-            made.append(part.reshape(shape))
-        else:
-            made.append(bool(part[0]) if bare == "bool" else float(part[0]) if "float" in bare else int(part[0]))
-    if at != len(values):
-        raise ValueError(f"{request.name} takes {_takes(command)}")
-    return made
-
-
-def _takes(command: UserCommand) -> str:
-    return ", ".join(f"{row.name} ({f'{row.type} {row.unit}'.rstrip()})" for row in command.arguments) or "nothing"
 
 
 def _number(file: int | Watchable) -> int:

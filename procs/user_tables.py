@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import math
+from typing import Any, Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.document.system import SystemConfig
 from procs.document.user_process import (
     PROPERTIES,
     SAVE_PROPERTIES,
     SET_PROPERTY,
+    UserCommand,
     UserField,
     UserProcess,
     shape_of,
@@ -19,6 +25,22 @@ from shm.type_words import dtype_of
 KIND = "user"
 KEPT = 64
 """Records of the properties."""
+
+
+class Asked(Protocol):
+    """A command as its arguments came."""
+
+    @property
+    def name(self) -> str:
+        """The command's name."""
+
+    @property
+    def values(self) -> NDArray[np.float64]:
+        """Its numbers."""
+
+    @property
+    def text(self) -> str:
+        """Its text."""
 
 
 def topics_of(process: UserProcess) -> tuple[Topic, ...]:
@@ -33,16 +55,54 @@ def topics_of(process: UserProcess) -> tuple[Topic, ...]:
 
 def commands_of(process: UserProcess) -> tuple[CommandRow, ...]:
     """Its commands; with properties those that set and save them, too."""
-    found = []
-    for row in process.commands:
-        numbers = ", ".join(_in_words(field) for field in row.arguments if shape_of(field.type)[0] != "text")
-        text = next((field.name for field in row.arguments if shape_of(field.type)[0] == "text"), "")
-        found.append(CommandRow(row.name, numbers, text, row.text, row.moves, ("*",) if row.stops else (),
-                                latest=row.latest))
+    found = list(map(command_row, process.commands))
     if process.properties:
         found += [CommandRow(SET_PROPERTY, "value", "property", "set a property, within its bounds", moves=False),
                   CommandRow(SAVE_PROPERTIES, "", "", "keep the properties for the next start", moves=False)]
     return tuple(found)
+
+
+def own_commands(system: SystemConfig, name: str) -> tuple[CommandRow, ...]:
+    """What an instance can be asked besides what all of its kind can: a user's process, or arm."""
+    user = system.user(name)
+    if user is not None:
+        return commands_of(user)
+    return tuple(command_row(row) for arm in system.arms if arm.name == name for row in arm.commands)
+
+
+def command_row(row: UserCommand) -> CommandRow:
+    """A declared command as a row of the table of commands."""
+    numbers = ", ".join(_in_words(field) for field in row.arguments if shape_of(field.type)[0] != "text")
+    text = next((field.name for field in row.arguments if shape_of(field.type)[0] == "text"), "")
+    return CommandRow(row.name, numbers, text, row.text, row.moves, ("*",) if row.stops else (), latest=row.latest)
+
+
+def arguments_of(command: UserCommand, request: Asked) -> list[Any]:
+    """The arguments as they were declared: float, int, bool, text, or arrays; ValueError: too few or too many numbers.
+    """
+    made: list[Any] = []
+    at, values = 0, request.values
+    for row in command.arguments:
+        bare, shape = shape_of(row.type)
+        if bare == "text":
+            made.append(request.text)
+            continue
+        count = int(np.prod(shape)) if shape else 1
+        part = values[at : at + count]
+        at += count
+        if len(part) < count or not np.isfinite(part).all():
+            raise ValueError(f"{request.name} takes {_takes(command)}")
+        if shape:
+            made.append(part.reshape(shape))
+        else:
+            made.append(bool(part[0]) if bare == "bool" else float(part[0]) if "float" in bare else int(part[0]))
+    if at != len(values):
+        raise ValueError(f"{request.name} takes {_takes(command)}")
+    return made
+
+
+def _takes(command: UserCommand) -> str:
+    return ", ".join(f"{row.name} ({f'{row.type} {row.unit}'.rstrip()})" for row in command.arguments) or "nothing"
 
 
 def _field(field: UserField) -> Field:

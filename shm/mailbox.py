@@ -126,7 +126,7 @@ class Mailbox:
             segment.close()
             raise
         self._guard, self.audit = guard, audit
-        self._map, self._table = places, COMMANDS.get(kind, places.table)
+        self._map, self._table = places, (*COMMANDS.get(kind, ()), *places.own)
         never_stops = [not row.stops and row.zero != "stops" for row in self._table]
         self._is_plain = [never_stops if place != RESERVED else [False] * len(self._table) for place in range(PLACES)]
         self._stops: dict[str, tuple[int, Holder, str]] = {}  # about what; when it was sent, by whom, for which person

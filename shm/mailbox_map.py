@@ -55,11 +55,9 @@ def create_mailbox(system: str, instance: str, kind: str, make: Make = create, *
                    own: Sequence[CommandRow] = ()) -> int:
     """Make the mailbox of an instance of `kind`; returns its size. `wakes`: who sends a command wakes it.
 
-    `own`: its commands where its kind has no table of them.
+    `own`: commands that this instance has besides those of its kind, if that has any.
     """
-    commands = [{"name": c.name, "values": c.values, "text": c.text, "doc": c.doc, "moves": c.moves, "stops": c.stops,
-                 "zero": c.zero == "stops", "types": c.types, **({"latest": True} if c.latest else {})}
-                for c in COMMANDS.get(kind, own)]
+    commands = [*map(_listed, COMMANDS.get(kind, ())), *({**_listed(row), "own": True} for row in own)]
     info = {"kind": kind, "wakes": wakes, "commands": commands}
     return make(segment_name(system, instance, "mailbox"), "mailbox", WHOLE, 1, info)
 
@@ -84,14 +82,13 @@ class MailboxMap:
     def _compare(self, info: dict[str, Any]) -> None:
         """A command travels as its place in the table: refuse another table than ours.
 
-        A kind without a table has that of the mailbox: each instance its own.
+        Behind the table of its kind stand commands that each instance may have of its own.
         """
         kind, rows = info.get("kind"), info.get("commands")
-        listed = rows if isinstance(rows, list) else []
-        theirs = [row.get("name") if isinstance(row, dict) else None for row in listed]
-        known = COMMANDS.get(kind) if isinstance(kind, str) else ()
-        self.table = tuple(_row(row) for row in listed) if known is None else known
-        if not isinstance(kind, str) or theirs != [c.name for c in self.table]:
+        listed = [row if isinstance(row, dict) else {} for row in rows] if isinstance(rows, list) else []
+        self.own = tuple(_row(row) for row in listed if row.get("own") is True)
+        self.table = (*(COMMANDS.get(kind, ()) if isinstance(kind, str) else ()), *self.own)
+        if not isinstance(kind, str) or [row.get("name") for row in listed] != [c.name for c in self.table]:
             raise SegmentError(f"{self.segment.name}: its commands are not those of this program; both must be of the "
                                "same version")
         self.kind, self.wakes = kind, info.get("wakes") is True
@@ -144,9 +141,14 @@ class MailboxMap:
         return in_words(self.holder(place) for place in places)
 
 
-def _row(listed: object) -> CommandRow:
+def _listed(row: CommandRow) -> dict[str, Any]:
+    return {"name": row.name, "values": row.values, "text": row.text, "doc": row.doc, "moves": row.moves,
+            "stops": row.stops, "zero": row.zero == "stops", "types": row.types,
+            **({"latest": True} if row.latest else {})}
+
+
+def _row(row: dict[str, Any]) -> CommandRow:
     """A command as a mailbox lists it; it may say anything."""
-    row = listed if isinstance(listed, dict) else {}
     values, text, doc = (str(row.get(key, "")) for key in ("values", "text", "doc"))
     stops = ("*",) if row.get("stops") else ()
     return CommandRow(str(row.get("name", "")), values, text, doc, row.get("moves") is True, stops,

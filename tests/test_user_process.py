@@ -15,7 +15,8 @@ from procs.document.system import Process as Row
 from procs.document.system import SystemConfig
 from procs.document.user_process import Property, UserCommand, UserField, UserProcess, UserTopic
 from procs.supervisor.memory import create_all
-from procs.user.loop import class_in, found
+from procs.user.loop import class_in
+from procs.user_code import module_named
 from procs.user_process import OwnProcess, Subscription
 from shm import directory
 from shm.client import Client
@@ -266,10 +267,10 @@ def test_it_acts_for_nobody_until_a_command_that_moves(make: Callable[..., Mine]
 def test_a_module_has_one_class_or_a_function(tmp_path: Path) -> None:
     file = tmp_path / "lab_process_of_a_test.py"
     file.write_text("def main(process): process.calls = 'main'\n")
-    assert issubclass(class_in(found(str(file))), OwnProcess)
+    assert issubclass(class_in(module_named(str(file))), OwnProcess)
     file.write_text("import trocar\n")
     with pytest.raises(ImportError, match="0 subclasses"):
-        class_in(found(str(file)))
+        class_in(module_named(str(file)))
 
 
 def test_the_page_names_tests_that_are_there() -> None:

@@ -236,8 +236,9 @@ class ArmLogic:
     def _show(self) -> None:
         control, machine = self.control, self.machine
         if self._started or self._previous_state is None:  # till then its state stands, should we die as well
-            control.record.show_state((machine.state, machine.desired, self._is_home(), machine.is_busy,
-                                       control.homed_generation, control.motion.mode, control.motion.space))
+            control.record.show_state((machine.state, machine.sub_state, machine.desired, self._is_home(),
+                                       machine.is_busy, control.homed_generation, control.motion.mode,
+                                       control.motion.space))
             control.record.show_reason(self._reason())
         control.record.show_motion(control.gravity.effort)
 

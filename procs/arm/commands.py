@@ -87,7 +87,7 @@ class ArmCommands:
         control, state = self._control, self._control.machine.state
         if row.ready is not Ready.ALWAYS:
             if state is not ArmState.HOMED:
-                reason = f"arm not ready, it is in {state} and must be in {ArmState.HOMED}"
+                reason = f"arm not ready, it is in {control.machine.sub_state} and must be in {ArmState.HOMED}"
                 raise control.refusal(codes.NOT_READY, request.name, reason, REPORT_NS)
             if row.ready is Ready.CARTESIAN and not control.cartesian.valid:
                 raise CommandRefused("there is no instrument, so no tip")

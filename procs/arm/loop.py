@@ -22,6 +22,7 @@ from procs.faults import FaultReport, axis_titles, boards_of, place, reported, s
 from procs.inputs import SETUP_LATE_S
 from procs.kernel.library import kernel
 from procs.manifest import proc
+from procs.user_code import class_named
 from shm.ring import RingReader
 
 BEHIND_IO_NS = 40_000  # io's record is out by then
@@ -149,6 +150,12 @@ def setup_base(node: runtime.Node, arm: ArmConfig) -> SetupBase | None:
     return SetupBase(record, place_of(record.ring.info, arm.base_setup))
 
 
+def logic_of(arm: ArmConfig) -> type[ArmLogic]:
+    """The class that is this arm: that of its type, or one of a user's own derived from it."""
+    of_type = class_of(ARM_TYPES[arm.type].process, ArmLogic)
+    return class_named(arm.derived, of_type) if arm.derived else of_type
+
+
 def most_periods(period_s: float) -> int:
     """How many periods an arm may let pass at most, so that it never seems silent."""
     return max(1, int(0.5 * proc("arm").late_s / period_s))
@@ -169,7 +176,7 @@ class ArmLoop(runtime.Loop):
         self._setpoint, self._state = node.writes("setpoint"), node.writes("state")
         faults = node.fault_cell()
         self._mailbox = node.mailbox(faults)
-        self.arm = class_of(ARM_TYPES[arm.type].process, ArmLogic)(arm, Surroundings(
+        self.arm = logic_of(arm)(arm, Surroundings(
             self._io.field, number, first_axis, {row.name: i for i, row in enumerate(io.digital_inputs)},
             bool(io.robots[number].brakes), node.commands(arm.io), self._state.field, self._setpoint.field,
             node.events, fault_reports(self._io, node.reads(arm.io, "events"), arm.robot),

@@ -32,6 +32,8 @@ class ArmStates:
         self.name, self.reports = name, reports
         self._enter, self._is_homed = enter, is_homed
         self.state = ArmState.DISABLED
+        self.own = ""
+        """What OWN is called, see `begin_own`."""
         self.desired = ArmState.DISABLED
         self.paused = ArmState.ENABLED
         self.reason = self.fault_text = ""
@@ -45,17 +47,22 @@ class ArmStates:
         return self.moving or self.state in BUSY
 
     @property
+    def sub_state(self) -> str:
+        """The state as it is published."""
+        return self.own if self.state is ArmState.OWN else self.state
+
+    @property
     def goes_on(self) -> bool:
         """The state asked for lies beyond the present one."""
         return self.desired in BEYOND.get(self.state, ())
 
     def publish(self) -> None:
         """Tell the operating state."""
-        self.reports.operating_state(PUBLISHED[self.state], self.state, self._is_homed(), self.is_busy)
+        self.reports.operating_state(PUBLISHED[self.state], self.sub_state, self._is_homed(), self.is_busy)
 
     def publish_refused_move(self) -> None:
         """The pair busy, not busy: who waits for a move that was refused goes on at once."""
-        self.reports.operating_state(PUBLISHED[self.state], self.state, self._is_homed(), True)
+        self.reports.operating_state(PUBLISHED[self.state], self.sub_state, self._is_homed(), True)
         if not self.moving:
             self.reports.goal_reached(False)
         self.publish()
@@ -67,6 +74,11 @@ class ArmStates:
             target = RESUMES[self.paused]
         if target is not self.state:
             self._set(target)
+
+    def begin_own(self, name: str) -> None:
+        """From HOMED to a state of a derived arm's own, which is published by this name."""
+        self.own = name
+        self.fire(ArmEvent.BEGUN)
 
     def fault(self, found: FaultReport) -> None:
         """Something went wrong: say it, and stop driving the arm."""
@@ -159,5 +171,5 @@ class ArmStates:
         if target is ArmState.FAULT:
             self.desired = ArmState.FAULT
         self._enter(left)
-        self.reports.status(f"{self.name}: {target}", self.name)
+        self.reports.status(f"{self.name}: {self.sub_state}", self.name)
         self.publish()

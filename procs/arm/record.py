@@ -16,7 +16,7 @@ from shm.layout import shorten
 Array = NDArray[np.float64]
 
 JAW_ROWS = ("jaw_position", "jaw_velocity", "jaw_effort", "jaw_setpoint_position", "jaw_setpoint_effort")
-Shown = tuple[ArmState, ArmState, bool, bool, int, Mode, Space]
+Shown = tuple[ArmState, str, ArmState, bool, bool, int, Mode, Space]
 
 
 class ArmRecord:
@@ -69,13 +69,13 @@ class ArmRecord:
             cell[...] = value
 
     def show_state(self, shown: Shown) -> None:
-        """The operating state as of this cycle: state, desired, homed, busy, bias generation, mode, space."""
+        """The operating state as of this cycle: states, desired one, homed, busy, bias generation, mode, space."""
         if shown == self._shown:
             return
         self._shown = shown
-        state, desired, is_homed, is_busy, generation, mode, space = shown
+        state, sub_state, desired, is_homed, is_busy, generation, mode, space = shown
         self._state[...] = PUBLISHED[state].encode()
-        self._sub_state[...] = state.encode()
+        self._sub_state[...] = sub_state.encode()
         self._desired[...] = desired.encode()
         self._is_homed[...] = is_homed
         self._is_busy[...] = is_busy

@@ -27,6 +27,7 @@ class ArmState(StrEnum):
     ENGAGING_TOOL = "ENGAGING_TOOL"  # PSM
     FINDING_ROLL = "CALIBRATING_ROLL"  # MTM: the roll goes to its lower stop
     SETTING_ROLL = "RESETTING_ROLL_ENCODER"  # MTM: its encoder is set there
+    OWN = "OWN"  # of a derived arm; what is published is the name that it has there
 
 
 class ArmEvent(StrEnum):
@@ -50,6 +51,8 @@ class ArmEvent(StrEnum):
     ROLL = "roll"  # the roll has to be found
     STOPPED = "stopped"  # it stands at its stop
     SET = "set"  # its encoder is set
+    BEGUN = "begun"  # a state of a derived arm's own
+    ENDED = "ended"
     PROBLEM = "problem"  # timeout, lost power, fault of the joint controller, silent or restarted io
 
 
@@ -58,7 +61,7 @@ COMMANDS = (ArmEvent.ENABLE, ArmEvent.DISABLE, ArmEvent.HOME, ArmEvent.UNHOME, A
 # States with power on, in the order an arm goes through them.
 UP = (ArmState.ENABLED, ArmState.CALIBRATING, ArmState.BIASED, ArmState.FINDING_ROLL, ArmState.SETTING_ROLL,
       ArmState.HOMING, ArmState.HOMED,
-      ArmState.ENGAGING_ADAPTER, ArmState.ENGAGING_TOOL, ArmState.MANUAL)
+      ArmState.ENGAGING_ADAPTER, ArmState.ENGAGING_TOOL, ArmState.MANUAL, ArmState.OWN)
 
 TRANSITIONS: dict[tuple[ArmState, ArmEvent], ArmState] = {
     **{(state, ArmEvent.DISABLE): ArmState.DISABLED for state in (ArmState.POWERING, *UP, ArmState.PAUSED,
@@ -86,6 +89,8 @@ TRANSITIONS: dict[tuple[ArmState, ArmEvent], ArmState] = {
     (ArmState.BIASED, ArmEvent.ROLL): ArmState.FINDING_ROLL,
     (ArmState.FINDING_ROLL, ArmEvent.STOPPED): ArmState.SETTING_ROLL,
     (ArmState.SETTING_ROLL, ArmEvent.SET): ArmState.HOMING,
+    (ArmState.HOMED, ArmEvent.BEGUN): ArmState.OWN,
+    (ArmState.OWN, ArmEvent.ENDED): ArmState.HOMED,
 }
 
 # Half-done work is begun again after a pause, not taken up in the middle.
@@ -100,6 +105,7 @@ RESUMES: dict[ArmState, ArmState] = {
     ArmState.ENGAGING_ADAPTER: ArmState.HOMED,
     ArmState.ENGAGING_TOOL: ArmState.HOMED,
     ArmState.MANUAL: ArmState.HOMED,
+    ArmState.OWN: ArmState.HOMED,
 }
 
 PUBLISHED: dict[ArmState, str] = {
@@ -113,7 +119,7 @@ PUBLISHED: dict[ArmState, str] = {
 BUSY = frozenset((ArmState.POWERING, *UP)) - {ArmState.ENABLED, ArmState.BIASED, ArmState.HOMED}
 
 # States in which homing is valid: what happens in them does not end it.
-AT_HOME = frozenset((ArmState.HOMED, ArmState.ENGAGING_ADAPTER, ArmState.ENGAGING_TOOL, ArmState.MANUAL))
+AT_HOME = frozenset((ArmState.HOMED, ArmState.ENGAGING_ADAPTER, ArmState.ENGAGING_TOOL, ArmState.MANUAL, ArmState.OWN))
 
 ACCEPTED: dict[str, tuple[ArmEvent, ...]] = {
     "DISABLED": (ArmEvent.ENABLE, ArmEvent.DISABLE, ArmEvent.UNHOME),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from procs.document.gravity_parameters import MasterGravityParameters
+from procs.document.user_process import UserCommand
 
 Matrix = tuple[tuple[float, ...], ...]
 
@@ -123,3 +124,5 @@ class ArmConfig:
     effort_speed_ratio: float = 1.0  # of the speeds of `arm_types`, which efforts may bring joints to; 0: no limit
     effort_zone_ratio: float = 1.0  # of the zones there, in which efforts are held off position limits; 0: nowhere
     source: str = ""
+    derived: str = ""  # a user's own class that is its process, module:Class; "": that of its type
+    commands: tuple[UserCommand, ...] = ()  # which that class carries out besides those of every arm

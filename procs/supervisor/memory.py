@@ -11,7 +11,7 @@ from typing import Final
 
 from procs.document.system import PACED, WALL, Process, SystemConfig, to_json
 from procs.manifest import IN_TIME, THIRD_PARTY, proc
-from procs.user_tables import commands_of, topics_of
+from procs.user_tables import own_commands, topics_of
 from shm import directory
 from shm.clock import monotonic_ns, pause
 from shm.commands import COMMANDS
@@ -182,7 +182,7 @@ def _create_instance(system: SystemConfig, process: Process, make: Make) -> int:
     total = create_control(system.name, process.name, make, [*topics, *declared])
     if audit:
         total += create_mailbox(system.name, process.name, process.kind, make, wakes=row.woken,
-                                own=commands_of(user) if user is not None else ())
+                                own=own_commands(system, process.name))
     for own in declared:
         total += directory.create_ring(system.name, process.name, own, {}, {"kind": process.kind}, make)
     dims, info = row.sizes(system, process.name)

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-import importlib
-import importlib.util
 import logging
 import sys
-from pathlib import Path
 from types import ModuleType
 
 from procs import runtime
 from procs.document.system import from_json
+from procs.user_code import module_named
 from procs.user_process import OwnProcess
 from shm import directory
 from shm.control_page import ControlPage
@@ -27,21 +25,6 @@ class FunctionLoop(OwnProcess):
     def main(self) -> None:
         """That function."""
         self.module.main(self)
-
-
-def found(name: str) -> ModuleType:
-    """The module, imported; whatever error it raises."""
-    if not name.endswith(".py"):
-        return importlib.import_module(name)
-    path = Path(name)
-    sys.path.insert(0, str(path.parent))  # what lies beside it can be imported, too
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    if spec is None or spec.loader is None:
-        raise ImportError(f"{path} cannot be imported")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[path.stem] = module
-    spec.loader.exec_module(module)
-    return module
 
 
 def class_in(module: ModuleType) -> type[OwnProcess]:
@@ -63,7 +46,7 @@ def main() -> None:
     ACTING.origin = NOBODY  # it was started by nobody: what it does is what persons ask it for
     try:
         declared = from_json(directory.document(chosen.system)).user(chosen.name)
-        made = class_in(found(declared.module)) if declared is not None else OwnProcess
+        made = class_in(module_named(declared.module)) if declared is not None else OwnProcess
         process = made(chosen.system, chosen.name)
     except (SegmentError, ValueError) as error:
         log.error("%s", error)

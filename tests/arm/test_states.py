@@ -23,7 +23,8 @@ from tests.arm.fake_io import ArmHarness
 
 POWERED = (ArmState.ENABLED, ArmState.CALIBRATING, ArmState.BIASED, ArmState.HOMING, ArmState.HOMED)
 # of some arms only
-OWN = (ArmState.MANUAL, ArmState.ENGAGING_ADAPTER, ArmState.ENGAGING_TOOL, ArmState.FINDING_ROLL, ArmState.SETTING_ROLL)
+OWN = (ArmState.MANUAL, ArmState.ENGAGING_ADAPTER, ArmState.ENGAGING_TOOL, ArmState.FINDING_ROLL, ArmState.SETTING_ROLL,
+       ArmState.OWN)
 
 LEAVE = {ArmEvent.DISABLE: ArmState.DISABLED, ArmEvent.PAUSE: ArmState.PAUSED, ArmEvent.UNHOME: ArmState.ENABLED,
          ArmEvent.PROBLEM: ArmState.FAULT}
@@ -43,10 +44,11 @@ EXPECTED = {
                       ArmEvent.PAUSE: ArmState.PAUSED,
                       ArmEvent.UNHOME: ArmState.ENABLED, ArmEvent.PROBLEM: ArmState.FAULT},
     ArmState.HOMED: {ArmEvent.PRESSED: ArmState.MANUAL, ArmEvent.ADAPTER: ArmState.ENGAGING_ADAPTER,
-                     ArmEvent.TOOL: ArmState.ENGAGING_TOOL, **LEAVE},
+                     ArmEvent.TOOL: ArmState.ENGAGING_TOOL, ArmEvent.BEGUN: ArmState.OWN, **LEAVE},
     ArmState.MANUAL: {ArmEvent.RELEASED: ArmState.HOMED, **LEAVE},
     ArmState.ENGAGING_ADAPTER: {ArmEvent.ENGAGED: ArmState.HOMED, **LEAVE},
     ArmState.ENGAGING_TOOL: {ArmEvent.ENGAGED: ArmState.HOMED, **LEAVE},
+    ArmState.OWN: {ArmEvent.ENDED: ArmState.HOMED, **LEAVE},
     ArmState.FINDING_ROLL: {ArmEvent.STOPPED: ArmState.SETTING_ROLL, **LEAVE},
     ArmState.SETTING_ROLL: {ArmEvent.SET: ArmState.HOMING, **LEAVE},
     ArmState.PAUSED: {ArmEvent.RESUME: ArmState.ENABLED, ArmEvent.DISABLE: ArmState.DISABLED,

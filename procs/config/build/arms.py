@@ -11,6 +11,7 @@ from procs.config.build import convert
 from procs.config.build.buses import BusFiles, find_bus
 from procs.config.build.chains import load_chain
 from procs.config.build.context import Context, Opened
+from procs.config.build.derived_arms import DERIVED, derived_class, derived_commands, is_foreign
 from procs.config.build.instruments import psm_tools
 from procs.config.build.io_names import gripper_of, inputs_of, reader_of
 from procs.config.build.kinematic_arms import KINEMATIC, KINEMATIC_IO, kinematic_robot
@@ -107,12 +108,12 @@ def _check_required(context: Context, place: ArmPlace, family: str, kinematic: b
     required: list[str] = []
     if keys.type.endswith("_GENERIC"):
         pass  # which program is this arm is not for the file to say
-    elif keys.type.endswith("_DERIVED"):
-        required += ["component"]
     elif family in ARM_TYPES and not kinematic:
         required += ["IO", "serial"]
     elif keys.type == "SUJ_Classic" and not kinematic:
         required += ["IO"]
+    if keys.type.endswith(DERIVED):
+        required += ["component"]
     for name in required:
         if not getattr(keys, name):
             context.error(place.source, (*place.key, name), f"this key is required for {keys.type}", "a text")
@@ -253,7 +254,7 @@ def _loaded(
     robot, pid = driven
     arm = document.ArmConfig(
         name=keys.name,
-        type=keys.type,
+        type=keys.type.removesuffix(DERIVED),
         generation=content.generation,
         serial=keys.serial,
         io=KINEMATIC_IO if keys.simulation == KINEMATIC else keys.IO,
@@ -271,6 +272,8 @@ def _loaded(
         reference_frame=(keys.base_frame.reference_frame or "") if keys.base_frame else "",
         calibration_mode=options.calibration_mode,
         source=str(source.path),
+        derived=derived_class(context, place.source, (*place.key, "component"), keys),
+        commands=derived_commands(context, place.source, keys, options),
         **convert.options(options.arm, document.ArmConfig),
         **own,
     )
@@ -336,7 +339,10 @@ def _check_psm(context: Context, opened: Opened[PsmFile], chain: document.Chain 
 def _can_start(context: Context, place: ArmPlace, parts: _Parts) -> bool | None:
     """Whether this arm is of a kind that runs already; a note when it is not, None when nobody can tell."""
     keys, generation = place.keys, parts.arm_file.content.generation
-    if keys.type not in ARM_TYPES or generation not in ARM_TYPES[keys.type].gains:
+    if is_foreign(context, keys):
+        return False
+    family = keys.type.removesuffix(DERIVED)
+    if family not in ARM_TYPES or generation not in ARM_TYPES[family].gains:
         context.notes.append(f"not started yet: {keys.name} ({keys.type} {generation})")
         return False
     if parts.robot is not None and parts.robot[2].hardware_version == "HARDWARE_UNDEFINED":

@@ -264,7 +264,7 @@ def _assemble(
         teleop_ecms=tuple(with_period(row, options) for row in operation.teleop_ecms),
         third_parties=operation.third_parties,
         focuses=operation.focuses,
-        users=load_user_processes(context, source, options),
+        users=load_user_processes(context, source, options, [arm.name for arm in arm_rows if arm.derived]),
         supervisor_lost_s=options.supervisor_lost_s,
         group=options.group,
         service_user=options.service_user,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Sequence
 from typing import Final
 
 from procs.config.build.context import Context
@@ -57,14 +57,15 @@ def by_name(context: Context, source: SourceFile) -> SourceFile:
     return SourceFile(source.path, data, lines, source.overrides)
 
 
-def load_user_processes(context: Context, source: SourceFile, options: TrocarSection) -> tuple[UserProcess, ...]:
-    """Those with a module."""
+def load_user_processes(context: Context, source: SourceFile, options: TrocarSection,
+                        derived: Collection[str] = ()) -> tuple[UserProcess, ...]:
+    """Those with a module; `derived` arms have commands of their own, too."""
     found = []
     for name, row in options.processes.items():
         key = (*_PROCESSES, name)
         if row.module is not None:
             found.append(_process(context, source, key, name, row))
-        elif row.topics or row.commands or row.properties:
+        elif row.topics or row.properties or (row.commands and name not in derived):
             context.error(source, key, "what a process of ours has is not declared here", "a module, if it is yours")
     return tuple(found)
 
@@ -75,13 +76,11 @@ def _process(context: Context, source: SourceFile, key: Key, name: str, row: Pro
     if row.priority:
         context.error(source, (*key, "priority"), "it runs as programs usually do, and holds no robot up", "0, or none")
     _check_once(context, source, (*key, "topics"), [topic.name for topic in row.topics], _TAKEN)
-    _check_once(context, source, (*key, "commands"), [command.name for command in row.commands],
-                {SET_PROPERTY, SAVE_PROPERTIES})
     _check_once(context, source, (*key, "properties"), [prop.name for prop in row.properties], set())
     return UserProcess(
         name, module_of(context, source, (*key, "module"), row.module or ""), row.period_s or PERIOD_S,
         tuple(_topic(context, source, (*key, "topics", i), topic) for i, topic in enumerate(row.topics)),
-        tuple(_command(context, source, (*key, "commands", i), command) for i, command in enumerate(row.commands)),
+        commands_in(context, source, (*key, "commands"), row.commands),
         tuple(_property(context, source, (*key, "properties", i), prop) for i, prop in enumerate(row.properties)))
 
 
@@ -91,6 +90,12 @@ def _check_once(context: Context, source: SourceFile, key: Key, names: Iterable[
         if name in seen:
             context.error(source, (*key, index, "name"), "this name is taken", f"none of {', '.join(sorted(seen))}")
         seen.add(name)
+
+
+def commands_in(context: Context, source: SourceFile, key: Key, rows: Sequence[CommandKeys]) -> tuple[UserCommand, ...]:
+    """The commands that a row declares."""
+    _check_once(context, source, key, [command.name for command in rows], {SET_PROPERTY, SAVE_PROPERTIES})
+    return tuple(_command(context, source, (*key, i), command) for i, command in enumerate(rows))
 
 
 def _topic(context: Context, source: SourceFile, key: Key, row: TopicKeys) -> UserTopic:

@@ -1,0 +1,169 @@
+"""The door of arms derived from ours: a class of yours as the process of an arm. docs/derived-arms.md.
+
+    from procs.arm.derived import DerivedPsm, State
+
+    class Mine(DerivedPsm):
+        states = {"SCANNING": Scanning}     # Scanning is a State
+
+        def on_scan(self, width):           # a command that the system file declares
+            self.begin("SCANNING")
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, ClassVar, Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from procs import codes
+from procs.arm.arm import ArmLogic
+from procs.arm.commands import ArmCommandRow, Ready, Table
+from procs.arm.ecm import EcmLogic
+from procs.arm.motion import Mode, Space
+from procs.arm.mtm.mtm import MtmLogic
+from procs.arm.psm.psm import PsmLogic
+from procs.arm.stages.stage import Stage
+from procs.arm.states import ArmEvent, ArmState
+from procs.document.system import ArmConfig
+from procs.document.user_process import UserCommand
+from procs.requests import CommandRefused, Request
+from procs.user_tables import arguments_of
+from shm.commands import COMMANDS
+
+MAX_NAME: Final = 23
+"""Bytes of the name of a state."""
+
+
+class State(Stage):
+    """A state of a derived arm's own, reached from HOMED: `enter` once, `run` each cycle until `arm.end()`."""
+
+    def __init__(self, arm: DerivedArm) -> None:
+        super().__init__(arm.control)
+        self.arm = arm
+
+    @property
+    def now_s(self) -> float:
+        """The time of this cycle, s."""
+        return self.control.now_ns * 1e-9
+
+
+class Guarded(Stage):
+    """The state that the arm is in. What it asks for and cannot be done ends it, and is reported."""
+
+    def __init__(self, arm: DerivedArm) -> None:
+        super().__init__(arm.control)
+        self._arm, self.inner = arm, Stage(arm.control)
+
+    def _try(self, do: Callable[[], None]) -> None:
+        try:
+            do()
+        except CommandRefused as why:
+            self.control.report(codes.COMMAND_REFUSED, f"{self.control.machine.sub_state} ended: {why}")
+            self._arm.end()
+
+    def enter(self) -> None:
+        """See Stage."""
+        self._try(self.inner.enter)
+
+    def run(self) -> None:
+        """See Stage."""
+        self._try(self.inner.run)
+
+    @property
+    def waits(self) -> str:
+        """See Stage."""
+        return self.inner.waits
+
+
+class DerivedArm(ArmLogic):
+    """What a derived arm has besides what it is derived from: `on_NAME` for each declared command, and states."""
+
+    states: ClassVar[Mapping[str, type[State]]] = {}
+    """Its own states by the names that are published."""
+
+    def tables(self) -> Iterable[Table]:
+        """See ArmLogic."""
+        arm = self.control.arm
+        return (*super().tables(), {row.name: self._row(arm, row) for row in arm.commands})
+
+    def stages(self) -> Mapping[ArmState, Stage]:
+        """See ArmLogic."""
+        for name in self.states:
+            if name in set(ArmState) or len(name.encode()) > MAX_NAME:
+                raise ValueError(f"{name} cannot be a state of its own: it is one of every arm, or longer than "
+                                 f"{MAX_NAME} bytes")
+        self._own, self._guarded = {name: made(self) for name, made in self.states.items()}, Guarded(self)
+        return {**super().stages(), ArmState.OWN: self._guarded}
+
+    def _row(self, arm: ArmConfig, command: UserCommand) -> ArmCommandRow:
+        if command.name in {row.name for row in COMMANDS["arm"]}:
+            raise ValueError(f"{command.name} is a command of every arm; it needs another name")
+        handler = getattr(self, f"on_{command.name}", None)
+        if handler is None:
+            raise ValueError(f"{type(self).__name__} has no on_{command.name}, which {arm.name} declares")
+
+        def do(request: Request) -> str | None:
+            try:
+                answer: Any = handler(*arguments_of(command, request))
+            except ValueError as why:
+                raise CommandRefused(str(why)) from None
+            return None if answer is None else str(answer)
+
+        return ArmCommandRow(do, Ready.JOINT if command.moves and not command.stops else Ready.ALWAYS)
+
+    # what it may do
+
+    def begin(self, name: str) -> None:
+        """From HOMED to a state of its own; CommandRefused when it is not there."""
+        control = self.control
+        if self.state is not ArmState.HOMED:
+            raise CommandRefused(f"it is in {self.machine.sub_state} and must be in {ArmState.HOMED}")
+        self._guarded.inner = self._own[name]
+        control.stop(control.here, Mode.POSITION, f"the arm went {name}")
+        self.machine.begin_own(name)
+
+    def end(self) -> None:
+        """From a state of its own back to HOMED, holding where it is going; anywhere else nothing."""
+        if self.state is ArmState.OWN:
+            control = self.control
+            control.stop(control.here, Mode.POSITION, f"{self.machine.sub_state} has ended")
+            self.machine.fire(ArmEvent.ENDED)
+
+    def follow(self, joints: ArrayLike) -> None:
+        """Go to joints (size,), rad or m, in this cycle, within their limits; CommandRefused when that is a jump."""
+        self._take(joints)
+        self.control.follow(self.machine.sub_state, Space.JOINT)
+
+    def move(self, joints: ArrayLike) -> None:
+        """Move to joints (size,), at the speed of moves; `is_moving` until it is there. CommandRefused: it cannot."""
+        control = self.control
+        self._take(joints)
+        control.joints.clip(control.goal, control.here)
+        reason = control.motion.move(control.goal, control.io.velocity, control.now_ns)
+        if reason:
+            raise CommandRefused(reason)
+
+    def _take(self, joints: ArrayLike) -> None:
+        goal, given = self.control.goal, np.asarray(joints, dtype=np.float64)
+        if given.shape != goal.shape or not np.isfinite(given).all():
+            raise CommandRefused(f"{given.tolist()} are not {len(goal)} joints")
+        goal[...] = given
+
+    @property
+    def is_moving(self) -> bool:
+        """A `move` is under way."""
+        return self.control.motion.moving
+
+
+class DerivedPsm(DerivedArm, PsmLogic):
+    """What `type: PSM_DERIVED` is derived from."""
+
+
+class DerivedEcm(DerivedArm, EcmLogic):
+    """What `type: ECM_DERIVED` is derived from."""
+
+
+class DerivedMtm(DerivedArm, MtmLogic):
+    """What `type: MTM_DERIVED` is derived from."""

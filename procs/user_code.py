@@ -1,0 +1,39 @@
+"""Users' own modules and classes: imported by the process that runs them, and by nobody else."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import TypeVar
+
+T = TypeVar("T")
+
+
+def module_named(name: str) -> ModuleType:
+    """The module of a path that ends in .py, or of an importable name; whatever error its code raises."""
+    if not name.endswith(".py"):
+        return importlib.import_module(name)
+    path = Path(name)
+    sys.path.insert(0, str(path.parent))  # what lies beside it can be imported, too
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    if spec is None or spec.loader is None:
+        raise ImportError(f"{path} cannot be imported")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[path.stem] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def class_named(name: str, kind: type[T]) -> type[T]:
+    """The class of module:Class, which has to be one of `kind`; ImportError says what is wrong with it."""
+    module, _, what = name.rpartition(":")
+    try:
+        found = getattr(module_named(module), what, None)
+    except Exception as error:
+        raise ImportError(f"{module}: {type(error).__name__}: {error}") from error
+    if not (isinstance(found, type) and issubclass(found, kind)):
+        raise ImportError(f"{module} has no class {what} that is derived from {kind.__name__}")  # noqa: TRY004  # like the other two
+    return found
