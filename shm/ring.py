@@ -17,6 +17,7 @@ Read the next, n being one more than the last:
 
 Recovery. Wherever a writer dies, head names a whole record and one slot, that of head + 1, may be torn. A successor
 claims the segment (epoch + 1):
+  V0  slot of head says head?           else somebody else wrote into one of them: the slots tell the newest record
   V1  slot of head + 1 says head + 1?   then the dead writer stopped between W3 and W4: head := head + 1
   V2  go on at W1 with n = head + 1
 
@@ -131,6 +132,8 @@ class RingWriter:
         words, n = self._words, self._words[HEAD]
         if n >= LAST_SEQUENCE:
             raise SegmentError(f"{self._segment.name}: head {n} is garbage; no writer counts that far")
+        if words[self._places[n % self._depth][0]] != n:  # V0
+            n = self._by_slots(n)
         if words[self._places[(n + 1) % self._depth][0]] == n + 1:  # V1
             n += 1
             words[HEAD] = n
@@ -140,6 +143,15 @@ class RingWriter:
             if not 0 <= self._stamp[1] <= LAST_STAMP:
                 self._stamp[1] = 0  # events count on from it
         return n
+
+    def _by_slots(self, head: int) -> int:
+        """The newest sequence by the slots, where they and `head` say different things by more than a round.
+
+        One that counted again what was counted before would be overlooked by readers who wait for the next number.
+        """
+        kept = max((n for k, (at, _) in enumerate(self._places)
+                    if (n := self._words[at]) < LAST_SEQUENCE and n % self._depth == k), default=head)
+        return head if kept <= head < kept + self._depth else kept
 
     def field(self, name: str) -> NDArray[Any]:
         """A view on a field of the private record; resolve before the loop."""

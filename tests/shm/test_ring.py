@@ -274,6 +274,18 @@ def test_a_garbage_head_ends_in_no_endless_loop(ring: RingUnderTest, head: int) 
             ring.writer()
 
 
+@pytest.mark.parametrize("head", [0, 5, 1 << 40])
+def test_a_successor_counts_on_although_somebody_wrote_into_the_head(ring: RingUnderTest, head: int) -> None:
+    writer = ring.writer()
+    put(writer, *range(1, 42))
+    reader = ring.reader()  # waits for 42
+    with Segment(ring.name, write=True) as hand:
+        hand.words()[HEAD] = head
+    writer.close()
+    put(ring.writer(), 42)
+    assert rest(reader) == [42] and (reader.lost, reader.problem) == (0, "")
+
+
 def test_fences_asked_for_change_nothing_but_the_time(ring: RingUnderTest, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TROCAR_FENCES", "1")
     writer, reader = ring.writer(), ring.reader()
