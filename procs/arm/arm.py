@@ -38,6 +38,7 @@ from procs.arm.supervision import UNWATCHED, Generations, power_lost, problem
 from procs.arm_types import ARM_TYPES
 from procs.document import system as document
 from procs.faults import FaultReport
+from procs.inputs import FOR_EVER_NS
 from procs.requests import ANSWERED, Reports, Request, Sender
 from shm.faults import NoFaults, OwnCell
 
@@ -194,6 +195,13 @@ class ArmLogic:
     def joints(self) -> JointSpace:
         """The joint space in use."""
         return self.control.joints
+
+    @property
+    def at_rest(self) -> bool:
+        """It is off or holds: a cycle is as the one before, but for what is measured."""
+        motion = self.control.motion
+        return not (motion.moving or motion.has_velocity or motion.mode is Mode.EFFORT
+                    or motion.feed_end_ns != FOR_EVER_NS or self.machine.is_busy)
 
     def pressed(self, name: str) -> bool:
         """A digital input of io is pressed; False where the arm has none of this name."""

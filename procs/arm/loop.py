@@ -26,9 +26,10 @@ from procs.user_code import class_named
 from shm.ring import RingReader
 
 BEHIND_IO_NS = 40_000  # io's record is out by then
-AT_REST = 100  # cycles without a command or a change
-REST_PERIODS = 3
-SHORT_PERIODS = 2
+AT_REST = 100  # cycles without a command or a motion of its own
+PERIODS_AT_REST = 2
+PERIODS_OVERLOADED = {False: 2, True: 3}
+"""Where the machine is short of time: in motion, at rest."""
 WARN_EVERY_NS = 60_000_000_000
 RECENT_NS = 200_000_000
 
@@ -185,12 +186,13 @@ class ArmLoop(runtime.Loop):
             reading=readings(node.reads(arm.io, "instruments"), io, arm.instrument_reader), faults=faults))
         self.written = self._io.field("write_ns")
         """When io last wrote its boards, ns."""
-        self._unchanged = 0
+        self._resting = 0
         self._events, self._name, self._warn_ns = node.events, node.name, 0
         self._most_periods = most_periods(node.row.period_s)
         self._subscriptions, bits = node.subscriptions, node.subscriptions.bits
         self._parts = ((bits("state", "wrench"), Cartesian.WRENCHES),
                        (bits("state", "spatial_jacobian"), Cartesian.SPATIAL))
+        self._records = bits("state") | bits("setpoint")
         self._show_wanted()
 
     def _show_wanted(self) -> None:
@@ -200,16 +202,18 @@ class ArmLoop(runtime.Loop):
 
     @property
     def may_rest(self) -> bool:
-        """A kinematic robot at rest: each cycle is as the one before."""
-        return self._unchanged > AT_REST
+        """It has been off or has held for a while, and nobody has subscribed to its records: half of them will do."""
+        return self._resting > AT_REST and not self._subscriptions.wanted & self._records
 
     def periods(self, is_overloaded: bool, now_ns: int) -> int:
-        """How many periods the next cycle takes: more than one where the machine is short of time, which is said.
+        """How many periods the next cycle takes: two at rest; more where the machine is short of time, which is said.
 
         An arm that skips deadlines takes the time of others, and arms that together leave nothing are stopped by Linux
         for 50 ms: half as many cycles, evenly, are better.
         """
-        periods = min(REST_PERIODS if self.may_rest else SHORT_PERIODS, self._most_periods) if is_overloaded else 1
+        if not is_overloaded:
+            return min(PERIODS_AT_REST, self._most_periods) if self.may_rest else 1
+        periods = min(PERIODS_OVERLOADED[self.may_rest], self._most_periods)
         if periods > 1 and now_ns >= self._warn_ns:
             self._events.report(codes.CPU_OVERLOAD,
                                 f"{self._name}: the machine is short of time: one cycle in {periods}")
@@ -218,14 +222,13 @@ class ArmLoop(runtime.Loop):
 
     def wait(self) -> bool:
         """See runtime.Loop."""
-        return self.node.tick(periods=self.periods(self.node.is_overloaded, self.node.now_ns))
+        node = self.node
+        return node.tick(periods=1 if node.clock.simulated else self.periods(node.is_overloaded, node.now_ns))
 
     def cycle(self, now_ns: int, wall_ns: int) -> None:
         """io's newest record and the commands in, the setpoints and the arm's state out."""
         io = self._io
-        self._unchanged += 1
-        if self.arm.io.changed or self._mailbox.has_news or not self.arm.control.is_kinematic:
-            self._unchanged = 0
+        self._resting = self._resting + 1 if self.arm.at_rest and not self._mailbox.has_news else 0
         io.take()
         if self._subscriptions.look():
             self._show_wanted()

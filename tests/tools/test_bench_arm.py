@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import os
 
+import numpy as np
 import pytest
 
-from procs.arm.loop import AT_REST, REST_PERIODS, SHORT_PERIODS, most_periods
+from procs.arm.loop import AT_REST, PERIODS_AT_REST, PERIODS_OVERLOADED, most_periods
+from procs.arm.motion import Mode
 from shm import directory
 from shm.segment import names_of
+from shm.subscriptions import Subscriber
 from tools.bench import arm as bench_arm
 
 KEYS = ("cycle_cpu_us_p50", "cycle_following_cpu_us_p50", "fk_jacobian_us_p50", "ik_near_us_p50",
@@ -29,32 +32,71 @@ def test_a_short_bench_gives_every_figure_and_leaves_nothing() -> None:
     assert not names_of(f"bench-arm-{os.getpid()}")
 
 
-def test_a_played_arm_may_rest_until_it_is_asked_for_something() -> None:
+def _steps(bench: bench_arm.ArmBench, count: int) -> None:
+    for _ in range(count):
+        bench.step()
+
+
+def test_an_arm_at_rest_takes_every_second_cycle_until_it_is_asked_for_something() -> None:
     with bench_arm.ArmBench("kinematic") as bench:
         loop = bench._loop
-        for _ in range(AT_REST + 3):
-            bench.step()
-        assert loop.may_rest
+        assert loop.periods(False, bench.now_ns) == 1
+        _steps(bench, AT_REST + 3)
+        assert loop.periods(False, bench.now_ns) == PERIODS_AT_REST
         bench.send("state_command", (), "enable")
         bench.step()
-        assert not loop.may_rest
-        for _ in range(3 * AT_REST):
+        assert loop.periods(False, bench.now_ns) == 1
+        _steps(bench, 3 * AT_REST)
+        assert loop.periods(False, bench.now_ns) == PERIODS_AT_REST and bench.arm.state == "ENABLED"
+
+
+def test_an_arm_at_rest_takes_every_cycle_while_somebody_has_subscribed_to_its_records() -> None:
+    with bench_arm.ArmBench("kinematic") as bench:
+        loop = bench._loop
+        _steps(bench, AT_REST + 3)
+        for topic in ("state", "setpoint"):
+            subscriber = Subscriber(bench.name, "PSM1")
+            subscriber.want(topic)
             bench.step()
-        assert loop.may_rest and bench.arm.state == "ENABLED"
+            assert loop.periods(False, bench.now_ns) == 1
+            subscriber.close()
+            bench.step()
+            assert loop.periods(False, bench.now_ns) == PERIODS_AT_REST
 
 
-def test_an_arm_that_is_short_of_time_takes_every_second_cycle_and_says_so_once() -> None:
+def test_an_arm_that_moves_or_pushes_or_follows_takes_every_cycle() -> None:
+    with bench_arm.ArmBench("kinematic") as bench:
+        loop, motion = bench._loop, bench.arm.control.motion
+        bench.home()
+        _steps(bench, AT_REST + 3)
+        assert loop.may_rest
+        here = bench.arm.io.setpoint[: bench.arm.joints.count].copy()
+        here[0] += 0.5
+        bench.send("move_jp", here)
+        _steps(bench, 2)
+        while motion.moving:
+            assert not loop.may_rest
+            bench.step()
+        assert not loop.may_rest
+        _steps(bench, AT_REST + 3)
+        assert loop.may_rest
+        bench.send("servo_jf", np.zeros(bench.arm.joints.count))
+        _steps(bench, 2 * AT_REST)
+        assert motion.mode is Mode.EFFORT and not loop.may_rest
+
+
+def test_an_arm_that_is_short_of_time_takes_fewer_cycles_and_says_so_once() -> None:
     with bench_arm.ArmBench("kinematic") as bench:
         loop = bench._loop
         reported = directory.reader(bench.name, "PSM1", "events")
-        assert [loop.periods(short, bench.now_ns) for short in (False, True, True)] == [1, SHORT_PERIODS, SHORT_PERIODS]
-        for _ in range(AT_REST + 3):
-            bench.step()
-        assert loop.periods(True, bench.now_ns) == REST_PERIODS and loop.periods(False, bench.now_ns) == 1
+        moving = [loop.periods(short, bench.now_ns) for short in (False, True, True)]
+        assert moving == [1, PERIODS_OVERLOADED[False], PERIODS_OVERLOADED[False]]
+        _steps(bench, AT_REST + 3)
+        assert loop.periods(True, bench.now_ns) == PERIODS_OVERLOADED[True]
         warnings = [row["text"].decode() for row in reported.since(0) if row["code"] == b"cpu-overload"]
         reported.close()
     assert warnings == ["PSM1: the machine is short of time: one cycle in 2"]
 
 
 def test_an_arm_that_is_slow_by_its_file_is_never_so_slow_that_it_seems_silent() -> None:
-    assert most_periods(1 / 1500) >= REST_PERIODS and most_periods(0.01) == 1 == most_periods(0.02)
+    assert most_periods(1 / 1500) >= max(PERIODS_OVERLOADED.values()) and most_periods(0.01) == 1 == most_periods(0.02)

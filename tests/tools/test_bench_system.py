@@ -35,11 +35,13 @@ def test_process_started_anew_counts_from_its_start() -> None:
 def test_figures_are_those_of_the_worst_io_and_of_all_processes() -> None:
     rows = [row("IO1", mark(0.0, 1, 0, 0, 0.0), mark(1.0, 1, 1500, 0, 0.2)),
             row("IO2", mark(0.0, 2, 0, 0, 0.0), mark(1.0, 2, 990, 10, 0.2)),
-            row("PSM1", mark(0.0, 3, 0, 0, 0.0, "arm"), mark(1.0, 3, 980, 20, 0.1, "arm"))]
+            row("PSM1", mark(0.0, 3, 0, 0, 0.0, "arm"), mark(1.0, 3, 980, 20, 0.1, "arm")),
+            row("boards1", mark(0.0, 4, 0, 0, 0.0, "boards"), mark(1.0, 4, 1500, 0, 0.25, "boards"))]
     found = figures(rows)
     assert found["io_rate_hz"] == 990.0 and found["io_missed_percent"] == 1.0
-    assert found["cpu_percent_total"] == pytest.approx(50.0) and found["arm_missed_percent"] == 2.0
-    assert found["locked_mb"] == 120.0
+    assert found["cpu_percent_without_boards"] == pytest.approx(50.0) and found["arm_missed_percent"] == 2.0
+    assert found["cpu_percent_boards"] == pytest.approx(25.0) and found["cpu_percent_total"] == pytest.approx(75.0)
+    assert found["locked_mb"] == 160.0
 
 
 def test_options_of_another_bench_are_refused() -> None:
