@@ -22,8 +22,8 @@ class FakeBaseline:
 
     def __init__(self, folder: Path) -> None: ...
 
-    def run(self, hz: float, seconds: float, client_core: int, server_core: int) -> BaselineRun:
-        return BaselineRun(0.02, 5.0, 10.0)
+    def run(self, hz: float, seconds: float, client_core: int, server_core: int, spin_ns: int = 1) -> BaselineRun:
+        return BaselineRun(0.02, 5.0, 10.0, 95.0 if spin_ns else 75.0)
 
 
 def keeping_up_to(limit_hz: float) -> Callable[[float], tuple[float, float]]:
@@ -71,6 +71,8 @@ def test_figures_without_a_number_are_of_eight_boards(monkeypatch: pytest.Monkey
         "packets_per_cycle": 4.0, "packets_per_cycle_10": 4.0, "ratio_10_vs_2": 60.0 / 52.0, "max_rate_hz": 3500,
         "kernel_ratio": 4.0, "cpu_us_without_wait": 30.0, "numpy_cpu_us_without_wait": 120.0,
         "numpy_read_to_write_us_p50": 80.0, "numpy_read_to_write_us_p99": 200.0,
+        "baseline_cpu_us_without_wait": 75.0, "baseline_read_to_write_us_p50": 5.0,
+        "baseline_read_to_write_us_p99": 10.0,
         **{f"missed_percent_{name}": pytest.approx(missed)
            for name, missed in (("1k5", 2.1), ("3k", 2.1), ("4k5", 3.0), ("6k", 3.0))},
         **{f"baseline_missed_percent_{name}": 2.0 for name in ("1k5", "3k", "4k5", "6k")},
@@ -84,6 +86,7 @@ def test_the_c_programs_exchange_datagrams_and_count_what_they_miss(tmp_path: Pa
         pytest.skip(f"no compiler: {baseline.why_not}")
     found = baseline.run(500.0, 1.0, -1, -1)
     assert 0.0 <= found.missed < 1.0 and 0.0 < found.reply_to_write_us_p50 <= found.reply_to_write_us_p99
+    assert found.cpu_us > 0.0
 
 
 def test_without_a_compiler_there_is_no_baseline_and_the_bench_says_why(

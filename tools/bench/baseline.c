@@ -3,7 +3,8 @@
    baseline HZ SECONDS CLIENT_CORE SERVER_CORE REPLY_BYTES WRITE_BYTES WAIT_NS SPIN_NS    cores: -1 for any
 
    The client does what io does, on absolute deadlines: query, wait, read, reply, write; the server answers reads. Prints
-   cycles, deadlines missed, and the median and 99 % of the time from a reply to the write behind it, in ns. */
+   cycles, deadlines missed, the median and 99 % of the time from a reply to the write behind it, and the client's CPU
+   time of a cycle but for WAIT_NS; in ns. */
 #define _GNU_SOURCE
 #include <arpa/inet.h>
 #include <poll.h>
@@ -27,6 +28,12 @@ static int64_t now_ns(void) {
   struct timespec now;
   clock_gettime(CLOCK_MONOTONIC, &now);
   return now.tv_sec * 1000000000LL + now.tv_nsec;
+}
+
+static int64_t cpu_ns(void) {
+  struct timespec used;
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &used);
+  return used.tv_sec * 1000000000LL + used.tv_nsec;
 }
 
 static void sleep_until(int64_t when) {
@@ -90,7 +97,7 @@ int main(int count, char **given) {
     serve(theirs, reply_bytes);
   }
   place(atoi(given[3]), CLIENT_PRIORITY);
-  int64_t deadline = now_ns() + period, end = deadline + seconds * 1000000000LL;
+  int64_t deadline = now_ns() + period, end = deadline + seconds * 1000000000LL, used = cpu_ns();
   while (deadline < end) {
     sleep_until(deadline - spin);
     while (now_ns() < deadline) {}
@@ -111,10 +118,12 @@ int main(int count, char **given) {
       deadline += (skipped - 1) * period;
     }
   }
+  used = cpu_ns() - used;
   kill(server, SIGKILL);
   waitpid(server, NULL, 0);
   qsort(latencies, kept, sizeof *latencies, by_size);
-  printf("%lld %lld %lld %lld\n", (long long)cycles, (long long)missed,
-         (long long)(kept ? latencies[kept / 2] : 0), (long long)(kept ? latencies[kept * 99 / 100] : 0));
+  printf("%lld %lld %lld %lld %lld\n", (long long)cycles, (long long)missed,
+         (long long)(kept ? latencies[kept / 2] : 0), (long long)(kept ? latencies[kept * 99 / 100] : 0),
+         (long long)(cycles ? used / cycles - wait : 0));
   return 0;
 }

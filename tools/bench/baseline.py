@@ -15,11 +15,12 @@ WAIT_NS, SPIN_NS = 50_000, 50_000
 
 @dataclass(frozen=True, slots=True)
 class BaselineRun:
-    """Share of the deadlines missed, and the time from a reply to the write behind it."""
+    """Share of the deadlines missed, the time from a reply to the write behind it, CPU time of a cycle but for WAIT_NS."""
 
     missed: float
     reply_to_write_us_p50: float
     reply_to_write_us_p99: float
+    cpu_us: float
 
 
 class Baseline:
@@ -35,11 +36,10 @@ class Baseline:
         except (OSError, subprocess.TimeoutExpired) as error:
             self.why_not = str(error)
 
-    def run(self, hz: float, seconds: float, client_core: int, server_core: int) -> BaselineRun:
+    def run(self, hz: float, seconds: float, client_core: int, server_core: int, spin_ns: int = SPIN_NS) -> BaselineRun:
         """At `hz`, on these cores (-1: any)."""
-        given = [round(hz), max(1, round(seconds)), client_core, server_core, REPLY_BYTES, WRITE_BYTES, WAIT_NS,
-                 SPIN_NS]
+        given = [round(hz), max(1, round(seconds)), client_core, server_core, REPLY_BYTES, WRITE_BYTES, WAIT_NS, spin_ns]
         done = subprocess.run([self._program, *map(str, given)], capture_output=True, text=True, timeout=seconds + 60,
                               check=True)
-        cycles, missed, p50, p99 = map(int, done.stdout.split())
-        return BaselineRun(missed / max(1, missed + cycles), p50 * 1e-3, p99 * 1e-3)
+        cycles, missed, p50, p99, cpu_ns = map(int, done.stdout.split())
+        return BaselineRun(missed / max(1, missed + cycles), p50 * 1e-3, p99 * 1e-3, cpu_ns * 1e-3)

@@ -43,6 +43,7 @@ SUSTAINED_S = 10.0
 WINDOWS = 3  # to keep a rate in: a virtual machine is stopped for milliseconds now and then
 LOOK_S = 0.05
 MORE_MISSED = 0.005
+USUAL_HZ = 1500
 FIRST_HZ, STEP_HZ, MAX_HZ = 3000, 500, 8000
 NAMED_HZ = {1500: "1k5", 3000: "3k", 4500: "4k5", 6000: "6k"}
 TURNS = 3  # of kernel and numpy
@@ -72,6 +73,10 @@ def run(seconds: float = SECONDS, sustained_s: float = SUSTAINED_S, sizes: tuple
         figures |= _by_turns(file, seconds, *placed)
         baseline = Baseline(folder)
         client, server = (cores[0], cores[1]) if len(cores) > 1 else (-1, -1)
+        if not baseline.why_not:
+            awake = baseline.run(USUAL_HZ, seconds, client, server, spin_ns=0)
+            figures |= {f"baseline_{CPU}": awake.cpu_us, "baseline_read_to_write_us_p50": awake.reply_to_write_us_p50,
+                        "baseline_read_to_write_us_p99": awake.reply_to_write_us_p99}
         missed_by_c = cache(lambda hz: baseline.run(hz, sustained_s, client, server).missed)
 
         def more_missed(hz: float) -> tuple[float, float]:
