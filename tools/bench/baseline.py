@@ -15,7 +15,7 @@ WAIT_NS, SPIN_NS = 50_000, 50_000
 
 @dataclass(frozen=True, slots=True)
 class BaselineRun:
-    """Share of the deadlines missed, the time from a reply to the write behind it, CPU time of a cycle but for WAIT_NS."""
+    """Share of the deadlines missed, time from a reply to the write behind it, CPU time of a cycle but for WAIT_NS."""
 
     missed: float
     reply_to_write_us_p50: float
@@ -38,7 +38,8 @@ class Baseline:
 
     def run(self, hz: float, seconds: float, client_core: int, server_core: int, spin_ns: int = SPIN_NS) -> BaselineRun:
         """At `hz`, on these cores (-1: any)."""
-        given = [round(hz), max(1, round(seconds)), client_core, server_core, REPLY_BYTES, WRITE_BYTES, WAIT_NS, spin_ns]
+        given = [round(hz), max(1, round(seconds)), client_core, server_core, REPLY_BYTES, WRITE_BYTES, WAIT_NS,
+                 spin_ns]
         done = subprocess.run([self._program, *map(str, given)], capture_output=True, text=True, timeout=seconds + 60,
                               check=True)
         cycles, missed, p50, p99, cpu_ns = map(int, done.stdout.split())

@@ -6,8 +6,9 @@ all the time. Masters without a robot (KINEMATIC) are moved by joint setpoints o
 is `bench` among the processes and no part of the total.
 
 `cpu_percent_boards` is that of emulated boards, which a real robot does without. `io_rate_hz` and `io_missed_percent`
-are those of the io that does worst; missed are deadlines that passed without a cycle, of all deadlines. CPU time is what the kernel counted for a process in the window; 100 % is one core.
-`locked_mb` is what all processes have locked (VmLck); what they share is the supervisor's, which locks it.
+are those of the io that does worst; missed are deadlines that passed without a cycle, of all deadlines. CPU time is
+what the kernel counted for a process in the window; 100 % is one core. `locked_mb` is what all processes have locked
+(VmLck); what they share is the supervisor's, which locks it.
 """
 
 from __future__ import annotations
