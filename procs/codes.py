@@ -365,5 +365,9 @@ USER_ERROR: Final = Code(
     "user-error", ERROR, "user", "a process of a user's own reports that something is wrong with it",
     "see what it says, and its log: trocar logs NAME")
 
+USER_SLOW: Final = Code(
+    "user-slow", WARNING, "filters", "a filter took longer than its period, and the others of its process waited",
+    "make its update faster, its process's period longer, or give it a process of its own")
+
 CODES: Final = tuple(row for row in globals().values() if isinstance(row, Code))
 FAULTS: Final = tuple(row for row in CODES if row.number)

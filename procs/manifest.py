@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Literal
 
 from procs import sizes
-from procs.document.process import Process
+from procs.document.process import ELSEWHERE, Process
 from procs.inputs import LATE_S
 from procs.sizes import Sizes
 
@@ -26,10 +26,18 @@ class ProcessInstance:
     period_s: float = 0.0
     after: tuple[str, ...] = ()
     listen: tuple[str, ...] = ()
+    start: str = ""
+    """If not as usual for its kind: ELSEWHERE."""
 
 
 def _nobody(system: SystemConfig) -> Iterable[ProcessInstance]:
     return ()
+
+
+def _users(system: SystemConfig, rows: Mapping[str, tuple[float, str]]) -> Iterable[ProcessInstance]:
+    """Users' processes with period and start; they come after all that drives the robot."""
+    robot = tuple(row.name for rows in (system.ios, system.arms, system.carts, system.consoles) for row in rows)
+    return [ProcessInstance(name, period_s, robot, start=start) for name, (period_s, start) in rows.items()]
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +92,7 @@ PROCS: tuple[Proc, ...] = (
     Proc("supervisor", "procs.supervisor.loop", 0.02, 1.0, 20.0, "io powers off, every process ends",
          sizes=sizes.of_supervisor, restart=False, budget_us=2000),
     Proc("third_party", "", 0.005, LATE_S, 0.0, "teleoperations that use it stop following; its owner starts it again",
-         instances=lambda system: [ProcessInstance(row.name) for row in system.third_parties],
+         instances=lambda system: [ProcessInstance(row.name, start=ELSEWHERE) for row in system.third_parties],
          sizes=sizes.of_third_party, restart=False),
     Proc("boards", "procs.boards.loop", 0.001, 0.1, 3.0, "restart; emulated robots start afresh, without power",
          instances=lambda system: [ProcessInstance("boards", system.emulation.period_s)] if system.emulation else [],
@@ -123,9 +131,11 @@ PROCS: tuple[Proc, ...] = (
              ] if system.consoles else [],
          sizes=sizes.of_system, priority="least", woken=True, phase=0.06, budget_us=500),
     Proc("user", "procs.user.loop", 0.01, 1.0, 3.0, "nothing else changes; restart", topics=(),
-         instances=lambda system: [ProcessInstance(user.name, user.period_s, tuple(
-             row.name for rows in (system.ios, system.arms, system.carts, system.consoles) for row in rows))
-             for user in system.users],
+         instances=lambda system: _users(system, {row.name: (row.period_s, ELSEWHERE if row.host else "")
+                                                  for row in system.users}),
+         woken=True, pause_ends=False, budget_us=500, hung_s=5.0, declared=True),
+    Proc("filters", "procs.filters.loop", 0.01, 1.0, 3.0, "its filters are silent until the restart", topics=(),
+         instances=lambda system: _users(system, {row.host: (row.period_s, "") for row in system.users if row.host}),
          woken=True, pause_ends=False, budget_us=500, hung_s=5.0, declared=True),
 )
 

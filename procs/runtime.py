@@ -289,6 +289,23 @@ def arguments(kind: str) -> argparse.Namespace:
     return chosen
 
 
+class TimeUp(BaseException):
+    """Somebody else's code took longer than it may; not an Exception, which that code might catch."""
+
+
+def limited(seconds: float, do: Callable[[], None]) -> None:
+    """Call `do`; TimeUp is raised in its middle when it takes longer, unless it hangs where no Python code runs."""
+    def over(number: int, frame: FrameType | None) -> None:
+        raise TimeUp(f"it took more than {seconds:g} s")
+
+    signal.signal(signal.SIGALRM, over)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        do()
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+
+
 def on_stop(stop: Callable[[str], None]) -> None:
     """Call `stop` with the reason when the supervisor asks this process to end."""
     def asked(number: int, frame: FrameType | None) -> None:

@@ -6,27 +6,27 @@ waits: in `tick` and `wait`. There, and nowhere else, it learns that it has to e
 
 from __future__ import annotations
 
-import json
 import logging
 import os
 import select
-from collections.abc import Iterator, Mapping
 from typing import Any, Final, Protocol
 
 from procs import codes
 from procs.document.system import SystemConfig, from_json
-from procs.document.user_process import PROPERTIES, SAVE_PROPERTIES, SET_PROPERTY, Property
+from procs.document.user_process import PROPERTIES, SAVE_PROPERTIES, SET_PROPERTY, UserProcess
 from procs.listening import handed
+from procs.manifest import proc
 from procs.own_memory import OwnMemory
 from procs.pacing import Pacing
 from procs.paths import log_folder
+from procs.user_properties import Properties
 from procs.user_tables import arguments_of
 from shm import directory, loglines
 from shm.clock import monotonic_ns
 from shm.layout import shorten
 from shm.origins import ACTING
 from shm.received import Received
-from shm.ring import RingReader, RingWriter
+from shm.ring import RingReader
 from shm.subscriptions import Subscriber, Subscriptions
 from shm.system_time import SystemTime
 
@@ -70,38 +70,6 @@ class Subscription:
         return self._fields[field][()]
 
 
-class Properties(Mapping[str, float]):
-    """Its numbers by name; setting one that is out of bounds is a ValueError, and what is set is shown at once."""
-
-    def __init__(self, rows: tuple[Property, ...], ring: RingWriter | None, time: SystemTime) -> None:
-        self._rows, self._ring, self._time = {row.name: row for row in rows}, ring, time
-        self._values = {row.name: row.default for row in rows}
-        self._show()
-
-    def __getitem__(self, name: str) -> float:
-        return self._values[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._values)
-
-    def __len__(self) -> int:
-        return len(self._values)
-
-    def __setitem__(self, name: str, value: float) -> None:
-        if name not in self._rows:
-            raise ValueError(f"no property {name}; there are {', '.join(self._rows) or 'none'}")
-        if wrong := self._rows[name].objection(value):
-            raise ValueError(wrong)
-        self._values[name] = float(value)
-        self._show()
-
-    def _show(self) -> None:
-        if self._ring is not None:
-            for name, value in self._values.items():
-                self._ring.field(name)[...] = value
-            self._ring.publish(max(self._time.now_ns(), self._ring.stamp_ns + 1))
-
-
 class OwnProcess:
     """Make a subclass of it: `setup`, `update` (or `main`), `quit`, and `on_NAME` for each command NAME."""
 
@@ -111,32 +79,38 @@ class OwnProcess:
     def __init__(self, system: str, name: str) -> None:
         """Take the place; SegmentError when there is none or somebody has it, ValueError when it is not declared."""
         document: SystemConfig = from_json(directory.document(system))
-        declared = document.user(name)
-        if declared is None:
-            raise ValueError(f"{name} is no process that the system file declares with a module")
+        declared = document.user(name) or _bare(document, name)
         self.system, self.name, self.declared = system, name, declared
         self.time = SystemTime(system)
         self.log = logging.getLogger(name)
         self.own = own = OwnMemory(document, name, self.time.now_ns, loglines.into(self.log))
         self.own.page.show("STARTING")
-        self._rings = {row.name: own.writes(row.name) for row in declared.topics}
-        self._fields = {topic: {f.name: ring.field(f.name) for f in row.fields} for row in declared.topics
-                        for topic, ring in ((row.name, self._rings[row.name]),)}
+        self._names = {row.name: tuple(field.name for field in row.fields) for row in declared.topics}
+        for row in (directory.topic_of(own.kind, topic) for topic in proc(own.kind).topics):
+            self._names[row.name] = tuple(field.name for field in row.fields)
+        self._take_rings()
         self.properties = Properties(declared.properties, own.writes(PROPERTIES) if declared.properties else None,
                                      self.time)
-        self._load_properties()
+        self._saved = log_folder(os.environ, system) / f"{name}.properties.json"
+        self.properties.load(self._saved, self.log)
         self._mailbox, self._wakeup = own.mailbox(), own.page.wakeup()
         self._commands = {row.name: row for row in declared.commands}
         self._subscriptions: list[Subscription] = []
         self._wanted = Subscriptions(own.page)
         self._poll, self._files = select.poll(), set[int]()
-        self._stop, self._check_at = "", 0
+        self._stop, self._check_at, self._acting = "", 0, ACTING.origin
         self.request: Received | None = None
         """The command that is being carried out."""
         self.listening = handed()
         """The sockets of its `listen`, not blocking: `watch` them, and accept."""
         self._period_ns = round(own.row.period_s * 1e9)
         self._pacing, self._beat = Pacing(own.page, self._period_ns, 0), own.page.field("heartbeat_ns")
+
+    def _take_rings(self) -> None:
+        """Claim the rings of its topics."""
+        self._rings = {topic: self.own.writes(topic) for topic in self._names}
+        self._fields = {topic: {name: ring.field(name) for name in self._names[topic]}
+                        for topic, ring in self._rings.items()}
 
     # what it is to do
 
@@ -330,40 +304,47 @@ class OwnProcess:
         """A property was set from outside."""
 
     def _save_properties(self) -> str:
-        path = log_folder(os.environ, self.system) / f"{self.name}.properties.json"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(dict(self.properties)))
-        return str(path)[-100:]
-
-    def _load_properties(self) -> None:
-        """What was saved counts where it is still a property, within its bounds."""
-        path = log_folder(os.environ, self.system) / f"{self.name}.properties.json"
-        try:
-            saved = json.loads(path.read_text())
-            for name in [name for name in self.properties if name in saved]:
-                self.properties[name] = float(saved[name])
-        except FileNotFoundError:
-            return
-        except (OSError, ValueError, TypeError) as error:
-            self.log.warning("%s: not all of it counts: %s", path, error)
+        self.properties.save(self._saved)
+        return str(self._saved)[-100:]
 
     # its life
 
     def run(self) -> None:
         """Setup, main, quit; quit also after an error of those two, which is raised again."""
         try:
-            self.setup()
-            self.own.begin()
-            now = self.time.now_ns()
-            self._pacing.begin(now, self.time.simulated)
+            self.begin()
             self.main()
         finally:
             self.quit()
+
+    def begin(self) -> None:
+        """Setup; from then on it runs."""
+        self.setup()
+        self.own.begin()
+        self._pacing.begin(self.time.now_ns(), self.time.simulated)
+
+    def step(self) -> None:
+        """One period in a process that calls several: what it is asked, then its update, for whom it acts."""
+        ACTING.origin = self._acting
+        self._beat[...] = monotonic_ns()
+        self._pacing.begin_work(self.time.now_ns())
+        self.process_messages()
+        self.update()
+        self._pacing.end_of_work(self.time.now_ns())
+        self._acting = ACTING.origin
 
     def close(self) -> None:
         """Give the place back."""
         self.time.close()
         self.own.leave()
+
+
+def _bare(document: SystemConfig, name: str) -> UserProcess:
+    """One that declares nothing of its own; ValueError where it is none of a user's."""
+    rows = [row for row in document.processes if row.name == name and proc(row.kind).declared]
+    if not rows:
+        raise ValueError(f"{name} is no process that the system file declares with a module")
+    return UserProcess(name, "", rows[0].period_s)
 
 
 def _number(file: int | Watchable) -> int:

@@ -11,6 +11,8 @@ from procs.document.decoding import decode
 
 ALWAYS: Final = "always"
 ON_DEMAND: Final = "on-demand"
+ELSEWHERE: Final = "elsewhere"
+"""Somebody else starts it, or it is part of another process."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +30,7 @@ class Process:
     backoff_s: float = 0.2
     late_s: float | None = None  # silence that is reported; None: as usual for its kind
     hung_s: float | None = None  # silence after which it is killed
-    start: str = ALWAYS  # or ON_DEMAND: while somebody wants something of it
+    start: str = ALWAYS  # or ON_DEMAND: while somebody wants something of it; or ELSEWHERE
     linger_s: float = 5.0  # how long it goes on then, after the last one left
     listen: tuple[str, ...] = ()  # addresses 127.0.0.1:8080 or [::1]:8080 of sockets that it is started with
 

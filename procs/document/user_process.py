@@ -78,7 +78,10 @@ class Property:
 
 @dataclass(frozen=True, slots=True)
 class UserProcess:
-    """One process; `module` is the path of a .py file, or the name of an installed module."""
+    """One process; `module` is the path of a .py file, or the name of an installed module.
+
+    `host`: the process that calls its update together with those of others; "": it is a process itself.
+    """
 
     name: str
     module: str
@@ -86,6 +89,7 @@ class UserProcess:
     topics: tuple[UserTopic, ...] = ()
     commands: tuple[UserCommand, ...] = ()
     properties: tuple[Property, ...] = ()
+    host: str = ""
 
 
 def shape_of(word: str) -> tuple[str, tuple[int, ...]]:

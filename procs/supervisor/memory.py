@@ -176,7 +176,7 @@ def components(system: SystemConfig) -> list[str]:
 
 def _create_instance(system: SystemConfig, process: Process, make: Make) -> int:
     row, user = proc(process.kind), system.user(process.name)
-    audit = ("audit",) if process.kind in COMMANDS or user is not None else ()
+    audit = ("audit",) if process.kind in COMMANDS or row.declared else ()
     declared = topics_of(user) if user is not None else ()
     topics = [directory.topic_of(process.kind, name) for name in (*row.topics, "events", *audit)]
     total = create_control(system.name, process.name, make, [*topics, *declared])

@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Final
 
 from procs import codes, lifecycle
-from procs.document.process import ON_DEMAND
+from procs.document.process import ELSEWHERE, ON_DEMAND
 from procs.document.system import WALL, Process, SystemConfig
 from procs.log_files import put_aside
-from procs.manifest import THIRD_PARTY, hung_s, late_s, proc
+from procs.manifest import hung_s, late_s, proc
 from procs.paths import log_folder
 from procs.realtime import in_words, lacking, realtime
 from procs.supervisor import memory
@@ -101,7 +101,7 @@ class Supervisor:
         self.events = Events(self._writes("events"), self.now_ns, loglines.into(log))
         self.mailbox = Mailbox(system.name, "supervisor", "supervisor", audit=Audit(self._writes("audit"), self.now_ns))
         self._state = self._writes("state")
-        self._rows = tuple(row for row in system.processes if row.kind not in THIRD_PARTY)  # those are ours
+        self._rows = tuple(row for row in system.processes if row.start != ELSEWHERE)  # those are ours
         self._pages: dict[str, ControlPage] = {}
         self.children = [self._child(row, folder) for row in self._rows]
         self._demands = [self._demand(child) for child in self.children if child.row.start == ON_DEMAND]

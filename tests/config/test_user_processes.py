@@ -40,7 +40,20 @@ def test_a_process_is_what_its_row_declares(home: Home, beside: Path) -> None:
     assert document.from_json(document.to_json(loaded.system)) == loaded.system
 
 
+def test_those_of_a_host_share_its_process_and_period(home: Home, beside: Path) -> None:
+    declare(home, "{name: mine, module: mine.py, host: lab}", "{name: lab, period_s: 0.002, cpu: 1}",
+            "{name: other, module: mine.py, host: lab}")
+    loaded = home.load()
+    assert loaded.errors == () and loaded.system is not None
+    kinds = {row.name: (row.kind, row.start, row.period_s) for row in loaded.system.processes}
+    assert kinds["lab"] == ("filters", "always", 0.002)
+    assert kinds["mine"] == kinds["other"] == ("user", "elsewhere", 0.002)
+
+
 @pytest.mark.parametrize(("row", "key", "text", "allowed"), [
+    ("{name: mine, module: mine.py, host: lab, period_s: 0.1}", ".mine.period_s", "lab calls its update", "at lab"),
+    ("{name: mine, module: mine.py, host: supervisor}", ".mine.host", "something else has this name", "a name of its"),
+    ("{name: mine, module: mine.py, host: PSM1}", ".PSM1", "taken", "a name of its own"),
     ("{module: mine.py}", "[0]", "a row without a name", "rows with name"),
     ("{name: mine, module: yours.py}", ".mine.module", "no such file", "systems"),
     ("{name: mine, module: mine.py, topic: []}", ".mine.topic", 'did you mean "topics"', "commands"),

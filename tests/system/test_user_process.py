@@ -32,10 +32,10 @@ def system_of_the_page(folder: Path) -> Path:
     programs = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
     sections = [parse_yaml(text).data["trocar"] for text in re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)]  # type: ignore[index,call-overload]
     assert all(len(program.splitlines()) <= 40 for program in programs)
-    for name, program in zip(("box.py", "sensor.py", "smooth.py"), programs, strict=True):
+    for name, program in zip(("box.py", "sensor.py", "smooth.py", "speed.py"), programs, strict=True):
         (folder / name).write_text(program)
     arms = [{"name": "PSM1", "type": "PSM", "simulation": "KINEMATIC", "arm_file": "arms/PSM1-demo.yaml"}]
-    rows = [row for section in sections for row in section["processes"]]
+    rows = list({row["name"]: row for section in sections for row in section["processes"]}.values())
     rows.append({"name": "asleep", "module": "asleep.py", "start": "on-demand", "linger_s": 0.0,
                  "topics": [{"name": "count", "fields": [{"name": "count", "type": "int"}]}]})
     (folder / "asleep.py").write_text(ASLEEP)
@@ -73,6 +73,12 @@ def test_the_examples_of_the_page_run_and_their_deaths_change_nothing_else(robot
     wait_for(lambda: robot.state("box") == "RUNNING" and robot.pid("box") != before, 20, "the box is back")
     robot.pids.add(robot.pid("box"))
     assert robot.pid("PSM1") == arm_before and robot.state("force") == "RUNNING"
+    epoch, lab = smooth.epoch, robot.kill("lab")
+    wait_for(lambda: smooth.epoch > epoch and smooth.newest(), 20, "the filters are back")
+    wait_for(lambda: robot.pid("smooth") == robot.pid("speed") == robot.pid("lab") != lab, 20, "both of them")
+    robot.pids.add(robot.pid("lab"))
+    assert "fastest" in robot.trocar("echo", "speed/state", "--once")
+    assert "smooth.share" in robot.trocar("get", "smooth")
     for part in (wrench, push, arm, smooth):
         part.close()
     assert robot.state("asleep") != "RUNNING"

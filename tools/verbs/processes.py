@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from procs.document.process import Process, processes_of
-from procs.manifest import THIRD_PARTY, proc
+from procs.document.process import ELSEWHERE, Process, processes_of
+from procs.manifest import proc
 from shm import directory
 from shm.segment import SegmentError
 from tools.errors import Misuse, Problem, Refused
@@ -65,7 +65,7 @@ def restart(name: Name, yes: Yes = False, as_json: JsonOption = False, system: S
 
 def _rows(system: str) -> list[Process]:
     """The processes that the supervisor starts."""
-    return [row for row in processes_of(directory.document(system)) if row.kind not in THIRD_PARTY]
+    return [row for row in processes_of(directory.document(system)) if row.start != ELSEWHERE]
 
 
 def _row(system: str, name: str) -> Process:

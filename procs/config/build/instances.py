@@ -16,7 +16,7 @@ from procs.manifest import PROCS, THIRD_PARTY, proc
 
 HIGHEST: Final = 98
 ABOVE: Final = 5
-_DECLARED: Final = {"module", "topics", "commands", "properties"}  # of a process of one's own
+_DECLARED: Final = {"module", "topics", "commands", "properties", "host"}  # of a process of one's own
 
 
 def build_processes(
@@ -28,7 +28,7 @@ def build_processes(
     """
     found = [(kind, row) for kind in PROCS for row in kind.instances(system)]
     known = dict.fromkeys(row.name for _, row in found)
-    users = {row.name for row in system.users}
+    users = {name for row in system.users for name in (row.name, row.host) if name}
     for name in users & {row.name for kind, row in found if not kind.declared}:
         context.error(source, ("trocar", "processes", name), "this name is taken by a process of Trocar",
                       "a name of its own")
@@ -41,8 +41,8 @@ def build_processes(
         after = tuple(name for name in dict.fromkeys(row.after) if name in known)
         priority, cpu = _scheduled(kind.priority, options)
         rows.append(document.Process(row.name, kind.kind, row.period_s or kind.period_s, after, priority=priority,
-                                     cpus=places.of(kind, row.name) if cpu is None else (cpu,), start=kind.start,
-                                     listen=row.listen))
+                                     cpus=places.of(kind, row.name) if cpu is None else (cpu,),
+                                     start=row.start or kind.start, listen=row.listen))
     given = tuple(_with_options(row, options) for row in rows)
     _check_demand(context, source, given)
     return given

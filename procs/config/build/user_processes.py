@@ -13,6 +13,7 @@ from procs.config.models.trocar_section import ProcessKeys, TrocarSection
 from procs.config.models.user_section import CommandKeys, FieldKeys, PropertyKeys, TopicKeys
 from procs.config.read.problem import Key
 from procs.config.read.source import SourceFile
+from procs.document.process import ON_DEMAND
 from procs.document.user_process import (
     PROPERTIES,
     SAVE_PROPERTIES,
@@ -29,6 +30,7 @@ from procs.document.user_process import (
 PERIOD_S: Final = 0.01
 _PROCESSES: Key = (SECTION, "processes")
 _TAKEN: Final = {"events", "audit", "control", "mailbox", "clock", "document", "faults", PROPERTIES}
+_OF_A_PROCESS: Final = ("period_s", "cpu", "priority", "late_s", "hung_s", "start", "linger_s", "listen")
 _MAX_RECORD, _MAX_NUMBERS, _MAX_TEXT = 1_000_000, 64, 64
 
 
@@ -64,24 +66,40 @@ def load_user_processes(context: Context, source: SourceFile, options: TrocarSec
     for name, row in options.processes.items():
         key = (*_PROCESSES, name)
         if row.module is not None:
-            found.append(_process(context, source, key, name, row))
-        elif row.topics or row.properties or (row.commands and name not in derived):
+            period_s = _check_host(context, source, key, row, options) if row.host else row.period_s or PERIOD_S
+            found.append(_process(context, source, key, name, row, period_s))
+        elif row.host or row.topics or row.properties or (row.commands and name not in derived):
             context.error(source, key, "what a process of ours has is not declared here", "a module, if it is yours")
     return tuple(found)
 
 
-def _process(context: Context, source: SourceFile, key: Key, name: str, row: ProcessKeys) -> UserProcess:
+def _check_host(context: Context, source: SourceFile, key: Key, row: ProcessKeys, options: TrocarSection) -> float:
+    """The period of the process that calls its update, s."""
+    host = options.processes.get(row.host or "")
+    if row.host in RESERVED or (host is not None and (host.module is not None or host.host is not None)):
+        context.error(source, (*key, "host"), "something else has this name",
+                      "a name of its own for the process of those that say the same host")
+    for name in (name for name in _OF_A_PROCESS if getattr(row, name)):
+        context.error(source, (*key, name), f"{row.host} calls its update", f"this key at {row.host}, or no host")
+    if host is not None and host.start == ON_DEMAND:
+        context.error(source, (*_PROCESSES, row.host or "", "start"), "several share it", "always")
+    return (host.period_s if host is not None else None) or PERIOD_S
+
+
+def _process(context: Context, source: SourceFile, key: Key, name: str, row: ProcessKeys,
+             period_s: float) -> UserProcess:
     if name in RESERVED:
         context.error(source, key, "this name is taken by a process of Trocar", "a name of its own")
-    if row.priority:
+    if row.priority and not row.host:
         context.error(source, (*key, "priority"), "it runs as programs usually do, and holds no robot up", "0, or none")
     _check_once(context, source, (*key, "topics"), [topic.name for topic in row.topics], _TAKEN)
     _check_once(context, source, (*key, "properties"), [prop.name for prop in row.properties], set())
     return UserProcess(
-        name, module_of(context, source, (*key, "module"), row.module or ""), row.period_s or PERIOD_S,
+        name, module_of(context, source, (*key, "module"), row.module or ""), period_s,
         tuple(_topic(context, source, (*key, "topics", i), topic) for i, topic in enumerate(row.topics)),
         commands_in(context, source, (*key, "commands"), row.commands),
-        tuple(_property(context, source, (*key, "properties", i), prop) for i, prop in enumerate(row.properties)))
+        tuple(_property(context, source, (*key, "properties", i), prop) for i, prop in enumerate(row.properties)),
+        row.host or "")
 
 
 def _check_once(context: Context, source: SourceFile, key: Key, names: Iterable[str], taken: set[str]) -> None:

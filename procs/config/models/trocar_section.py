@@ -47,6 +47,8 @@ class ProcessKeys(Section):
     topics: Rows[TopicKeys] = ()
     commands: Rows[CommandKeys] = ()
     properties: Rows[PropertyKeys] = ()
+    host: str | None = Field(default=None, pattern=r"^[A-Za-z0-9_-]{1,40}$",
+                             description="the process that calls its update, with those of others")
 
 
 class IoOptions(Section):

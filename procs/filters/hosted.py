@@ -1,0 +1,101 @@
+"""One filter in the process that calls it: what it does wrong is its own, and it is started again as processes are."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+from collections.abc import Callable
+from typing import Final
+
+from procs import codes
+from procs.document.process import Process
+from procs.runtime import TimeUp, limited
+from procs.user_code import module_named
+from procs.user_life import classes_in
+from procs.user_process import OwnProcess
+from shm.clock import monotonic_ns
+from shm.control_page import ControlPage
+from shm.origins import ACTING, NOBODY
+
+HEALTHY_NS: Final = 10_000_000_000
+WARN_EVERY_NS: Final = 60_000_000_000
+
+
+def filter_in(module: str) -> type[OwnProcess]:
+    """The class of a filter; ImportError when there is none, or it wants a thread of its own."""
+    found = classes_in(module_named(module))
+    if len(found) != 1:
+        raise ImportError(f"{module} has {len(found)} subclasses of trocar.Process; there must be one")
+    if found[0].main is not OwnProcess.main:
+        raise ImportError(f"{module}: {found[0].__name__} has a main; what shares a process has an update")
+    return found[0]
+
+
+class HostedFilter:
+    """Its place, and the object in it while it runs."""
+
+    def __init__(self, system: str, row: Process, find: Callable[[], type[OwnProcess]], most_s: float) -> None:
+        """`find` gives its class; a setup or an update of more than `most_s` is an error of it."""
+        self._system, self._row, self._find, self._most_s = system, row, find, most_s
+        self._log = logging.getLogger(row.name)
+        self._process: OwnProcess | None = None
+        self._begin_ns: int | None = 0  # when it is to begin; None: never any more
+        self._begun_ns = self._failures = self._warn_ns = 0
+
+    def cycle(self) -> None:
+        """Call it once."""
+        now = monotonic_ns()
+        if self._process is not None:
+            self._guarded(self._process.step)
+            self._look_at_time(monotonic_ns() - now)
+        elif self._begin_ns is not None and now >= self._begin_ns:
+            self._begun_ns, ACTING.origin = now, NOBODY
+            self._guarded(self._make)
+
+    def _make(self) -> None:
+        self._process = self._find()(self._system, self._row.name)
+        self._process.begin()
+
+    def _guarded(self, do: Callable[[], None]) -> None:
+        try:
+            limited(self._most_s, do)
+        except (Exception, TimeUp) as error:
+            self._log.exception("ended by an error")
+            self._end(f"{type(error).__name__}: {error}")
+
+    def _look_at_time(self, took_ns: int) -> None:
+        process, now = self._process, monotonic_ns()
+        if process is not None and took_ns > self._row.period_s * 1e9 and now >= self._warn_ns:
+            self._warn_ns = now + WARN_EVERY_NS
+            process.own.events.report(codes.USER_SLOW, f"{self._row.name} took {took_ns * 1e-6:.1f} ms of a period of "
+                                      f"{self._row.period_s * 1e3:g} ms; all that share its process wait meanwhile",
+                                      self._row.name)
+
+    def _end(self, why: str) -> None:
+        """It failed: show why, and begin anew later."""
+        now = monotonic_ns()
+        self._failures = 1 if now - self._begun_ns > HEALTHY_NS else self._failures + 1
+        if self._row.on_exit != "restart" or self._failures > self._row.restart_limit:
+            self._begin_ns = None
+            why += "; not started again" if self._row.on_exit != "restart" else "; given up"
+        else:
+            self._begin_ns = now + round(self._row.backoff_s * 2 ** (self._failures - 1) * 1e9)
+        if self._process is not None:
+            self._process.own.events.report(codes.USER_ERROR, why, self._row.name)
+        self._close("FAILED", why)
+
+    def stop(self) -> None:
+        """Its process ends."""
+        if self._process is not None:
+            self._close("STOPPED", "its process ends")
+
+    def _close(self, state: str, why: str) -> None:
+        process, self._process = self._process, None
+        if process is not None:
+            try:
+                limited(self._most_s, process.quit)
+            except (Exception, TimeUp):
+                self._log.exception("its quit ended by an error")
+            process.close()
+        with contextlib.closing(ControlPage(self._system, self._row.name, write=True)) as page:
+            page.show(state, why)

@@ -1,0 +1,48 @@
+"""One process for several filters of users: calls the update of each once a period, in the order of the system file."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from procs.document.system import SystemConfig
+from procs.filters.hosted import HostedFilter, filter_in
+from procs.manifest import hung_s
+from procs.user_life import live
+from procs.user_process import OwnProcess
+
+
+class FiltersLoop(OwnProcess):
+    """The process; it has nothing of its own but its filters."""
+
+    filters: tuple[HostedFilter, ...] = ()
+
+    def setup(self) -> None:
+        """See OwnProcess; none of them keeps the others from beginning."""
+        document, most_s = self.own.document, 0.5 * hung_s(self.own.row)
+        self.filters = tuple(
+            HostedFilter(self.system, document.process(row.name), partial(filter_in, row.module), most_s)
+            for row in document.users if row.host == self.name)
+
+    def update(self) -> None:
+        """See OwnProcess."""
+        for each in self.filters:
+            each.cycle()
+
+    def quit(self) -> None:
+        """See OwnProcess."""
+        for each in self.filters:
+            each.stop()
+
+
+def find(document: SystemConfig, name: str) -> type[OwnProcess]:
+    """What every such process is."""
+    return FiltersLoop
+
+
+def main() -> None:
+    """Run it to its end."""
+    live("filters", find)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,53 @@
+"""The life of a process of a user's own: its class is found, made and run, with an exit code on every path."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import sys
+from collections.abc import Callable
+from types import ModuleType
+
+from procs import runtime
+from procs.document.system import SystemConfig, from_json
+from procs.user_process import OwnProcess
+from shm import directory
+from shm.control_page import ControlPage
+from shm.origins import ACTING, NOBODY
+from shm.segment import SegmentError
+
+
+def classes_in(module: ModuleType) -> list[type[OwnProcess]]:
+    """The subclasses of Process that a module defines."""
+    return [kind for kind in vars(module).values() if isinstance(kind, type) and issubclass(kind, OwnProcess)
+            and kind.__module__ == module.__name__]
+
+
+def live(kind: str, find: Callable[[SystemConfig, str], type[OwnProcess]]) -> None:
+    """Exit code 0: ended as asked, 3: setup failed, 4: its main did. `find` gives the class of an instance."""
+    chosen = runtime.arguments(kind)
+    log = logging.getLogger(chosen.name)
+    ACTING.origin = NOBODY  # it was started by nobody: what it does is what persons ask it for
+    try:
+        made = find(from_json(directory.document(chosen.system)), chosen.name)
+        process = made(chosen.system, chosen.name)
+    except (SegmentError, ValueError) as error:
+        log.error("%s", error)
+        sys.exit(runtime.SETUP_FAILED)
+    except Exception as error:  # of the user's module
+        log.exception("%s cannot be used", chosen.name)
+        with contextlib.closing(ControlPage(chosen.system, chosen.name, write=True)) as page:
+            page.show("FAILED", f"{type(error).__name__}: {error}")
+        sys.exit(runtime.SETUP_FAILED)
+    runtime.on_stop(process.stop)
+    shown = process.own.page
+    try:
+        process.run()
+    except Exception as error:
+        running = shown.state == "RUNNING"
+        log.exception("ended by an error")
+        shown.show("FAILED", f"{type(error).__name__}: {error}")
+        sys.exit(runtime.LOOP_FAILED if running else runtime.SETUP_FAILED)
+    shown.show("STOPPED", process.stop_reason)
+    log.info("ended: %s", process.stop_reason or "its main has ended")
+    process.close()

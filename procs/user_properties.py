@@ -1,0 +1,60 @@
+"""The properties of a process of one's own: values within bounds, shown in a topic, kept in a file on request."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from logging import Logger
+from pathlib import Path
+
+from procs.document.user_process import Property
+from shm.ring import RingWriter
+from shm.system_time import SystemTime
+
+
+class Properties(Mapping[str, float]):
+    """Its numbers by name; setting one that is out of bounds is a ValueError, and what is set is shown at once."""
+
+    def __init__(self, rows: tuple[Property, ...], ring: RingWriter | None, time: SystemTime) -> None:
+        self._rows, self._ring, self._time = {row.name: row for row in rows}, ring, time
+        self._values = {row.name: row.default for row in rows}
+        self._show()
+
+    def __getitem__(self, name: str) -> float:
+        return self._values[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._values)
+
+    def __len__(self) -> int:
+        return len(self._values)
+
+    def __setitem__(self, name: str, value: float) -> None:
+        if name not in self._rows:
+            raise ValueError(f"no property {name}; there are {', '.join(self._rows) or 'none'}")
+        if wrong := self._rows[name].objection(value):
+            raise ValueError(wrong)
+        self._values[name] = float(value)
+        self._show()
+
+    def _show(self) -> None:
+        if self._ring is not None:
+            for name, value in self._values.items():
+                self._ring.field(name)[...] = value
+            self._ring.publish(max(self._time.now_ns(), self._ring.stamp_ns + 1))
+
+    def save(self, path: Path) -> None:
+        """Keep them for the next start."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(self._values))
+
+    def load(self, path: Path, log: Logger) -> None:
+        """What was saved counts where it is still a property, within its bounds."""
+        try:
+            saved = json.loads(path.read_text())
+            for name in [name for name in self if name in saved]:
+                self[name] = float(saved[name])
+        except FileNotFoundError:
+            return
+        except (OSError, ValueError, TypeError) as error:
+            log.warning("%s: not all of it counts: %s", path, error)
