@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from procs.crtk.topics import catalogue
 from procs.document.system import Process as Row
 from procs.document.system import SystemConfig
 from procs.document.user_process import Property, UserCommand, UserField, UserProcess, UserTopic
@@ -28,7 +29,6 @@ from shm.subscriptions import Subscriptions
 from shm.topics import ARM_STATE
 from tests.conftest import World
 from tools.inspect.processes import statuses
-from tools.inspect.topics import catalogue
 
 FOR_NS = 60_000_000_000  # so long a supervisor is there that beats once
 THREE = UserField("force", "float[3]", "N")

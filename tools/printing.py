@@ -9,25 +9,11 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
+from procs.crtk.plain import plain as plain
 from shm.clock import monotonic_ns
 
 SLOW_NS = 2_000_000_000
 Say = Callable[[str, float | None], None]
-
-
-def plain(value: Any) -> Any:
-    """A value as JSON knows it: arrays as lists, bytes as text, what is not finite as None."""
-    if hasattr(value, "tolist"):
-        value = value.tolist()
-    if isinstance(value, bytes):
-        return value.rstrip(b"\0").decode(errors="replace")
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    if isinstance(value, dict):
-        return {str(key): plain(item) for key, item in value.items()}
-    return value
 
 
 def emit(row: Any) -> None:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import contextlib
-import difflib
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
+from procs.crtk.names import none_such
 from procs.paths import given_file, not_found
 from shm.owners import SERVICE_USER
 from shm.segment import (
@@ -188,6 +188,4 @@ def instances_of_kind(system: str, kind: str) -> list[str]:
 
 def unknown(what: str, name: str, known: Iterable[str]) -> Problem:
     """The error for a name that is not there: the nearest ones, or all when there are few."""
-    names = list(known)
-    near = difflib.get_close_matches(name, names, 3, 0.5) or (names if len(names) <= 8 else names[:8] + ["…"])
-    return Problem(f"no {what} {name}; " + (f"near are: {', '.join(near)}" if near else "there is none at all"))
+    return Problem(none_such(what, name, known))

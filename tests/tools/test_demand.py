@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 import trocar
+from procs.crtk import demand
+from procs.crtk.demand import OnDemand
+from procs.crtk.views import open_topic
 from shm.clock import monotonic_ns
 from shm.segment import SegmentError
 from shm.subscriptions import Subscriber, Subscriptions
 from tests.conftest import World
 from tests.tools.robot import ScriptedRobot, nothing_ages, robot
 from tests.tools.test_verbs import lines, run
-from tools.inspect import demand
-from tools.inspect.demand import OnDemand
-from tools.inspect.views import open_topic
 
 FORCE = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
 

@@ -14,6 +14,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner, Result
 
+from procs.crtk.topics import catalogue
+from procs.crtk.views import open_topic
 from shm import directory
 from shm.clock import monotonic_ns
 from shm.ring import HEAD, RingReader, RingWriter
@@ -25,8 +27,6 @@ from tools.bench import io_loop as bench_io
 from tools.errors import Problem
 from tools.examples.operator_sim import SeenRecord
 from tools.inspect.processes import cells, remarks, statuses
-from tools.inspect.topics import catalogue
-from tools.inspect.views import open_topic
 from tools.inspect.watch import arm_document
 from tools.verbs.echo import _reported
 

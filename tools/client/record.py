@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from procs.crtk.demand import OnDemand, wait_until_computed
+from procs.crtk.topics import EVENT, catalogue
+from procs.crtk.views import OpenTopic
 from procs.kinematics.poses import matrix_from_pose
 from tools.errors import Problem
-from tools.inspect.demand import OnDemand, wait_until_computed
-from tools.inspect.topics import EVENT, catalogue
-from tools.inspect.views import OpenTopic
 from tools.inspect.watch import Watch
 
 Array = NDArray[np.float64]

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from procs.crtk.topics import writer_gone
 from procs.document.system import ArmConfig, SystemConfig, Tool, from_json
 from shm import directory
 from shm.clock import monotonic_ns
 from shm.ring import RingReader
 from tools.errors import Problem
 from tools.inspect.messages import text_of
-from tools.inspect.topics import writer_gone
 from tools.printing import plain
 from tools.systems import instances_of_kind, is_simulated, unknown
 

@@ -15,13 +15,13 @@ from rich.console import Console, Group
 from rich.live import Live
 from rich.text import Text
 
+from procs.crtk.topics import EVENT, RECORD, TopicEntry, catalogue
+from procs.crtk.views import OpenTopic
 from shm.segment import SegmentError
 from tools.errors import Problem
 from tools.inspect import standing
 from tools.inspect.messages import kind_of, text_of, time_of_day
 from tools.inspect.processes import COLUMNS, RIGHT, cells, statuses
-from tools.inspect.topics import EVENT, RECORD, TopicEntry, catalogue
-from tools.inspect.views import OpenTopic
 from tools.options import SystemOption
 from tools.printing import made_table, number
 from tools.systems import chosen_system, is_up

@@ -8,14 +8,14 @@ from typing import Annotated, Any
 
 import typer
 
+from procs.crtk.demand import OnDemand, wait_until_computed
+from procs.crtk.topics import RECORD
+from procs.crtk.views import OpenTopic, event_as_dict, open_topic, state_as_event
 from shm.clock import monotonic_ns, pause
 from shm.segment import SegmentError
 from tools.errors import Misuse, Problem
-from tools.inspect.demand import OnDemand, wait_until_computed
 from tools.inspect.enumerations import in_words
 from tools.inspect.messages import line
-from tools.inspect.topics import RECORD
-from tools.inspect.views import OpenTopic, event_as_dict, open_topic, state_as_event
 from tools.options import JsonOption, SystemOption
 from tools.printing import emit, note
 from tools.systems import chosen_system

@@ -8,11 +8,11 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
+from procs.crtk.topics import RECORD, TopicEntry, catalogue, find, writer_gone
 from shm import directory
 from shm.clock import pause
 from shm.ring import RingReader
 from shm.segment import SegmentError
-from tools.inspect.topics import RECORD, TopicEntry, catalogue, find, writer_gone
 from tools.options import JsonOption, SystemOption
 from tools.printing import emit, number, table
 from tools.systems import chosen_system

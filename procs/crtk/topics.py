@@ -12,11 +12,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from procs.arm_types import ARM_TYPES
+from procs.crtk.names import Unknown, none_such
 from procs.manifest import PROCS
 from shm.directory import rings, topic_of
 from shm.segment import Segment, SegmentError, segment_name
 from shm.topics import Field, View
-from tools.systems import unknown
 
 EVENTS_OF_ALL = ("status", "warning", "error")
 SEEN_OF_SOME = {view for row in ARM_TYPES.values() for view in row.views}  # of arms of some types
@@ -59,12 +59,12 @@ def catalogue(system: str) -> list[TopicEntry]:
 
 
 def find(system: str, topic: str) -> TopicEntry:
-    """The topic of this name; Problem names the nearest ones."""
+    """The topic of this name; Unknown names the nearest ones."""
     entries = catalogue(system)
     for entry in entries:
         if entry.name == topic:
             return entry
-    raise unknown("topic", topic, [entry.name for entry in entries])
+    raise Unknown(none_such("topic", topic, [entry.name for entry in entries]))
 
 
 def _entries(system: str, instance: str, ring: str) -> list[TopicEntry]:

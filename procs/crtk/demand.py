@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from procs.crtk.views import OpenTopic
 from shm.clock import monotonic_ns, pause
 from shm.origins import program_name
 from shm.subscriptions import Subscriber
-from tools.inspect.views import OpenTopic
 
 POLL_S = 0.001
 

@@ -1,4 +1,4 @@
-"""Reading a topic by its name, whatever it is: used by `echo`, `attach` and `trocar.py`.
+"""Reading a topic by its name, whatever it is: used by bridges, `echo`, `attach` and `trocar.py`.
 
     with open_topic(system, "PSM1/measured_js") as source:
         if source.newest():
@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from procs.crtk.plain import plain
+from procs.crtk.topics import EVENT, RECORD, TopicEntry, catalogue, find, writer_gone
 from shm import directory
 from shm.clock import monotonic_ns
 from shm.ring import RingReader
-from tools.inspect.topics import EVENT, RECORD, TopicEntry, catalogue, find, writer_gone
-from tools.printing import plain
-from tools.systems import is_simulated
+from shm.segment import names_of
 
 FLAGS = {"goal_reached": "reached", "arm_clutch": "pressed", "gripper/closed": "closed", "orientation_locked": "locked"}
 ONE_JOINT = ("jaw", "gripper")
@@ -33,7 +33,7 @@ class OpenTopic:
     def __init__(self, system: str, entry: TopicEntry, reader: RingReader | None = None) -> None:
         """Attach to the ring of `entry`, or see the records that `reader` of that ring reads."""
         self.entry = entry
-        self._simulated = is_simulated(system)
+        self._simulated = (system, "supervisor", "clock") in names_of(system)
         self._reader: RingReader = reader or directory.reader(system, entry.instance, entry.ring)
         self._names = [n for n in self._reader.dtype.names or () if n not in ("sequence", "stamp_ns")]
         self._fields = {name: self._reader.field(name) for name in self._names}
@@ -207,7 +207,7 @@ def event_as_dict(name: str, row: dict[str, Any]) -> dict[str, Any]:
 
 
 def open_topic(system: str, topic: str) -> OpenTopic:
-    """The topic of this name, open; Problem names the nearest ones when there is none."""
+    """The topic of this name, open; Unknown names the nearest ones when there is none."""
     return OpenTopic(system, find(system, topic))
 
 
