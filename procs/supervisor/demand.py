@@ -15,8 +15,8 @@ from procs.supervisor.children import Child
 class Demand:
     """What clients want of one instance."""
 
-    def __init__(self, child: Child, is_wanted: Callable[[], bool], is_possible: Callable[[], bool]) -> None:
-        """`is_possible`: all that it needs is there."""
+    def __init__(self, child: Child, is_wanted: Callable[[bool], bool], is_possible: Callable[[], bool]) -> None:
+        """`is_wanted` is told whether it is refused to all who want it; `is_possible`: all that it needs is there."""
         self._child, self._is_wanted, self._is_possible = child, is_wanted, is_possible
         self._is_served, self._left_ns = False, 0
 
@@ -24,7 +24,7 @@ class Demand:
         """Start it, or stop it, as is wanted now."""
         if self._child.is_done:
             self._is_served = False
-        self._child.is_wanted = self._is_wanted()
+        self._child.is_wanted = self._is_wanted(self._is_served and self._child.is_down)
         if self._child.is_wanted:
             self._left_ns = 0
             if not self._is_served and self._is_possible():

@@ -6,7 +6,7 @@ import errno
 import select
 import socket
 from collections.abc import Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from typing import Final
 
 from procs.document.process import Process, host_and_port
@@ -33,15 +33,27 @@ class Listening:
         for each in self.sockets:
             self._poll.register(each, select.POLLIN)
 
-    def is_wanted(self, now_ns: int, is_up: bool) -> bool:
-        """Whether somebody is connected, or waits to be; only a process that is up can have connections."""
+    def is_wanted(self, now_ns: int, is_up: bool, is_refused: bool = False) -> bool:
+        """Whether somebody is connected, or waits to be; only a process that is up can have connections.
+
+        `is_refused`: it is not going to be there, whoever waits. They are told so by the end of their connections, and
+        count as long as they try again: one who has gone would otherwise wait for ever.
+        """
         if self._poll.poll(0):
+            if is_refused:
+                self._turn_away()
             return True
         if not is_up:
             self._connected = False
         elif now_ns >= self._look_at:
             self._look_at, self._connected = now_ns + LOOK_NS, any(map(connections, self._ports))
         return self._connected
+
+    def _turn_away(self) -> None:
+        for each in self.sockets:
+            with suppress(OSError):  # nobody waits any more
+                while True:
+                    each.accept()[0].close()
 
     def close(self) -> None:
         """Nobody listens any more."""

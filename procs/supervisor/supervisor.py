@@ -122,9 +122,9 @@ class Supervisor:
         subscriptions, children = Subscriptions(self._pages[child.row.name]), {c.row.name: c for c in self.children}
         listening = self._listening[child.row.name]
 
-        def is_wanted() -> bool:
+        def is_wanted(is_refused: bool) -> bool:
             subscriptions.look()
-            return bool(subscriptions.wanted) or listening.is_wanted(monotonic_ns(), child.is_up)
+            return listening.is_wanted(monotonic_ns(), child.is_up, is_refused) or bool(subscriptions.wanted)
 
         return Demand(child, is_wanted, lambda: not missing(child, children))
 

@@ -15,8 +15,13 @@ class Wanted:
         self.clock = Clock()
         self.child, self.process = played("force", "arm", self.clock)
         self.child.row = dataclasses.replace(self.child.row, start="on-demand", linger_s=2.0)
-        self.wanted, self.possible = False, True
-        self.demand = Demand(self.child, lambda: self.wanted, lambda: self.possible)
+        self.wanted, self.possible, self.refused = False, True, False
+        self.demand = Demand(self.child, self.is_wanted, lambda: self.possible)
+
+    def is_wanted(self, refused: bool) -> bool:
+        """As the test says."""
+        self.refused = refused
+        return self.wanted
 
     def goes_on(self, seconds: float, wanted: bool) -> str:
         """Time in beats of 20 ms; the state after it."""
@@ -56,8 +61,9 @@ def test_what_a_person_asked_for_by_hand_stands() -> None:
     assert force.goes_on(60.0, False) == "RUNNING"
     force.goes_on(0.1, True)
     force.child.stop()
-    assert force.goes_on(60.0, True) == "STOPPED"
+    assert force.goes_on(60.0, True) == "STOPPED" and force.refused
     force.goes_on(3.0, False)
+    assert not force.refused
     assert force.goes_on(0.1, True) == "RUNNING"
 
 

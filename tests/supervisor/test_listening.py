@@ -55,6 +55,12 @@ def test_it_is_wanted_while_somebody_waits_or_is_connected(listening: Listening)
     assert not listening.is_wanted(2 * LOOK_NS, True)
 
 
+def test_who_waits_for_one_that_will_not_be_there_is_turned_away(listening: Listening) -> None:
+    with socket.create_connection(listening.sockets[0].getsockname(), timeout=10) as client:
+        assert listening.is_wanted(0, False, is_refused=True) and client.recv(10) == b""
+    assert not listening.is_wanted(0, False, is_refused=True)
+
+
 def test_an_address_in_use_names_who_has_it(listening: Listening) -> None:
     address = "{}:{}".format(*listening.sockets[0].getsockname())
     with pytest.raises(AddressTaken, match=rf"gui cannot listen at {address}: .*\(pid \d+\) has {address}"):
