@@ -55,8 +55,8 @@ class Proc:
     share of its period that nobody else may take (SCHED_DEADLINE), where it may ask for priority: that of a section of
     `trocar:`, a little above that of arms, or less than all that move robots; without any it is no `realtime` kind.
     `start` "on-demand": only while somebody wants something of it, unless the system file says otherwise.
-    `declared`: the system file says of each instance what it writes and what it can be asked; it goes by the system's
-    time, which does not wait for it.
+    `declared`: the system file says of each instance what it writes and what it can be asked.
+    `in_time`: simulated time waits for it; who is not goes by real time, or asks what time the system has.
     `budget_us` is the share of one core's time its cycle may use at its default period (median), for `trocar bench`.
     """
 
@@ -81,6 +81,7 @@ class Proc:
     rest: int = 1
     start: Literal["always", "on-demand"] = "always"
     declared: bool = False
+    in_time: bool = True
 
     @property
     def realtime(self) -> bool:
@@ -133,13 +134,13 @@ PROCS: tuple[Proc, ...] = (
     Proc("user", "procs.user.loop", 0.01, 1.0, 3.0, "nothing else changes; restart", topics=(),
          instances=lambda system: _users(system, {row.name: (row.period_s, ELSEWHERE if row.host else "")
                                                   for row in system.users}),
-         woken=True, pause_ends=False, budget_us=500, hung_s=5.0, declared=True),
+         woken=True, pause_ends=False, budget_us=500, hung_s=5.0, declared=True, in_time=False),
     Proc("filters", "procs.filters.loop", 0.01, 1.0, 3.0, "its filters are silent until the restart", topics=(),
          instances=lambda system: _users(system, {row.host: (row.period_s, "") for row in system.users if row.host}),
-         woken=True, pause_ends=False, budget_us=500, hung_s=5.0, declared=True),
+         woken=True, pause_ends=False, budget_us=500, hung_s=5.0, declared=True, in_time=False),
 )
 
-IN_TIME: Final = frozenset(row.kind for row in PROCS if row.module and not row.declared)
+IN_TIME: Final = frozenset(row.kind for row in PROCS if row.module and row.in_time)
 """Kinds that simulated time waits for."""
 THIRD_PARTY: Final = frozenset(row.kind for row in PROCS if not row.module)
 """Kinds of programs that somebody else starts."""

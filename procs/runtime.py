@@ -52,7 +52,7 @@ class Node(OwnMemory):
         self.log = logging.getLogger(name)
         super().__init__(document, name, lambda: self.clock.now_ns(), loglines.into(self.log))
         self.page.show("STARTING")
-        if document.clock == WALL:
+        if document.clock == WALL or not proc(kind).in_time:
             self.clock = WallClock(_spin_ns(document, name))
         else:
             self.clock = LockstepClock(system, name)
