@@ -34,6 +34,13 @@ def _nobody(system: SystemConfig) -> Iterable[ProcessInstance]:
     return ()
 
 
+def _third_parties(system: SystemConfig) -> Iterable[ProcessInstance]:
+    """Those that the system file declares are processes of the system, all others are started by their owners."""
+    declared = {row.name: row.period_s for row in system.users}
+    return [ProcessInstance(row.name, declared.get(row.name, 0.0), start="" if row.name in declared else ELSEWHERE)
+            for row in system.third_parties]
+
+
 def _users(system: SystemConfig, rows: Mapping[str, tuple[float, str]]) -> Iterable[ProcessInstance]:
     """Users' processes with period and start; they come after all that drives the robot."""
     robot = tuple(row.name for rows in (system.ios, system.arms, system.carts, system.consoles) for row in rows)
@@ -84,6 +91,11 @@ class Proc:
     in_time: bool = True
 
     @property
+    def door(self) -> str:
+        """The module that runs an instance which the supervisor starts: of third parties that of users' processes."""
+        return self.module or proc("user").module
+
+    @property
     def realtime(self) -> bool:
         """It also locks its memory and collects no garbage; others live as programs usually do."""
         return bool(self.priority)
@@ -92,9 +104,8 @@ class Proc:
 PROCS: tuple[Proc, ...] = (
     Proc("supervisor", "procs.supervisor.loop", 0.02, 1.0, 20.0, "io powers off, every process ends",
          sizes=sizes.of_supervisor, restart=False, budget_us=2000),
-    Proc("third_party", "", 0.005, LATE_S, 0.0, "teleoperations that use it stop following; its owner starts it again",
-         instances=lambda system: [ProcessInstance(row.name, start=ELSEWHERE) for row in system.third_parties],
-         sizes=sizes.of_third_party, restart=False),
+    Proc("third_party", "", 0.005, LATE_S, 3.0, "who follows it stops; it is started again by who started it",
+         instances=_third_parties, sizes=sizes.of_third_party, declared=True),
     Proc("boards", "procs.boards.loop", 0.001, 0.1, 3.0, "restart; emulated robots start afresh, without power",
          instances=lambda system: [ProcessInstance("boards", system.emulation.period_s)] if system.emulation else [],
          sizes=sizes.of_boards, priority="emulation", pause_ends=False, reserved=0.7, budget_us=500),
@@ -133,7 +144,8 @@ PROCS: tuple[Proc, ...] = (
          sizes=sizes.of_system, priority="least", woken=True, phase=0.06, budget_us=500),
     Proc("user", "procs.user.loop", 0.01, 1.0, 3.0, "nothing else changes; restart", topics=(),
          instances=lambda system: _users(system, {row.name: (row.period_s, ELSEWHERE if row.host else "")
-                                                  for row in system.users}),
+                                                  for row in system.users if row.name not in
+                                                  {place.name for place in system.third_parties}}),
          woken=True, pause_ends=False, budget_us=500, hung_s=5.0, declared=True, in_time=False),
     Proc("filters", "procs.filters.loop", 0.01, 1.0, 3.0, "its filters are silent until the restart", topics=(),
          instances=lambda system: _users(system, {row.host: (row.period_s, "") for row in system.users if row.host}),

@@ -24,7 +24,8 @@ def of_supervisor(system: SystemConfig, name: str) -> Sizes:
 def of_third_party(system: SystemConfig, name: str) -> Sizes:
     """The buttons of a third-party program."""
     dims, info = _counted("inputs", list(system.third_party(name).inputs))
-    return dims, {**info, "type": system.third_party(name).type}
+    starts = {"starts": True} if system.user(name) is not None else {}
+    return dims, {**info, "type": system.third_party(name).type, **starts}
 
 
 def of_boards(system: SystemConfig, name: str) -> Sizes:

@@ -9,9 +9,13 @@ from __future__ import annotations
 import logging
 import os
 import select
+from collections.abc import Callable
 from typing import Any, Final, Protocol
 
+from numpy.typing import NDArray
+
 from procs import codes
+from procs.document.process import ELSEWHERE
 from procs.document.system import SystemConfig, from_json
 from procs.document.user_process import PROPERTIES, SAVE_PROPERTIES, SET_PROPERTY, UserProcess
 from procs.listening import handed
@@ -19,6 +23,7 @@ from procs.manifest import proc
 from procs.own_memory import OwnMemory
 from procs.pacing import Pacing
 from procs.paths import log_folder
+from procs.pauses import Pauses
 from procs.user_properties import Properties
 from procs.user_tables import arguments_of
 from shm import directory, loglines
@@ -76,35 +81,52 @@ class OwnProcess:
     LATER: Final = object()
     """What a handler returns that answers `self.request` later itself, by `done` or `fail`."""
 
-    def __init__(self, system: str, name: str) -> None:
-        """Take the place; SegmentError when there is none or somebody has it, ValueError when it is not declared."""
+    def __init__(self, system: str, name: str, period_s: float = 0.0) -> None:
+        """Take the place; SegmentError when there is none or somebody has it, ValueError when it is not for users.
+
+        `period_s`: if not that of the system file.
+        """
         document: SystemConfig = from_json(directory.document(system))
         declared = document.user(name) or _bare(document, name)
         self.system, self.name, self.declared = system, name, declared
-        self.time = SystemTime(system)
-        self.log = logging.getLogger(name)
-        self.own = own = OwnMemory(document, name, self.time.now_ns, loglines.into(self.log))
-        self.own.page.show("STARTING")
+        self.is_ours = declared.module != "" or document.process(name).start != ELSEWHERE
+        """Started by the supervisor; else a program that a person has started."""
+        self.time, self.log = SystemTime(system), logging.getLogger(name)
+        self.own = OwnMemory(document, name, self.time.now_ns, loglines.into(self.log) if self.is_ours else None)
+        self._period_ns = round((period_s or self.own.row.period_s) * 1e9)
+        try:
+            self._open()
+        except BaseException:
+            self.close()
+            raise
+
+    def _open(self) -> None:
+        own, declared = self.own, self.declared
+        own.page.show("STARTING")
         self._names = {row.name: tuple(field.name for field in row.fields) for row in declared.topics}
         for row in (directory.topic_of(own.kind, topic) for topic in proc(own.kind).topics):
             self._names[row.name] = tuple(field.name for field in row.fields)
         self._take_rings()
         self.properties = Properties(declared.properties, own.writes(PROPERTIES) if declared.properties else None,
                                      self.time)
-        self._saved = log_folder(os.environ, system) / f"{name}.properties.json"
+        self._saved = log_folder(os.environ, self.system) / f"{self.name}.properties.json"
         self.properties.load(self._saved, self.log)
         self._mailbox, self._wakeup = own.mailbox(), own.page.wakeup()
         self._commands = {row.name: row for row in declared.commands}
+        self.carries_out: Callable[[Received], object] = self._nothing_else
+        """Carries out what can be asked of its kind, besides the commands that the system file declares."""
         self._subscriptions: list[Subscription] = []
         self._wanted = Subscriptions(own.page)
         self._poll, self._files = select.poll(), set[int]()
         self._stop, self._check_at, self._acting = "", 0, ACTING.origin
         self.request: Received | None = None
         """The command that is being carried out."""
-        self.listening = handed()
+        self.listening = handed() if self.is_ours else ()
         """The sockets of its `listen`, not blocking: `watch` them, and accept."""
-        self._period_ns = round(own.row.period_s * 1e9)
         self._pacing, self._beat = Pacing(own.page, self._period_ns, 0), own.page.field("heartbeat_ns")
+        ends = proc(own.kind).pause_ends and not self.time.simulated
+        self._pauses, self.held_up_s = Pauses(round(own.late_s * 1e9) if ends else 0), 0.0
+        """How long it was held up before this period, when that was so long that it began anew, s; else 0."""
 
     def _take_rings(self) -> None:
         """Claim the rings of its topics."""
@@ -140,7 +162,20 @@ class OwnProcess:
                 self._rest(max(left, 200_000) if self.time.simulated else left, False)
         self.process_messages()
         self._pacing.begin_work(self.time.now_ns())
+        self.look_for_pause()
         return not self._stop
+
+    def look_for_pause(self) -> None:
+        """A period begins: of the kinds that must not go on after a pause, who was held up begins anew."""
+        held_up_ns = self._pauses.next(self._period_ns)
+        self.held_up_s = held_up_ns * 1e-9
+        if held_up_ns:
+            for ring in self._rings.values():
+                ring.close()
+            self._take_rings()
+            self.own.report_pause(held_up_ns)
+            self.own.begin()
+            self._pauses.begin()
 
     def wait(self, timeout: float) -> bool:
         """Until there is news (a command, a subscribed record, a watched file) or so many s; False: it has to end."""
@@ -190,6 +225,14 @@ class OwnProcess:
         for name, value in fields.items():
             cells[name][...] = value.encode() if isinstance(value, str) else value
         ring.publish(max(self.time.now_ns(), ring.stamp_ns + 1))
+
+    def cells(self, topic: str) -> dict[str, NDArray[Any]]:
+        """The fields of a topic of its own, as its next record has them; after a pause they are others."""
+        return self._fields[topic]
+
+    def beat(self) -> None:
+        """Show that it lives; `tick`, `wait` and `step` do it."""
+        self._beat[...] = monotonic_ns()
 
     def is_wanted(self, topic: str) -> bool:
         """Whether somebody subscribes to one of its topics; what nobody wants need not be computed."""
@@ -295,10 +338,14 @@ class OwnProcess:
             return self.property_changed(request.text)
         if request.name == SAVE_PROPERTIES:
             return self._save_properties()
-        handler = getattr(self, f"on_{request.name}", None)
-        if handler is None:
-            raise ValueError(f"{self.name} does not carry out {request.name}")
-        return handler(*arguments_of(self._commands[request.name], request))
+        command = self._commands.get(request.name)
+        if command is None:
+            return self.carries_out(request)
+        handler = getattr(self, f"on_{request.name}", self._nothing_else)
+        return handler(*((request,) if handler == self._nothing_else else arguments_of(command, request)))
+
+    def _nothing_else(self, request: Received) -> object:
+        raise ValueError(f"{self.name} does not carry out {request.name}")
 
     def property_changed(self, name: str) -> str | None:
         """A property was set from outside."""
@@ -326,7 +373,7 @@ class OwnProcess:
     def step(self) -> None:
         """One period in a process that calls several: what it is asked, then its update, for whom it acts."""
         ACTING.origin = self._acting
-        self._beat[...] = monotonic_ns()
+        self.beat()
         self._pacing.begin_work(self.time.now_ns())
         self.process_messages()
         self.update()

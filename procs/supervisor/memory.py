@@ -105,7 +105,8 @@ def _is_third_party(system: str, instance: str) -> bool:
     """Whether it is a third-party program, which has nothing to do with the next system of this name."""
     try:
         with Segment(segment_name(system, instance, "state")) as segment:
-            return segment.header.info.get("kind") in THIRD_PARTY
+            info = segment.header.info
+            return info.get("kind") in THIRD_PARTY and not info.get("starts")
     except SegmentError:
         return False
 

@@ -46,7 +46,7 @@ class OsProcess:
     def begin(self) -> None:
         """Start one; OSError when there can be none."""
         self.page.show("CREATED")
-        command = [sys.executable, "-m", proc(self.row.kind).module, "--system", self.system, "--name", self.row.name]
+        command = [sys.executable, "-m", proc(self.row.kind).door, "--system", self.system, "--name", self.row.name]
         environ = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # no thread pools in control code
         given = [each.fileno() for each in self.sockets]
         if given:

@@ -102,3 +102,26 @@ def test_wrong_components_stop_the_start(home: Home, given: tuple[str, str], key
 def test_a_program_of_somebody_else_does_not_wait_for_simulated_time(home: Home, clock: str) -> None:
     (error,) = home.load_made({"arms": [FALCON, PSM], "trocar": {"clock": clock}}).errors
     assert error.key == "trocar.clock" and "MTMR" in error.text
+
+
+def test_a_declared_one_is_a_process_of_the_system(home: Home) -> None:
+    (home.path / "mine.py").write_text("")
+    row = {"name": "MTMR", "module": "mine.py", "period_s": 0.002, "start": "on-demand"}
+    system = made(home, FALCON, PSM, console=console(), trocar={"processes": [row]})
+    process = system.process("MTMR")
+    assert (process.kind, process.start, process.period_s) == ("third_party", "on-demand", 0.002)
+    assert "MTMR" not in system.process("MTMR_PSM1").after, "nobody waits for who waits to be wanted"
+    assert made(home, FALCON, PSM, console=console()).process("MTMR").start == "elsewhere"
+
+
+@pytest.mark.parametrize(("row", "key", "text"), [
+    ({"start": "always"}, "start", "nobody here starts it"),
+    ({"module": "mine.py", "host": "lab"}, "host", "it is an arm, or has pedals"),
+    ({"module": "mine.py", "topics": [{"name": "state", "fields": [{"name": "x"}]}]}, "topics[0].name",
+     "this name is taken"),
+])
+def test_mistakes_of_its_row_are_told(home: Home, row: dict[str, object], key: str, text: str) -> None:
+    (home.path / "mine.py").write_text("")
+    loaded = home.load_made({"arms": [FALCON, PSM], "consoles": [console()],
+                             "trocar": {"processes": [{"name": "MTMR", **row}]}})
+    assert (f"trocar.processes.MTMR.{key}", text) in [(error.key, error.text) for error in loaded.errors]

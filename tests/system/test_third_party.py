@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -11,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from shm import directory
 from shm.client import Client
@@ -96,3 +98,31 @@ def test_a_slave_follows_a_recording_and_its_death_ends_that(robot: Robot, tmp_p
     assert "the system has ended" in reported and master.returncode == 0
     for part in (teleop, slave, console):
         part.close()
+
+
+def test_a_master_of_the_system_is_started_when_wanted_and_again_after_its_death(robot: Robot, tmp_path: Path) -> None:
+    page = (ROOT / "docs/third-party-masters.md").read_text(encoding="utf-8")
+    *_, program = re.findall(r"```python\n(.*?)```", page[: page.index("### Commands")], re.DOTALL)
+    (tmp_path / "master.py").write_text(program)
+    *_, declared = re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
+    system = yaml.safe_load(SYSTEM.read_text())
+    for arm in system["arms"]:
+        if "arm_file" in arm:
+            arm["arm_file"] = f"{ROOT}/configs/{arm['arm_file']}"
+    (tmp_path / "lab.yaml").write_text(yaml.safe_dump({**system, **yaml.safe_load(declared)}))
+    robot.up(tmp_path / "lab.yaml")
+    wait_for(lambda: robot.state("MTMR") == "RUNNING", 20, "whoever reads it has started it")
+    robot.pids.add(robot.pid("MTMR"))
+    robot.trocar("send", "system", "home", "--wait")
+    teleop = directory.reader(robot.name, "MTMR_PSM1", "state", "teleop")
+    robot.trocar("send", "console", "teleop_enable", "1")
+    for _ in range(2):
+        begin = teleop.stamp_ns
+        wait_for(lambda: moved(teleop, teleop.since(begin)) > 0.003, 30, "the slave follows")  # noqa: B023
+        pid = robot.kill("MTMR")
+        wait_for(lambda: teleop.newest() and not teleop.field("following"), 20, "its death ends that")
+        wait_for(lambda: robot.state("MTMR") == "RUNNING" and robot.pid("MTMR") != pid, 20, "its successor")  # noqa: B023
+        robot.pids.add(robot.pid("MTMR"))
+    assert "a program that does not carry out move_cp" in robot.trocar("send", "MTMR", "move_cp", *"0000001", code=1)
+    teleop.close()
+    assert robot.down() == 0

@@ -9,21 +9,17 @@ from pathlib import Path
 from typing import Any, Final, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from procs import codes
-from procs.document.system import SystemConfig, from_json
+from procs.document.system import SystemConfig, ThirdParty, from_json
 from procs.kinematics.poses import POSE, check_matrix, compose, matrix_from_pose, normalised, pose_from_matrix
-from procs.own_memory import OwnMemory
-from procs.pacing import Pacing
-from procs.pauses import Pauses
+from procs.user_process import OwnProcess
 from shm import directory
-from shm.clock import monotonic_ns, pause
+from shm.clock import monotonic_ns
 from shm.commands import COMMANDS
-from shm.mailbox import PER_CYCLE
 from shm.mailbox_map import COMMANDS_DEPTH
 from shm.received import Received
-from shm.topics import THIRD_PARTY_STATE
 from tools.client.values import Array, numbers, six_numbers
 from tools.errors import Problem, Refused
 from tools.systems import unknown
@@ -43,53 +39,40 @@ Handler = Callable[[Array, str], object]
 class Provider:
     """One arm of a `_GENERIC` type, or the buttons of a console; a context manager, for one thread. Made by `provide`.
 
-    A record goes out with every `write`; what is not written again stays as it was, but the pose.
+    A record goes out with every `write`; what is not written again stays as it was, but the pose. The place in the
+    system is `process`: claims, commands, periods and pauses are those of every process of a user's.
     """
 
-    def __init__(self, system: str, name: str, rate: float = 200.0, commands: Mapping[str, Handler] | None = None,
-                 program: str = "") -> None:
-        """Take the place; Problem when there is none of this name, SegmentError when somebody has it."""
-        self.name, self.system = name, system
-        document = _document(system)
-        places = {row.name: row for row in document.third_parties}
-        if name not in places:
-            raise unknown("place for a program of yours", name, places)
-        self._place, self._period_ns = places[name], round(1e9 / rate)
-        self._handlers = _checked(name, rate, commands or {})
-        self._own = OwnMemory(document, name, monotonic_ns)
-        try:
-            self._mailbox = self._own.mailbox()
-            self._consoles = [self._own.waker_for(row.name) for row in document.consoles if row.is_wired_to(name)]
-            self._take_ring()
-        except BaseException:
-            self._own.leave()
-            raise
-        self._page, self._events = self._own.page, self._own.events
-        self._pauses = Pauses(round(self._own.late_s * 1e9))
+    def __init__(self, process: OwnProcess, commands: Mapping[str, Handler] | None = None, program: str = "") -> None:
+        """In this process, which does not run yet; Problem when it has no such place, ValueError: no such command."""
+        document, name = process.own.document, process.name
+        self.process, self.name, self.system = process, name, process.system
+        self._place, self._handlers = _places(document, name)[name], _checked(name, commands or {})
+        process.carries_out = self._carry_out
+        self._consoles = [process.own.waker_for(row.name) for row in document.consoles if row.is_wired_to(name)]
         self._unreported: list[tuple[str, str, float]] = []  # what became of buttons since the last record
         self._base = np.array(self._place.base_frame) if self._place.base_frame is not None else None
-        self._begin(program or _program())
-
-    def _take_ring(self) -> None:
-        """Claim the ring for records; each claim shows as a new life."""
-        self._ring = directory.writer(self.system, self.name, "state", KIND)
-        self._fields = {field.name: self._ring.field(field.name) for field in THIRD_PARTY_STATE.fields}
-
-    def _begin(self, program: str) -> None:
         for cells in self._fields.values():
             cells[...] = np.zeros((), cells.dtype)
+        program = program or (Path(process.declared.module).stem if process.is_ours else _program())
         self._set(program=program.encode()[:40], reference_frame=self._place.reference_frame.encode()[:24],
                   measured_cp=NOWHERE, setpoint_cp=NOWHERE, gripper_position=np.nan,
                   simulated="body/servo_cf" not in self._handlers, control_mode=1)
         self.set_state("ENABLED", homed=True)
-        self._own.begin()
-        self.now_ns = now = monotonic_ns()
+        if not process.is_ours:
+            process.begin()
+        self.now_ns = monotonic_ns()
         """When this cycle began, monotonic."""
-        self.held_up_s = 0.0
+        process.status(f"{name} is now {program} (pid {os.getpid()})")
+
+    @property
+    def _fields(self) -> dict[str, NDArray[Any]]:
+        return self.process.cells("state")
+
+    @property
+    def held_up_s(self) -> float:
         """How long the program was held up before the last `tick` or `write`, s; 0: not for too long, see there."""
-        self._pacing = Pacing(self._page, self._period_ns, 0)
-        self._pacing.begin(now, simulated=False)
-        self._events.status(f"{self.name} is now {program} (pid {os.getpid()})", self.name)
+        return self.process.held_up_s
 
     # what it says
 
@@ -113,14 +96,12 @@ class Provider:
             values |= {"has_jaw": True, "jaw_setpoint_position": _finite(numbers(jaw))[0]}
         if joints is not None:
             values["setpoint_position"] = _padded(_finite(numbers(joints)), len(self._fields["setpoint_position"]))
-        self._look_for_pause()
+        self.process.look_for_pause()
         self.serve()
-        self._set(**values)
         if self.held_up_s:  # where the tip was before that
-            self._set(reference_valid=False)
-        now = monotonic_ns()
-        self._page.field("heartbeat_ns")[...] = now
-        self._ring.publish(max(now, self._ring.stamp_ns + 1))
+            values["reference_valid"] = False
+        self.process.beat()
+        self.process.publish("state", **values)
         if self._unreported:
             self._report_buttons()
 
@@ -154,11 +135,11 @@ class Provider:
 
     def status(self, text: str) -> None:
         """Tell people something."""
-        self._events.status(text, self.name)
+        self.process.status(text)
 
     def error(self, text: str) -> None:
         """Something failed: teleoperations that use it stop until a person asks for them again."""
-        self._events.report(codes.THIRD_PARTY_ERROR, text, self.name)
+        self.process.own.events.report(codes.THIRD_PARTY_ERROR, text, self.name)
 
     def _button(self, button: str) -> int:
         if button not in self._place.inputs:
@@ -168,7 +149,7 @@ class Provider:
     def _report_buttons(self) -> None:
         """Events come after the record, and consoles look at both at once."""
         for button, kind, value in self._unreported:
-            self._events.emit("button", kind, code=kind, component=button, value=value)
+            self.process.own.events.emit("button", kind, code=kind, component=button, value=value)
         self._unreported.clear()
         for console in self._consoles:
             console.wake()
@@ -191,11 +172,7 @@ class Provider:
 
     def serve(self) -> None:
         """Answer what came in: carry out what there is a handler for, refuse the rest in plain words."""
-        for _ in range(COMMANDS_DEPTH // PER_CYCLE):  # a teleoperation sends several a millisecond: take all there is
-            for command in self._mailbox.drain(monotonic_ns()):
-                self._carry_out(command)
-            if not self._mailbox.has_news:
-                return
+        self.process.process_messages(COMMANDS_DEPTH)  # a teleoperation sends several a millisecond: take all there is
 
     def _carry_out(self, command: Received) -> None:
         handler = self._handlers.get(command.name)
@@ -205,9 +182,7 @@ class Provider:
             else:
                 self._by_itself(command)
         except (Refused, ValueError) as reason:
-            command.refuse(f"{command.name}: {reason}")
-        else:
-            command.done()
+            raise ValueError(f"{command.name}: {reason}") from None
 
     def _by_itself(self, command: Received) -> None:
         ready = bool(self._fields["is_homed"]) and self._fields["state"].item() == b"ENABLED"
@@ -221,35 +196,22 @@ class Provider:
 
     def tick(self) -> bool:
         """End this cycle and wait for the next one, `rate` times a second; False: the system ends."""
-        deadline = self._pacing.end_of_work(monotonic_ns())
-        left = deadline - monotonic_ns()
-        if left > 0:
-            pause(left * 1e-9)
+        self.process.tick()
         self.now_ns = monotonic_ns()
-        self._pacing.begin_work(self.now_ns)
-        self._look_for_pause()
         return self.alive()
 
-    def _look_for_pause(self) -> None:
-        """Whoever was held up restarts, as if it had been killed: nothing from before counts."""
-        held_up_ns = self._pauses.next(self._period_ns)
-        self.held_up_s = held_up_ns * 1e-9
-        if held_up_ns:
-            self._ring.close()
-            self._take_ring()
-            self._own.report_pause(held_up_ns)
-            self._own.begin()
-            self._pauses.begin()
-
     def alive(self) -> bool:
-        """Whether the system is there."""
-        return not self._own.lost_s() and self._own.supervisor_state not in ("STOPPING", "STOPPED", "FAILED")
+        """Whether the system is there, and wants the program."""
+        own = self.process.own
+        if self.process.stop_reason or own.lost_s():
+            return False
+        return self.process.is_ours or own.supervisor_state not in ("STOPPING", "STOPPED", "FAILED")
 
     def close(self) -> None:
-        """Leave the place; teleoperations that use it stop."""
-        self._page.show("STOPPED")
-        self._ring.close()
-        self._own.leave()
+        """Leave the place; teleoperations that use it stop. A process of the system leaves it when it ends."""
+        if not self.process.is_ours:
+            self.process.own.page.show("STOPPED")
+            self.process.close()
 
     def __enter__(self) -> Self:
         return self
@@ -258,11 +220,30 @@ class Provider:
         self.close()
 
 
-def _document(system: str) -> SystemConfig:
+def taken(system: str, name: str, rate: float, commands: Mapping[str, Handler] | None, program: str) -> Provider:
+    """A place for this program; Problem when there is none of this name, SegmentError when somebody has it."""
+    _checked(name, commands or {})
+    if not SLOWEST <= rate <= FASTEST:
+        raise ValueError(f"{name}: {rate:g} records a second; allowed are {SLOWEST:g} to {FASTEST:g}")
     try:
-        return from_json(directory.document(system))
+        document = from_json(directory.document(system))
     except ValueError as error:
         raise Problem(f"system {system}: {error}") from None
+    _places(document, name)
+    process = OwnProcess(system, name, 1.0 / rate)
+    try:
+        return Provider(process, commands, program)
+    except BaseException:
+        process.close()
+        raise
+
+
+def _places(document: SystemConfig, name: str) -> dict[str, ThirdParty]:
+    """All there are, this one among them."""
+    places = {row.name: row for row in document.third_parties}
+    if name not in places:
+        raise unknown("place for a program of yours", name, places)
+    return places
 
 
 def _program() -> str:
@@ -270,10 +251,8 @@ def _program() -> str:
     return name if name[:1] not in ("", "-") else "python"
 
 
-def _checked(name: str, rate: float, commands: Mapping[str, Handler]) -> dict[str, Handler]:
-    """The handlers; ValueError for a rate or a command that there is not."""
-    if not SLOWEST <= rate <= FASTEST:
-        raise ValueError(f"{name}: {rate:g} records a second; allowed are {SLOWEST:g} to {FASTEST:g}")
+def _checked(name: str, commands: Mapping[str, Handler]) -> dict[str, Handler]:
+    """The handlers; ValueError for a command that there is not."""
     strange = set(commands) - {row.name for row in COMMANDS[KIND]}
     if strange:
         raise ValueError(f"{name}: there is no command {', '.join(sorted(strange))}")

@@ -13,7 +13,7 @@ from tools.client.impedance import Gains, Impedance
 from tools.client.joints import Joints
 from tools.client.kinds import Ecm, Gripper, Jaw, Mtm, Psm
 from tools.client.moves import MoveHandle
-from tools.client.provider import Handler, Provider
+from tools.client.provider import Handler, Provider, taken
 from tools.client.record import JointState
 from tools.client.setup import SetupArm, Suj
 from tools.client.system import System, attached, connected
@@ -84,14 +84,18 @@ def suj(name: str = "SUJ", system: str | None = None, timeout: float = 5.0) -> S
     return connected(lambda: attached("suj", Suj, _chosen(system), name), timeout, name)
 
 
-def provide(name: str, system: str | None = None, timeout: float = 5.0, *, rate: float = 200.0,
+def provide(name: str | Process, system: str | None = None, timeout: float = 5.0, *, rate: float = 200.0,
             commands: Mapping[str, Handler] | None = None, program: str = "") -> Provider:
     """Be the arm `name` of a _GENERIC type, or the buttons of a console, in a running system; see Provider.
+
+    A process that the system file declares by this name is given instead of it, in its `setup`.
 
     `rate`: records a second that `tick` keeps to. `commands`: what it carries out, by name. `program`: its name.
     TimeoutError after `timeout` s when there is no such place or another program has it.
     """
-    return connected(lambda: Provider(_chosen(system), name, rate, commands, program), timeout, name)
+    if isinstance(name, Process):
+        return Provider(name, commands, program)
+    return connected(lambda: taken(_chosen(system), name, rate, commands, program), timeout, name)
 
 
 def system(name: str | None = None, timeout: float = 5.0) -> System:

@@ -6,7 +6,7 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
-from procs.document.process import Process, processes_of
+from procs.document.process import ELSEWHERE, Process, processes_of
 from procs.manifest import THIRD_PARTY, hung_s, late_s
 from shm import directory
 from shm.clock import monotonic_ns, pause
@@ -133,7 +133,8 @@ def _life(name: str, page: ControlPage, ledger: dict[str, Any], simulated: bool,
     statistics = {which: parts for which, parts in statistics.items() if parts["max"] > 0.0 and lives_on}
     period, work = statistics.get("period"), statistics.get("work")
     beat = int(page.get("heartbeat_ns"))
-    shown = SHOWN_OF_OTHERS.get(state, state) if kind in THIRD_PARTY else state
+    is_theirs = kind in THIRD_PARTY and (row is None or row.start == ELSEWHERE)
+    shown = SHOWN_OF_OTHERS.get(state, state) if is_theirs else state
     shown = lifecycle if lifecycle in ENDING or (lifecycle, shown) == ("STOPPED", "CREATED") else shown
     return ProcessStatus(
         name=name, kind=kind, state=shown, pid=int(page.get("pid")),

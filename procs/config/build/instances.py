@@ -11,8 +11,8 @@ from procs.config.build.placement import Core, Placement, placed
 from procs.config.models.trocar_section import TrocarSection
 from procs.config.read.source import SourceFile
 from procs.document import system as document
-from procs.document.process import ON_DEMAND
-from procs.manifest import PROCS, THIRD_PARTY, proc
+from procs.document.process import ELSEWHERE, ON_DEMAND
+from procs.manifest import PROCS, proc
 
 HIGHEST: Final = 98
 ABOVE: Final = 5
@@ -44,19 +44,25 @@ def build_processes(
                                      cpus=places.of(kind, row.name) if cpu is None else (cpu,),
                                      start=row.start or kind.start, listen=row.listen))
     given = tuple(_with_options(row, options) for row in rows)
-    _check_demand(context, source, given)
+    waits = {row.name for row in given if row.start == ON_DEMAND}  # for somebody who wants it: nobody waits for it
+    given = tuple(dataclasses.replace(row, after=tuple(name for name in row.after if name not in waits))
+                  for row in given)
+    _check_demand(context, source, given, options)
     return given
 
 
-def _check_demand(context: Context, source: SourceFile, rows: tuple[document.Process, ...]) -> None:
+def _check_demand(context: Context, source: SourceFile, rows: tuple[document.Process, ...],
+                  options: TrocarSection) -> None:
     """What drives a robot is always there, and takes no connections; an address is one process's."""
     taken: dict[str, str] = {}
     for row in rows:
         key = ("trocar", "processes", row.name)
         if proc(row.kind).realtime and row.start == ON_DEMAND:
             context.error(source, (*key, "start"), "it drives a robot, and is always there", "always")
-        if row.listen and (proc(row.kind).realtime or row.kind in THIRD_PARTY):
+        if row.listen and (proc(row.kind).realtime or row.start == ELSEWHERE):
             context.error(source, (*key, "listen"), "it takes no connections", "no address")
+        if row.start == ELSEWHERE and (own := options.processes.get(row.name)) is not None and own.start:
+            context.error(source, (*key, "start"), "nobody here starts it", "a module, if the system is to start it")
         for address in row.listen:
             if address in taken:
                 context.error(source, (*key, "listen"), f"{taken[address]} listens at {address}", "one of its own")
@@ -100,4 +106,6 @@ def _with_options(row: document.Process, options: TrocarSection) -> document.Pro
         given["cpus"] = (cpu,)
     if "start" not in given and (row.listen or "listen" in given) and not proc(row.kind).realtime:
         given["start"] = ON_DEMAND  # the first who connects starts it
+    if row.start == ELSEWHERE:
+        given.pop("start", None)
     return dataclasses.replace(row, **given)

@@ -60,17 +60,26 @@ def by_name(context: Context, source: SourceFile) -> SourceFile:
 
 
 def load_user_processes(context: Context, source: SourceFile, options: TrocarSection,
-                        derived: Collection[str] = ()) -> tuple[UserProcess, ...]:
-    """Those with a module; `derived` arms have commands of their own, too."""
+                        derived: Collection[str] = (), places: Collection[str] = ()) -> tuple[UserProcess, ...]:
+    """Those with a module; `derived` arms have commands of their own, too, `places` are third-party arms and pedals."""
     found = []
     for name, row in options.processes.items():
         key = (*_PROCESSES, name)
         if row.module is not None:
             period_s = _check_host(context, source, key, row, options) if row.host else row.period_s or PERIOD_S
+            if name in places:
+                _check_place(context, source, key, row)
             found.append(_process(context, source, key, name, row, period_s))
         elif row.host or row.topics or row.properties or (row.commands and name not in derived):
             context.error(source, key, "what a process of ours has is not declared here", "a module, if it is yours")
     return tuple(found)
+
+
+def _check_place(context: Context, source: SourceFile, key: Key, row: ProcessKeys) -> None:
+    """It has a record of its own already, and is silent when another process is."""
+    _check_once(context, source, (*key, "topics"), [topic.name for topic in row.topics], {"state"})
+    if row.host:
+        context.error(source, (*key, "host"), "it is an arm, or has pedals", "no host: a process of its own")
 
 
 def _check_host(context: Context, source: SourceFile, key: Key, row: ProcessKeys, options: TrocarSection) -> float:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import trocar
+from procs import user_process
 from procs.config import PROJECT_CONFIGS, load_system
 from procs.pauses import Pauses
 from procs.supervisor.memory import clear_left_over, create_all, remove_all
@@ -20,7 +21,6 @@ from shm.clock import monotonic_ns
 from shm.control_page import ControlPage
 from shm.ring import RingReader
 from tests.conftest import World
-from tools.client import provider
 from tools.errors import Problem, Refused
 from tools.inspect.processes import statuses
 
@@ -96,7 +96,7 @@ class ProviderClock:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> ProviderClock:
     made = ProviderClock()
-    monkeypatch.setattr(provider, "Pauses", lambda limit_ns: Pauses(limit_ns, made))
+    monkeypatch.setattr(user_process, "Pauses", lambda limit_ns: Pauses(limit_ns, made))
     return made
 
 
