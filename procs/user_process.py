@@ -332,10 +332,7 @@ class OwnProcess:
 
     def _answer(self, request: Received) -> object:
         if request.name == SET_PROPERTY:
-            if len(request.values) != 1:
-                raise ValueError("it takes one number")
-            self.properties[request.text] = float(request.values[0])
-            return self.property_changed(request.text)
+            return self.property_changed(self.properties.ask(request.text, request.values))
         if request.name == SAVE_PROPERTIES:
             return self._save_properties()
         command = self._commands.get(request.name)

@@ -48,7 +48,7 @@ def topics_of(process: UserProcess) -> tuple[Topic, ...]:
     found = [Topic(row.name, KIND, row.rate_hz, 0.0, tuple(_field(field) for field in row.fields), depth=row.depth)
              for row in process.topics]
     if process.properties:
-        fields = tuple(Field(row.name, dtype_of(row.type, ()), row.unit, row.text) for row in process.properties)
+        fields = tuple(Field(row.name, dtype_of(*shape_of(row.type)), row.unit, row.text) for row in process.properties)
         found.append(Topic(PROPERTIES, KIND, 0.0, 0.0, fields, depth=KEPT))
     return tuple(found)
 
@@ -57,7 +57,8 @@ def commands_of(process: UserProcess) -> tuple[CommandRow, ...]:
     """Its commands; with properties those that set and save them, too."""
     found = list(map(command_row, process.commands))
     if process.properties:
-        found += [CommandRow(SET_PROPERTY, "value", "property", "set a property, within its bounds", moves=False),
+        found += [CommandRow(SET_PROPERTY, "value, none of a text", "property, of a text and its text",
+                             "set a property, within its bounds", moves=False),
                   CommandRow(SAVE_PROPERTIES, "", "", "keep the properties for the next start", moves=False)]
     return tuple(found)
 

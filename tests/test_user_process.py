@@ -20,9 +20,10 @@ from procs.user.loop import class_in
 from procs.user_code import module_named
 from procs.user_process import OwnProcess, Subscription
 from shm import directory
-from shm.client import Client
+from shm.client import Client, MailboxFull
 from shm.clock import monotonic_ns
 from shm.control_page import ControlPage, create_control
+from shm.mailbox_map import COMMANDS_DEPTH
 from shm.origins import ACTING, NOBODY
 from shm.segment import SegmentError
 from shm.subscriptions import Subscriptions
@@ -37,7 +38,7 @@ DECLARED = UserProcess(
     (UserTopic("wrench", 100.0, 16, (THREE, UserField("sensor", "text[8]"))),),
     (UserCommand("go", (THREE, UserField("fast", "bool"), UserField("why", "text[64]")), moves=True),
      UserCommand("follow", (UserField("place", "float"),), moves=True, latest=True), UserCommand("plain")),
-    (Property("gain", "float", 1.0, 0.0, 2.0), Property("on", "bool", 0.0)))
+    (Property("gain", "float", 1.0, 0.0, 2.0), Property("on", "bool", 0.0), Property("site", "text[8]", words="left")))
 OTHER = dataclasses.replace(DECLARED, name="other")
 
 
@@ -140,6 +141,19 @@ def test_of_setpoints_that_wait_the_latest_wins(make: Callable[..., Mine], clien
     assert mine.calls == [3.0, ([0.0, 0.0, 0.0], False, "between"), 4.0]
 
 
+def test_setpoints_that_find_no_room_cost_the_newest_one_cycle(make: Callable[..., Mine], client: Client) -> None:
+    mine, held = make(), COMMANDS_DEPTH
+    for place in range(held):
+        client.send("follow", (float(place),))
+    with pytest.raises(MailboxFull):
+        client.send("follow", (float(held),))
+    mine.process_messages()
+    assert mine.calls == [float(held - 1)], "one is carried out, however many there were"
+    client.send("follow", (float(held + 1),))
+    mine.process_messages()
+    assert mine.calls[-1] == held + 1 and len(mine.calls) == 2
+
+
 def test_at_most_so_many_messages_are_handled(make: Callable[..., Mine], client: Client) -> None:
     mine = make()
     for _ in range(5):
@@ -233,9 +247,28 @@ def test_properties_are_set_within_bounds_and_saved(make: Callable[..., Mine], c
     assert reader.newest() and reader.field("gain").item() == 1.5
     reader.close()
     saved = tmp_path / world.name / "mine.properties.json"
-    assert json.loads(saved.read_text()) == {"gain": 1.5, "on": 0.0}
+    assert json.loads(saved.read_text()) == {"gain": 1.5, "on": 0.0, "site": "left"}
     (tmp_path / world.name / "other.properties.json").write_text('{"gain": 0.5, "gone": 1}')
     assert make(name="other").properties["gain"] == 0.5
+
+
+def test_texts_are_properties_of_so_many_bytes(make: Callable[..., Mine], client: Client, world: World, tmp_path: Path
+                                               ) -> None:
+    mine = make()
+    reader = directory.reader(world.name, "mine", "properties")
+    assert reader.newest() and reader.field("site").item() == b"left"
+    client.send("set_property", (), "site far left")
+    mine.process_messages()
+    assert mine.properties["site"] == "far left" and reader.newest() and reader.field("site").item() == b"far left"
+    for text, values in (("site much too long", ()), ("site 1", (1.0,)), ("gain 1", ()), ("site", ())):
+        client.send("set_property", values, text)
+        mine.process_messages()
+    assert [reply.outcome for reply in client.poll()] == ["done", "refused", "refused", "refused", "done"]
+    assert mine.properties["site"] == ""
+    reader.close()
+    (tmp_path / world.name).mkdir()
+    (tmp_path / world.name / "other.properties.json").write_text('{"site": "far right of it", "gain": 2}')
+    assert dict(make(name="other").properties) == {"gain": 2.0, "on": 0.0, "site": "left"}
 
 
 def test_its_error_is_shown_until_it_is_over(make: Callable[..., Mine], world: World) -> None:

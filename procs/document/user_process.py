@@ -54,18 +54,35 @@ class UserCommand:
 
 @dataclass(frozen=True, slots=True)
 class Property:
-    """A number that can be read and set while it runs; `type` is float, int or bool."""
+    """What can be read and set while it runs; `type` is float, int or bool, or `text[24]`: so many bytes at most."""
 
     name: str
     type: str
-    default: float
+    default: float = 0.0
     lower: float | None = None
     upper: float | None = None
     unit: str = ""
     text: str = ""
+    words: str = ""  # the default of a text
 
-    def objection(self, value: float) -> str:
+    @property
+    def first(self) -> float | str:
+        """Its value until it is set."""
+        return self.words if self.is_text else self.default
+
+    @property
+    def is_text(self) -> bool:
+        """It has no number, but a text."""
+        return self.type.startswith("text")
+
+    def objection(self, value: float | str) -> str:
         """Why it cannot have this value; empty: it can."""
+        if isinstance(value, str) or self.is_text:
+            if not (isinstance(value, str) and self.is_text):
+                return f"{self.name}: {value!r} is no {self.type}"
+            most = size_of(self.type)
+            is_fit = len(value.encode()) <= most and value.isprintable()
+            return "" if is_fit else f"{self.name}: {value!r} is not printable, or longer than {most} bytes"
         if not math.isfinite(value) or (self.type != "float" and value != int(value)):
             return f"{self.name}: {value:g} is no {self.type}"
         lower, upper = (0.0, 1.0) if self.type == "bool" else (self.lower, self.upper)

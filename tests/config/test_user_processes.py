@@ -73,6 +73,12 @@ def test_those_of_a_host_share_its_process_and_period(home: Home, beside: Path) 
     ("{name: mine, module: mine.py, listen: ['127.0.0.1:1', '127.0.0.1:1']}", ".mine.listen", "mine listens at",
      "one of its own"),
     ("{name: PSM1, listen: '127.0.0.1:80'}", ".PSM1.listen", "it takes no connections", "no address"),
+    ("{name: mine, module: mine.py, properties: [{name: site, type: 'text[4]', default: right}]}",
+     ".mine.properties[0].default", "longer than 4 bytes", "a value of its type"),
+    ("{name: mine, module: mine.py, properties: [{name: site, type: 'text[60]'}]}", ".mine.properties[0].type",
+     "too long a text", "text[59]: 64 bytes with its name"),
+    ("{name: mine, module: mine.py, properties: [{name: gain, default: much}]}", ".mine.properties[0].default",
+     "'much' is no float", "a value of its type"),
     ("{name: mine, module: mine.py, properties: [{name: gain, default: 3, max: 2}]}", ".mine.properties[0].default",
      "3 is out of range", "within its bounds"),
 ])

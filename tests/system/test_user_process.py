@@ -37,7 +37,8 @@ def system_of_the_page(folder: Path) -> Path:
     arms = [{"name": "PSM1", "type": "PSM", "simulation": "KINEMATIC", "arm_file": "arms/PSM1-demo.yaml"}]
     rows = list({row["name"]: row for section in sections for row in section["processes"]}.values())
     rows.append({"name": "asleep", "module": "asleep.py", "start": "on-demand", "linger_s": 0.0,
-                 "topics": [{"name": "count", "fields": [{"name": "count", "type": "int"}]}]})
+                 "topics": [{"name": "count", "fields": [{"name": "count", "type": "int"}]}],
+                 "properties": [{"name": "site", "type": "text[12]", "default": "left"}]})
     (folder / "asleep.py").write_text(ASLEEP)
     file = folder / "lab.json"
     file.write_text(json.dumps({"$id": "dvrk-system.schema.json", "$version": "1", "arms": arms,
@@ -86,6 +87,8 @@ def test_the_examples_of_the_page_run_and_their_deaths_change_nothing_else(robot
     somebody.want("count")
     wait_for(lambda: robot.state("asleep") == "RUNNING", 20, "it starts for whoever wants its topic")
     robot.pids.add(robot.pid("asleep"))
+    assert "asleep.site = far left" in robot.trocar("set", "asleep.site", "far left")
+    assert "is no number" in robot.trocar("set", "box.x", "far left", code=2)
     somebody.close()
     wait_for(lambda: robot.state("asleep") == "STOPPED", 20, "it ends when nobody does any more")
     assert robot.down() == 0

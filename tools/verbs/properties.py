@@ -45,7 +45,7 @@ def get(
 
 def set_property(
     name: Annotated[str, typer.Argument(metavar="NAME.PROPERTY", help="Which one.")],
-    value: Annotated[float, typer.Argument(help="Its value from now on, within its bounds.")],
+    value: Annotated[str, typer.Argument(help="Its value from now on, within its bounds: a number, or a text.")],
     save: Annotated[bool, typer.Option("--save", help="Keep all of them for the next start.")] = False,
     system: SystemOption = None,
 ) -> int:
@@ -60,19 +60,28 @@ def set_property(
     owners = _owners(chosen)
     if owner not in owners:
         raise unknown("process with properties", owner, owners)
+    is_text = isinstance(_values(chosen, owner).get(wanted), str)
+    values, text = ([], f"{wanted} {value}") if is_text else ([_number(name, value)], wanted)
     with Remote(chosen, owner) as remote:
-        remote.ask(SET_PROPERTY, (value,), wanted)
+        remote.ask(SET_PROPERTY, values, text)
         if save:
             remote.ask("save_properties")
     print(f"{name} = {_values(chosen, owner)[wanted]}")
     return 0
 
 
+def _number(name: str, value: str) -> float:
+    try:
+        return float(value)
+    except ValueError:
+        raise Misuse(f"{name}: {value} is no number") from None
+
+
 def _owners(system: str) -> list[str]:
     return [instance for instance, ring in directory.rings(system) if ring == PROPERTIES]
 
 
-def _values(system: str, instance: str) -> dict[str, float]:
+def _values(system: str, instance: str) -> dict[str, float | str]:
     """What its newest record says; nothing before it has begun."""
     reader = directory.reader(system, instance, PROPERTIES, often=False)
     try:

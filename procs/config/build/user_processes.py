@@ -153,8 +153,13 @@ def _count(word: str) -> int:
 
 
 def _property(context: Context, source: SourceFile, key: Key, row: PropertyKeys) -> Property:
-    made = Property(row.name, row.type, float(row.default), row.min, row.max, row.unit, row.text)
-    if wrong := made.objection(made.default):
+    default = row.default
+    number, words = (0.0, default) if isinstance(default, str) else (float(default or 0.0), "")
+    made = Property(row.name, row.type, number, row.min, row.max, row.unit, row.text, words)
+    if made.is_text and len(row.name) + 1 + size_of(row.type) > _MAX_TEXT:
+        context.error(source, (*key, "type"), "too long a text",
+                      f"text[{_MAX_TEXT - 1 - len(row.name)}]: {_MAX_TEXT} bytes with its name")
+    if wrong := made.objection(made.first if default is None else default):
         context.error(source, (*key, "default"), wrong, "a value of its type, within its bounds")
     return made
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import Field
 
@@ -44,11 +44,12 @@ class CommandKeys(Section):
 
 
 class PropertyKeys(Section):
-    """A number that can be set while it runs."""
+    """A number or text that can be set while it runs."""
 
     name: Word
-    type: Literal["float", "int", "bool"] = "float"
-    default: float | bool = 0.0
+    type: Annotated[str, Field(pattern=r"^(float|int|bool|text\[[1-9][0-9]?\])$",
+                               description="float, int, bool, or text[24]: so many bytes at most")] = "float"
+    default: float | bool | str | None = None
     min: float | None = None
     max: float | None = None
     unit: str = Field(default="", max_length=40)
