@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from procs import lifecycle
 from procs.supervisor.children import Child
 
 
@@ -19,20 +20,24 @@ class Demand:
         """`is_wanted` is told whether it is refused to all who want it; `is_possible`: all that it needs is there."""
         self._child, self._is_wanted, self._is_possible = child, is_wanted, is_possible
         self._is_served, self._left_ns = False, 0
+        self._is_lingering = False  # it was up when the last one left
 
     def beat(self) -> None:
         """Start it, or stop it, as is wanted now."""
-        if self._child.is_done:
+        child = self._child
+        is_ending = child.is_down or child.state == lifecycle.STOPPING
+        if child.is_done or (self._is_lingering and is_ending):  # it ended, or was stopped, while nobody wanted it
             self._is_served = False
-        self._child.is_wanted = self._is_wanted(self._is_served and self._child.is_down)
-        if self._child.is_wanted:
-            self._left_ns = 0
+        child.is_wanted = self._is_wanted(self._is_served and child.is_down)
+        if child.is_wanted:
+            self._left_ns, self._is_lingering = 0, False
             if not self._is_served and self._is_possible():
                 self._is_served = True
-                self._child.start()
+                child.start()
         elif self._is_served:
-            now = self._child.now_ns()
-            self._left_ns = self._left_ns or now
-            if now - self._left_ns >= self._child.row.linger_s * 1e9:
-                self._is_served = False
-                self._child.stop()
+            now = child.now_ns()
+            if not self._left_ns:
+                self._left_ns, self._is_lingering = now, not is_ending
+            if now - self._left_ns >= child.row.linger_s * 1e9:
+                self._is_served = self._is_lingering = False
+                child.stop()

@@ -93,3 +93,18 @@ def test_one_that_ends_by_itself_while_nobody_wants_it_has_not_died() -> None:
     force.process.ends(0)
     force.wanted = True  # just then
     assert force.goes_on(0.1, True) == "RUNNING" and force.process.begun == 3 and force.child.restarts == 0
+
+
+def test_one_that_is_stopped_while_nobody_wants_it_is_there_for_the_next() -> None:
+    for has_ended in (True, False):
+        force = Wanted()
+        force.goes_on(0.1, True)
+        force.goes_on(0.1, False)
+        force.process.hangs = not has_ended
+        force.child.stop()
+        assert force.goes_on(0.1, False) == ("STOPPED" if has_ended else "STOPPING")
+        force.goes_on(0.1, True)
+        force.process.hangs = False
+        assert force.goes_on(0.1, True) == "RUNNING", "within its linger time"
+        force.goes_on(5.0, False)
+        assert force.child.is_down
