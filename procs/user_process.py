@@ -25,18 +25,18 @@ from procs.pacing import Pacing
 from procs.paths import log_folder
 from procs.pauses import Pauses
 from procs.user_properties import Properties
+from procs.user_subscription import SLOWEST_NS, Subscription
 from procs.user_tables import arguments_of
 from shm import directory, loglines
 from shm.clock import monotonic_ns
 from shm.layout import shorten
 from shm.origins import ACTING
 from shm.received import Received
-from shm.ring import RingReader
 from shm.subscriptions import Subscriber, Subscriptions
 from shm.system_time import SystemTime
 
-SLICE_NS: Final = 2_000_000  # between two looks at rings, or at commands while files are watched
 BEAT_NS: Final = 50_000_000
+SIMULATED_NS: Final = 2_000_000  # between two looks at simulated time
 CHECK_NS: Final = 100_000_000
 SIMULATED_LOST: Final = 10
 READ, WRITE, EXCEPT = select.POLLIN, select.POLLOUT, select.POLLPRI
@@ -47,32 +47,6 @@ class Watchable(Protocol):
 
     def fileno(self) -> int:
         """Its descriptor."""
-
-
-class Subscription:
-    """A topic of another process: the newest record, after `look`."""
-
-    def __init__(self, ring: RingReader, subscriber: Subscriber, topic: str) -> None:
-        self.ring, self.subscriber, self.topic = ring, subscriber, topic
-        self._seen = 0
-        names = (name for name in ring.dtype.names or () if name != "sequence")
-        self._fields = {name: ring.field(name) for name in names}
-
-    @property
-    def has_news(self) -> bool:
-        """A record that was not looked at."""
-        return self.ring.head > self._seen
-
-    def look(self) -> bool:
-        """Take the newest record; False when there is none."""
-        if self.ring.newest():
-            self._seen = self.ring.sequence
-            return True
-        return False
-
-    def __getitem__(self, field: str) -> Any:
-        """A field of the record that was looked at last."""
-        return self._fields[field][()]
 
 
 class OwnProcess:
@@ -201,12 +175,13 @@ class OwnProcess:
 
     def _rest(self, left_ns: int, looks: bool) -> None:
         """Sleep until a command wakes us, at most so long, and not longer than what nobody wakes us for allows."""
+        most = SIMULATED_NS if self.time.simulated and not looks else BEAT_NS
+        if looks and self._subscriptions:
+            most = min(each.slice_ns for each in self._subscriptions)
         if looks and self._files:
-            self._poll.poll(min(left_ns, SLICE_NS) / 1e6)
+            self._poll.poll(min(left_ns, most, SLOWEST_NS) / 1e6)
         else:
-            most = SLICE_NS if looks and self._subscriptions else BEAT_NS
-            simulated = SLICE_NS if self.time.simulated and not looks else BEAT_NS
-            self._wakeup.sleep(lambda: self._mailbox.has_news or bool(self._stop), min(left_ns, most, simulated))
+            self._wakeup.sleep(lambda: self._mailbox.has_news or bool(self._stop), min(left_ns, most))
 
     def _stopped(self) -> bool:
         self._beat[...] = now = monotonic_ns()
@@ -316,17 +291,20 @@ class OwnProcess:
     def _carry_out(self, request: Received) -> None:
         if request.command.moves and ACTING.origin is not None:
             ACTING.origin = request.origin  # what comes of it is asked for by who asked for it
-        self.request = request
-        answer: object = None
+        self.request, is_accepted = request, request.command.latest
+        refuse = request.fail if is_accepted else request.refuse
         try:
             answer = self._answer(request)
         except ValueError as error:
-            request.refuse(str(error))
+            refuse(str(error))
         except Exception as error:
             self.log.exception("%s ended by an error", request.name)
-            request.refuse(f"{type(error).__name__}: {error}")
+            refuse(f"{type(error).__name__}: {error}")
         else:
-            request.accept() if answer is self.LATER else request.done("" if answer is None else str(answer))
+            if answer is not self.LATER:
+                request.done("" if answer is None else str(answer))
+            elif not is_accepted:
+                request.accept()
         finally:
             self.request = None
 

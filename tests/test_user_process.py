@@ -18,7 +18,8 @@ from procs.document.user_process import Property, UserCommand, UserField, UserPr
 from procs.supervisor.memory import create_all
 from procs.user.loop import class_in
 from procs.user_code import module_named
-from procs.user_process import OwnProcess, Subscription
+from procs.user_process import OwnProcess
+from procs.user_subscription import Subscription
 from shm import directory
 from shm.client import Client, MailboxFull
 from shm.clock import monotonic_ns
@@ -174,6 +175,7 @@ def test_a_record_of_its_own_is_read_like_any(make: Callable[..., Mine], world: 
 def test_a_subscribed_record_ends_a_wait(make: Callable[..., Mine]) -> None:
     mine, other = make(), make(name="other")
     wrench: Subscription = mine.subscribe("other/wrench")
+    assert wrench.slice_ns == 5_000_000, "of 100 Hz, half a period"
     mine.own.begin()
     assert mine.wait(0.0) and not mine.has_news()
     other.publish("wrench", force=(4, 5, 6))

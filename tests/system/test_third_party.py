@@ -116,9 +116,13 @@ def test_a_master_of_the_system_is_started_when_wanted_and_again_after_its_death
     robot.trocar("send", "system", "home", "--wait")
     teleop = directory.reader(robot.name, "MTMR_PSM1", "state", "teleop")
     robot.trocar("send", "console", "teleop_enable", "1")
+
+    def goals() -> list[float]:
+        return [float(row["goal_cp"][0]) for row in teleop.since(begin) if row["following"]]
+
     for _ in range(2):
-        begin = teleop.stamp_ns
-        wait_for(lambda: moved(teleop, teleop.since(begin)) > 0.003, 30, "the slave follows")  # noqa: B023
+        begin = teleop.stamp_ns if teleop.newest() else 0
+        wait_for(lambda: np.ptp(goals() or [0.0]) > 0.0005, 60, "the slave follows")
         pid = robot.kill("MTMR")
         wait_for(lambda: teleop.newest() and not teleop.field("following"), 20, "its death ends that")
         wait_for(lambda: robot.state("MTMR") == "RUNNING" and robot.pid("MTMR") != pid, 20, "its successor")  # noqa: B023
