@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from shm import directory
 from tests.system.robot import Robot, wait_for
 from tools.inspect.processes import statuses
 
@@ -43,13 +44,31 @@ class Eager(trocar.Process):
         except trocar.Refused as why:
             self.error = str(why)
 """
+SHARING = """
+import trocar
+
+
+class Sharing(trocar.Process):
+    count = 0
+
+    def update(self):
+        self.count += 1
+        self.publish("count", count=self.count)
+
+    def on_loop(self):
+        while True:
+            pass
+
+    def on_stick(self):
+        sum(range(1 << 60))  # in C: no Python runs that could be stopped
+"""
 ARMS = [{"name": "PSM1", "type": "PSM", "simulation": "KINEMATIC", "arm_file": "arms/PSM1-demo.yaml"}]
 
 
 def up(robot: Robot, folder: Path, program: str, *rows: dict[str, object]) -> None:
     """A kinematic PSM1 with processes of this program."""
     (folder / "mine.py").write_text(program)
-    processes = [{"module": "mine.py", **row} for row in rows]
+    processes = [{"module": "mine.py", **row} if row["name"] != "lab" else row for row in rows]
     file = folder / "lab.json"
     file.write_text(json.dumps({"$id": "dvrk-system.schema.json", "$version": "1", "arms": ARMS,
                                 "trocar": {"processes": processes}}))
@@ -68,6 +87,33 @@ def test_a_broken_and_a_hanging_process_change_nothing_else(robot: Robot, tmp_pa
     robot.pids.add(robot.pid("stuck"))
     assert "hung for" in reason(robot, "stuck")
     assert robot.pid("PSM1") == arm and robot.state("PSM1") == "RUNNING"
+    assert robot.down() == 0
+
+
+def test_a_filter_that_hangs_is_ended_and_in_c_its_process_is_killed(robot: Robot, tmp_path: Path) -> None:
+    topic = {"name": "count", "fields": [{"name": "count", "type": "int"}]}
+    up(robot, tmp_path, SHARING, {"name": "lab", "hung_s": 1.0, "late_s": 0.5, "period_s": 0.005},
+       {"name": "good", "host": "lab", "topics": [topic]},
+       {"name": "bad", "host": "lab", "topics": [topic], "commands": [{"name": "loop"}, {"name": "stick"}]})
+    good, bad = (directory.reader(robot.name, name, "count") for name in ("good", "bad"))
+    wait_for(lambda: good.newest() and bad.newest(), 20, "both run")
+    lab = robot.pid("lab")
+    robot.pids.add(lab)
+    robot.trocar("send", "bad", "loop", "--timeout", "0.1", code=None)
+    wait_for(lambda: "TimeUp" in problem(robot, "bad"), 20, "it was ended")
+    head = good.head
+    wait_for(lambda: good.head > head + 10, 20, "the other one goes on")
+    assert robot.pid("lab") == lab, "in the same process"
+    wait_for(lambda: robot.state("bad") == "RUNNING", 20, "it has begun anew")
+    robot.trocar("send", "bad", "stick", "--timeout", "0.1", code=None)
+    wait_for(lambda: robot.pid("lab") != lab and robot.state("lab") == "RUNNING", 30, "the process was killed")
+    robot.pids.add(robot.pid("lab"))
+    wait_for(lambda: robot.pid("good") == robot.pid("bad") == robot.pid("lab"), 20, "both run again")
+    heads = good.head, bad.head
+    wait_for(lambda: good.head > heads[0] and bad.head > heads[1], 20, "and publish")
+    assert "hung for" in reason(robot, "lab")
+    good.close()
+    bad.close()
     assert robot.down() == 0
 
 
