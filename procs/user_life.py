@@ -31,12 +31,13 @@ def live(kind: str, find: Callable[[SystemConfig, str], type[OwnProcess]]) -> No
     try:
         made = find(from_json(directory.document(chosen.system)), chosen.name)
         process = made(chosen.system, chosen.name)
-    except (SegmentError, ValueError) as error:
+    except SegmentError as error:  # there is no place, or somebody else has it
         log.error("%s", error)
         sys.exit(runtime.SETUP_FAILED)
-    except Exception as error:  # of the user's module
+    except Exception as error:  # of the user's module, or its row
         log.exception("%s cannot be used", chosen.name)
-        with contextlib.closing(ControlPage(chosen.system, chosen.name, write=True)) as page:
+        with contextlib.suppress(SegmentError), contextlib.closing(
+                ControlPage(chosen.system, chosen.name, write=True)) as page:
             page.show("FAILED", f"{type(error).__name__}: {error}")
         sys.exit(runtime.SETUP_FAILED)
     runtime.on_stop(process.stop)

@@ -29,6 +29,7 @@ from procs.user_subscription import SLOWEST_NS, Subscription
 from procs.user_tables import arguments_of
 from shm import directory, loglines
 from shm.clock import monotonic_ns
+from shm.commands import COMMANDS
 from shm.layout import shorten
 from shm.origins import ACTING
 from shm.received import Received
@@ -87,6 +88,8 @@ class OwnProcess:
         self.properties.load(self._saved, self.log)
         self._mailbox, self._wakeup = own.mailbox(), own.page.wakeup()
         self._commands = {row.name: row for row in declared.commands}
+        if taken := self._commands.keys() & {row.name for row in COMMANDS.get(own.kind, ())}:
+            raise ValueError(f"{', '.join(sorted(taken))}: every {own.kind} has this command; it needs another name")
         self.carries_out: Callable[[Received], object] = self._nothing_else
         """Carries out what can be asked of its kind, besides the commands that the system file declares."""
         self._subscriptions: list[Subscription] = []

@@ -6,6 +6,7 @@ import dataclasses
 import math
 import re
 from collections.abc import Callable, Iterator
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,12 +14,14 @@ import pytest
 import trocar
 from procs import user_process
 from procs.config import PROJECT_CONFIGS, load_system
+from procs.document.user_process import UserCommand, UserField, UserProcess
 from procs.pauses import Pauses
 from procs.supervisor.memory import clear_left_over, create_all, remove_all
 from shm import directory
 from shm.client import Client, Reply
 from shm.clock import monotonic_ns
 from shm.control_page import ControlPage
+from shm.origins import ACTING, NOBODY
 from shm.ring import RingReader
 from tests.conftest import World
 from tools.errors import Problem, Refused
@@ -309,3 +312,60 @@ def test_a_pause_between_two_ticks_is_told_to_the_program(made: Callable[..., Pl
         assert master.tick() and master.held_up_s == pytest.approx(0.5)
         master.write(np.eye(4))
         assert place.ring.epoch == 2 and not master.held_up_s and place.value("reference_valid")
+
+
+@pytest.fixture
+def declared(world: World, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., None]]:
+    """MTMR as a process of the system file, with these commands."""
+    def make(*commands: UserCommand) -> None:
+        loaded = load_system(PROJECT_CONFIGS / "systems/third-party-master.yaml", name=world.name)
+        assert loaded.system is not None
+        rows = tuple(dataclasses.replace(row, start="always") if row.name == "MTMR" else row
+                     for row in loaded.system.processes)
+        create_all(dataclasses.replace(loaded.system, processes=rows, users=(
+            UserProcess("MTMR", "mine.py", 0.005, commands=commands),)))
+        Place.beat(SimpleNamespace(name=world.name))  # type: ignore[arg-type]
+
+    monkeypatch.setattr(ACTING, "origin", NOBODY)
+    yield make
+    remove_all(world.name)
+
+
+class DeclaredMaster(trocar.Process):
+    mode = ""
+    master: trocar.Provider
+
+    def setup(self) -> None:
+        self.master = trocar.provide(self, commands={"servo_cp": self.go})
+
+    def go(self, values: np.ndarray, text: str) -> None:
+        raise Refused("not there")
+
+    def on_mode(self, name: str) -> str:
+        self.mode = name
+        return f"mode {name}"
+
+
+def test_a_declared_one_has_commands_of_its_own_besides_those_of_its_place(
+        world: World, declared: Callable[..., None]) -> None:
+    declared(UserCommand("mode", (UserField("name", "text[20]"),)))
+    master, ring = DeclaredMaster(world.name, "MTMR"), directory.reader(world.name, "MTMR", "state")
+    master.begin()
+    client = Client(world.name, "MTMR")
+    for command, values, text in (("mode", (), "fine"), ("servo_cp", (0, 0, 0, 0, 0, 0, 1), ""), ("move_cp", (), "")):
+        client.send(command, values, text)
+    assert master.tick() and master.mode == "fine"
+    replies = [(reply.outcome, reply.text) for reply in client.poll()]
+    assert replies == [("done", "mode fine"), ("refused", "servo_cp: not there"),
+                       ("refused", "move_cp: MTMR is mine, a program that does not carry out move_cp")]
+    master.master.write(np.eye(4))
+    master.master.close()
+    assert ring.newest() and ring.field("reference_valid") and master.own.page.state == "RUNNING", "it ends by itself"
+    for part in (master, ring, client):
+        part.close()
+
+
+def test_a_command_of_every_such_arm_cannot_be_declared_anew(world: World, declared: Callable[..., None]) -> None:
+    declared(UserCommand("hold"))
+    with pytest.raises(ValueError, match="hold: every third_party has this command"):
+        DeclaredMaster(world.name, "MTMR")
