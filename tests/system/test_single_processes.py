@@ -12,7 +12,7 @@ import psutil
 import pytest
 
 from shm.client import Client
-from tests.system.robot import ROOT, Robot, wait_for
+from tests.system.robot import DEMO, ROOT, Robot, wait_for
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 KINEMATIC = ROOT / "configs" / "systems" / "kinematic.yaml"
@@ -96,11 +96,21 @@ def _all_answered(clients: list[Client], asked: dict[tuple[int, int], str]) -> b
     return all(outcome in ("done", "failed", "refused") for outcome in asked.values())
 
 
-@pytest.mark.parametrize("after_s", [0.6, 0.9, 1.2, 1.6, 2.2])
-def test_a_system_is_stopped_at_any_moment_of_its_start(robot: Robot, after_s: float) -> None:
-    robot.up(KINEMATIC, wait=False)
+@pytest.mark.parametrize("phase", ["nothing", "memory", *(f"{name} {how}" for name in ("boards", "IO1", "PSM1")
+                                                          for how in ("begun", "STARTING")), "PSM1 RUNNING"])
+def test_a_system_is_stopped_in_every_phase_of_its_start(robot: Robot, phase: str) -> None:
+    robot.up(DEMO, wait=False)
     assert robot.supervisor is not None
-    time.sleep(after_s)  # what is tested is the time itself
+    wait_for(lambda: reached(robot, phase), 30, phase)
     robot.supervisor.send_signal(signal.SIGTERM)
     assert robot.supervisor.wait(20) in (0, -signal.SIGTERM), robot.output()
-    assert robot.left_over() == [] and not any(processes(robot, name) for name in ("io", "PSM1"))
+    assert robot.left_over() == [] and not any(processes(robot, name) for name in ("boards", "IO1", "PSM1"))
+    assert "was not done" not in robot.output() and "killed" not in robot.output(), "they ended by themselves"
+
+
+def reached(robot: Robot, phase: str) -> bool:
+    """Whether a start has come so far: its interpreter runs, there is memory, a process is there, or shows a state."""
+    name, _, how = phase.partition(" ")
+    if not how:
+        return name == "nothing" or bool(robot.state("supervisor"))
+    return bool(processes(robot, name)) if how == "begun" else robot.state(name) in (how, "RUNNING")
