@@ -17,7 +17,8 @@ def main() -> None:
     """Does not return."""
     given = [int(word) for word in sys.argv[1].split(",")]
     high = [fcntl.fcntl(number, fcntl.F_DUPFD_CLOEXEC, HIGH) for number in given]
-    os.closerange(FIRST, HIGH)
+    for number in given:
+        os.close(number)
     for place, number in enumerate(high, FIRST):
         os.dup2(number, place)
     os.environ["LISTEN_PID"] = str(os.getpid())

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import fcntl
+import os
 import socket
 import subprocess
 import sys
@@ -20,6 +22,7 @@ import os
 from procs.listening import handed
 assert os.environ["LISTEN_PID"] == str(os.getpid())
 first, second = handed()
+assert not [number for number in range(5, 200) if os.path.exists(f"/proc/self/fd/{number}")], "each of them once"
 assert (first.fileno(), second.fileno()) == (3, 4) and not os.get_inheritable(3) and not first.getblocking()
 for each in (second, first):
     connection, _ = each.accept()
@@ -73,10 +76,12 @@ def test_an_address_that_this_machine_has_not_is_an_error() -> None:
 
 
 def test_a_program_gets_the_sockets_as_from_systemd(listening: Listening) -> None:
-    numbers = [each.fileno() for each in listening.sockets]
+    first, second = (each.fileno() for each in listening.sockets)
+    numbers = [first, fcntl.fcntl(second, fcntl.F_DUPFD, 100)]
     words = [sys.executable, "-I", "-S", str(HANDOVER), ",".join(map(str, numbers)), sys.executable, "-c", ANSWER]
     clients = [socket.create_connection(each.getsockname()) for each in listening.sockets]  # before it is there
     subprocess.run(words, cwd=ROOT, pass_fds=numbers, env={"LISTEN_FDS": "2"}, check=True, timeout=30)
+    os.close(numbers[1])
     for client, each in zip(clients, listening.sockets, strict=True):
         with client:
             assert client.recv(100) == str(each.getsockname()[1]).encode()
