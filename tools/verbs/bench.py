@@ -27,6 +27,7 @@ BENCHES = {
            "boards": Measurement("tools.bench.boards"),
     "arm": Measurement("tools.bench.arm"), "teleop": Measurement("tools.bench.teleop", ("seconds", "sets")),
     "start": Measurement("tools.bench.start"), "lifecycle": Measurement("tools.bench.lifecycle"),
+    "deaths": Measurement("tools.bench.deaths"),
     "system": Measurement("tools.bench.system", ("file", "paths", "boards", "seconds", "sets")),
 }
 

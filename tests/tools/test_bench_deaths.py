@@ -1,0 +1,40 @@
+"""`trocar bench deaths`: what it takes from records, and the table that it shows. It runs by hand: it takes minutes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tools.bench import deaths
+from tools.bench.deaths import Effect, _stands
+
+FIELDS = [("stamp_ns", "i8"), ("powered", "?", (2,)), ("setpoint_cp", "f8", (7,))]
+
+
+def records(*rows: tuple[int, bool, float]) -> np.ndarray:
+    """At ms, with power, the setpoint there (m)."""
+    made = np.zeros(len(rows), FIELDS)
+    for row, (ms, powered, place) in zip(made, rows, strict=True):
+        row["stamp_ns"], row["powered"][1], row["setpoint_cp"][0] = ms * 1_000_000, powered, place
+    return made
+
+
+def test_an_effect_counts_from_the_first_record_that_shows_it() -> None:
+    found = Effect("off", "IO1", lambda rows: ~rows["powered"].any(axis=1))._found
+    assert found(records((10, True, 0), (12, False, 0), (14, False, 0)), 9_000_000) == pytest.approx(0.003)
+    assert found(records((10, True, 0), (12, True, 0)), 9_000_000) == found(records((10, False, 0)), 9_000_000) == 0.0
+
+
+def test_a_slave_stands_from_its_last_motion_on() -> None:
+    way = records((10, True, 0.0), (12, True, 0.1), (14, True, 0.2), (16, True, 0.2), (100, True, 0.2))
+    assert not _stands(way).any(), "not for long"
+    way = np.append(way, records((220, True, 0.2)))
+    assert _stands(way).tolist() == [False, False, True, True, True, True]
+
+
+def test_the_table_has_a_row_for_each(capsys: pytest.CaptureFixture[str]) -> None:
+    figures = {"an_arm_kill_noticed_ms": 31.0, "an_arm_kill_back_s": 0.52, "an_arm_stop_noticed_ms": 30.0,
+               "an_arm_stop_back_s": 1.5, "the_supervisor_stop_ended_s": 1.1}
+    deaths.show({"figures": figures, "effects": {"an arm": "io holds", "the supervisor": "io ends"}})
+    shown = capsys.readouterr().out
+    assert all(word in shown for word in ("an arm", "io holds", "31 ms", "0.5 s", "1.5 s", "the supervisor", "1.1 s"))

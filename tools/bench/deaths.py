@@ -1,0 +1,346 @@
+"""`trocar bench deaths`: every row of "Who may die" (docs/architecture.md) killed and stopped, and how long it takes.
+
+Three systems on the wall clock, one after the other: an arm and a lens on emulated boards; a master, a slave on setup
+joints, a console and a user's process without boards, following; and a master that is a third-party program. `kill` is
+SIGKILL, `stop` SIGSTOP. `…_noticed_ms` is from the signal to the first record of somebody who lives in which the effect
+shows, `…_back_s` until another process runs in its place; of the supervisor `…_ended_s` until nobody runs any more.
+Medians of some tries, each of a process that has run for a while (after quick deaths the wait is longer); what has no
+effect on others has no `noticed`, what is not ours to start has no `back`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import platform
+import statistics
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import psutil
+import yaml
+from numpy.typing import NDArray
+
+from shm import directory
+from shm.clock import monotonic_ns, pause
+from shm.control_page import ControlPage
+from tools.arms import HOMED, bring, silent
+from tools.errors import Problem
+from tools.inspect.processes import statuses
+from tools.printing import note, table
+from tools.remote import Remote
+from tools.running import CONTINUE, KILL
+from tools.supervising import Background, StartRequest, up_meanwhile
+from tools.systems import ROOT, environment
+
+STOP: Final = 19
+SIGNALS: Final = {"kill": KILL, "stop": STOP}
+TRIES, PATIENCE_S, POLL_S, EFFORT = 3, 40.0, 0.001, 3
+REST_NS: Final = 10_500_000_000  # then the next death counts as the first (procs/supervisor/children.py)
+CONFIGS: Final = ROOT / "configs"
+OUTPUTS: Final = ("endoscope_focus_in", "endoscope_focus_out")
+TELEOP: Final = "MTMR_PSM1"
+USER: Final = "def main(process):\n    while process.tick():\n        pass\n"
+PUSHER: Final = """
+import sys, time, trocar
+with trocar.arm("PSM1", system=sys.argv[1]) as arm:
+    while True:
+        arm.servo_jf([0.0, 0.0, 0.1, 0.0, 0.0, 0.0])
+        time.sleep(0.01)
+"""
+Records = NDArray[Any]
+Shows = Callable[[Records], Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Effect:
+    """What others do when somebody dies, and the record that shows it from when on."""
+
+    words: str
+    instance: str
+    shows: Shows
+
+    def since(self, system: str, begin_ns: int) -> float:
+        """When it showed for the first time, s after `begin_ns`."""
+        with contextlib.closing(directory.reader(system, self.instance, "state")) as ring:
+            return float(_wait(lambda: self._found(ring.since(begin_ns), begin_ns), self.words))
+
+    def _found(self, records: Records, begin_ns: int) -> float:
+        """0: not yet."""
+        if len(records) < 2:
+            return 0.0
+        shown = np.flatnonzero(self.shows(records))
+        return max(1, int(records["stamp_ns"][shown[0]]) - begin_ns) * 1e-9 if len(shown) else 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Death:
+    """A row: who dies, what that does; `ready` brings the system to where it matters."""
+
+    who: str
+    instance: str
+    ready: Callable[[str], None]
+    effect: Effect | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Timed:
+    """One death: seconds until it showed, and until it was over; None: it does not, or is not."""
+
+    who: str
+    how: str
+    words: str
+    noticed_s: float | None
+    over_s: float | None
+    over: str = "back"
+
+
+def _stands(records: Records) -> NDArray[np.bool_]:
+    """From when on the setpoint does not move any more, for 0.2 s at least."""
+    moves = np.flatnonzero(np.abs(np.diff(records["setpoint_cp"][:, :3], axis=0)).max(axis=1) > 0.0)
+    last = moves[-1] + 1 if len(moves) else 0
+    stamps = records["stamp_ns"]
+    shown: NDArray[np.bool_] = (np.arange(len(records)) >= last) & (stamps[-1] - stamps[last] > 200_000_000)
+    return shown
+
+
+FAULT = Effect("the arm is in FAULT", "PSM1", lambda records: records["state"] == b"FAULT")
+NOT_FOLLOWING = Effect("following ends", TELEOP, lambda records: ~records["following"])
+
+
+def run() -> dict[str, Any]:
+    """Measure; returns the object that `--json` prints."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        timed = [*_on_boards(folder), *_following(folder), *_third_party(), *_supervisor(folder)]
+    figures: dict[str, float] = {}
+    for each in dict.fromkeys((row.who, row.how) for row in timed):
+        rows = [row for row in timed if (row.who, row.how) == each]
+        key = _key(*each)
+        if noticed := [row.noticed_s for row in rows if row.noticed_s is not None]:
+            figures[f"{key}_noticed_ms"] = statistics.median(noticed) * 1e3
+        if over := [row.over_s for row in rows if row.over_s is not None]:
+            figures[f"{key}_{rows[0].over}_s"] = statistics.median(over)
+    return {
+        "bench": "deaths", "figures": figures, "effects": {row.who: row.words for row in timed},
+        "conditions": {"tries": TRIES, "cores": len(psutil.Process().cpu_affinity() or []), "load": os.getloadavg()[0],
+                       "kernel": platform.release(), "python": platform.python_version()},
+    }
+
+
+def _key(who: str, how: str) -> str:
+    return f"{who.replace(' ', '_').replace(chr(39), '')}_{how}"
+
+
+def show(result: dict[str, Any]) -> None:
+    """The table of docs/architecture.md."""
+    figures, rows = result["figures"], []
+    for who, words in result["effects"].items():
+        cells = [who, words]
+        for how in SIGNALS:
+            key = _key(who, how)
+            noticed = figures.get(f"{key}_noticed_ms")
+            over = figures.get(f"{key}_back_s", figures.get(f"{key}_ended_s"))
+            cells += [f"{noticed:.0f} ms" if noticed is not None else "–", f"{over:.1f} s" if over is not None else "–"]
+        rows.append(tuple(cells))
+    table("who dies, and when others notice", ("who", "what shows", "kill: noticed", "over", "stop: noticed", "over"),
+          rows, right=("kill: noticed", "over", "stop: noticed"))
+
+
+def _on_boards(folder: Path) -> Iterator[Timed]:
+    with up_meanwhile(_boards_request(folder)) as up:
+        def homed(system: str) -> None:
+            _home(system, "PSM1")
+
+        def focusing(system: str) -> None:
+            with Remote(system, "lens") as lens:
+                _wait(lambda: lens.answered("focus_in", (1.0,)).outcome == "done", "the lens moves")
+            _until(system, "IO1", lambda record: not record["output"][places].all(), "its output is on")
+
+        with contextlib.closing(directory.reader(up.system, "IO1", "state")) as ring:
+            places = [ring.info["outputs"].index(name) for name in OUTPUTS]
+        rests = Effect("the lens rests", "IO1", lambda records: records["output"][:, places].all(axis=1))
+        holds = Effect("io holds the robot", "IO1", lambda records: records["holding"].any(axis=1))
+        yield from _each(up.system, (
+            Death("an arm", "PSM1", homed, holds), Death("the focus controller", "lens", focusing, rests),
+            Death("io", "IO1", homed, FAULT), Death("boards", "boards", homed, FAULT)))
+        for how in SIGNALS:
+            for _ in range(TRIES):
+                homed(up.system)
+                with _program([sys.executable, "-c", PUSHER, up.system]) as pusher:
+                    _until(up.system, "PSM1", lambda record: record["control_mode"] == EFFORT, "the arm is pushed")
+                    begin = _strike(pusher.pid, how)
+                    ends = Effect("its effort ends", "PSM1", lambda records: records["control_mode"] != EFFORT)
+                    yield Timed("a script", how, ends.words, ends.since(up.system, begin), None)
+
+
+def _following(folder: Path) -> Iterator[Timed]:
+    content = yaml.safe_load((CONFIGS / "systems/kinematic-teleop.yaml").read_text())
+    carried = yaml.safe_load((CONFIGS / "systems/kinematic-cart.yaml").read_text())["arms"]
+    content["arms"] = [content["arms"][0], *carried[:3]]
+    (row,) = content["consoles"][0]["teleop_PSMs"]
+    row["configure_parameter"]["align_MTM"] = False
+    row["PSM_base_frame"] = {"component": "SUJ", "interface": "PSM1"}
+    content["trocar"] = {"processes": {"user": {"module": "user.py", "hung_s": 1.0}}}
+    (folder / "user.py").write_text(USER)
+    (folder / "following.yaml").write_text(yaml.safe_dump(content))
+    to_and_fro = [0]
+
+    def follows(system: str) -> None:
+        """The master moves on for some seconds, and the slave with it."""
+        _follow(system)
+        to_and_fro[0] += 1
+        with Remote(system, "MTMR") as master, contextlib.closing(directory.reader(system, "MTMR", "state")) as ring:
+            master.answered("trajectory_j/set_ratio", (0.02,))
+            _wait(ring.newest, "the master's record")
+            goal = ring.field("setpoint_position")[:7].copy()
+            goal[0] += 0.3 * (-1) ** to_and_fro[0]
+            master.ask("move_jp", goal)
+        stands = Effect("", "PSM1", lambda records: np.abs(np.diff(records["setpoint_cp"][:, 0], prepend=np.nan)) > 0.0)
+        stands.since(system, monotonic_ns())
+
+    file = folder / "following.yaml"
+    with up_meanwhile(StartRequest(file, f"bench-deaths-{os.getpid()}", sets=("clock=wall",))) as up:
+        with Remote(up.system, "system") as remote:
+            if (reply := remote.settled("home", timeout=PATIENCE_S)).outcome != "done":
+                raise Problem(f"home: {reply.text}")
+        yield from _each(up.system, (
+            Death("a teleoperation", TELEOP, follows, Effect("the slave stands", "PSM1", _stands)),
+            Death("a console", "console", follows, NOT_FOLLOWING), Death("setup joints", "SUJ", follows, NOT_FOLLOWING),
+            Death("the system's process", "system", _follow), Death("a process of your own", "user", _follow)))
+
+
+def _third_party() -> Iterator[Timed]:
+    file, recording = CONFIGS / "systems/third-party-master.yaml", CONFIGS / "recordings/circle.csv"
+    words = [sys.executable, "-m", "tools.examples.recorded_master", str(recording), "--press", "operator_present",
+             "--times", "1000", "--system"]
+    with up_meanwhile(StartRequest(file, f"bench-deaths-{os.getpid()}")) as up:
+        with Remote(up.system, "system") as remote:
+            remote.settled("home", timeout=PATIENCE_S)
+        with Remote(up.system, "console") as console:
+            console.answered("teleop_enable", (1.0,))
+        for how in SIGNALS:
+            for _ in range(TRIES):
+                with _program([*words, up.system]) as program:
+                    _until(up.system, TELEOP, lambda record: bool(record["following"]), "following")
+                    begin = _strike(program.pid, how)
+                    noticed_s = NOT_FOLLOWING.since(up.system, begin)
+                yield Timed("a program of yours", how, NOT_FOLLOWING.words, noticed_s, None)
+
+
+def _supervisor(folder: Path) -> Iterator[Timed]:
+    for how in SIGNALS:
+        for _ in range(TRIES):
+            with up_meanwhile(_boards_request(folder)) as up:
+                _home(up.system, "PSM1")
+                others = [row.pid for row in statuses(up.system) if row.pid and row.kind != "supervisor"]
+                with contextlib.closing(ControlPage(up.system, "IO1")) as io:
+                    begin = _strike(up.popen.pid, how)
+                    _wait(lambda io=io: io.state == "STOPPED", "io has ended")  # type: ignore[misc]
+                    noticed_s = (monotonic_ns() - begin) * 1e-9
+                _wait(lambda others=others: not any(map(_lives, others)), "all have ended")  # type: ignore[misc]
+                ended_s = (monotonic_ns() - begin) * 1e-9
+                _end(up)
+            yield Timed("the supervisor", how, "io has powered off, and ended", noticed_s, ended_s, "ended")
+
+
+def _end(up: Background) -> None:
+    """One that was stopped goes on, finds its processes gone, and ends."""
+    with contextlib.suppress(ProcessLookupError):
+        os.kill(up.popen.pid, CONTINUE)
+    up.popen.wait(PATIENCE_S)
+
+
+def _boards_request(folder: Path) -> StartRequest:
+    content = yaml.safe_load((CONFIGS / "systems/demo.yaml").read_text())
+    content["ISI_focus_controller"] = {"name": "lens", "IO": "IO1", "IO_file": "lens.json"}
+    rows = [{"name": name, "board_id": 6, "bit_id": bit, "is_PWM": False} for bit, name in enumerate(OUTPUTS)]
+    (folder / "lens.json").write_text(
+        json.dumps({"$id": "saw-robot-io.schema.json", "$version": "6", "digital_outputs": rows}))
+    (folder / "boards.yaml").write_text(yaml.safe_dump(content))
+    return StartRequest(folder / "boards.yaml", f"bench-deaths-{os.getpid()}", "emulated", sets=("clock=wall",))
+
+
+def _each(system: str, deaths: tuple[Death, ...]) -> Iterator[Timed]:
+    """All of them by turns; nobody is struck who has just come back."""
+    rested = dict.fromkeys((death.instance for death in deaths), monotonic_ns() + REST_NS)
+    for how in SIGNALS:
+        for death in deaths * TRIES:
+            _wait(lambda at=rested[death.instance]: monotonic_ns() >= at, "rest")  # type: ignore[misc]
+            death.ready(system)
+            begin = _strike(old := _pid(system, death.instance), how)
+            _wait(lambda death=death, old=old: _pid(system, death.instance, "RUNNING") not in (0, old),  # type: ignore[misc]
+                  f"{death.who} is back")
+            now = monotonic_ns()
+            rested[death.instance] = now + REST_NS
+            effect = death.effect
+            noticed_s = effect.since(system, begin) if effect is not None else None
+            yield Timed(death.who, how, effect.words if effect is not None else "nothing", noticed_s,
+                        (now - begin) * 1e-9)
+
+
+def _pid(system: str, instance: str, state: str = "") -> int:
+    """0: there is none, or not in that state."""
+    with contextlib.closing(ControlPage(system, instance)) as page:
+        return int(page.get("pid")) if state in ("", page.state) else 0
+
+
+def _home(system: str, arm: str) -> None:
+    for _ in range(3):  # it may have been held up, or be just back
+        if not (problem := bring(system, [arm], HOMED, 0.0, silent, note)[arm]):
+            return
+    raise Problem(f"{arm} is not homed: {problem}")
+
+
+def _follow(system: str) -> None:
+    """The operator leaves and comes back, and the teleoperation follows."""
+    with Remote(system, "console") as console:
+        console.answered("teleop_enable", (1.0,))
+        console.answered("emulate_operator_present", (0.0,))
+        _until(system, "console", lambda record: not record["operator_present"], "the operator has gone")
+        console.answered("emulate_operator_present", (1.0,))
+    _until(system, TELEOP, lambda record: bool(record["following"]), "following")
+
+
+def _strike(pid: int, how: str) -> int:
+    begin = monotonic_ns()
+    os.kill(pid, SIGNALS[how])
+    return begin
+
+
+@contextlib.contextmanager
+def _program(words: list[str]) -> Iterator[subprocess.Popen[bytes]]:
+    started = subprocess.Popen(words, cwd=ROOT, env=environment(), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        yield started
+    finally:
+        started.kill()
+        started.wait()
+
+
+def _lives(pid: int) -> bool:
+    try:
+        return psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return False
+
+
+def _until(system: str, instance: str, true: Callable[[Any], bool], what: str) -> None:
+    with contextlib.closing(directory.reader(system, instance, "state")) as ring:
+        _wait(lambda: len(last := ring.last(1)) and true(last[0]), what)
+
+
+def _wait(done: Callable[[], Any], what: str) -> Any:
+    end = monotonic_ns() + round(PATIENCE_S * 1e9)
+    while not (found := done()):
+        if monotonic_ns() >= end:
+            raise Problem(f"not within {PATIENCE_S:g} s: {what}")
+        pause(POLL_S)
+    return found
