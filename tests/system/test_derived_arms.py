@@ -85,7 +85,8 @@ def test_the_arm_of_the_page_homes_follows_scans_and_is_killed(
     wait_for(lambda: np.linalg.norm(shown(psm, "measured_cp")[:3] - begin[:3]) > 0.003, 30, "the slave has followed")
     robot.trocar("send", "console", "teleop_enable", "0")
 
-    assert "width: 0 to 0.1 rad" in robot.trocar("send", "PSM1", "scan", "1", code=1)
+    wait_for(lambda: "width: 0 to 0.1 rad" in robot.trocar("send", "PSM1", "scan", "1", code=1), 20,
+             "nobody stops it any more, and its own reason")
     assert "swing for a second" in robot.trocar("send", "PSM1")
     home = shown(psm, "position")[0]
     for killed in (False, True):

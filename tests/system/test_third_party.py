@@ -100,6 +100,7 @@ def test_a_slave_follows_a_recording_and_its_death_ends_that(robot: Robot, tmp_p
         part.close()
 
 
+@pytest.mark.patient
 def test_a_master_of_the_system_is_started_when_wanted_and_again_after_its_death(robot: Robot, tmp_path: Path) -> None:
     page = (ROOT / "docs/third-party-masters.md").read_text(encoding="utf-8")
     *_, program = re.findall(r"```python\n(.*?)```", page[: page.index("### Commands")], re.DOTALL)
