@@ -112,6 +112,7 @@ def test_a_filter_that_hangs_is_ended_and_in_c_its_process_is_killed(robot: Robo
     heads = good.head, bad.head
     wait_for(lambda: good.head > heads[0] and bad.head > heads[1], 20, "and publish")
     assert "hung for" in reason(robot, "lab")
+    assert "bad is part of lab" in robot.trocar("restart", "bad", "--yes", code=1)
     good.close()
     bad.close()
     assert robot.down() == 0

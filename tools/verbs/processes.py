@@ -12,6 +12,7 @@ from procs.manifest import proc
 from shm import directory
 from shm.segment import SegmentError
 from tools.errors import Misuse, Problem, Refused
+from tools.inspect.watch import document_of
 from tools.options import JsonOption, SystemOption
 from tools.printing import emit, progress
 from tools.remote import Remote
@@ -70,6 +71,9 @@ def _rows(system: str) -> list[Process]:
 
 def _row(system: str, name: str) -> Process:
     rows = {row.name: row for row in _rows(system)}
+    user = None if name in rows else document_of(system).user(name)
+    if user is not None and user.host:
+        raise Problem(f"{name} is part of {user.host}, a process of several filters: start, stop or restart that")
     if name not in rows:
         raise unknown("process", name, rows)
     return rows[name]
