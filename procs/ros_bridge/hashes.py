@@ -1,4 +1,4 @@
-"""Names and hashes by which ROS 2 knows message types (REP 2011, RIHS01), worked out from the classes in messages.py."""
+"""Names and hashes (REP 2011, RIHS01) by which ROS 2 knows message types, made from the classes in messages.py."""
 
 from __future__ import annotations
 

@@ -1,0 +1,119 @@
+"""What came from ROS, carried out: each message becomes a command of a person, like those of `trocar send`.
+
+Whoever gets the command checks it as it does any other: sizes, limits, jumps of streams, dead-men. Here only what
+powers and homes is looked at: where people on the network may not do that, the bridge refuses it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from procs.ros_bridge.dds import Participant, Reader
+from procs.ros_bridge.incoming import COMMAND_TOPICS, CommandTopic
+from procs.ros_bridge.publishing import ros_topic
+from shm.client import Client, MailboxFull
+from shm.segment import SegmentError
+
+POWERS: Final = frozenset(("power_on", "home", "teleop_enable"))
+POWERING_STATES: Final = frozenset(("enable", "home", "resume"))
+MAY_NOT: Final = "the ROS bridge may not power or home (trocar: {ros: {may_power: …}})"
+SILENT_NS: Final = 1_000_000_000
+"""A refusal with the same words is told once in this time: streams have many."""
+
+Warn = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Addressee:
+    """An instance that can be asked, with what is said of it where topics differ."""
+
+    name: str
+    kind: str
+    type: str = ""  # of an arm: PSM…, of a teleoperation: that of its slave
+    setups: tuple[str, ...] = ()
+
+
+def powers(command: str, numbers: Sequence[float], text: str) -> bool:
+    """Whether power, homing or following may come of it."""
+    if command == "state_command":
+        return text.strip() in POWERING_STATES
+    return command in POWERS and (command != "teleop_enable" or any(numbers))
+
+
+@dataclass(slots=True)
+class Asked:
+    """One topic."""
+
+    reader: Reader[Any]
+    row: CommandTopic
+    client: Client
+    fixed_text: str = ""
+
+
+class Commands:
+    """All that ROS may ask of a system."""
+
+    def __init__(self, participant: Participant, system: str, addressees: Iterable[Addressee], *, may_power: bool,
+                 warn: Warn, now_ns: Callable[[], int]) -> None:
+        """`warn` hears of what was refused, of the same once a second."""
+        self._may_power, self._warn, self._now_ns = may_power, warn, now_ns
+        self._clients: list[Client] = []
+        self._told: dict[str, int] = {}
+        self._asked: list[Asked] = []
+        for to in addressees:
+            client = Client(system, to.name, "ros_bridge")
+            self._clients.append(client)
+            self._asked += [Asked(participant.reader(ros_topic(f"{to.name}/{topic}"), row.message, row.depth), row,
+                                  client, text) for row, topic, text in topics_of(to)]
+
+    def step(self) -> None:
+        """Carry out all that came, and hear what became of what was asked before."""
+        for asked in self._asked:
+            for message in asked.reader.take():
+                self._carry_out(asked, message)
+        for client in self._clients:
+            for reply in client.poll():
+                if reply.outcome in ("refused", "failed"):
+                    self._say(f"{client.instance}: {reply.text}")
+
+    def _carry_out(self, asked: Asked, message: Any) -> None:
+        row, to = asked.row, asked.client.instance
+        text = asked.fixed_text or row.text(message)
+        numbers = np.asarray(row.numbers(message), dtype=np.float64)
+        if not self._may_power and powers(row.asks, numbers.tolist(), text):
+            self._say(f"{to} {row.asks}: {MAY_NOT}")
+            return
+        try:
+            asked.client.send(row.asks, numbers, text)
+        except (MailboxFull, SegmentError, ValueError) as error:
+            self._say(f"{to} {row.asks}: {error}")
+
+    def _say(self, text: str) -> None:
+        now = self._now_ns()
+        if now >= self._told.get(text, 0):
+            if len(self._told) > 1000:  # texts with numbers in them
+                self._told.clear()
+            self._told[text] = now + SILENT_NS
+            self._warn(text)
+
+    def close(self) -> None:
+        """Give the places in mailboxes back."""
+        for client in self._clients:
+            client.close()
+
+
+def topics_of(to: Addressee) -> list[tuple[CommandTopic, str, str]]:
+    """What an instance can be asked: row, topic, and the text that is always the same."""
+    found = []
+    for row in COMMAND_TOPICS:
+        if row.kind != to.kind or (row.types and to.type not in row.types):
+            continue
+        if "{setup}" in row.topic:
+            found += [(row, row.topic.format(setup=name), name) for name in to.setups]
+        else:
+            found.append((row, row.topic, ""))
+    return found

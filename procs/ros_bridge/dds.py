@@ -1,0 +1,185 @@
+"""One DDS participant that ROS 2 takes for a node: its writers and readers, and what ROS wants to know of them.
+
+Names, encoding and settings are those that rmw_cyclonedds and rmw_fastrtps understand: topics `rt/…`, services
+`rq/…Request` and `rr/…Reply`, plain XCDR1 without keys, and hashes of types in the user data of each endpoint.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final, Generic, TypeVar
+
+from cyclonedds.core import DDSException, DDSStatus, WaitSet
+from cyclonedds.domain import Domain, DomainParticipant
+from cyclonedds.idl import IdlStruct
+from cyclonedds.pub import DataWriter
+from cyclonedds.qos import Policy, Qos
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+
+from procs.ros_bridge.hashes import type_hash
+from procs.ros_bridge.messages import Gid, NodeEntitiesInfo, ParticipantEntitiesInfo
+
+LOOPBACK: Final = "127.0.0.1"
+DEPTH: Final = 10  # what ROS clients have unless they say otherwise
+LATCHED: Final = 1
+EVENT_DEPTH: Final = 100
+BLOCKING_NS: Final = 100_000_000
+PARTICIPANTS: Final = 120  # on one machine, of one domain; each is one of ROS's processes
+EPROSIMA: Final = "1.15"
+
+Message = TypeVar("Message", bound=IdlStruct)
+
+
+def settings(interface: str) -> str:
+    """Cyclone DDS's configuration for one network interface, by its name or address.
+
+    On loopback participants find each other without multicast, where many systems have none. Fast DDS 3 sends type
+    information that Cyclone takes for an error; types match by their names.
+    """
+    is_name = not interface.replace(".", "").isdigit()
+    where = f'name="{interface}"' if is_name else f'address="{interface}"'
+    alone = interface in (LOOPBACK, "lo")
+    peers = f'<Peers><Peer address="{LOOPBACK}"/></Peers>' if alone else ""
+    return (f"<CycloneDDS><Domain><General><Interfaces><NetworkInterface {where}/></Interfaces>"
+            f"<AllowMulticast>{'false' if alone else 'default'}</AllowMulticast></General>"
+            f"<Discovery><ParticipantIndex>auto</ParticipantIndex>"
+            f"<MaxAutoParticipantIndex>{PARTICIPANTS}</MaxAutoParticipantIndex>{peers}</Discovery>"
+            f"<Compatibility><IgnoreTypeInformation>{EPROSIMA}</IgnoreTypeInformation></Compatibility>"
+            "</Domain></CycloneDDS>")
+
+
+class DdsError(RuntimeError):
+    """What DDS refuses, in words."""
+
+
+class Writer(Generic[Message]):
+    """Publishes one topic. `is_read`: somebody subscribes to it, as of the last `Participant.look`."""
+
+    def __init__(self, writer: DataWriter[Any], name: str) -> None:
+        self._writer, self.name, self.is_read = writer, name, False
+
+    def write(self, message: Message) -> None:
+        """Never blocks for a slow reader: of those only the newest are kept."""
+        self._writer.write(message)
+
+    def look(self) -> None:
+        """Whether anybody reads it."""
+        self.is_read = self._writer.get_publication_matched_status().current_count > 0  # type: ignore[no-untyped-call]
+
+    @property
+    def gid(self) -> Gid:
+        """What DDS calls it."""
+        return _gid(self._writer)
+
+
+class Reader(Generic[Message]):
+    """Subscribes to one topic."""
+
+    def __init__(self, reader: DataReader[Any], name: str, depth: int) -> None:
+        self._reader, self.name, self._depth = reader, name, depth
+
+    def take(self) -> list[Message]:
+        """What came since the last call, oldest first; what says only that a writer has gone is left out."""
+        return [each for each in self._reader.take(self._depth) if each.sample_info.valid_data]
+
+    @property
+    def gid(self) -> Gid:
+        """What DDS calls it."""
+        return _gid(self._reader)
+
+    def writer(self, handle: int) -> Any:
+        """What DDS knows of a writer, by the handle that its messages have; None: it has gone."""
+        return self._reader.get_matched_publication_data(handle)
+
+    @property
+    def entity(self) -> DataReader[Any]:
+        """For a WaitSet."""
+        return self._reader
+
+
+def _gid(entity: DataWriter[Any] | DataReader[Any]) -> Gid:
+    return Gid(list(entity.get_guid().bytes))
+
+
+class Participant:
+    """A node of ROS. Close it."""
+
+    def __init__(self, domain: int, interface: str = LOOPBACK, name: str = "trocar", namespace: str = "/") -> None:
+        """DdsError when the interface is not there, or the process has another participant of the domain."""
+        self.name, self.namespace = name, namespace
+        try:
+            self._domain = Domain(domain, settings(interface))
+            self._participant = DomainParticipant(domain, Qos(Policy.Userdata(b"enclave=/;")))
+        except DDSException as error:
+            raise DdsError(f"ROS domain {domain} on interface {interface}: {error.msg}") from error
+        self._waitset = WaitSet(self._participant)
+        self.writers: list[Writer[Any]] = []
+        self.readers: list[Reader[Any]] = []
+        self._graph: Writer[ParticipantEntitiesInfo] = self._writer(
+            "ros_discovery_info", ParticipantEntitiesInfo, _latched(LATCHED))
+
+    def writer(self, topic: str, message: type[Message], latched: int = 0) -> Writer[Message]:
+        """A topic of ours; `latched`: who comes late gets so many of the last messages."""
+        qos = _latched(latched) if latched else (Policy.Durability.Volatile, Policy.History.KeepLast(EVENT_DEPTH))
+        made = self._writer(f"rt/{topic}", message, qos)
+        self.writers.append(made)
+        return made
+
+    def reader(self, topic: str, message: type[Message], depth: int = DEPTH) -> Reader[Message]:
+        """A topic of others. Never what was latched before we came: old commands are not for us."""
+        return self.read_as(f"rt/{topic}", message, depth)
+
+    def read_as(self, name: str, message: type[IdlStruct], depth: int, hashed: type[IdlStruct] | None = None,
+                user_data: str = "") -> Reader[Any]:
+        """Read what DDS knows by `name`; `hashed`: the message whose hash is told, if not this one."""
+        qos = self._qos((Policy.Durability.Volatile, Policy.History.KeepLast(depth)), hashed or message, user_data)
+        entity = DataReader(self._participant, Topic(self._participant, name, message), qos)
+        entity.set_status_mask(DDSStatus.DataAvailable)
+        self._waitset.attach(entity)
+        made: Reader[Any] = Reader(entity, name, depth)
+        self.readers.append(made)
+        return made
+
+    def _writer(self, name: str, message: type[IdlStruct], policies: tuple[Any, ...],
+                hashed: type[IdlStruct] | None = None, user_data: str = "") -> Writer[Any]:
+        qos = self._qos((*policies, Policy.WriterDataLifecycle(autodispose=False)), hashed or message, user_data)
+        return Writer(DataWriter(self._participant, Topic(self._participant, name, message), qos), name)
+
+    def write_as(self, name: str, message: type[IdlStruct], hashed: type[IdlStruct], user_data: str) -> Writer[Any]:
+        """Write what DDS knows by `name`; see `read_as`."""
+        policies = Policy.Durability.Volatile, Policy.History.KeepLast(DEPTH)
+        made = self._writer(name, message, policies, hashed, user_data)
+        self.writers.append(made)
+        return made
+
+    @staticmethod
+    def _qos(policies: tuple[Any, ...], message: type[IdlStruct], user_data: str) -> Qos:
+        told = f"typehash={type_hash(message)};{user_data}".encode()
+        return Qos(Policy.Reliability.Reliable(BLOCKING_NS), *policies, Policy.Userdata(told))
+
+    def wait(self, timeout_ns: int) -> bool:
+        """Until something has come, for so long at most; whether it has."""
+        return bool(self._waitset.wait(max(0, timeout_ns)))
+
+    def look(self) -> None:
+        """See who reads what, for `Writer.is_read`."""
+        for writer in self.writers:
+            writer.look()
+
+    def announce(self) -> None:
+        """Tell ROS which node has which endpoints; once all are there."""
+        node = NodeEntitiesInfo(self.namespace, self.name, [reader.gid for reader in self.readers],
+                                [writer.gid for writer in self.writers])
+        self._graph.write(ParticipantEntitiesInfo(Gid(list(self._participant.get_guid().bytes)), [node]))
+
+    def close(self) -> None:
+        """Leave the domain; others see it at once."""
+        self.writers.clear()
+        self.readers.clear()
+        for part in ("_graph", "_waitset", "_participant", "_domain"):
+            delattr(self, part)
+
+
+def _latched(depth: int) -> tuple[Any, ...]:
+    return (Policy.Durability.TransientLocal, Policy.History.KeepLast(max(depth, EVENT_DEPTH)),
+            Policy.DurabilityService(0, Policy.History.KeepLast(depth), -1, -1, -1))

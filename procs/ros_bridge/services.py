@@ -1,0 +1,216 @@
+"""Services: questions that ROS clients ask an arm, each answered by one of its commands.
+
+ROS 2 does not say how a reply finds its question. rmw_cyclonedds puts an id in front of both, which comes back with the
+reply. rmw_fastrtps uses a way that Cyclone DDS does not have: its questions are recognised, and left; clients with
+RMW_IMPLEMENTATION=rmw_cyclonedds_cpp are answered.
+"""
+
+from __future__ import annotations
+
+import json
+import uuid
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from cyclonedds.idl import IdlStruct, make_idl_struct
+from cyclonedds.idl.types import int64, uint64
+
+from procs.ros_bridge.carrying_out import Addressee, Warn
+from procs.ros_bridge.dds import Participant, Reader, Writer
+from procs.ros_bridge.incoming import pose_numbers
+from procs.ros_bridge.messages import (
+    ConvertFloat64ArrayRequest,
+    ConvertFloat64ArrayResponse,
+    OperatingState,
+    Pose,
+    QueryForwardKinematicsRequest,
+    QueryForwardKinematicsResponse,
+    QueryInverseKinematicsRequest,
+    QueryInverseKinematicsResponse,
+    TriggerOperatingStateRequest,
+    TriggerOperatingStateResponse,
+    TriggerRequest,
+    TriggerResponse,
+)
+from procs.ros_bridge.outgoing import pose_of
+from procs.ros_bridge.publishing import ros_topic
+from shm.client import Client, MailboxFull
+from shm.segment import SegmentError
+
+CYCLONE: Final = b"\x01\x10"
+"""How the keys of its participants begin."""
+WAIT_NS: Final = 1_000_000_000
+DEPTH: Final = 10
+
+
+@dataclass(frozen=True, slots=True)
+class Service:
+    """One question: the command that answers it, its numbers, and what to say to the text of its reply.
+
+    Without a command it is answered at once, from the operating state.
+    """
+
+    name: str
+    request: type[IdlStruct]
+    response: type[IdlStruct]
+    numbers: Callable[[Any], Sequence[float]]
+    answer: Callable[[bool, str], Any]
+    command: str = ""
+
+
+def _pose(text: str) -> Pose:
+    return pose_of(json.loads(text))
+
+
+def _version(good: bool, text: str) -> TriggerResponse:
+    return TriggerResponse(good, text)
+
+
+def _forward(good: bool, text: str) -> QueryForwardKinematicsResponse:
+    return QueryForwardKinematicsResponse(_pose(text) if good else Pose(), good, "" if good else text)
+
+
+def _inverse(good: bool, text: str) -> QueryInverseKinematicsResponse:
+    return QueryInverseKinematicsResponse(json.loads(text) if good else [], good, "" if good else text)
+
+
+def _converted(good: bool, text: str) -> ConvertFloat64ArrayResponse:
+    return ConvertFloat64ArrayResponse(json.loads(text) if good else [])
+
+
+def _nothing(request: Any) -> Sequence[float]:
+    return ()
+
+
+def _joints(request: QueryForwardKinematicsRequest) -> Sequence[float]:
+    return request.jp
+
+
+def _goal(request: QueryInverseKinematicsRequest) -> Sequence[float]:
+    return *request.jp, *pose_numbers(request.cp)
+
+
+def _input(request: ConvertFloat64ArrayRequest) -> Sequence[float]:
+    return request.input
+
+
+def _no_answer(good: bool, text: str) -> TriggerOperatingStateResponse:
+    return TriggerOperatingStateResponse()
+
+
+SERVICES: Final = (
+    Service("crtk_version", TriggerRequest, TriggerResponse, _nothing, _version, "crtk_version"),
+    Service("operating_state", TriggerOperatingStateRequest, TriggerOperatingStateResponse, _nothing, _no_answer),
+    Service("forward_kinematics", QueryForwardKinematicsRequest, QueryForwardKinematicsResponse, _joints, _forward,
+            "forward_kinematics"),
+    Service("local/forward_kinematics", QueryForwardKinematicsRequest, QueryForwardKinematicsResponse, _joints,
+            _forward, "local/forward_kinematics"),
+    Service("inverse_kinematics", QueryInverseKinematicsRequest, QueryInverseKinematicsResponse, _goal, _inverse,
+            "inverse_kinematics"),
+    Service("actuator_to_joint_position", ConvertFloat64ArrayRequest, ConvertFloat64ArrayResponse, _input, _converted,
+            "actuator_to_joint_position"),
+)
+
+
+def framed(message: type[IdlStruct]) -> Any:
+    """The class of a question or a reply with the id that rmw_cyclonedds puts in front: guid, seq, body."""
+    return make_idl_struct(f"Framed{message.__name__}", str(message.__idl_typename__),
+                           {"guid": uint64, "seq": int64, "body": message})
+
+
+@dataclass(slots=True)
+class Waiting:
+    """A question that was passed on."""
+
+    server: Server
+    guid: int
+    seq: int
+    due_ns: int
+
+
+class Server:
+    """One service of one arm."""
+
+    def __init__(self, participant: Participant, name: str, service: Service) -> None:
+        self.service, self.name = service, name
+        told = f"serviceid={'.'.join(f'{byte:x}' for byte in uuid.uuid4().bytes)};"
+        self._reply = framed(service.response)
+        self.reader: Reader[Any] = participant.read_as(f"rq/{name}Request", framed(service.request), DEPTH,
+                                                       service.request, told)
+        self._writer: Writer[Any] = participant.write_as(f"rr/{name}Reply", self._reply, service.response, told)
+
+    def reply(self, guid: int, seq: int, answer: Any) -> None:
+        """To whoever asked."""
+        self._writer.write(self._reply(guid=guid, seq=seq, body=answer))
+
+
+class Services:
+    """All services of a system's arms."""
+
+    def __init__(self, participant: Participant, system: str, arms: Iterable[Addressee],
+                 states: dict[str, Callable[[], OperatingState]], warn: Warn, now_ns: Callable[[], int]) -> None:
+        """`states` gives the operating state of each arm."""
+        self._participant, self._states, self._warn, self._now_ns = participant, states, warn, now_ns
+        self._servers: list[tuple[Server, Client]] = []
+        self._clients: list[Client] = []
+        self._waiting: dict[tuple[Client, int], Waiting] = {}
+        self._strangers: set[int] = set()
+        for arm in arms:
+            client = Client(system, arm.name, "ros_bridge")
+            self._clients.append(client)
+            self._servers += [(Server(participant, ros_topic(f"{arm.name}/{row.name}"), row), client)
+                              for row in SERVICES]
+
+    def step(self) -> None:
+        """Take questions, pass them on, and give the answers that came."""
+        for server, client in self._servers:
+            for request in server.reader.take():
+                if self._can_be_answered(server, request.sample_info.publication_handle):
+                    self._ask(server, client, request)
+        for client in self._clients:
+            for reply in client.poll():
+                if reply.outcome != "accepted" and (waiting := self._waiting.pop((client, reply.id), None)):
+                    self._answer(waiting, reply.outcome == "done", reply.text)
+        now = self._now_ns()
+        for key in [key for key, waiting in self._waiting.items() if now >= waiting.due_ns]:
+            self._answer(self._waiting.pop(key), False, f"{key[0].instance} did not answer")
+
+    def _can_be_answered(self, server: Server, writer: int) -> bool:
+        """Whether it is one of Cyclone's; what the others ask would be read as garbage."""
+        if writer in self._strangers:
+            return False
+        found = server.reader.writer(writer)
+        if found is not None and found.participant_key.bytes[:2] == CYCLONE:
+            return True
+        self._strangers.add(writer)
+        self._warn(f"{server.name}: a client whose services cannot be answered; start it with "
+                   "RMW_IMPLEMENTATION=rmw_cyclonedds_cpp")
+        return False
+
+    def _ask(self, server: Server, client: Client, request: Any) -> None:
+        service = server.service
+        waiting = Waiting(server, request.guid, request.seq, self._now_ns() + WAIT_NS)
+        if not service.command:
+            state = self._states[client.instance]()
+            server.reply(request.guid, request.seq, TriggerOperatingStateResponse(state))
+            return
+        try:
+            number = client.send(service.command, np.asarray(service.numbers(request.body), dtype=np.float64))
+        except (MailboxFull, SegmentError, ValueError) as error:
+            self._answer(waiting, False, str(error))
+            return
+        self._waiting[client, number] = waiting
+
+    def _answer(self, waiting: Waiting, good: bool, text: str) -> None:
+        try:
+            answer = waiting.server.service.answer(good, text)
+        except (ValueError, TypeError) as error:
+            answer = waiting.server.service.answer(False, f"{text}: {error}")
+        waiting.server.reply(waiting.guid, waiting.seq, answer)
+
+    def close(self) -> None:
+        """Give the places in mailboxes back."""
+        for client in self._clients:
+            client.close()
