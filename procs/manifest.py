@@ -150,6 +150,9 @@ PROCS: tuple[Proc, ...] = (
     Proc("filters", "procs.filters.loop", 0.01, 1.0, 3.0, "its filters are silent until the restart", topics=(),
          instances=lambda system: _users(system, {row.host: (row.period_s, "") for row in system.users if row.host}),
          woken=True, pause_ends=False, budget_us=500, hung_s=5.0, declared=True, in_time=False),
+    Proc("ros_bridge", "procs.ros_bridge.loop", 0.01, 1.0, 3.0, "ROS clients hear nothing until the restart", topics=(),
+         instances=lambda system: _users(system, {"ros_bridge": (system.ros.period_s, "")} if system.ros else {}),
+         pause_ends=False, budget_us=2500, hung_s=5.0, declared=True, in_time=False),
 )
 
 IN_TIME: Final = frozenset(row.kind for row in PROCS if row.module and row.in_time)

@@ -35,6 +35,7 @@ from procs.document.emulated import Quirks as Quirks
 from procs.document.emulated_names import with_names_on_boards
 from procs.document.gains import PidAxis as PidAxis
 from procs.document.process import Process as Process
+from procs.document.ros import RosBridge as RosBridge
 from procs.document.tasks import TaskRow as TaskRow
 from procs.document.third_party import ThirdParty as ThirdParty
 from procs.document.user_process import UserProcess as UserProcess
@@ -243,6 +244,7 @@ class SystemConfig:
     third_parties: tuple[ThirdParty, ...] = ()
     focuses: tuple[Focus, ...] = ()  # one at most
     users: tuple[UserProcess, ...] = ()  # processes of users' own
+    ros: RosBridge | None = None
     audio_volume: float = 0.5
     supervisor_lost_s: float = 1.0
     group: str = ""  # may attach, too

@@ -118,16 +118,20 @@ class Participant:
         self._graph: Writer[ParticipantEntitiesInfo] = self._writer(
             "ros_discovery_info", ParticipantEntitiesInfo, _latched(LATCHED))
 
+    def full_name(self, name: str) -> str:
+        """A name in our namespace; one with a slash in front is the same in all of them."""
+        return f"{self.namespace}/{name}".strip("/") if not name.startswith("/") else name[1:]
+
     def writer(self, topic: str, message: type[Message], latched: int = 0) -> Writer[Message]:
         """A topic of ours; `latched`: who comes late gets so many of the last messages."""
         qos = _latched(latched) if latched else (Policy.Durability.Volatile, Policy.History.KeepLast(EVENT_DEPTH))
-        made = self._writer(f"rt/{topic}", message, qos)
+        made = self._writer(f"rt/{self.full_name(topic)}", message, qos)
         self.writers.append(made)
         return made
 
     def reader(self, topic: str, message: type[Message], depth: int = DEPTH) -> Reader[Message]:
         """A topic of others. Never what was latched before we came: old commands are not for us."""
-        return self.read_as(f"rt/{topic}", message, depth)
+        return self.read_as(f"rt/{self.full_name(topic)}", message, depth)
 
     def read_as(self, name: str, message: type[IdlStruct], depth: int, hashed: type[IdlStruct] | None = None,
                 user_data: str = "") -> Reader[Any]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import uuid
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -115,9 +115,9 @@ SERVICES: Final = (
 
 
 def framed(message: type[IdlStruct]) -> Any:
-    """The class of a question or a reply with the id that rmw_cyclonedds puts in front: guid, seq, body."""
+    """The class of a question or a reply with the id that rmw_cyclonedds puts in front: guid, seq, its fields."""
     return make_idl_struct(f"Framed{message.__name__}", str(message.__idl_typename__),
-                           {"guid": uint64, "seq": int64, "body": message})
+                           {"guid": uint64, "seq": int64} | message.__annotations__)
 
 
 @dataclass(slots=True)
@@ -134,23 +134,23 @@ class Server:
     """One service of one arm."""
 
     def __init__(self, participant: Participant, name: str, service: Service) -> None:
-        self.service, self.name = service, name
+        self.service, self.name, full = service, name, participant.full_name(name)
         told = f"serviceid={'.'.join(f'{byte:x}' for byte in uuid.uuid4().bytes)};"
         self._reply = framed(service.response)
-        self.reader: Reader[Any] = participant.read_as(f"rq/{name}Request", framed(service.request), DEPTH,
+        self.reader: Reader[Any] = participant.read_as(f"rq/{full}Request", framed(service.request), DEPTH,
                                                        service.request, told)
-        self._writer: Writer[Any] = participant.write_as(f"rr/{name}Reply", self._reply, service.response, told)
+        self._writer: Writer[Any] = participant.write_as(f"rr/{full}Reply", self._reply, service.response, told)
 
     def reply(self, guid: int, seq: int, answer: Any) -> None:
         """To whoever asked."""
-        self._writer.write(self._reply(guid=guid, seq=seq, body=answer))
+        self._writer.write(self._reply(guid=guid, seq=seq, **vars(answer)))
 
 
 class Services:
     """All services of a system's arms."""
 
     def __init__(self, participant: Participant, system: str, arms: Iterable[Addressee],
-                 states: dict[str, Callable[[], OperatingState]], warn: Warn, now_ns: Callable[[], int]) -> None:
+                 states: Mapping[str, Callable[[], OperatingState]], warn: Warn, now_ns: Callable[[], int]) -> None:
         """`states` gives the operating state of each arm."""
         self._participant, self._states, self._warn, self._now_ns = participant, states, warn, now_ns
         self._servers: list[tuple[Server, Client]] = []
@@ -197,7 +197,7 @@ class Services:
             server.reply(request.guid, request.seq, TriggerOperatingStateResponse(state))
             return
         try:
-            number = client.send(service.command, np.asarray(service.numbers(request.body), dtype=np.float64))
+            number = client.send(service.command, np.asarray(service.numbers(request), dtype=np.float64))
         except (MailboxFull, SegmentError, ValueError) as error:
             self._answer(waiting, False, str(error))
             return

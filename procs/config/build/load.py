@@ -28,7 +28,7 @@ from procs.config.build.tasks import with_tasks
 from procs.config.build.third_parties import load_third_parties
 from procs.config.build.user_processes import by_name, load_user_processes
 from procs.config.models.system_file import PERIOD_S, PROTOCOLS, RESERVED, SystemFile
-from procs.config.models.trocar_section import TrocarSection
+from procs.config.models.trocar_section import RosOptions, TrocarSection
 from procs.config.read.problem import ERROR, WARNING, FileProblem
 from procs.config.read.search import SearchPath, expanded, search_path
 from procs.config.read.source import SourceFile, read_source
@@ -266,6 +266,7 @@ def _assemble(
         focuses=operation.focuses,
         users=load_user_processes(context, source, options, [arm.name for arm in arm_rows if arm.derived],
                                   [row.name for row in operation.third_parties]),
+        ros=_ros(options.ros),
         supervisor_lost_s=options.supervisor_lost_s,
         group=options.group,
         service_user=options.service_user,
@@ -275,6 +276,15 @@ def _assemble(
     places = placement(system, options, cores)
     return dataclasses.replace(system, processes=build_processes(context, source, system, options, places),
                                cpus=places.others)
+
+
+def _ros(options: RosOptions | None) -> document.RosBridge | None:
+    if options is None:
+        return None
+    here = options.interface in ("lo", "localhost") or options.interface.startswith("127.")
+    may_power = here if options.may_power is None else options.may_power
+    return document.RosBridge(options.domain, options.interface, options.period_s, options.namespace, may_power,
+                              options.io, options.tf, options.stats)
 
 
 def _usual_clock(context: Context, ios: tuple[document.IoConfig, ...], carts: tuple[document.Cart, ...], emulated: bool,

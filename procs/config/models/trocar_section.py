@@ -96,6 +96,20 @@ class LogOptions(Section):
     keep: int = Field(default=5, ge=0, le=100, description="old files of each process")
 
 
+class RosOptions(Section):
+    """The ROS bridge."""
+
+    domain: int = Field(default=0, ge=0, le=232, description="ROS_DOMAIN_ID of its clients")
+    interface: str = Field(default="lo", pattern=r"^[A-Za-z0-9][A-Za-z0-9_.:-]{0,39}$",
+                           description="network interface by name or address; lo: this machine alone")
+    period_s: float = Field(default=0.01, ge=0.001, le=1.0, description="s between two messages of a topic")
+    namespace: str = Field(default="", pattern=r"^[A-Za-z][A-Za-z0-9_/]{0,39}$|^$", description="in front of all names")
+    may_power: bool | None = Field(default=None, description="people there may power and home; usually on lo only")
+    io: Literal["off", "ro"] = "off"
+    tf: bool = True
+    stats: bool = True
+
+
 class TrocarSection(Section):
     """The whole section."""
 
@@ -110,4 +124,5 @@ class TrocarSection(Section):
     arm: ArmOptions = ArmOptions()
     emulation: EmulationOptions = EmulationOptions()
     logs: LogOptions = LogOptions()
+    ros: RosOptions | None = None
     processes: dict[str, ProcessKeys] = Field(default_factory=dict)

@@ -1,0 +1,19 @@
+"""The ROS bridge as the document has it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class RosBridge:
+    """Domain and network interface it is seen on, and what of the robot."""
+
+    domain: int
+    interface: str
+    period_s: float
+    namespace: str = ""
+    may_power: bool = True  # people on the network may power and home
+    io: str = "off"  # or ro: seen, not commanded
+    tf: bool = True
+    stats: bool = True

@@ -1,0 +1,40 @@
+"""Where the arms' tips are, for tf: a frame of each arm's name in the frame of its measured_cp."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from procs.crtk.plain import plain
+from procs.ros_bridge.dds import Participant
+from procs.ros_bridge.messages import Header, Quaternion, TFMessage, Transform, TransformStamped, Vector3
+from procs.ros_bridge.stamps import Stamps, time_of
+from shm import directory
+
+
+class Frames:
+    """All tips that are known, in one message."""
+
+    def __init__(self, participant: Participant, system: str, arms: Sequence[str]) -> None:
+        self._writer = participant.writer("/tf", TFMessage)
+        self._arms = []
+        for name in arms:
+            ring = directory.reader(system, name, "state")
+            cells = ring.field("reference_valid"), ring.field("reference_frame"), ring.field("measured_cp")
+            self._arms.append((name, ring, *cells))
+
+    def step(self, stamps: Stamps) -> None:
+        """The newest poses, if anybody reads them."""
+        if not self._writer.is_read:
+            return
+        found = []
+        for name, ring, valid, frame, pose in self._arms:
+            if ring.newest() and bool(valid):
+                numbers, header = pose.tolist(), Header(time_of(stamps.ns(ring.stamp_ns)), str(plain(frame.item())))
+                found.append(TransformStamped(header, name, Transform(Vector3(*numbers[:3]), Quaternion(*numbers[3:]))))
+        if found:
+            self._writer.write(TFMessage(found))
+
+    def close(self) -> None:
+        """Unmap."""
+        for _, ring, *_ in self._arms:
+            ring.close()

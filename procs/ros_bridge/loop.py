@@ -1,0 +1,197 @@
+"""The ROS bridge: every arm, console and teleoperation as nodes of ROS 2 know them. It drives nothing.
+
+What ROS asks becomes a person's command, see carrying_out.py; what it hears is in outgoing.py, what it may ask in
+incoming.py and services.py. It is a process like a user's own: ordinary priority, real time, and its death or hang
+changes nothing else but that what it streamed ends.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Final
+
+from procs import codes
+from procs.arm_types import ARM_TYPES
+from procs.crtk.topics import EVENT, RECORD, TopicEntry, catalogue
+from procs.document.ros import RosBridge
+from procs.document.system import SystemConfig
+from procs.own_memory import Closing
+from procs.ros_bridge.carrying_out import Addressee, Commands
+from procs.ros_bridge.dds import EVENT_DEPTH, Participant
+from procs.ros_bridge.frames import Frames
+from procs.ros_bridge.messages import Clock, Log, OperatingState
+from procs.ros_bridge.outgoing import FIELD_TOPICS, FieldTopic
+from procs.ros_bridge.publishing import EventTopics, RecordTopics
+from procs.ros_bridge.services import Services
+from procs.ros_bridge.stamps import Stamps, time_of
+from procs.ros_bridge.statistics import Statistics
+from procs.user_life import live
+from procs.user_process import OwnProcess
+from shm import directory
+from shm.origins import ACTING
+
+SHOWN: Final = ("arm", "suj", "teleop", "console", "focus", "system", "third_party")
+"""Kinds that ROS knows; io's only where it is asked for."""
+LOOK_NS: Final = 100_000_000
+FRAMES_NS: Final = 20_000_000
+STATISTICS_NS: Final = 200_000_000
+
+
+def addressees(system: SystemConfig) -> list[Addressee]:
+    """Whoever can be asked something."""
+    return [
+        *(Addressee(row.name, "arm", ARM_TYPES[row.type].process) for row in system.arms),
+        *(Addressee(row.name, "suj", setups=tuple(arm.name for arm in row.arms)) for row in system.carts),
+        *(Addressee(row.name, "teleop", "PSM") for row in system.teleop_psms),
+        *(Addressee(row.name, "teleop", "ECM") for row in system.teleop_ecms),
+        *(Addressee(row.name, kind) for kind, rows in (("console", system.consoles), ("focus", system.focuses))
+          for row in rows),
+        *(Addressee(row.name, row.kind) for row in system.processes if row.kind == "system"),
+    ]
+
+
+@dataclass(slots=True)
+class Seldom:
+    """What is done once in so many ns of the system's time."""
+
+    period_ns: int
+    do: Callable[[int], None]
+    due_ns: int = 0
+
+    def step(self, now_ns: int) -> None:
+        """Do it when it is time."""
+        if now_ns >= self.due_ns:
+            self.due_ns = now_ns + self.period_ns
+            self.do(now_ns)
+
+
+class Bridge(OwnProcess):
+    """See above."""
+
+    def setup(self) -> None:
+        """Join the domain, and make everything that ROS looks for when it asks who is there."""
+        self._parts: list[Closing] = []
+        ACTING.origin = None  # who sends commands over ROS is a person, as at the command line
+        document = self.own.document
+        row = document.ros
+        if row is None:
+            raise ValueError(f"{self.system} has no ROS bridge")
+        self.participant = participant = Participant(row.domain, row.interface, self.name, f"/{row.namespace}")
+        self._stamps = Stamps(self.time.simulated)
+        self._rosout = participant.writer("/rosout", Log, EVENT_DEPTH)
+        self.records: list[RecordTopics] = []
+        self.events: dict[str, EventTopics] = {}
+        asked = addressees(document)
+        types = {each.name: each.type for each in asked}
+        self._publish_all(row, types)
+        arms = [each for each in asked if each.kind == "arm"]
+        self._incoming = Commands(participant, self.system, asked, may_power=row.may_power, warn=self._warn,
+                                  now_ns=self.time.now_ns)
+        states = {arm.name: partial(self._state_of, arm.name) for arm in arms}
+        self._questions = Services(participant, self.system, arms, states, self._warn, self.time.now_ns)
+        self._parts += [self._incoming, self._questions]
+        self._clock = participant.writer("/clock", Clock) if self.time.simulated else None
+        self._seldom = [Seldom(LOOK_NS, self._look)]
+        if row.tf:
+            frames = Frames(participant, self.system, [arm.name for arm in arms])
+            self._parts.append(frames)
+            self._seldom.append(Seldom(FRAMES_NS, lambda now_ns: frames.step(self._stamps)))
+        if row.stats:
+            statistics = Statistics(participant, document)
+            self._parts.append(statistics)
+            self._seldom.append(Seldom(STATISTICS_NS, lambda now_ns: statistics.step(self._stamps.ns(now_ns))))
+        participant.announce()
+
+    def _publish_all(self, row: RosBridge, types: dict[str, str]) -> None:
+        kinds = {each.name: each.kind for each in self.own.document.processes}
+        kinds |= {each.name: "third_party" for each in self.own.document.third_parties}
+        shown = (*SHOWN, "io") if row.io != "off" else SHOWN
+        rings: dict[tuple[str, str], list[TopicEntry]] = {}
+        for entry in catalogue(self.system):
+            if kinds.get(entry.instance) in shown and (not entry.problem or entry.kind != RECORD):
+                rings.setdefault((entry.instance, entry.ring), []).append(entry)
+        for (instance, ring), entries in rings.items():
+            kind = kinds[instance]
+            if ring == "events":
+                found = [entry for entry in entries if entry.kind == EVENT]
+                self.events[instance] = EventTopics(self.participant, instance,
+                                                    directory.reader(self.system, instance, ring), found,
+                                                    self._rosout.write)
+            elif ring == "state":
+                told = [field for field in FIELD_TOPICS if _is_of(field, kind, types.get(instance, ""))]
+                self.records.append(RecordTopics(self.participant, self.system, instance,
+                                                 directory.reader(self.system, instance, ring), entries, told))
+        self._parts += [*self.events.values(), *self.records]
+        self._begin_states()
+
+    def _begin_states(self) -> None:
+        """The operating states there are before anything happens."""
+        for instance, events in self.events.items():
+            if events.state is None:
+                continue
+            reader = directory.reader(self.system, instance, "state", often=False)
+            if reader.newest():
+                state, homed, busy = (reader.field(name) for name in ("state", "is_homed", "is_busy"))
+                events.begin(state.item().decode(errors="replace"), bool(homed), bool(busy))
+            reader.close()
+
+    def _state_of(self, arm: str) -> OperatingState:
+        told = self.events[arm].state
+        return told.message if told is not None else OperatingState()
+
+    def _warn(self, text: str) -> None:
+        self.own.events.report(codes.COMMAND_REFUSED, text, self.name)
+
+    def _rest(self, left_ns: int, looks: bool) -> None:
+        """Carry out at once what comes from ROS."""
+        if self.participant.wait(min(left_ns, round(self.own.row.period_s * 1e9))):
+            self._incoming.step()
+            self._questions.step()
+
+    def update(self) -> None:
+        """All that ROS hears."""
+        now, stamps = self.time.now_ns(), self._stamps
+        stamps.look()
+        self._incoming.step()
+        self._questions.step()
+        if self._clock is not None:
+            self._clock.write(Clock(time_of(now)))
+        for each in self._seldom:
+            each.step(now)
+        for events in self.events.values():
+            events.step(stamps, now)
+        for record in self.records:
+            record.step(stamps)
+
+    def _look(self, now_ns: int) -> None:
+        """See who reads what, and ask for that alone."""
+        self.participant.look()
+        for record in self.records:
+            record.look()
+
+    def quit(self) -> None:
+        """Leave the domain, and give everything back."""
+        for part in self._parts:
+            part.close()
+        if hasattr(self, "participant"):
+            self.participant.close()
+
+
+def _is_of(row: FieldTopic, kind: str, type: str) -> bool:
+    return row.kind == kind and (not row.types or type in row.types)
+
+
+def find(document: SystemConfig, name: str) -> type[OwnProcess]:
+    """What the process of this name is."""
+    return Bridge
+
+
+def main() -> None:
+    """Run it to its end."""
+    live("ros_bridge", find)
+
+
+if __name__ == "__main__":
+    main()
