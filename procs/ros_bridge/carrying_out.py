@@ -12,8 +12,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from procs.ros_bridge.dds import Participant, Reader
-from procs.ros_bridge.incoming import COMMAND_TOPICS, CommandTopic
+from procs.ros_bridge.dds import Participant, TopicReader
+from procs.ros_bridge.incoming import COMMAND_TOPICS, STREAM, CommandTopic
 from procs.ros_bridge.publishing import ros_topic
 from shm.client import Client, MailboxFull
 from shm.segment import SegmentError
@@ -45,10 +45,10 @@ def powers(command: str, numbers: Sequence[float], text: str) -> bool:
 
 
 @dataclass(slots=True)
-class Asked:
+class AskedTopic:
     """One topic."""
 
-    reader: Reader[Any]
+    reader: TopicReader[Any]
     row: CommandTopic
     client: Client
     fixed_text: str = ""
@@ -62,25 +62,40 @@ class Commands:
         """`warn` hears of what was refused, of the same once a second."""
         self._may_power, self._warn, self._now_ns = may_power, warn, now_ns
         self._clients: list[Client] = []
+        self._open: dict[Client, set[int]] = {}
+        """Of whom an answer is awaited, and to which commands."""
         self._told: dict[str, int] = {}
-        self._asked: list[Asked] = []
+        self._asked: list[AskedTopic] = []
         for to in addressees:
             client = Client(system, to.name, "ros_bridge")
             self._clients.append(client)
-            self._asked += [Asked(participant.reader(ros_topic(f"{to.name}/{topic}"), row.message, row.depth), row,
+            self._asked += [AskedTopic(participant.reader(ros_topic(f"{to.name}/{topic}"), row.message, row.depth), row,
                                   client, text) for row, topic, text in topics_of(to)]
 
-    def step(self) -> None:
-        """Carry out all that came, and hear what became of what was asked before."""
+    def take(self) -> None:
+        """Carry out all that came."""
         for asked in self._asked:
             for message in asked.reader.take():
                 self._carry_out(asked, message)
-        for client in self._clients:
+
+    def forget(self, streams_only: bool) -> None:
+        """Leave out what came before now: we were held up, and who sent it does not expect it any more."""
+        for asked in self._asked:
+            if asked.row.depth == STREAM or not streams_only:
+                asked.reader.take()
+
+    def hear(self) -> None:
+        """What became of what was asked."""
+        for client in list(self._open):
             for reply in client.poll():
+                if reply.outcome != "accepted":
+                    self._open[client].discard(reply.id)
                 if reply.outcome in ("refused", "failed"):
                     self._say(f"{client.instance}: {reply.text}")
+            if not self._open[client]:
+                del self._open[client]
 
-    def _carry_out(self, asked: Asked, message: Any) -> None:
+    def _carry_out(self, asked: AskedTopic, message: Any) -> None:
         row, to = asked.row, asked.client.instance
         text = asked.fixed_text or row.text(message)
         numbers = np.asarray(row.numbers(message), dtype=np.float64)
@@ -88,7 +103,7 @@ class Commands:
             self._say(f"{to} {row.asks}: {MAY_NOT}")
             return
         try:
-            asked.client.send(row.asks, numbers, text)
+            self._open.setdefault(asked.client, set()).add(asked.client.send(row.asks, numbers, text))
         except (MailboxFull, SegmentError, ValueError) as error:
             self._say(f"{to} {row.asks}: {error}")
 

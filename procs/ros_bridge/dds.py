@@ -52,7 +52,7 @@ class DdsError(RuntimeError):
     """What DDS refuses, in words."""
 
 
-class Writer(Generic[Message]):
+class TopicWriter(Generic[Message]):
     """Publishes one topic. `is_read`: somebody subscribes to it, as of the last `Participant.look`."""
 
     def __init__(self, writer: DataWriter[Any], name: str) -> None:
@@ -72,7 +72,7 @@ class Writer(Generic[Message]):
         return _gid(self._writer)
 
 
-class Reader(Generic[Message]):
+class TopicReader(Generic[Message]):
     """Subscribes to one topic."""
 
     def __init__(self, reader: DataReader[Any], name: str, depth: int) -> None:
@@ -98,7 +98,7 @@ class Reader(Generic[Message]):
 
 
 def _gid(entity: DataWriter[Any] | DataReader[Any]) -> Gid:
-    return Gid(list(entity.get_guid().bytes))
+    return Gid(entity.get_guid().bytes)
 
 
 class Participant:
@@ -113,43 +113,44 @@ class Participant:
         except DDSException as error:
             raise DdsError(f"ROS domain {domain} on interface {interface}: {error.msg}") from error
         self._waitset = WaitSet(self._participant)
-        self.writers: list[Writer[Any]] = []
-        self.readers: list[Reader[Any]] = []
-        self._graph: Writer[ParticipantEntitiesInfo] = self._writer(
+        self.writers: list[TopicWriter[Any]] = []
+        self.readers: list[TopicReader[Any]] = []
+        self._graph: TopicWriter[ParticipantEntitiesInfo] = self._writer(
             "ros_discovery_info", ParticipantEntitiesInfo, _latched(LATCHED))
 
     def full_name(self, name: str) -> str:
         """A name in our namespace; one with a slash in front is the same in all of them."""
         return f"{self.namespace}/{name}".strip("/") if not name.startswith("/") else name[1:]
 
-    def writer(self, topic: str, message: type[Message], latched: int = 0) -> Writer[Message]:
+    def writer(self, topic: str, message: type[Message], latched: int = 0) -> TopicWriter[Message]:
         """A topic of ours; `latched`: who comes late gets so many of the last messages."""
         qos = _latched(latched) if latched else (Policy.Durability.Volatile, Policy.History.KeepLast(EVENT_DEPTH))
         made = self._writer(f"rt/{self.full_name(topic)}", message, qos)
         self.writers.append(made)
         return made
 
-    def reader(self, topic: str, message: type[Message], depth: int = DEPTH) -> Reader[Message]:
+    def reader(self, topic: str, message: type[Message], depth: int = DEPTH) -> TopicReader[Message]:
         """A topic of others. Never what was latched before we came: old commands are not for us."""
         return self.read_as(f"rt/{self.full_name(topic)}", message, depth)
 
     def read_as(self, name: str, message: type[IdlStruct], depth: int, hashed: type[IdlStruct] | None = None,
-                user_data: str = "") -> Reader[Any]:
+                user_data: str = "") -> TopicReader[Any]:
         """Read what DDS knows by `name`; `hashed`: the message whose hash is told, if not this one."""
         qos = self._qos((Policy.Durability.Volatile, Policy.History.KeepLast(depth)), hashed or message, user_data)
         entity = DataReader(self._participant, Topic(self._participant, name, message), qos)
         entity.set_status_mask(DDSStatus.DataAvailable)
         self._waitset.attach(entity)
-        made: Reader[Any] = Reader(entity, name, depth)
+        made: TopicReader[Any] = TopicReader(entity, name, depth)
         self.readers.append(made)
         return made
 
     def _writer(self, name: str, message: type[IdlStruct], policies: tuple[Any, ...],
-                hashed: type[IdlStruct] | None = None, user_data: str = "") -> Writer[Any]:
+                hashed: type[IdlStruct] | None = None, user_data: str = "") -> TopicWriter[Any]:
         qos = self._qos((*policies, Policy.WriterDataLifecycle(autodispose=False)), hashed or message, user_data)
-        return Writer(DataWriter(self._participant, Topic(self._participant, name, message), qos), name)
+        return TopicWriter(DataWriter(self._participant, Topic(self._participant, name, message), qos), name)
 
-    def write_as(self, name: str, message: type[IdlStruct], hashed: type[IdlStruct], user_data: str) -> Writer[Any]:
+    def write_as(self, name: str, message: type[IdlStruct], hashed: type[IdlStruct],
+                 user_data: str) -> TopicWriter[Any]:
         """Write what DDS knows by `name`; see `read_as`."""
         policies = Policy.Durability.Volatile, Policy.History.KeepLast(DEPTH)
         made = self._writer(name, message, policies, hashed, user_data)
@@ -166,7 +167,7 @@ class Participant:
         return bool(self._waitset.wait(max(0, timeout_ns)))
 
     def look(self) -> None:
-        """See who reads what, for `Writer.is_read`."""
+        """See who reads what, for `TopicWriter.is_read`."""
         for writer in self.writers:
             writer.look()
 
@@ -174,7 +175,7 @@ class Participant:
         """Tell ROS which node has which endpoints; once all are there."""
         node = NodeEntitiesInfo(self.namespace, self.name, [reader.gid for reader in self.readers],
                                 [writer.gid for writer in self.writers])
-        self._graph.write(ParticipantEntitiesInfo(Gid(list(self._participant.get_guid().bytes)), [node]))
+        self._graph.write(ParticipantEntitiesInfo(Gid(self._participant.get_guid().bytes), [node]))
 
     def close(self) -> None:
         """Leave the domain; others see it at once."""

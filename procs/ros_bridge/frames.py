@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 from procs.crtk.plain import plain
 from procs.ros_bridge.dds import Participant
-from procs.ros_bridge.messages import Header, Quaternion, TFMessage, Transform, TransformStamped, Vector3
+from procs.ros_bridge.messages import MessageHeader, Quaternion, TFMessage, Transform, TransformStamped, Vector3
 from procs.ros_bridge.stamps import Stamps, time_of
 from shm import directory
 
 
-class Frames:
+class TipFrames:
     """All tips that are known, in one message."""
 
     def __init__(self, participant: Participant, system: str, arms: Sequence[str]) -> None:
@@ -29,7 +29,8 @@ class Frames:
         found = []
         for name, ring, valid, frame, pose in self._arms:
             if ring.newest() and bool(valid):
-                numbers, header = pose.tolist(), Header(time_of(stamps.ns(ring.stamp_ns)), str(plain(frame.item())))
+                header = MessageHeader(time_of(stamps.ns(ring.stamp_ns)), str(plain(frame.item())))
+                numbers = pose.tolist()
                 found.append(TransformStamped(header, name, Transform(Vector3(*numbers[:3]), Quaternion(*numbers[3:]))))
         if found:
             self._writer.write(TFMessage(found))

@@ -21,7 +21,7 @@ from procs.ros_bridge.messages import (
     Empty,
     Float64,
     Float64MultiArray,
-    JointState,
+    JointStates,
     Joy,
     Pose,
     PoseStamped,
@@ -67,11 +67,11 @@ def _posed(message: PoseStamped) -> Numbers:
     return pose_numbers(message.pose)
 
 
-def _positions(message: JointState) -> Numbers:
+def _positions(message: JointStates) -> Numbers:
     return message.position
 
 
-def _followed(message: JointState) -> Numbers:
+def _followed(message: JointStates) -> Numbers:
     """Positions, and velocities where there are any."""
     return [*message.position, *message.velocity]
 
@@ -136,11 +136,11 @@ def _frame(message: PoseStamped) -> str:
     return message.header.frame_id
 
 
-def _efforts(message: JointState) -> Numbers:
+def _efforts(message: JointStates) -> Numbers:
     return message.effort
 
 
-def _velocities(message: JointState) -> Numbers:
+def _velocities(message: JointStates) -> Numbers:
     return message.velocity
 
 
@@ -155,10 +155,10 @@ COMMAND_TOPICS: Final = (
     CommandTopic(ARM, "state_command", StringStamped, text=_stamped),
     CommandTopic(ARM, "hold", Empty),
     CommandTopic(ARM, "free", Empty),
-    CommandTopic(ARM, "servo_jp", JointState, _followed, depth=STREAM),
-    CommandTopic(ARM, "servo_jr", JointState, _positions),
-    CommandTopic(ARM, "servo_jv", JointState, _velocities, depth=STREAM),
-    CommandTopic(ARM, "servo_jf", JointState, _efforts, depth=STREAM),
+    CommandTopic(ARM, "servo_jp", JointStates, _followed, depth=STREAM),
+    CommandTopic(ARM, "servo_jr", JointStates, _positions),
+    CommandTopic(ARM, "servo_jv", JointStates, _velocities, depth=STREAM),
+    CommandTopic(ARM, "servo_jf", JointStates, _efforts, depth=STREAM),
     CommandTopic(ARM, "servo_cp", PoseStamped, _posed, depth=STREAM),
     CommandTopic(ARM, "servo_cr", PoseStamped, _posed),
     CommandTopic(ARM, "servo_cs", CartesianState, _state, depth=STREAM),
@@ -166,8 +166,8 @@ COMMAND_TOPICS: Final = (
     CommandTopic(ARM, "body/servo_cf", WrenchStamped, _wrenched, depth=STREAM),
     CommandTopic(ARM, "spatial/servo_cf", WrenchStamped, _wrenched, depth=STREAM),
     CommandTopic(ARM, "body/set_cf_orientation_absolute", Bool, _number),
-    CommandTopic(ARM, "move_jp", JointState, _positions),
-    CommandTopic(ARM, "move_jr", JointState, _positions),
+    CommandTopic(ARM, "move_jp", JointStates, _positions),
+    CommandTopic(ARM, "move_jr", JointStates, _positions),
     CommandTopic(ARM, "move_cp", PoseStamped, _posed),
     CommandTopic(ARM, "move_cr", PoseStamped, _posed),
     CommandTopic(ARM, "set_base_frame", PoseStamped, _posed, _frame),
@@ -175,9 +175,9 @@ COMMAND_TOPICS: Final = (
     CommandTopic(ARM, "trajectory_j/set_ratio", Float64, _number),
     CommandTopic(ARM, "trajectory_j/set_ratio_v", Float64, _number),
     CommandTopic(ARM, "trajectory_j/set_ratio_a", Float64, _number),
-    CommandTopic(ARM, "jaw/servo_jp", JointState, _positions, types=PSM, depth=STREAM),
-    CommandTopic(ARM, "jaw/servo_jf", JointState, _efforts, types=PSM, depth=STREAM),
-    CommandTopic(ARM, "jaw/move_jp", JointState, _positions, types=PSM),
+    CommandTopic(ARM, "jaw/servo_jp", JointStates, _positions, types=PSM, depth=STREAM),
+    CommandTopic(ARM, "jaw/servo_jf", JointStates, _efforts, types=PSM, depth=STREAM),
+    CommandTopic(ARM, "jaw/move_jp", JointStates, _positions, types=PSM),
     CommandTopic(ARM, "emulate_adapter_present", Bool, _number, types=PSM),
     CommandTopic(ARM, "emulate_tool_present", Bool, _number, types=PSM),
     CommandTopic(ARM, "set_tool_type", String, text=_data, types=PSM),
@@ -186,8 +186,8 @@ COMMAND_TOPICS: Final = (
     CommandTopic(ARM, "unlock_orientation", Empty, types=MTM),
     CommandTopic("suj", "state_command", StringStamped, text=_stamped),
     CommandTopic("suj", "set_reference_arm", String, text=_data),
-    CommandTopic("suj", "{setup}/servo_jp", JointState, _positions, command="servo_jp"),
-    CommandTopic("suj", "{setup}/move_jp", JointState, _positions, command="move_jp"),
+    CommandTopic("suj", "{setup}/servo_jp", JointStates, _positions, command="servo_jp"),
+    CommandTopic("suj", "{setup}/move_jp", JointStates, _positions, command="move_jp"),
     CommandTopic("teleop", "state_command", StringStamped, text=_stamped),
     CommandTopic("teleop", "set_scale", Float64, _number),
     CommandTopic("teleop", "lock_rotation", Bool, _number, types=PSM),

@@ -18,18 +18,20 @@ from procs.crtk.topics import EVENT, RECORD, TopicEntry, catalogue
 from procs.document.ros import RosBridge
 from procs.document.system import SystemConfig
 from procs.own_memory import Closing
+from procs.pauses import duration
 from procs.ros_bridge.carrying_out import Addressee, Commands
 from procs.ros_bridge.dds import EVENT_DEPTH, Participant
-from procs.ros_bridge.frames import Frames
+from procs.ros_bridge.frames import TipFrames
+from procs.ros_bridge.interval_statistics import LoopStatistics
 from procs.ros_bridge.messages import Clock, Log, OperatingState
 from procs.ros_bridge.outgoing import FIELD_TOPICS, FieldTopic
 from procs.ros_bridge.publishing import EventTopics, RecordTopics
 from procs.ros_bridge.services import Services
 from procs.ros_bridge.stamps import Stamps, time_of
-from procs.ros_bridge.statistics import Statistics
 from procs.user_life import live
 from procs.user_process import OwnProcess
 from shm import directory
+from shm.clock import boottime_ns
 from shm.origins import ACTING
 
 SHOWN: Final = ("arm", "suj", "teleop", "console", "focus", "system", "third_party")
@@ -37,6 +39,8 @@ SHOWN: Final = ("arm", "suj", "teleop", "console", "focus", "system", "third_par
 LOOK_NS: Final = 100_000_000
 FRAMES_NS: Final = 20_000_000
 STATISTICS_NS: Final = 200_000_000
+STREAM_NS: Final = 100_000_000
+"""What came so long ago is of no stream any more."""
 
 
 def addressees(system: SystemConfig) -> list[Addressee]:
@@ -67,7 +71,7 @@ class Seldom:
             self.do(now_ns)
 
 
-class Bridge(OwnProcess):
+class RosLoop(OwnProcess):
     """See above."""
 
     def setup(self) -> None:
@@ -95,13 +99,14 @@ class Bridge(OwnProcess):
         self._clock = participant.writer("/clock", Clock) if self.time.simulated else None
         self._seldom = [Seldom(LOOK_NS, self._look)]
         if row.tf:
-            frames = Frames(participant, self.system, [arm.name for arm in arms])
+            frames = TipFrames(participant, self.system, [arm.name for arm in arms])
             self._parts.append(frames)
             self._seldom.append(Seldom(FRAMES_NS, lambda now_ns: frames.step(self._stamps)))
         if row.stats:
-            statistics = Statistics(participant, document)
+            statistics = LoopStatistics(participant, document)
             self._parts.append(statistics)
             self._seldom.append(Seldom(STATISTICS_NS, lambda now_ns: statistics.step(self._stamps.ns(now_ns))))
+        self._awake_ns = boottime_ns()
         participant.announce()
 
     def _publish_all(self, row: RosBridge, types: dict[str, str]) -> None:
@@ -146,16 +151,31 @@ class Bridge(OwnProcess):
 
     def _rest(self, left_ns: int, looks: bool) -> None:
         """Carry out at once what comes from ROS."""
-        if self.participant.wait(min(left_ns, round(self.own.row.period_s * 1e9))):
-            self._incoming.step()
-            self._questions.step()
+        came = self.participant.wait(min(left_ns, round(self.own.row.period_s * 1e9)))
+        self._notice_pause()
+        if came:
+            self._incoming.take()
+            self._questions.take()
+        self._incoming.hear()
+        self._questions.hear()
+
+    def _notice_pause(self) -> None:
+        """Held up, we leave out what has come meanwhile: goals of streams soon, all else when we were silent."""
+        now, before, self._awake_ns = boottime_ns(), self._awake_ns, boottime_ns()
+        if now - before <= STREAM_NS:
+            return
+        is_silent = now - before > self.own.late_s * 1e9
+        self._incoming.forget(streams_only=not is_silent)
+        if is_silent:
+            self._questions.forget()
+            self.own.events.report(codes.HELD_UP, f"{self.name} was held up for {duration(now - before)}; what came "
+                                   "meanwhile is left out", self.name, value=(now - before) * 1e-9,
+                                   limit=self.own.late_s)
 
     def update(self) -> None:
         """All that ROS hears."""
         now, stamps = self.time.now_ns(), self._stamps
         stamps.look()
-        self._incoming.step()
-        self._questions.step()
         if self._clock is not None:
             self._clock.write(Clock(time_of(now)))
         for each in self._seldom:
@@ -185,7 +205,7 @@ def _is_of(row: FieldTopic, kind: str, type: str) -> bool:
 
 def find(document: SystemConfig, name: str) -> type[OwnProcess]:
     """What the process of this name is."""
-    return Bridge
+    return RosLoop
 
 
 def main() -> None:

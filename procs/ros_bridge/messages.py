@@ -13,7 +13,7 @@ from cyclonedds.idl.types import float32, float64, int32, int64, uint8, uint32
 # No postponed annotations: cyclonedds looks at the types when a class is made. It describes what is a list to us.
 if TYPE_CHECKING:
     sequence = list
-    Octets = list[int]
+    Octets = bytes
 else:
     from cyclonedds.idl.types import array, sequence
 
@@ -28,7 +28,7 @@ class Time(IdlStruct, typename="builtin_interfaces.msg.dds_.Time_"):
     nanosec: uint32 = 0
 
 @dataclass
-class Header(IdlStruct, typename="std_msgs.msg.dds_.Header_"):
+class MessageHeader(IdlStruct, typename="std_msgs.msg.dds_.Header_"):
     """When and in which frame; a stamp of 0 says that the rest is not valid."""
 
     stamp: Time = field(default_factory=Time)
@@ -116,7 +116,7 @@ class Pose(IdlStruct, typename="geometry_msgs.msg.dds_.Pose_"):
 class PoseStamped(IdlStruct, typename="geometry_msgs.msg.dds_.PoseStamped_"):
     """A pose in a frame."""
 
-    header: Header = field(default_factory=Header)
+    header: MessageHeader = field(default_factory=MessageHeader)
     pose: Pose = field(default_factory=Pose)
 
 @dataclass
@@ -130,7 +130,7 @@ class Twist(IdlStruct, typename="geometry_msgs.msg.dds_.Twist_"):
 class TwistStamped(IdlStruct, typename="geometry_msgs.msg.dds_.TwistStamped_"):
     """A twist in a frame."""
 
-    header: Header = field(default_factory=Header)
+    header: MessageHeader = field(default_factory=MessageHeader)
     twist: Twist = field(default_factory=Twist)
 
 @dataclass
@@ -144,14 +144,14 @@ class Wrench(IdlStruct, typename="geometry_msgs.msg.dds_.Wrench_"):
 class WrenchStamped(IdlStruct, typename="geometry_msgs.msg.dds_.WrenchStamped_"):
     """A wrench in a frame."""
 
-    header: Header = field(default_factory=Header)
+    header: MessageHeader = field(default_factory=MessageHeader)
     wrench: Wrench = field(default_factory=Wrench)
 
 @dataclass
 class QuaternionStamped(IdlStruct, typename="geometry_msgs.msg.dds_.QuaternionStamped_"):
     """An orientation in a frame."""
 
-    header: Header = field(default_factory=Header)
+    header: MessageHeader = field(default_factory=MessageHeader)
     quaternion: Quaternion = field(default_factory=Quaternion)
 
 @dataclass
@@ -165,7 +165,7 @@ class Transform(IdlStruct, typename="geometry_msgs.msg.dds_.Transform_"):
 class TransformStamped(IdlStruct, typename="geometry_msgs.msg.dds_.TransformStamped_"):
     """The same, with the names of both."""
 
-    header: Header = field(default_factory=Header)
+    header: MessageHeader = field(default_factory=MessageHeader)
     child_frame_id: str = ""
     transform: Transform = field(default_factory=Transform)
 
@@ -176,10 +176,10 @@ class TFMessage(IdlStruct, typename="tf2_msgs.msg.dds_.TFMessage_"):
     transforms: sequence[TransformStamped] = field(default_factory=list)
 
 @dataclass
-class JointState(IdlStruct, typename="sensor_msgs.msg.dds_.JointState_"):
+class JointStates(IdlStruct, typename="sensor_msgs.msg.dds_.JointState_"):
     """Joints: rad and m, their rates and efforts; any part may be empty."""
 
-    header: Header = field(default_factory=Header)
+    header: MessageHeader = field(default_factory=MessageHeader)
     name: sequence[str] = field(default_factory=list)
     position: sequence[float64] = field(default_factory=list)
     velocity: sequence[float64] = field(default_factory=list)
@@ -189,7 +189,7 @@ class JointState(IdlStruct, typename="sensor_msgs.msg.dds_.JointState_"):
 class Joy(IdlStruct, typename="sensor_msgs.msg.dds_.Joy_"):
     """Buttons: 0 released, 1 pressed, 2 clicked."""
 
-    header: Header = field(default_factory=Header)
+    header: MessageHeader = field(default_factory=MessageHeader)
     axes: sequence[float32] = field(default_factory=list)
     buttons: sequence[int32] = field(default_factory=list)
 
@@ -215,7 +215,7 @@ class Log(IdlStruct, typename="rcl_interfaces.msg.dds_.Log_"):
 class OperatingState(IdlStruct, typename="crtk_msgs.msg.dds_.OperatingState_"):
     """The operating state of an arm."""
 
-    header: Header = field(default_factory=Header)
+    header: MessageHeader = field(default_factory=MessageHeader)
     state: str = ""
     is_homed: bool = False
     is_busy: bool = False
@@ -224,14 +224,14 @@ class OperatingState(IdlStruct, typename="crtk_msgs.msg.dds_.OperatingState_"):
 class StringStamped(IdlStruct, typename="crtk_msgs.msg.dds_.StringStamped_"):
     """A text with its time."""
 
-    header: Header = field(default_factory=Header)
+    header: MessageHeader = field(default_factory=MessageHeader)
     string: str = ""
 
 @dataclass
 class CartesianState(IdlStruct, typename="crtk_msgs.msg.dds_.CartesianState_"):
     """Pose, twist and wrench, and which of them are meant."""
 
-    header: Header = field(default_factory=Header)
+    header: MessageHeader = field(default_factory=MessageHeader)
     pose: Pose = field(default_factory=Pose)
     pose_is_valid: Bool = field(default_factory=Bool)
     twist: Twist = field(default_factory=Twist)
@@ -252,7 +252,7 @@ class CartesianImpedanceHalfPlaneGains(IdlStruct, typename="crtk_msgs.msg.dds_.C
 class CartesianImpedance(IdlStruct, typename="crtk_msgs.msg.dds_.CartesianImpedance_"):
     """Springs and dampers about a place and an orientation."""
 
-    header: Header = field(default_factory=Header)
+    header: MessageHeader = field(default_factory=MessageHeader)
     force_orientation: Quaternion = field(default_factory=Quaternion)
     force_position: Vector3 = field(default_factory=Vector3)
     torque_orientation: Quaternion = field(default_factory=Quaternion)
@@ -265,7 +265,7 @@ class CartesianImpedance(IdlStruct, typename="crtk_msgs.msg.dds_.CartesianImpeda
 class IntervalStatistics(IdlStruct, typename="cisst_msgs.msg.dds_.IntervalStatistics_"):
     """What a loop did in an interval; times in s."""
 
-    header: Header = field(default_factory=Header)
+    header: MessageHeader = field(default_factory=MessageHeader)
     period_avg: float64 = 0.0
     period_std_dev: float64 = 0.0
     period_min: float64 = 0.0
@@ -283,7 +283,7 @@ class IntervalStatistics(IdlStruct, typename="cisst_msgs.msg.dds_.IntervalStatis
 class Gid(IdlStruct, typename="rmw_dds_common.msg.dds_.Gid_"):
     """What DDS calls an endpoint: 16 bytes."""
 
-    data: Octets = field(default_factory=lambda: [0] * 16)
+    data: Octets = bytes(16)
 
 @dataclass
 class NodeEntitiesInfo(IdlStruct, typename="rmw_dds_common.msg.dds_.NodeEntitiesInfo_"):

@@ -20,7 +20,7 @@ from procs.ros_bridge.messages import (
     Empty,
     Float64,
     Float64MultiArray,
-    JointState,
+    JointStates,
     Joy,
     MultiArrayDimension,
     MultiArrayLayout,
@@ -40,8 +40,10 @@ from procs.ros_bridge.messages import (
 PRESSED: Final = {"released": 0, "pressed": 1, "clicked": 2}
 
 
-def _joints(source: OpenTopic, message: JointState) -> None:
-    message.name = source.labels()
+def _joints(source: OpenTopic, message: JointStates) -> None:
+    names = source.part("name").tobytes()
+    if names != getattr(message, "named", None):
+        message.name, message.named = source.labels(), names  # type: ignore[attr-defined]
     message.position, message.velocity, message.effort = (
         source.part(part).tolist() for part in ("position", "velocity", "effort"))
 
@@ -81,7 +83,7 @@ class ViewMessage:
 
 
 VIEW_MESSAGES: Final = {
-    "js": ViewMessage(JointState, _joints),
+    "js": ViewMessage(JointStates, _joints),
     "cp": ViewMessage(PoseStamped, _posed),
     "cv": ViewMessage(TwistStamped, _moving),
     "cf": ViewMessage(WrenchStamped, _pushing),

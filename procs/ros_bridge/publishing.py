@@ -9,7 +9,7 @@ from typing import Any, Final
 from procs.crtk.plain import plain
 from procs.crtk.topics import TopicEntry
 from procs.crtk.views import OpenTopic
-from procs.ros_bridge.dds import LATCHED, Participant, Writer
+from procs.ros_bridge.dds import LATCHED, Participant, TopicWriter
 from procs.ros_bridge.messages import Log, OperatingState
 from procs.ros_bridge.outgoing import EVENT_MESSAGES, NOT_OF_ARMS, VIEW_MESSAGES, EventMessage, FieldTopic, ViewMessage
 from procs.ros_bridge.stamps import Stamps, time_of
@@ -30,11 +30,11 @@ def ros_topic(name: str) -> str:
 
 
 @dataclass(slots=True)
-class View:
+class PublishedView:
     """One view while somebody reads it."""
 
     source: OpenTopic
-    writer: Writer[Any]
+    writer: TopicWriter[Any]
     row: ViewMessage
     message: Any
     frame: Callable[[], str]
@@ -64,10 +64,10 @@ class RecordTopics:
                       for row in told]
         self._seen = [b""] * len(self._told)
 
-    def _view(self, participant: Participant, entry: TopicEntry) -> View:
+    def _view(self, participant: Participant, entry: TopicEntry) -> PublishedView:
         row = VIEW_MESSAGES[entry.kind]
-        writer: Writer[Any] = participant.writer(ros_topic(entry.name), row.message)
-        return View(OpenTopic(self._system, entry, self._ring), writer, row, row.message(), self._frame(entry))
+        writer: TopicWriter[Any] = participant.writer(ros_topic(entry.name), row.message)
+        return PublishedView(OpenTopic(self._system, entry, self._ring), writer, row, row.message(), self._frame(entry))
 
     def _frame(self, entry: TopicEntry) -> Callable[[], str]:
         """The frame of a view, as it is named in the record or always called."""
@@ -87,7 +87,7 @@ class RecordTopics:
                 view.is_wanted = view.writer.is_read
                 self._want(view)
 
-    def _want(self, view: View) -> None:
+    def _want(self, view: PublishedView) -> None:
         entry = view.source.entry
         if self._subscriber is None:
             self._subscriber = Subscriber(self._system, entry.instance, "ros_bridge")
@@ -120,10 +120,10 @@ class RecordTopics:
 
 
 @dataclass(slots=True)
-class State:
+class ToldState:
     """The operating state told last; its stamps increase strictly, as clients compare them."""
 
-    writer: Writer[OperatingState]
+    writer: TopicWriter[OperatingState]
     message: OperatingState
     stamp_ns: int = 0
     due_ns: int = 0
@@ -143,16 +143,16 @@ class EventTopics:
                  rosout: Callable[[Log], None]) -> None:
         self._ring, self._name, self._rosout = ring, prefix.replace("/", "."), rosout
         self._fields = {name: ring.field(name) for name in ring.dtype.names or () if name not in ("sequence",)}
-        self._rows: dict[bytes, tuple[EventMessage, Writer[Any]]] = {}
-        self.state: State | None = None
+        self._rows: dict[bytes, tuple[EventMessage, TopicWriter[Any]]] = {}
+        self.state: ToldState | None = None
         for entry in entries:
             row = EVENT_MESSAGES.get(entry.event)
             if row is None:
                 continue
-            writer: Writer[Any] = participant.writer(ros_topic(f"{prefix}/{entry.event}"), row.message, LATCHED)
+            writer: TopicWriter[Any] = participant.writer(ros_topic(f"{prefix}/{entry.event}"), row.message, LATCHED)
             self._rows[entry.event.encode()] = row, writer
             if row.message is OperatingState:
-                self.state = State(writer, OperatingState())
+                self.state = ToldState(writer, OperatingState())
 
     def begin(self, state: str, is_homed: bool, is_busy: bool) -> None:
         """The operating state there is before the first event of it."""

@@ -11,6 +11,7 @@ import json
 import uuid
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Final
 
 import numpy as np
@@ -18,7 +19,7 @@ from cyclonedds.idl import IdlStruct, make_idl_struct
 from cyclonedds.idl.types import int64, uint64
 
 from procs.ros_bridge.carrying_out import Addressee, Warn
-from procs.ros_bridge.dds import Participant, Reader, Writer
+from procs.ros_bridge.dds import Participant, TopicReader, TopicWriter
 from procs.ros_bridge.incoming import pose_numbers
 from procs.ros_bridge.messages import (
     ConvertFloat64ArrayRequest,
@@ -114,6 +115,7 @@ SERVICES: Final = (
 )
 
 
+@cache
 def framed(message: type[IdlStruct]) -> Any:
     """The class of a question or a reply with the id that rmw_cyclonedds puts in front: guid, seq, its fields."""
     return make_idl_struct(f"Framed{message.__name__}", str(message.__idl_typename__),
@@ -137,9 +139,9 @@ class Server:
         self.service, self.name, full = service, name, participant.full_name(name)
         told = f"serviceid={'.'.join(f'{byte:x}' for byte in uuid.uuid4().bytes)};"
         self._reply = framed(service.response)
-        self.reader: Reader[Any] = participant.read_as(f"rq/{full}Request", framed(service.request), DEPTH,
+        self.reader: TopicReader[Any] = participant.read_as(f"rq/{full}Request", framed(service.request), DEPTH,
                                                        service.request, told)
-        self._writer: Writer[Any] = participant.write_as(f"rr/{full}Reply", self._reply, service.response, told)
+        self._writer: TopicWriter[Any] = participant.write_as(f"rr/{full}Reply", self._reply, service.response, told)
 
     def reply(self, guid: int, seq: int, answer: Any) -> None:
         """To whoever asked."""
@@ -163,13 +165,23 @@ class Services:
             self._servers += [(Server(participant, ros_topic(f"{arm.name}/{row.name}"), row), client)
                               for row in SERVICES]
 
-    def step(self) -> None:
-        """Take questions, pass them on, and give the answers that came."""
+    def take(self) -> None:
+        """Take questions, and pass them on."""
         for server, client in self._servers:
             for request in server.reader.take():
                 if self._can_be_answered(server, request.sample_info.publication_handle):
                     self._ask(server, client, request)
-        for client in self._clients:
+
+    def forget(self) -> None:
+        """Leave out what was asked before now: who asked does not wait any more."""
+        for server, _ in self._servers:
+            server.reader.take()
+
+    def hear(self) -> None:
+        """Give the answers that came."""
+        if not self._waiting:
+            return
+        for client in {client for client, _ in self._waiting}:
             for reply in client.poll():
                 if reply.outcome != "accepted" and (waiting := self._waiting.pop((client, reply.id), None)):
                     self._answer(waiting, reply.outcome == "done", reply.text)

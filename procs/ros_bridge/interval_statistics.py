@@ -12,7 +12,7 @@ from shm.control_page import ControlPage
 FIGURES = ("avg", "std", "min", "max")
 
 
-class Statistics:
+class LoopStatistics:
     """One topic for each process."""
 
     def __init__(self, participant: Participant, system: SystemConfig) -> None:

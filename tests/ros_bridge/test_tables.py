@@ -1,0 +1,189 @@
+"""The tables of the bridge: what dVRK's bridge has is there, and every row fits the commands and records of ours."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+
+from procs.arm_types import ARM_TYPES
+from procs.manifest import proc
+from procs.ros_bridge.carrying_out import Addressee, powers, topics_of
+from procs.ros_bridge.hashes import ros_name
+from procs.ros_bridge.incoming import COMMAND_TOPICS, CommandTopic
+from procs.ros_bridge.messages import (
+    CartesianImpedance,
+    CartesianImpedanceHalfPlaneGains,
+    CartesianState,
+    JointStates,
+    Joy,
+    MessageHeader,
+    Pose,
+    PoseStamped,
+    Quaternion,
+    StringStamped,
+    Vector3,
+)
+from procs.ros_bridge.outgoing import EVENT_MESSAGES, FIELD_TOPICS, VIEW_MESSAGES
+from procs.ros_bridge.services import SERVICES
+from shm.commands import COMMANDS
+from shm.directory import topic_of
+from shm.topics import ARM_STATE
+
+# What clients of dVRK 2.4 subscribe to (S), publish (P) or ask (V) of an arm.
+HEARD = {
+    "JointState": "measured_js setpoint_js gravity_compensation/setpoint_js jaw/measured_js jaw/setpoint_js "
+                  "gripper/measured_js",
+    "PoseStamped": "measured_cp setpoint_cp local/measured_cp local/setpoint_cp",
+    "TwistStamped": "measured_cv local/measured_cv",
+    "WrenchStamped": "body/measured_cf spatial/measured_cf",
+    "Float64MultiArray": "body/jacobian spatial/jacobian",
+}
+TOLD = {
+    "OperatingState": "operating_state", "Bool": "goal_reached gripper/closed orientation_locked",
+    "String": "error warning status tool_type endoscope_type", "Joy": "arm_clutch",
+    "Empty": "gripper/pinch tool_type_request",
+}
+CHANGED = {"String": "desired_state", "Float64": "trajectory_j/ratio trajectory_j/ratio_v trajectory_j/ratio_a"}
+ASKED = {
+    "StringStamped": "state_command", "Empty": "hold free unlock_orientation",
+    "JointState": "servo_jp servo_jr move_jp move_jr servo_jf jaw/servo_jp jaw/move_jp jaw/servo_jf",
+    "PoseStamped": "servo_cp move_cp set_base_frame", "CartesianState": "servo_cs", "CartesianImpedance": "servo_ci",
+    "WrenchStamped": "body/servo_cf spatial/servo_cf",
+    "Bool": "body/set_cf_orientation_absolute use_gravity_compensation emulate_adapter_present emulate_tool_present",
+    "Float64": "trajectory_j/set_ratio trajectory_j/set_ratio_v trajectory_j/set_ratio_a",
+    "Quaternion": "lock_orientation", "String": "set_tool_type set_endoscope_type",
+}
+OTHERS = {
+    "teleop": "set_scale state_command lock_rotation lock_translation set_align_MTM following/mtm/body/servo_cf",
+    "console": "teleop/enable teleop/select teleop/unselect teleop/set_scale emulate_operator_present emulate_clutch "
+               "emulate_camera",
+    "system": "power_off power_on home set_volume beep string_to_speech",
+    "focus": "lock focus_in focus_out",
+    "suj": "set_reference_arm state_command {setup}/servo_jp {setup}/move_jp",
+}
+
+
+def rows(expected: dict[str, str]) -> set[tuple[str, str]]:
+    return {(name, kind) for kind, names in expected.items() for name in names.split()}
+
+
+def short(message: Any) -> str:
+    return ros_name(message).rpartition("/")[2]
+
+
+def test_every_view_that_clients_of_an_arm_want_is_there_with_its_type() -> None:
+    found = {(view.name, short(VIEW_MESSAGES[view.kind].message)) for view in ARM_STATE.views}
+    assert rows(HEARD) <= found
+
+
+def test_every_event_is_there_with_its_type() -> None:
+    assert rows(TOLD) <= {(name, short(row.message)) for name, row in EVENT_MESSAGES.items()}
+    assert rows(CHANGED) <= {(row.topic, short(row.message)) for row in FIELD_TOPICS if row.kind == "arm"}
+
+
+def test_every_command_of_an_arm_is_there_with_its_type() -> None:
+    assert rows(ASKED) <= {(row.topic, short(row.message)) for row in COMMAND_TOPICS if row.kind == "arm"}
+
+
+@pytest.mark.parametrize("kind", OTHERS)
+def test_consoles_teleoperations_and_the_others_take_what_they_take_from_the_original(kind: str) -> None:
+    assert set(OTHERS[kind].split()) <= {row.topic for row in COMMAND_TOPICS if row.kind == kind}
+
+
+@pytest.mark.parametrize("row", COMMAND_TOPICS, ids=lambda row: f"{row.kind}/{row.topic}")
+def test_every_row_is_a_command_that_its_kind_has_and_an_empty_message_is_taken_apart(row: CommandTopic) -> None:
+    command = next(each for each in COMMANDS[row.kind] if each.name == row.asks)
+    message: Any = row.message()
+    assert isinstance(row.text(message), str)
+    assert np.asarray(row.numbers(message), dtype=np.float64).ndim == 1
+    if row.kind == "arm":
+        assert set(row.types) == set(command.types)
+    assert (row.depth == 1) is (command.streams and row.asks not in ("servo_jr", "servo_cr") and row.kind != "suj"), \
+        "of a stream only the newest counts, of increments and of all else each"
+
+
+@pytest.mark.parametrize("row", FIELD_TOPICS, ids=lambda row: f"{row.kind}/{row.topic}")
+def test_every_told_field_is_one_of_its_kind(row: Any) -> None:
+    assert row.field in {field.name for field in topic_of(row.kind, "state").fields}
+
+
+def test_every_event_of_arms_has_a_message() -> None:
+    events = {name for kind in ("arm", "focus") for name in proc(kind).events}
+    events |= {name for each in ARM_TYPES.values() for name in each.events}
+    assert events <= set(EVENT_MESSAGES)
+
+
+def test_every_service_is_a_command_of_arms() -> None:
+    names = {row.name for row in COMMANDS["arm"]}
+    assert {row.command for row in SERVICES if row.command} <= names
+
+
+def numbers_of(topic: str, message: Any) -> list[float]:
+    row = next(row for row in COMMAND_TOPICS if row.topic == topic)
+    return list(map(float, row.numbers(message)))
+
+
+def test_numbers_stand_where_commands_have_them() -> None:
+    pose = Pose(orientation=Quaternion(4.0, 5.0, 6.0, 7.0))
+    pose.position.x, pose.position.y, pose.position.z = 1.0, 2.0, 3.0
+    assert numbers_of("servo_cp", PoseStamped(MessageHeader(), pose)) == [1, 2, 3, 4, 5, 6, 7]
+    assert numbers_of("servo_jp", JointStates(position=[1.0, 2.0], velocity=[3.0, 4.0])) == [1, 2, 3, 4]
+    assert numbers_of("servo_jp", JointStates(name=["a"], position=[1.0])) == [1]
+    assert numbers_of("servo_jf", JointStates(effort=[8.0])) == [8]
+    assert numbers_of("emulate_clutch", Joy(buttons=[2, 9])) == [2]
+    state = CartesianState(pose=pose)
+    state.pose_is_valid.data = True
+    assert numbers_of("servo_cs", state) == [1, 2, 3, 4, 5, 6, 7, *[0] * 12, 1, 0, 0]
+
+
+def test_an_impedance_is_taken_apart_as_scripts_give_it() -> None:
+    count = iter(range(1, 1000))
+
+    def vector() -> Vector3:
+        return Vector3(*(float(next(count)) for _ in range(3)))
+
+    def gains() -> CartesianImpedanceHalfPlaneGains:
+        return CartesianImpedanceHalfPlaneGains(vector(), vector(), vector(), vector())
+
+    message = CartesianImpedance(force_position=vector(), position_positive=gains(), position_negative=gains(),
+                                 orientation_positive=gains(), orientation_negative=gains())
+    found = numbers_of("servo_ci", message)
+    assert found[:11] == [1, 2, 3, 0, 0, 0, 1, 0, 0, 0, 1]
+    positive, negative = np.array(found[11:35]).reshape(4, 6), np.array(found[35:]).reshape(4, 6)
+    assert positive[:, :3].ravel().tolist() == list(range(4, 16))
+    assert negative[:, :3].ravel().tolist() == list(range(16, 28))
+    assert positive[:, 3:].ravel().tolist() == list(range(28, 40))
+    assert negative[:, 3:].ravel().tolist() == list(range(40, 52))
+
+
+def test_setup_joints_have_topics_for_each_setup_arm() -> None:
+    found = topics_of(Addressee("SUJ", "suj", setups=("PSM1", "ECM")))
+    assert ("PSM1/servo_jp", "PSM1") in {(topic, text) for _, topic, text in found}
+    assert ("set_reference_arm", "") in {(topic, text) for _, topic, text in found}
+
+
+def test_only_psms_have_jaws_and_only_masters_lock_their_orientation() -> None:
+    topics = {kind: {topic for _, topic, _ in topics_of(Addressee("X", "arm", kind))} for kind in ("PSM", "MTM", "ECM")}
+    assert "jaw/move_jp" in topics["PSM"] - topics["MTM"] - topics["ECM"]
+    assert "lock_orientation" in topics["MTM"] - topics["PSM"]
+
+
+@pytest.mark.parametrize(("command", "numbers", "text", "expected"), [
+    ("state_command", [], "enable", True), ("state_command", [], " home ", True),
+    ("state_command", [], "disable", False),
+    ("state_command", [], "pause", False), ("state_command", [], "resume", True), ("power_on", [], "", True),
+    ("home", [], "", True), ("power_off", [], "", False), ("teleop_enable", [1.0], "", True),
+    ("teleop_enable", [0.0], "", False), ("move_jp", [0.0], "", False),
+])
+def test_what_powers_homes_or_begins_to_follow_is_known(
+        command: str, numbers: list[float], text: str, expected: bool) -> None:
+    assert powers(command, numbers, text) is expected
+
+
+def test_a_state_command_is_its_text() -> None:
+    row = next(row for row in COMMAND_TOPICS if row.topic == "state_command")
+    assert row.text(StringStamped(string="enable")) == "enable" and row.message is StringStamped
+    assert dataclasses.replace(row, command="x").asks == "x"

@@ -1,0 +1,236 @@
+"""The ROS bridge beside a running robot, seen by another participant: a client of ROS, as far as DDS can tell."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import os
+import signal
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from procs.ros_bridge.dds import Participant, TopicReader, TopicWriter
+from procs.ros_bridge.messages import (
+    Bool,
+    Clock,
+    Empty,
+    JointStates,
+    MessageHeader,
+    OperatingState,
+    Point,
+    Pose,
+    PoseStamped,
+    Quaternion,
+    String,
+    StringStamped,
+    TFMessage,
+)
+from procs.ros_bridge.services import SERVICES, framed
+from shm.clock import monotonic_ns
+from tests.system.robot import ROOT, Robot, wait_for
+
+pytestmark = [pytest.mark.slow, pytest.mark.simulated]
+COUNT = itertools.count()
+FILE = ROOT / "configs/systems/kinematic-teleop.yaml"
+Q = Quaternion(0.0, 0.0, 0.0, 1.0)
+
+
+class Client:
+    """What came, by topic, and what is to go out."""
+
+    def __init__(self, domain: int) -> None:
+        self.participant = Participant(domain, name="client")
+        self.readers: dict[str, TopicReader[Any]] = {}
+        self.writers: dict[str, TopicWriter[Any]] = {}
+        self.got: dict[str, list[Any]] = {}
+
+    def hear(self, topic: str, message: Any) -> None:
+        self.readers[topic] = self.participant.reader(topic, message, 100)
+        self.got[topic] = []
+
+    def tell(self, topic: str, message: Any) -> None:
+        """Publish, once the bridge listens."""
+        if topic not in self.writers:
+            self.writers[topic] = writer = self.participant.writer(topic, type(message))
+            wait_for(lambda: writer.look() or writer.is_read, 30, f"the bridge to listen to {topic}")
+        self.writers[topic].write(message)
+
+    def spin(self) -> bool:
+        self.participant.wait(5_000_000)
+        for topic, reader in self.readers.items():
+            self.got[topic] += reader.take()
+        return True
+
+    def wait(self, condition: Callable[[], object], what: str) -> None:
+        wait_for(lambda: self.spin() and condition(), 60, what)
+
+    def last(self, topic: str) -> Any:
+        return self.got[topic][-1]
+
+    def state(self, text: str) -> None:
+        self.wait(lambda: self.got["PSM1/operating_state"] and self.last("PSM1/operating_state").state == text, text)
+
+
+def file_with(folder: Path, **ros: Any) -> tuple[Path, int]:
+    """A system with a bridge in a domain of its own."""
+    domain = 1 + (os.getpid() * 7 + next(COUNT)) % 230
+    system = yaml.safe_load(FILE.read_text())
+    system["trocar"] = {"ros": {"domain": domain, **ros}}
+    made = folder / f"ros{domain}.yaml"
+    made.write_text(yaml.safe_dump(system))
+    return made, domain
+
+
+@contextlib.contextmanager
+def bridged(robot: Robot, folder: Path, **ros: Any) -> Iterator[Client]:
+    made, domain = file_with(folder, **ros)
+    robot.up(made, "--path", str(ROOT / "configs"))
+    client = Client(domain)
+    for topic, message in (("PSM1/operating_state", OperatingState), ("PSM1/measured_js", JointStates),
+                           ("PSM1/measured_cp", PoseStamped), ("PSM1/warning", String)):
+        client.hear(topic, message)
+    try:
+        yield client
+    finally:
+        client.participant.close()
+
+
+def test_a_client_homes_moves_and_hears_what_a_client_of_the_original_hears(robot: Robot, tmp_path: Path) -> None:
+    with bridged(robot, tmp_path) as client:
+        client.hear("PSM1/goal_reached", Bool)
+        client.hear("/clock", Clock)
+        client.hear("/tf", TFMessage)
+        client.state("DISABLED")
+        client.wait(lambda: client.got["PSM1/measured_js"], "joints, although they are not valid")
+        stamp = client.last("PSM1/measured_js").header.stamp
+        assert stamp.sec == stamp.nanosec == 0
+        client.tell("system/home", Empty())
+        client.wait(lambda: client.last("PSM1/operating_state").is_homed, "PSM1 to be homed")
+        client.wait(lambda: client.last("PSM1/measured_js").header.stamp.sec > 0, "a valid record")
+        names = client.last("PSM1/measured_js").name
+        assert names == ["yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw"]
+        here = client.last("PSM1/measured_js").position
+        client.got["PSM1/operating_state"].clear()
+        client.tell("PSM1/move_jp", JointStates(position=[here[0] + 0.2, *here[1:]]))
+        client.wait(lambda: client.got["PSM1/goal_reached"], "the end of the move")
+        client.wait(lambda: not client.last("PSM1/operating_state").is_busy, "not busy")
+        assert any(state.is_busy for state in client.got["PSM1/operating_state"])
+        stamps = [(s.header.stamp.sec, s.header.stamp.nanosec) for s in client.got["PSM1/operating_state"]]
+        assert stamps == sorted(set(stamps)), "stamps increase strictly"
+        client.wait(lambda: abs(client.last("PSM1/measured_js").position[0] - here[0] - 0.2) < 1e-6, "it to be there")
+        pose = client.last("PSM1/measured_cp")
+        frames = {t.child_frame_id: t for message in client.got["/tf"] for t in message.transforms}
+        assert frames["PSM1"].header.frame_id == pose.header.frame_id == "PSM1_base"
+        assert client.got["/clock"], "time is simulated: ROS is told it"
+        commands_that_make_no_sense_are_refused_and_move_nothing(client)
+        questions_are_answered_as_rmw_cyclonedds_asks_them(client, here)
+
+
+def commands_that_make_no_sense_are_refused_and_move_nothing(client: Client) -> None:
+    before = client.last("PSM1/measured_js").position
+    nan, far = float("nan"), 1e300
+    for message in (JointStates(position=[nan] * 6), JointStates(position=[1.0]), JointStates(position=[far] * 6),
+                    JointStates()):
+        for topic in ("PSM1/servo_jp", "PSM1/move_jp"):
+            client.got["PSM1/warning"].clear()
+            client.tell(topic, message)
+    for pose in (Pose(Point(nan, 0.0, 0.0), Q), Pose(Point(), Quaternion(0.0, 0.0, 0.0, 0.0)),
+                 Pose(Point(), Quaternion(9.0, 9.0, 9.0, 9.0))):
+        client.tell("PSM1/servo_cp", PoseStamped(MessageHeader(), pose))
+        client.tell("PSM1/move_cp", PoseStamped(MessageHeader(), pose))
+    client.tell("PSM1/state_command", StringStamped(string="dance"))
+    for _ in range(20):
+        client.spin()
+    count = len(client.got["PSM1/measured_js"])
+    client.wait(lambda: len(client.got["PSM1/measured_js"]) > count + 20, "more records")
+    assert np.allclose(client.last("PSM1/measured_js").position, before, atol=1e-9)
+    assert client.last("PSM1/operating_state").is_homed
+
+
+def questions_are_answered_as_rmw_cyclonedds_asks_them(client: Client, joints: list[float]) -> None:
+    participant = client.participant
+    asked = next(row for row in SERVICES if row.name == "forward_kinematics")
+    question = participant.write_as("rq/PSM1/forward_kinematicsRequest", framed(asked.request), asked.request, "")
+    replies = participant.read_as("rr/PSM1/forward_kinematicsReply", framed(asked.response), 10, asked.response)
+    wait_for(lambda: question.look() or question.is_read, 30, "the service")
+    question.write(framed(asked.request)(guid=11, seq=12, jp=list(joints), cp=Pose()))
+    found: list[Any] = []
+    client.wait(lambda: found.extend(replies.take()) or found, "an answer")
+    assert (found[0].guid, found[0].seq, found[0].result) == (11, 12, True)
+    assert found[0].cp.position.z != 0.0
+    question.write(framed(asked.request)(guid=11, seq=13, jp=[1.0] * 40, cp=Pose()))
+    client.wait(lambda: found.extend(replies.take()) or len(found) > 1, "a refusal")
+    assert not found[1].result and found[1].message
+
+
+def test_old_commands_are_not_carried_out_by_a_bridge_that_begins(robot: Robot, tmp_path: Path) -> None:
+    made, domain = file_with(tmp_path)
+    client = Client(domain)
+    try:
+        latched = client.participant.writer("PSM1/state_command", StringStamped, latched=10)
+        latched.write(StringStamped(string="enable"))
+        robot.up(made, "--path", str(ROOT / "configs"))
+        client.hear("PSM1/operating_state", OperatingState)
+        client.wait(lambda: len(client.got["PSM1/operating_state"]) > 10, "the bridge")
+        wait_for(lambda: latched.look() or latched.is_read, 30, "the bridge to listen")
+        count = len(client.got["PSM1/operating_state"])
+        client.wait(lambda: len(client.got["PSM1/operating_state"]) > count + 10, "a second")
+        assert {state.state for state in client.got["PSM1/operating_state"]} == {"DISABLED"}
+        latched.write(StringStamped(string="enable"))
+        client.state("ENABLED")
+    finally:
+        client.participant.close()
+
+
+def test_people_on_the_network_power_nothing_where_the_file_says_so(robot: Robot, tmp_path: Path) -> None:
+    with bridged(robot, tmp_path, may_power=False) as client:
+        client.state("DISABLED")
+        client.tell("system/home", Empty())
+        client.tell("PSM1/state_command", StringStamped(string="enable"))
+        wait_for(lambda: "may not power or home" in robot.trocar("logs", "ros_bridge"), 30, "the refusal in the log")
+        assert client.last("PSM1/operating_state").state == "DISABLED"
+        robot.trocar("home")
+        client.wait(lambda: client.last("PSM1/operating_state").is_homed, "whoever sits there may")
+        here = client.last("PSM1/measured_js").position
+        client.tell("PSM1/move_jp", JointStates(position=[here[0] + 0.1, *here[1:]]))
+        client.wait(lambda: abs(client.last("PSM1/measured_js").position[0] - here[0] - 0.1) < 1e-6, "a move")
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
+def test_an_arm_whose_bridge_dies_or_stops_in_a_stream_stays_where_it_is(
+        robot: Robot, tmp_path: Path, how: signal.Signals) -> None:
+    with bridged(robot, tmp_path) as client:
+        client.state("DISABLED")
+        client.tell("system/home", Empty())
+        client.wait(lambda: client.last("PSM1/operating_state").is_homed, "PSM1 to be homed")
+        client.wait(lambda: client.last("PSM1/measured_js").position, "joints")
+        goal = list(client.last("PSM1/measured_js").position)
+        for _ in range(100):
+            goal[0] += 0.0005
+            client.tell("PSM1/servo_jp", JointStates(position=goal))
+            client.spin()
+        pid = robot.pid("ros_bridge")
+        os.kill(pid, how)
+        stood = echo_position(robot)
+        for _ in range(50):
+            goal[0] += 0.0005
+            client.tell("PSM1/servo_jp", JointStates(position=goal))
+            client.spin()
+        if how == signal.SIGSTOP:
+            wait_for(lambda: monotonic_ns() - robot.cell("ros_bridge", "heartbeat_ns") > 1.5e9, 10, "a long pause")
+        assert np.allclose(echo_position(robot), stood, atol=1e-4), "nobody else moves it"
+        if how == signal.SIGSTOP:
+            os.kill(pid, signal.SIGCONT)
+        wait_for(lambda: robot.state("ros_bridge") == "RUNNING", 30, "the bridge to be back")
+        client.wait(lambda: len(client.got["PSM1/operating_state"]) > 0, "it to be heard")
+        assert np.allclose(echo_position(robot), stood, atol=1e-4), "nor does what came meanwhile"
+
+
+def echo_position(robot: Robot) -> Any:
+    row = yaml.safe_load(robot.trocar("echo", "PSM1/measured_js", "--json", "--once"))
+    return row["position"]
