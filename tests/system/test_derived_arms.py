@@ -36,15 +36,21 @@ class Broken(DerivedEcm):
 """
 
 
+def page_in(folder: Path) -> dict[str, Any]:
+    """What the page declares; its program is in this folder."""
+    (program,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+    (declared,) = re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)
+    (folder / "scanner.py").write_text(program)
+    page: dict[str, Any] = yaml.safe_load(declared)
+    return page
+
+
 def system_of(folder: Path, second: str) -> Path:
     """A derived master, the page's PSM1, and an ECM of this class of broken.py."""
-    (program,), (declared,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL), re.findall(r"```yaml\n(.*?)```",
-                                                                                           PAGE, re.DOTALL)
-    (folder / "scanner.py").write_text(program)
+    page = page_in(folder)
     (folder / "broken.py").write_text(BROKEN)
     system = yaml.safe_load((ROOT / "configs/systems/kinematic-teleop.yaml").read_text())
     system["consoles"][0]["teleop_PSMs"][0]["configure_parameter"]["align_MTM"] = False
-    page = yaml.safe_load(declared)
     ecm = {"name": "ECM", "type": "ECM_DERIVED", "component": second, "simulation": "KINEMATIC",
            "arm_file": "arms/ECM-demo.yaml"}
     master = {**system["arms"][0], "type": "MTM_DERIVED", "component": "broken.Master"}
@@ -110,6 +116,35 @@ def test_the_arm_of_the_page_homes_follows_scans_and_is_killed(
     wait_for(lambda: shown(records(robot, "ECM", "state"), "is_homed"), 30, "it goes on homed")
     robot.trocar("send", "console", "teleop_enable", "1")
     wait_for(lambda: shown(teleop, "following"), 60, "following again")
+    assert robot.down() == 0
+
+
+def test_on_boards_io_holds_the_arm_while_its_process_is_away(
+        robot: Robot, tmp_path: Path, records: Callable[..., Any]) -> None:
+    page, system = page_in(tmp_path), yaml.safe_load((ROOT / "configs/systems/demo.yaml").read_text())
+    (arm,) = system["arms"]
+    arm |= {key: f"{ROOT}/configs/{arm[key]}" for key in ("arm_file", "IO_file", "PID_file")}
+    arm |= {key: page["arms"][0][key] for key in ("type", "component")}
+    system["trocar"] |= page["trocar"]
+    (tmp_path / "lab.yaml").write_text(yaml.safe_dump(system))
+    robot.up(tmp_path / "lab.yaml")
+    robot.trocar("power-on")
+    robot.home()
+    psm, boards = records(robot, "PSM1", "state"), records(robot, "boards", "state")
+
+    def yaw() -> float:
+        assert boards.newest()
+        return float(boards.field("position")[0])
+
+    home = yaw()
+    robot.trocar("send", "PSM1", "scan", "0.05")
+    wait_for(lambda: abs(yaw() - home) > 0.01, 60, "it scans")
+    pid = robot.kill("PSM1")
+    wait_for(lambda: robot.state("PSM1") == "RUNNING" and robot.pid("PSM1") != pid, 30, "its successor")
+    robot.pids.add(robot.pid("PSM1"))
+    wait_for(lambda: psm.newest() and psm.field("sub_state") == b"HOMED", 30, "it goes on")
+    assert abs(yaw() - home) < 0.06 and psm.field("is_homed")
+    assert "for a second" in robot.trocar("send", "PSM1", "scan", "0.02")
     assert robot.down() == 0
 
 
