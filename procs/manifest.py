@@ -142,6 +142,10 @@ PROCS: tuple[Proc, ...] = (
              row.name for rows in (system.arms, system.carts, system.consoles) for row in rows))
              ] if system.consoles else [],
          sizes=sizes.of_system, priority="least", woken=True, phase=0.06, budget_us=500),
+    Proc("socket_bridge", "procs.socket_bridge.loop", 0.01, 0.3, 3.0, "its clients are disconnected; restart",
+         instances=lambda system: [ProcessInstance("socket_bridge", listen=system.socket.listen)]
+         if system.socket else [],
+         budget_us=500, hung_s=5.0, in_time=False),
     Proc("user", "procs.user.loop", 0.01, 1.0, 3.0, "nothing else changes; restart", topics=(),
          instances=lambda system: _users(system, {row.name: (row.period_s, ELSEWHERE if row.host else "")
                                                   for row in system.users if row.name not in

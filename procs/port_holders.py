@@ -47,12 +47,20 @@ def connections(port: int) -> int:
     return sum(row.state == _ESTABLISHED for row in _sockets(TCP, port))
 
 
+def client_user(address: str, port: int, to: int) -> int | None:
+    """The user (id) whose program has a connection from this address and port of ours to our port `to`; None: nobody.
+    """
+    return next((row.uid for row in _sockets(TCP, port) if row.to == to and row.address == address
+                 and row.state == _ESTABLISHED), None)
+
+
 @dataclass(frozen=True, slots=True)
 class _Row:
     address: str
     state: str
     inode: str
     uid: int
+    to: int
 
 
 def _meet(one: str, other: str) -> bool:
@@ -70,7 +78,8 @@ def _sockets(protocol: str, port: int) -> Iterator[_Row]:
         for line in lines:
             words = line.split(maxsplit=10)
             if words[1].endswith(ending):
-                yield _Row(_address(words[1].partition(":")[0]), words[3], words[9], int(words[7]))
+                yield _Row(_address(words[1].partition(":")[0]), words[3], words[9], int(words[7]),
+                           int(words[2].partition(":")[2], 16))
 
 
 def _address(text: str) -> str:

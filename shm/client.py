@@ -198,7 +198,7 @@ class Client:
         self.inbox: list[Reply] = []
         """Replies that another handle has fetched for this one."""
         self._desk = DESKS.open(system, instance, called or program_name())
-        self._program, self._closed = program_name(), False
+        self._program, self._closed = called or program_name(), False
 
     @property
     def commands(self) -> list[dict[str, Any]]:

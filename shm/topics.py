@@ -352,9 +352,26 @@ SUPERVISOR_STATE = Topic(
     ),
 )
 
+SOCKET_STATE = Topic(
+    "state",
+    writer="socket_bridge",
+    rate_hz=1,
+    depth_s=0,
+    depth=64,
+    fields=(
+        Field("clients", "<u4", "", "programs that are connected"),
+        Field("subscriptions", "<u4", "", "of all of them"),
+        Field("received", "<u8", "", "messages from clients since start"),
+        Field("sent", "<u8", "", "records sent since start"),
+        Field("lost", "<u8", "", "records that slow clients did not get"),
+        Field("commands", "<u8", "", "commands passed on"),
+        Field("refused", "<u8", "", "messages answered with an error"),
+    ),
+)
+
 TOPICS: tuple[Topic, ...] = (
     IO_STATE, IO_GAINS, IO_INSTRUMENTS, SETPOINT, ARM_STATE, SUJ_STATE, SUJ_SETPOINT, BOARDS_STATE, SUPERVISOR_STATE,
-    TELEOP_STATE, CONSOLE_STATE, SYSTEM_STATE, FOCUS_STATE, THIRD_PARTY_STATE, EVENTS, COMMAND, REPLY,
+    TELEOP_STATE, CONSOLE_STATE, SYSTEM_STATE, FOCUS_STATE, SOCKET_STATE, THIRD_PARTY_STATE, EVENTS, COMMAND, REPLY,
     AUDIT,
 )
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs.crtk.plain import plain
-from procs.crtk.topics import EVENT, RECORD, TopicEntry, catalogue, find, writer_gone
+from procs.crtk.topics import EVENT, RECORD, TopicEntry, find, writer_gone
 from shm import directory
 from shm.clock import monotonic_ns
 from shm.ring import RingReader
@@ -211,13 +211,12 @@ def open_topic(system: str, topic: str) -> OpenTopic:
     return OpenTopic(system, find(system, topic))
 
 
-def state_as_event(system: str, instance: str) -> dict[str, Any] | None:
+def state_as_event(system: str, state: TopicEntry) -> dict[str, Any] | None:
     """An operating_state from the state record, for an arm that has not emitted any event (any more)."""
-    for entry in catalogue(system):
-        if entry.name == f"{instance}/state" and {f.name for f in entry.fields} >= set(OPERATING_STATE):
-            with OpenTopic(system, entry) as source:
-                if source.newest():
-                    record = source.as_dict()
-                    known = {key: record[key] for key in ("stamp_ns", "sequence", *OPERATING_STATE)}
-                    return known | {"event": "operating_state", "severity": 0, "monotonic_ns": 0, "local_ns": 0}
+    if {f.name for f in state.fields} >= set(OPERATING_STATE):
+        with OpenTopic(system, state) as source:
+            if source.newest():
+                record = source.as_dict()
+                known = {key: record[key] for key in ("stamp_ns", "sequence", *OPERATING_STATE)}
+                return known | {"event": "operating_state", "severity": 0, "monotonic_ns": 0, "local_ns": 0}
     return None

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from procs.crtk.demand import OnDemand, wait_until_computed
-from procs.crtk.topics import RECORD
+from procs.crtk.topics import RECORD, find
 from procs.crtk.views import OpenTopic, event_as_dict, open_topic, state_as_event
 from shm.clock import monotonic_ns, pause
 from shm.segment import SegmentError
@@ -74,7 +74,7 @@ def _events(system: str, source: OpenTopic, most: int, timeout: float | None, as
     """What is kept, the newest last, then what comes. Without `most` or `timeout` until Ctrl-C."""
     rows = source.kept(most or HISTORY)
     if not rows and source.entry.event == "operating_state":
-        found = state_as_event(system, source.entry.instance)
+        found = state_as_event(system, find(system, f"{source.entry.instance}/state"))
         rows = [found] if found is not None else []
     for row in rows:
         _report(source, row, as_json)

@@ -4,28 +4,16 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field
+from pydantic import Field
 
 from procs.config.build.tasks import TaskKeys
+from procs.config.models.addresses import Addresses
+from procs.config.models.bridge_section import SocketKeys
 from procs.config.models.emulation_section import Cpu, EmulationOptions, Period, Priority
 from procs.config.models.user_section import CommandKeys, PropertyKeys, TopicKeys
 from procs.config.read.validate import Rows, Section
-from procs.document.process import host_and_port
 
 Account = Annotated[str, Field(pattern=r"^[a-z_][a-z0-9_-]{0,31}$|^$")]
-
-def _as_addresses(value: object) -> object:
-    """One address stands for a list of one."""
-    return (value,) if isinstance(value, str) else value
-
-
-def _known_address(address: str) -> str:
-    host_and_port(address)
-    return address
-
-
-Address = Annotated[str, AfterValidator(_known_address), Field(description="IP address and port: 127.0.0.1:8080")]
-Addresses = Annotated[Rows[Address], BeforeValidator(_as_addresses)]
 OnExit = Annotated[Literal["restart", "stay-down"], Field()]
 
 
@@ -125,4 +113,5 @@ class TrocarSection(Section):
     emulation: EmulationOptions = EmulationOptions()
     logs: LogOptions = LogOptions()
     ros: RosOptions | None = None
+    socket: SocketKeys | None = None
     processes: dict[str, ProcessKeys] = Field(default_factory=dict)

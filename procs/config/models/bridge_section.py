@@ -1,0 +1,29 @@
+"""What `trocar.socket` may say: the bridge to programs elsewhere."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from procs.config.models.addresses import Addresses
+from procs.config.read.validate import Section
+
+
+class TlsKeys(Section):
+    """Files in PEM format."""
+
+    certificate: str = Field(min_length=1, description="a file")
+    key: str = Field(min_length=1, description="a file")
+    clients: str = Field(default="", description="a file: whose certificates clients have to show")
+
+
+class SocketKeys(Section):
+    """JSON over TCP and WebSocket, see docs/socket.md."""
+
+    listen: Addresses = Field(default=("127.0.0.1:7380",), min_length=1, max_length=8)
+    token_file: str = Field(default="", description="a file of mode 0600")
+    tls: TlsKeys | None = None
+    grants: Literal["view", "command"] | None = None
+    may_power: bool | None = None
+    max_clients: int = Field(default=64, ge=1, le=1000)

@@ -1,0 +1,47 @@
+"""Bridges to programs that are not on this machine, as the document says them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from ipaddress import ip_address
+from typing import Final
+
+from procs.document.process import host_and_port
+
+VIEW: Final = "view"
+COMMAND: Final = "command"
+
+
+@dataclass(frozen=True, slots=True)
+class SocketBridge:
+    """The socket bridge. What is None goes by the address that a client came to: see `rights_at`."""
+
+    listen: tuple[str, ...]
+    token_file: str = ""  # has the words that clients from elsewhere show first
+    certificate: str = ""  # of TLS, with its key; empty: no TLS
+    key: str = ""
+    authorities: str = ""  # whose certificates clients have to show
+    grants: str | None = None  # VIEW or COMMAND
+    may_power: bool | None = None
+    max_clients: int = 64
+
+    def rights_at(self, address: str) -> Rights:
+        """What clients may do that come to this address: by default all on loopback, look elsewhere."""
+        local = is_loopback(address)
+        commands = local if self.grants is None else self.grants == COMMAND
+        powers = local if self.may_power is None else self.may_power
+        return Rights(local, commands, commands and powers)
+
+
+@dataclass(frozen=True, slots=True)
+class Rights:
+    """What a client may do; `local`: who runs on this machine as the user of this system needs no token."""
+
+    local: bool
+    commands: bool
+    powers: bool
+
+
+def is_loopback(address: str) -> bool:
+    """Whether an address of `listen` is reached from this machine only."""
+    return ip_address(host_and_port(address)[0]).is_loopback

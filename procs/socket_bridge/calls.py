@@ -1,0 +1,113 @@
+"""Commands of one client, and what becomes of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+from procs.crtk.names import none_such
+from procs.crtk.powering import powers
+from procs.document.bridges import Rights
+from procs.socket_bridge.messages import WrongMessage
+from shm.client import Client, MailboxFull, Reply
+from shm.clock import monotonic_ns
+from shm.commands import CommandRow
+from shm.header import SegmentError
+
+KEPT: Final = 1000
+"""Commands of which the client has not heard the end."""
+SOON_NS: Final = 1_000_000_000
+"""So long a first answer is looked for often."""
+ENDINGS: Final = ("refused", "done", "failed")
+
+
+@dataclass(frozen=True, slots=True)
+class CommandOwner:
+    """An instance that can be asked: its kind, and its commands by name."""
+
+    kind: str
+    rows: Mapping[str, CommandRow]
+
+
+@dataclass(slots=True)
+class Call:
+    """A command that is under way: the client's number for it, to whom, what, and until when an answer is due."""
+
+    id: Any
+    to: str
+    command: str
+    due_ns: int
+
+
+class Calls:
+    """The ways of one client to all owners; what it sends are a person's commands."""
+
+    def __init__(self, system: str, owners: Mapping[str, CommandOwner], rights: Rights,
+                 is_over: Callable[[], bool]) -> None:
+        """`is_over`: what is sent now is about the past, and is not sent."""
+        self.program = "socket"
+        """Who others are told that it is."""
+        self._system, self._owners, self._rights, self._is_over = system, owners, rights, is_over
+        self._clients: dict[str, Client] = {}
+        self._calls: dict[tuple[str, int], Call] = {}
+        self._due_ns = 0
+
+    def owner(self, name: str) -> CommandOwner:
+        """Who can be asked under this name; WrongMessage has the nearest ones."""
+        if name not in self._owners:
+            raise WrongMessage(none_such("component", name[:80], self._owners))
+        return self._owners[name]
+
+    def send(self, number: Any, to: str, command: str, values: list[float], text: str) -> None:
+        """Pass on a command; WrongMessage says why it is not."""
+        owner = self.owner(to)
+        row = owner.rows.get(command)
+        if row is None:
+            raise WrongMessage(none_such(f"command of {to}", command[:80], owner.rows))
+        if not self._rights.commands:
+            raise WrongMessage("this connection may only look (trocar.socket.grants)")
+        if not self._rights.powers and powers(owner.kind, row, values, text):
+            raise WrongMessage(f"{to} {command}: this connection may not power or home (trocar.socket.may_power)")
+        if self._is_over():
+            raise WrongMessage("the bridge was held up; what was asked meanwhile is not done")
+        try:
+            if to not in self._clients:
+                self._clients[to] = Client(self._system, to, self.program)
+            sent = self._clients[to].send(command, values, text)
+        except (SegmentError, MailboxFull, ValueError, KeyError) as error:
+            raise WrongMessage(str(error)) from None
+        self._due_ns = monotonic_ns() + SOON_NS
+        self._calls[to, sent] = Call(number, to, command, self._due_ns)
+        if len(self._calls) > KEPT:
+            del self._calls[next(iter(self._calls))]
+
+    def replies(self) -> Iterator[tuple[Call, Reply]]:
+        """What became of them since the last call."""
+        if not self._calls:
+            return
+        for to, client in self._clients.items():
+            for reply in client.poll():
+                key = to, reply.id
+                call = self._calls.get(key)
+                if call is None:
+                    continue
+                call.due_ns = 0
+                if reply.outcome in ENDINGS:
+                    del self._calls[key]
+                yield call, reply
+        if self._due_ns and all(call.due_ns == 0 for call in self._calls.values()):
+            self._due_ns = 0
+
+    def wait_s(self, now_ns: int) -> float:
+        """How long until replies are to be looked at again; infinite when there are none to come."""
+        if self._due_ns > now_ns:
+            return 0.001
+        return 0.01 if self._calls else float("inf")
+
+    def close(self) -> None:
+        """Commands under way finish; nobody hears of it."""
+        for client in self._clients.values():
+            client.close()
+        self._clients.clear()
+        self._calls.clear()

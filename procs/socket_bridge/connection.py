@@ -1,0 +1,152 @@
+"""One client's connection: bytes in, messages to its session; what it sends goes out as fast as the client reads."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Callable
+from typing import Final, Protocol, cast
+
+from procs.socket_bridge.framing import Ended, Framing, framing_of
+from procs.socket_bridge.messages import said
+
+SLICE: Final = 16
+"""Messages of one client, then it is the next one's turn."""
+HIGH: Final = 1 << 18
+"""Bytes that a client has not read: from here on it gets no records."""
+MOST: Final = 1 << 22
+"""Bytes, then it is disconnected."""
+
+
+class MessageHandler(Protocol):
+    """What becomes of a connection's messages."""
+
+    def handle(self, message: bytes) -> None:
+        """One message."""
+
+    def gone(self) -> None:
+        """The connection has ended."""
+
+
+class Admission(Protocol):
+    """Who lets connections in."""
+
+    def admit(self, connection: Connection) -> MessageHandler | None:
+        """A session for a connection; None after saying why there is none."""
+
+    def is_over(self) -> bool:
+        """We were held up: what comes in is about the past."""
+
+
+class Connection(asyncio.Protocol):
+    """A client that is connected."""
+
+    def __init__(self, door: Admission, address: str) -> None:
+        """`address`: the one of `listen` that it came to."""
+        self.address = address
+        self.on_end: Callable[[], None] = lambda: None
+        self._door = door
+        self._loop = asyncio.get_event_loop()
+        self._transport: asyncio.Transport | None = None
+        self._listener: MessageHandler | None = None
+        self._framing: Framing | None = None
+        self._begin = b""
+        self._backlog: deque[bytes] = deque()
+        self._out: list[bytes] = []
+        self._is_paused = self._is_ended = False
+
+    @property
+    def peer(self) -> tuple[str, int]:
+        """Address and port of the client."""
+        host, port, *_ = self._transport.get_extra_info("peername") if self._transport else ("", 0)
+        return host, port
+
+    @property
+    def local_port(self) -> int:
+        """The port it came to."""
+        return int(self._transport.get_extra_info("sockname")[1]) if self._transport else 0
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Somebody has come."""
+        self._transport = cast(asyncio.Transport, transport)
+        self._listener = self._door.admit(self)
+
+    def data_received(self, data: bytes) -> None:
+        """Bytes of any number of messages."""
+        if self._door.is_over() or self._is_ended:
+            return
+        if self._framing is None:
+            self._begin = data = self._begin + data
+            self._framing = framing_of(data)
+            if self._framing is None:
+                return
+        try:
+            self._backlog += self._framing.feed(data)
+        except Ended as error:
+            self.end(str(error))
+            return
+        self._pass(self._framing.waiting())
+        self._work()
+
+    def _work(self) -> None:
+        for _ in range(min(SLICE, len(self._backlog))):
+            if self._listener is None or self._is_ended or self._door.is_over():
+                self._backlog.clear()
+                return
+            self._listener.handle(self._backlog.popleft())
+        if self._transport is None or self._is_ended:
+            return
+        if bool(self._backlog) is not self._is_paused:
+            self._is_paused = bool(self._backlog)
+            (self._transport.pause_reading if self._is_paused else self._transport.resume_reading)()
+        if self._backlog:
+            self._loop.call_soon(self._work)
+
+    @property
+    def is_slow(self) -> bool:
+        """It does not read what it was sent."""
+        return self._transport is None or self._transport.get_write_buffer_size() > HIGH
+
+    def send(self, message: bytes) -> None:
+        """Tell it something; what is sent in one turn of the loop goes out together."""
+        if self._framing is not None and not self._is_ended:
+            self._pass(self._framing.frame(message))
+
+    def _pass(self, data: bytes) -> None:
+        if data:
+            self._out.append(data)
+            if len(self._out) == 1:
+                self._loop.call_soon(self._flush)
+
+    def _flush(self) -> None:
+        out, self._out = b"".join(self._out), []
+        if self._transport is None or not out:
+            return
+        self._transport.write(out)
+        if self._transport.get_write_buffer_size() > MOST:
+            self._transport.abort()  # it asks, and does not read what it is answered
+
+    def end(self, why: str = "") -> None:
+        """Disconnect it, and say why."""
+        if self._is_ended or self._transport is None:
+            return
+        if why:
+            if self._framing is None:
+                self._pass(said("error", error=why) + b"\n")
+            else:
+                self.send(said("error", error=why))
+        if self._framing is not None:
+            self._pass(self._framing.waiting())
+        self._is_ended = True
+        self._backlog.clear()
+        self._flush()
+        self._transport.close()
+        self._loop.call_later(5.0, self._transport.abort)
+
+    def connection_lost(self, error: Exception | None) -> None:
+        """It has gone, or we have."""
+        self._is_ended, self._transport = True, None
+        if self._listener is not None:
+            self._listener.gone()
+            self._listener = None
+            self.on_end()

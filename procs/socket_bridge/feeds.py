@@ -1,0 +1,144 @@
+"""What a client gets without asking again: subscriptions, and reads that wait for their value."""
+
+from __future__ import annotations
+
+from typing import Any, Final, Protocol
+
+from procs.socket_bridge.messages import said
+from procs.socket_bridge.topics import SharedTopic, Topics, comes_each, ended, message_of
+
+EACH_NS: Final = 5_000_000
+"""Between two looks at what comes now and then."""
+BURST: Final = 32
+"""Of those at a time."""
+READ_NS: Final = 2_000_000_000
+"""That a read waits for a first record."""
+COMPUTED_NS: Final = 200_000_000
+"""And for values that are computed on demand."""
+AGAIN_NS: Final = 2_000_000
+
+
+class Outlet(Protocol):
+    """The way to a client."""
+
+    @property
+    def is_slow(self) -> bool:
+        """It does not read what it was sent."""
+
+    def send(self, message: bytes) -> None:
+        """Tell it something."""
+
+
+class Feed(Protocol):
+    """Something that is looked at when it is due."""
+
+    due_ns: int
+    """When that is."""
+
+    def serve(self, link: Outlet, now_ns: int, turn: int) -> tuple[int, int]:
+        """Send what there is; how many records that was, and how many were lost."""
+
+    def close(self) -> None:
+        """The client wants it no more."""
+
+
+class Periodic:
+    """The newest record of a topic, at a rate."""
+
+    def __init__(self, topics: Topics, source: SharedTopic, rate_hz: float) -> None:
+        """`source` is shared, and given back."""
+        self._topics, self._source, self._period_ns = topics, source, round(1e9 / rate_hz)
+        self.due_ns = self._seen = self._lost = 0
+
+    def serve(self, link: Outlet, now_ns: int, turn: int) -> tuple[int, int]:
+        """Subscriptions of one rate are due together: their grid is the clock's."""
+        self.due_ns = now_ns - now_ns % self._period_ns + self._period_ns
+        source = self._source
+        if not source.look(turn) or source.sequence == self._seen:
+            return 0, 0
+        self._seen = source.sequence
+        if link.is_slow:
+            self._lost += 1
+            return 0, 1
+        link.send(source.message(self._lost))
+        self._lost = 0
+        return 1, 0
+
+    def close(self) -> None:
+        """Give the topic back."""
+        self._topics.leave(self._source)
+
+
+class Each:
+    """Every record of a topic, the last one of before first. What a client does not read waits in the ring."""
+
+    def __init__(self, topics: Topics, source: SharedTopic) -> None:
+        """`source` is the shared one, held so that the topic is wanted."""
+        self._topics, self._source, self._topic = topics, source, topics.each(source.entry)
+        self.due_ns = self._seen = self._lost = 0
+        self._is_first = True
+
+    def serve(self, link: Outlet, now_ns: int, turn: int) -> tuple[int, int]:
+        """A few at a time."""
+        self.due_ns, count, topic = now_ns + EACH_NS, 0, self._topic
+        if self._is_first:
+            self._is_first = False
+            count += self._last(link)
+        while count < BURST and not link.is_slow and topic.next():
+            if topic.sequence > self._seen:
+                lost, self._lost = topic.lost - self._lost, topic.lost
+                link.send(ended(message_of(topic, topic.as_dict()), lost))
+                count += 1
+        return count, 0
+
+    def _last(self, link: Outlet) -> int:
+        """The last one of before; of the operating state there always is one."""
+        row = self._topic.as_dict() if self._topic.newest() else self._topics.last_state(self._source.entry)
+        if row is None:
+            return 0
+        if self._topic.sequence:
+            self._seen = self._topic.sequence
+        link.send(ended(message_of(self._topic, row), 0))
+        return 1
+
+    def close(self) -> None:
+        """Give the topic back."""
+        self._topic.close()
+        self._topics.leave(self._source)
+
+
+class Reading:
+    """One record, when there is one and its values on demand have been computed."""
+
+    def __init__(self, topics: Topics, source: SharedTopic, number: Any, now_ns: int) -> None:
+        """`number`: the client's for its question."""
+        self._topics, self._source, self._number, self._begun_ns = topics, source, number, now_ns
+        self.due_ns, self.is_done = now_ns, False
+
+    def serve(self, link: Outlet, now_ns: int, turn: int) -> tuple[int, int]:
+        """Answer, or look again soon."""
+        self.due_ns, waited_ns, topic = now_ns + AGAIN_NS, now_ns - self._begun_ns, self._source.topic
+        if self._source.look(turn) and (waited_ns > COMPUTED_NS or not topic.groups or topic.is_computed):
+            link.send(said("answer", self._number, topic=topic.entry.name, **topic.as_dict()))
+        elif waited_ns > READ_NS:
+            link.send(said("error", self._number, error=f"{topic.entry.name}: nothing yet"
+                           + (f" ({problem})" if (problem := topic.problem()) else "")))
+        else:
+            return 0, 0
+        self.is_done = True
+        return 1, 0
+
+    def close(self) -> None:
+        """Give the topic back."""
+        self._topics.leave(self._source)
+
+
+def subscribed(topics: Topics, name: str, rate_hz: float) -> Feed:
+    """A subscription; ValueError for each record of what comes all the time, SegmentError where there is no topic."""
+    entry = topics.find(name)
+    if not rate_hz and not comes_each(entry):
+        raise ValueError(f"{name} comes {entry.rate_hz:g} times a second; give a rate_hz")
+    source = topics.share(entry)
+    return Each(topics, source) if comes_each(entry) else Periodic(topics, source, rate_hz)
+
+

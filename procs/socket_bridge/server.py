@@ -1,0 +1,129 @@
+"""All clients: lets them in, and sends what is due."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import socket
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Final
+
+from procs.document.system import SystemConfig
+from procs.socket_bridge.access import is_ours, tls_of, token_in
+from procs.socket_bridge.calls import CommandOwner
+from procs.socket_bridge.connection import Connection
+from procs.socket_bridge.session import Service, Session
+from procs.socket_bridge.topics import Topics
+from procs.user_tables import commands_of
+from shm.clock import monotonic_ns
+from shm.commands import COMMANDS
+from shm.segment import names_of
+
+HELLO_S: Final = 10.0
+"""In which a client has to show its token."""
+QUICKEST_S: Final = 0.001
+
+
+class Server:
+    """One system's bridge, in an event loop of somebody else."""
+
+    def __init__(self, document: SystemConfig, is_over: Callable[[], bool], log: logging.Logger) -> None:
+        """AccessError when its token or certificate cannot be used. `is_over`: see `Admission`."""
+        if document.socket is None:
+            raise ValueError("the system has no socket bridge")
+        self._bridge, self._log, self._loop = document.socket, log, asyncio.get_event_loop()
+        self._tls = tls_of(self._bridge)
+        self.served = Service(document.name, document.clock, token_in(self._bridge.token_file), Topics(document.name),
+                             owners_of(document), is_over, self._wake)
+        self.sessions: set[Session] = set()
+        self._servers: list[asyncio.Server] = []
+        self._timer: asyncio.TimerHandle | None = None
+        self._at, self._turn = 0.0, 0
+
+    async def listen(self, sockets: Sequence[socket.socket]) -> None:
+        """Let clients in that come to these, one for each address of the bridge."""
+        for address, listening in zip(self._bridge.listen, sockets, strict=True):
+            made = partial(Connection, self, address)
+            self._servers.append(await self._loop.create_server(made, sock=listening, ssl=self._tls))
+
+    def is_over(self) -> bool:
+        """We were held up: what comes in is about the past."""
+        return self.served.is_over()
+
+    def admit(self, connection: Connection) -> Session | None:
+        """A session for a client, or the end of its connection."""
+        host, port = connection.peer
+        if len(self.sessions) >= self._bridge.max_clients:
+            connection.end(f"{len(self.sessions)} clients are connected already (trocar.socket.max_clients)")
+            return None
+        rights = self._bridge.rights_at(connection.address)
+        is_known = bool(self._bridge.authorities) or (
+            rights.local and is_ours((host, port), connection.local_port))
+        if not is_known and not self.served.token:
+            self._log.warning("%s port %s: a program of another user, and there is no token", host, port)
+            connection.end("programs of other users need a token (trocar.socket.token_file)")
+            return None
+        session = Session(self.served, connection, rights, is_known)
+        self.sessions.add(session)
+        connection.on_end = partial(self._left, session, f"{host} port {port}")
+        if not is_known:
+            self._loop.call_later(HELLO_S, self._expect_hello, session)
+        self._log.info("%s port %s has come; clients: %d", host, port, len(self.sessions))
+        return session
+
+    def _expect_hello(self, session: Session) -> None:
+        if session in self.sessions and not session.is_known:
+            session.link.end("no token came")
+
+    def _left(self, session: Session, who: str) -> None:
+        self.sessions.discard(session)
+        self._log.info("%s has left; clients: %d", who, len(self.sessions))
+
+    def _wake(self) -> None:
+        """Somebody has asked for something: look soon."""
+        self._look_in(QUICKEST_S)
+
+    def _look_in(self, seconds: float) -> None:
+        at = self._loop.time() + max(seconds, QUICKEST_S)
+        if self._timer is None or at < self._at:
+            if self._timer is not None:
+                self._timer.cancel()
+            self._at, self._timer = at, self._loop.call_at(at, self._serve)
+
+    def _serve(self) -> None:
+        self._timer = None
+        self._turn += 1
+        now_ns, next_s = monotonic_ns(), float("inf")
+        for session in tuple(self.sessions):
+            try:
+                next_s = min(next_s, session.serve(now_ns, self._turn))
+            except Exception:  # of one client: the others are served on
+                self._log.exception("a client cannot be served")
+                session.link.end("the bridge cannot serve this; its log says why")
+        if next_s < float("inf"):
+            self._look_in(next_s)
+
+    def close(self) -> None:
+        """Everybody is disconnected, and everything given back."""
+        if self._timer is not None:
+            self._timer.cancel()
+        for server in self._servers:
+            server.close()
+        for session in tuple(self.sessions):
+            session.link.end()
+            session.gone()
+        self.served.topics.close()
+
+
+def owners_of(document: SystemConfig) -> dict[str, CommandOwner]:
+    """Who can be asked, and what."""
+    found = {}
+    for name in sorted({instance for _, instance, what in names_of(document.name) if what == "mailbox"}):
+        if name == "supervisor":
+            kind, rows = name, COMMANDS[name]
+        else:
+            kind, user = document.process(name).kind, document.user(name)
+            rows = COMMANDS.get(kind, ()) + (commands_of(user) if user is not None else ())
+        found[name] = CommandOwner(kind, {row.name: row for row in rows})
+    return found

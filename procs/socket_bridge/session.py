@@ -1,0 +1,191 @@
+"""One client: who it is, what it may do, what it has subscribed to, and the answers to what it says."""
+
+from __future__ import annotations
+
+import hmac
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Final, Protocol
+
+from procs.document.bridges import COMMAND, VIEW, Rights
+from procs.document.user_process import PROPERTIES, SET_PROPERTY
+from procs.socket_bridge.calls import Calls, CommandOwner
+from procs.socket_bridge.feeds import Feed, Outlet, Reading, subscribed
+from procs.socket_bridge.messages import Message, WrongMessage, parsed, said
+from procs.socket_bridge.topics import Topics
+from shm.clock import monotonic_ns
+from shm.header import SegmentError
+
+PROTOCOL: Final = 1
+MAX_STREAMS: Final = 256
+MANY_WRONG: Final = 20
+"""Messages that are no JSON, one after the other: that is another protocol."""
+
+
+@dataclass(slots=True)
+class Counts:
+    """Of all clients since the start."""
+
+    received: int = 0
+    sent: int = 0
+    lost: int = 0
+    commands: int = 0
+    refused: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Service:
+    """What all sessions share."""
+
+    system: str
+    clock: str
+    token: bytes
+    topics: Topics
+    owners: dict[str, CommandOwner]
+    is_over: Callable[[], bool]
+    wake: Callable[[], None]
+    counts: Counts = field(default_factory=Counts)
+
+
+class ClientOutlet(Outlet, Protocol):
+    """The way to a client, which can be ended."""
+
+    def end(self, why: str = "") -> None:
+        """Disconnect it."""
+
+
+class Session:
+    """What a client says, and what comes of it."""
+
+    def __init__(self, served: Service, link: ClientOutlet, rights: Rights, is_known: bool) -> None:
+        """Who is not known has to show the token first."""
+        self.link, self.rights, self.is_known = link, rights, is_known
+        self.streams: dict[str, Feed] = {}
+        self.reads: list[Reading] = []
+        self.calls = Calls(served.system, served.owners, rights, served.is_over)
+        self._served, self._counts, self._wrong, self._said_any = served, served.counts, 0, False
+        self._ops: dict[str, Callable[[Message], None]] = {
+            "hello": self._hello, "ping": self._ping, "list": self._list, "commands": self._commands,
+            "read": self._read, "subscribe": self._subscribe, "unsubscribe": self._unsubscribe,
+            "call": self._call, "get": self._get, "set": self._set}
+
+    def handle(self, message: bytes) -> None:
+        """One message; what is wrong with it is answered, and nothing else happens."""
+        self._counts.received += 1
+        number: Any = None
+        try:
+            asked = parsed(message)
+            number, self._wrong, self._said_any = asked.id, 0, True
+            if not self.is_known and asked.op != "hello":
+                raise WrongMessage("say hello with the token first")
+            self._ops[asked.op](asked)
+        except WrongMessage as error:
+            self._refuse(error.id if number is None else number, str(error))
+            self._wrong += number is None
+            if not self._said_any or self._wrong > MANY_WRONG:
+                self.link.end()  # perhaps a web page makes a browser say this
+        except (SegmentError, ValueError) as error:
+            self._refuse(number, str(error))
+        self._served.wake()
+
+    def _refuse(self, number: Any, why: str) -> None:
+        self._counts.refused += 1
+        self.link.send(said("error", number, error=why))
+
+    def _answer(self, asked: Message, **parts: Any) -> None:
+        self.link.send(said("answer", asked.id, **parts))
+
+    def _hello(self, asked: Message) -> None:
+        token = self._served.token
+        if not self.is_known:
+            if not token or not hmac.compare_digest(asked.parts["token"].encode(errors="replace"), token):
+                self._refuse(asked.id, "this is not the token")
+                self.link.end()
+                return
+            self.is_known = True
+        self.calls.program = asked.parts["name"]
+        self._answer(asked, protocol=PROTOCOL, system=self._served.system, clock=self._served.clock,
+                     grants=COMMAND if self.rights.commands else VIEW, may_power=self.rights.powers)
+
+    def _ping(self, asked: Message) -> None:
+        self._answer(asked, now_ns=monotonic_ns())
+
+    def _list(self, asked: Message) -> None:
+        entries = self._served.topics.entries.values()
+        self._answer(asked, topics=[{"topic": entry.name, "kind": entry.kind, "rate_hz": entry.rate_hz}
+                                    for entry in entries])
+
+    def _commands(self, asked: Message) -> None:
+        rows = self.calls.owner(asked.parts["of"]).rows.values()
+        self._answer(asked, commands=[{"name": row.name, "values": row.values, "text": row.text, "doc": row.doc}
+                                      for row in rows])
+
+    def _read(self, asked: Message) -> None:
+        self._check_room()
+        topics = self._served.topics
+        source = topics.share(topics.find(asked.parts["topic"]))
+        self.reads.append(Reading(topics, source, asked.id, monotonic_ns()))
+
+    def _check_room(self) -> None:
+        if len(self.streams) + len(self.reads) >= MAX_STREAMS:
+            raise WrongMessage(f"a client has {MAX_STREAMS} subscriptions at most")
+
+    def _subscribe(self, asked: Message) -> None:
+        name = asked.parts["topic"]
+        if name not in self.streams:
+            self._check_room()
+        made = subscribed(self._served.topics, name, asked.parts["rate_hz"])
+        if (former := self.streams.pop(name, None)) is not None:
+            former.close()
+        self._answer(asked, topic=name)
+        self.streams[name] = made
+
+    def _unsubscribe(self, asked: Message) -> None:
+        stream = self.streams.pop(asked.parts["topic"], None)
+        if stream is None:
+            raise WrongMessage("there is no such subscription")
+        stream.close()
+        self._answer(asked, topic=asked.parts["topic"])
+
+    def _call(self, asked: Message) -> None:
+        parts = asked.parts
+        self.calls.send(asked.id, parts["to"], parts["command"], list(parts["values"]), parts["text"])
+        self._counts.commands += 1
+
+    def _get(self, asked: Message) -> None:
+        topics, of = self._served.topics, asked.parts["of"]
+        topic = topics.each(topics.find(f"{of}/{PROPERTIES}"))
+        try:
+            row = topic.as_dict() if topic.newest() else {}
+        finally:
+            topic.close()
+        self._answer(asked, of=of, properties={name: row[name] for name in row if name not in ("stamp_ns", "sequence")})
+
+    def _set(self, asked: Message) -> None:
+        parts = asked.parts
+        self.calls.send(asked.id, parts["of"], SET_PROPERTY, [parts["value"]], parts["property"])
+        self._counts.commands += 1
+
+    def serve(self, now_ns: int, turn: int) -> float:
+        """Send what is due; how many s until something is again."""
+        counts, link, next_ns = self._counts, self.link, now_ns + 1_000_000_000
+        for stream in (*self.streams.values(), *self.reads):
+            if stream.due_ns <= now_ns:
+                sent, lost = stream.serve(link, now_ns, turn)
+                counts.sent += sent
+                counts.lost += lost
+            next_ns = min(next_ns, stream.due_ns)
+        for reading in [reading for reading in self.reads if reading.is_done]:
+            self.reads.remove(reading)
+            reading.close()
+        for call, reply in self.calls.replies():
+            link.send(said("reply", call.id, to=call.to, command=call.command, outcome=reply.outcome, text=reply.text))
+        return min((next_ns - now_ns) * 1e-9, self.calls.wait_s(now_ns))
+
+    def gone(self) -> None:
+        """The client has left: nothing is wanted for it any more. Commands under way finish."""
+        for stream in (*self.streams.values(), *self.reads):
+            stream.close()
+        self.streams.clear()
+        self.reads.clear()
+        self.calls.close()

@@ -1,0 +1,149 @@
+"""The topics that clients read: each is attached and wanted once, however many clients subscribe to it."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from typing import Any, Final
+
+from procs.crtk.names import Unknown, none_such
+from procs.crtk.topics import EVENT, RECORD, TopicEntry, catalogue
+from procs.crtk.views import OpenTopic, state_as_event
+from shm import directory
+from shm.subscriptions import Subscriber
+
+PROGRAM: Final = "socket_bridge"
+STATE: Final = ("stamp_ns", "sequence", "state", "sub_state", "is_homed", "is_busy")
+_INF: Final = float("inf")
+
+
+class Wanted:
+    """What all clients together want of all instances."""
+
+    def __init__(self, system: str) -> None:
+        self._system = system
+        self._counts: Counter[tuple[str, str, str]] = Counter()
+        self._subscribers: dict[str, Subscriber] = {}
+
+    def take(self, instance: str, ring: str, groups: tuple[str, ...]) -> None:
+        """One more wants a topic, and these groups; SegmentError when that cannot be asked for."""
+        if instance not in self._subscribers:
+            self._subscribers[instance] = Subscriber(self._system, instance, PROGRAM)
+        self._subscribers[instance].want(ring, *groups)
+        self._counts.update((instance, ring, group) for group in ("", *groups))
+
+    def leave(self, instance: str, ring: str, groups: tuple[str, ...]) -> None:
+        """One has gone; what nobody wants any more need not be computed."""
+        self._counts.subtract((instance, ring, group) for group in ("", *groups))
+        self._counts = +self._counts
+        subscriber = self._subscribers[instance]
+        over = [group for group in groups if (instance, ring, group) not in self._counts]
+        if (instance, ring, "") not in self._counts:
+            subscriber.drop(ring)
+        elif over:
+            subscriber.drop(ring, *over)
+        if not any(key[0] == instance for key in self._counts):
+            self._subscribers.pop(instance).close()
+
+    def close(self) -> None:
+        """Nobody wants anything."""
+        for subscriber in self._subscribers.values():
+            subscriber.close()
+        self._subscribers.clear()
+
+
+class SharedTopic:
+    """One topic, its newest record as a message: made once for all who want it."""
+
+    def __init__(self, system: str, entry: TopicEntry) -> None:
+        """Attach; SegmentError when its ring cannot be read."""
+        reader = directory.reader(system, entry.instance, entry.ring, often=False)
+        self.topic, self.entry, self.users = OpenTopic(system, entry, reader), entry, 0
+        self.sequence, self._begin, self._turn = 0, "", 0
+
+    def look(self, turn: int) -> bool:
+        """Take the newest record, once in each turn; whether there is one."""
+        if turn != self._turn:
+            self._turn = turn
+            if self.topic.newest() and self.topic.sequence != self.sequence:
+                self.sequence = self.topic.sequence
+                self._begin = message_of(self.topic, self.topic.as_dict())
+        return bool(self.sequence)
+
+    def message(self, lost: int) -> bytes:
+        """The record that was taken last, with how many the client has missed before it."""
+        return ended(self._begin, lost)
+
+
+def message_of(topic: OpenTopic, row: dict[str, Any]) -> str:
+    """A record as the begin of a message, which `ended` ends."""
+    age_s = topic.age_s
+    known = {"op": "record", "topic": topic.entry.name, **row, "age_s": round(age_s, 6) if 0 <= age_s < _INF else None}
+    return json.dumps(known, allow_nan=False, separators=(",", ":"))[:-1]
+
+
+def ended(begin: str, lost: int) -> bytes:
+    """The whole message."""
+    return f'{begin},"lost":{lost}}}'.encode() if lost else f"{begin}}}".encode()
+
+
+class Topics:
+    """All topics of the system, and those that are open."""
+
+    def __init__(self, system: str) -> None:
+        """Which there are is settled when a system starts."""
+        self.system, self._wanted = system, Wanted(system)
+        self.entries = {entry.name: entry for entry in catalogue(system)}
+        self._open: dict[str, SharedTopic] = {}
+
+    def find(self, name: str) -> TopicEntry:
+        """The topic of this name; Unknown has the nearest ones."""
+        if name not in self.entries:
+            raise Unknown(none_such("topic", name[:80], self.entries))
+        return self.entries[name]
+
+    def share(self, entry: TopicEntry) -> SharedTopic:
+        """A topic, open for one client more; SegmentError when it cannot be read."""
+        source = self._open.get(entry.name)
+        if source is None:
+            source = SharedTopic(self.system, entry)
+            try:
+                self._wanted.take(entry.instance, entry.ring, source.topic.groups)
+            except BaseException:
+                source.topic.close()
+                raise
+            self._open[entry.name] = source
+        source.users += 1
+        return source
+
+    def leave(self, source: SharedTopic) -> None:
+        """That client has left it."""
+        source.users -= 1
+        if not source.users:
+            entry = source.entry
+            del self._open[entry.name]
+            self._wanted.leave(entry.instance, entry.ring, source.topic.groups)
+            source.topic.close()
+
+    def each(self, entry: TopicEntry) -> OpenTopic:
+        """A topic of whose records one client gets each, in order."""
+        reader = directory.reader(self.system, entry.instance, entry.ring, often=False)
+        return OpenTopic(self.system, entry, reader)
+
+    def last_state(self, entry: TopicEntry) -> dict[str, Any] | None:
+        """Of an arm that has not emitted any operating_state yet: the one that its record says."""
+        state = self.entries.get(f"{entry.instance}/state")
+        found = state_as_event(self.system, state) if entry.event == "operating_state" and state is not None else None
+        return found and {key: found[key] for key in STATE}
+
+    def close(self) -> None:
+        """Give all back."""
+        self._wanted.close()
+        for source in self._open.values():
+            source.topic.close()
+        self._open.clear()
+
+
+def comes_each(entry: TopicEntry) -> bool:
+    """Whether its records come now and then, so that each counts."""
+    return entry.kind == EVENT or (entry.kind == RECORD and not entry.rate_hz)

@@ -1,0 +1,106 @@
+"""A bridge in the test's own event loop, on a system that the test plays; and clients of it."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import logging
+import socket
+from collections.abc import AsyncIterator, Callable, Coroutine
+from dataclasses import dataclass, field
+from typing import Any
+
+from procs.document.bridges import SocketBridge
+from procs.document.system import from_json
+from procs.socket_bridge.server import Server
+from shm import directory
+from tests.tools.robot import ScriptedRobot, robot
+
+LOCAL = SocketBridge(("127.0.0.1:7380",))
+DUE_S = 20.0
+
+
+@dataclass
+class Client:
+    """A program that is connected."""
+
+    reader: asyncio.StreamReader
+    writer: asyncio.StreamWriter
+    heard: list[dict[str, Any]] = field(default_factory=list)
+
+    def say(self, op: str, **parts: Any) -> None:
+        """One message."""
+        self.raw(json.dumps({"op": op, **parts}).encode() + b"\n")
+
+    def raw(self, data: bytes) -> None:
+        """Any bytes."""
+        self.writer.write(data)
+
+    async def hear(self, op: str = "") -> dict[str, Any]:
+        """The next message, of this kind; an empty one when the bridge has disconnected us."""
+        while True:
+            line = await asyncio.wait_for(self.reader.readline(), DUE_S)
+            found: dict[str, Any] = json.loads(line) if line else {}
+            if not found or op in ("", found["op"]):
+                return found
+
+    async def ask(self, op: str, **parts: Any) -> dict[str, Any]:
+        """A message, and the answer to it."""
+        self.say(op, id=7, **parts)
+        while True:
+            found = await self.hear()
+            if not found or found.get("id") == 7:
+                return found
+
+
+@dataclass
+class Bridge:
+    """One that runs."""
+
+    server: Server
+    port: int
+    robot: ScriptedRobot
+    is_over: bool = False
+
+    @contextlib.asynccontextmanager
+    async def client(self) -> AsyncIterator[Client]:
+        """A program that connects, and leaves."""
+        reader, writer = await asyncio.open_connection("127.0.0.1", self.port, limit=1 << 22)
+        try:
+            yield Client(reader, writer)
+        finally:
+            writer.close()
+            with contextlib.suppress(ConnectionError):
+                await writer.wait_closed()
+
+    async def until(self, condition: Callable[[], object]) -> None:
+        """Until something is so."""
+        async with asyncio.timeout(DUE_S):
+            while not condition():
+                await asyncio.sleep(0.002)
+
+
+@contextlib.asynccontextmanager
+async def bridge(name: str, settings: SocketBridge = LOCAL) -> AsyncIterator[Bridge]:
+    """A bridge on a system of this name, whose arm accepts all that it is asked."""
+    with robot(name) as scripted:
+        scripted.show_arm(homed=True, state="ENABLED")
+        document = from_json(directory.document(name))
+        object.__setattr__(document, "socket", settings)
+        listening = socket.create_server(("127.0.0.1", 0))
+        made: list[Bridge] = []
+        server = Server(document, lambda: made[0].is_over, logging.getLogger("bridge"))
+        made.append(Bridge(server, listening.getsockname()[1], scripted))
+        await server.listen([listening])
+        try:
+            yield made[0]
+        finally:
+            server.close()
+            for _ in range(3):
+                await asyncio.sleep(0)
+
+
+def run(scenario: Coroutine[Any, Any, None]) -> None:
+    """Run a test's story."""
+    asyncio.run(asyncio.wait_for(scenario, 60.0))
