@@ -10,7 +10,7 @@ import asyncio
 from typing import Final
 
 from procs import runtime
-from procs.socket_bridge.server import Server
+from procs.socket_bridge.server import SocketServer
 
 SHOW_NS: Final = 1_000_000_000
 
@@ -27,7 +27,7 @@ class SocketLoop(runtime.Loop):
         self._show_at = 0
         self._events = asyncio.new_event_loop()
         asyncio.set_event_loop(self._events)
-        self._server = Server(node.document, node.is_over, node.log)
+        self._server = SocketServer(node.document, node.is_over, node.log)
         sockets = [listening.dup() for listening in node.listening]  # ours stay open for the loop after this one
         self._events.run_until_complete(self._server.listen(sockets))
 

@@ -13,7 +13,7 @@ from procs.document.system import SystemConfig
 from procs.socket_bridge.access import is_ours, tls_of, token_in
 from procs.socket_bridge.calls import CommandOwner
 from procs.socket_bridge.connection import Connection
-from procs.socket_bridge.session import Service, Session
+from procs.socket_bridge.session import ClientService, Session
 from procs.socket_bridge.topics import Topics
 from procs.user_tables import commands_of
 from shm.clock import monotonic_ns
@@ -25,7 +25,7 @@ HELLO_S: Final = 10.0
 QUICKEST_S: Final = 0.001
 
 
-class Server:
+class SocketServer:
     """One system's bridge, in an event loop of somebody else."""
 
     def __init__(self, document: SystemConfig, is_over: Callable[[], bool], log: logging.Logger) -> None:
@@ -34,8 +34,8 @@ class Server:
             raise ValueError("the system has no socket bridge")
         self._bridge, self._log, self._loop = document.socket, log, asyncio.get_event_loop()
         self._tls = tls_of(self._bridge)
-        self.served = Service(document.name, document.clock, token_in(self._bridge.token_file), Topics(document.name),
-                             owners_of(document), is_over, self._wake)
+        self.served = ClientService(document.name, document.clock, token_in(self._bridge.token_file),
+                                    Topics(document.name), owners_of(document), is_over, self._wake)
         self.sessions: set[Session] = set()
         self._servers: list[asyncio.Server] = []
         self._timer: asyncio.TimerHandle | None = None

@@ -34,7 +34,7 @@ class Counts:
 
 
 @dataclass(frozen=True, slots=True)
-class Service:
+class ClientService:
     """What all sessions share."""
 
     system: str
@@ -57,7 +57,7 @@ class ClientOutlet(Outlet, Protocol):
 class Session:
     """What a client says, and what comes of it."""
 
-    def __init__(self, served: Service, link: ClientOutlet, rights: Rights, is_known: bool) -> None:
+    def __init__(self, served: ClientService, link: ClientOutlet, rights: Rights, is_known: bool) -> None:
         """Who is not known has to show the token first."""
         self.link, self.rights, self.is_known = link, rights, is_known
         self.streams: dict[str, Feed] = {}

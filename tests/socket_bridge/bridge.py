@@ -13,7 +13,7 @@ from typing import Any
 
 from procs.document.bridges import SocketBridge
 from procs.document.system import from_json
-from procs.socket_bridge.server import Server
+from procs.socket_bridge.server import SocketServer
 from shm import directory
 from tests.tools.robot import ScriptedRobot, robot
 
@@ -22,7 +22,7 @@ DUE_S = 20.0
 
 
 @dataclass
-class Client:
+class BridgeClient:
     """A program that is connected."""
 
     reader: asyncio.StreamReader
@@ -58,17 +58,17 @@ class Client:
 class Bridge:
     """One that runs."""
 
-    server: Server
+    server: SocketServer
     port: int
     robot: ScriptedRobot
     is_over: bool = False
 
     @contextlib.asynccontextmanager
-    async def client(self) -> AsyncIterator[Client]:
+    async def client(self) -> AsyncIterator[BridgeClient]:
         """A program that connects, and leaves."""
         reader, writer = await asyncio.open_connection("127.0.0.1", self.port, limit=1 << 22)
         try:
-            yield Client(reader, writer)
+            yield BridgeClient(reader, writer)
         finally:
             writer.close()
             with contextlib.suppress(ConnectionError):
@@ -90,7 +90,7 @@ async def bridge(name: str, settings: SocketBridge = LOCAL) -> AsyncIterator[Bri
         object.__setattr__(document, "socket", settings)
         listening = socket.create_server(("127.0.0.1", 0))
         made: list[Bridge] = []
-        server = Server(document, lambda: made[0].is_over, logging.getLogger("bridge"))
+        server = SocketServer(document, lambda: made[0].is_over, logging.getLogger("bridge"))
         made.append(Bridge(server, listening.getsockname()[1], scripted))
         await server.listen([listening])
         try:

@@ -30,7 +30,7 @@ KINEMATIC = ROOT / "configs" / "systems" / "kinematic.yaml"
 Records = Callable[[Robot, str, str], RingReader]
 
 
-class Client:
+class SocketClient:
     """A program on a socket."""
 
     def __init__(self, port: int, wrap: Callable[[socket.socket], socket.socket] = lambda bare: bare) -> None:
@@ -69,9 +69,9 @@ def started(robot: Robot, *options: str, address: str = "") -> int:
     return int(where.rpartition(":")[2])
 
 
-def homed(robot: Robot, port: int) -> Client:
+def homed(robot: Robot, port: int) -> SocketClient:
     """A client that has homed the arm."""
-    client = Client(port)
+    client = SocketClient(port)
     for text in ("enable", "home"):
         assert client.ask(op="call", to="PSM1", command="state_command", text=text)["outcome"] == "done"
     robot.pids.add(robot.pid("socket_bridge"))
@@ -158,7 +158,7 @@ def test_the_arm_stops_when_the_bridge_that_streams_does(robot: Robot, records: 
     with pytest.raises((OSError, ValueError)):  # we are disconnected, in the middle of a word perhaps
         while True:
             client.ask(op="ping")
-    again = Client(port)
+    again = SocketClient(port)
     assert again.ask(op="ping")["op"] == "answer"
     robot.pids.add(robot.pid("socket_bridge"))
     assert rests() and yaw() == stands, "nothing of what lay in the socket was done"
@@ -182,7 +182,7 @@ def test_clients_from_elsewhere_show_a_token_and_look(robot: Robot, tmp_path: Pa
     port = started(robot, "--set", f"socket.token_file={token}", "--set",
                    f"socket.tls={{certificate: {certificate}, key: {key}}}", address=address)
     context = ssl.create_default_context(cafile=str(certificate))
-    client = Client(port, lambda bare: context.wrap_socket(bare, server_hostname="robot"))
+    client = SocketClient(port, lambda bare: context.wrap_socket(bare, server_hostname="robot"))
     assert "token" in client.ask(op="list")["error"]
     hello = client.ask(op="hello", token=token.read_text().strip())
     assert (hello["grants"], hello["may_power"]) == ("view", False)
