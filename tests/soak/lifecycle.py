@@ -196,6 +196,7 @@ class RandomWalk:
         pause(2 * LINGER_S + 1.0)
         self._ask(self.clients[0], "stop", WANTED)
         self._until(self._all_answered, "somebody waits for an answer")
+        pause(2 * LINGER_S)  # one that was stopped while somebody seemed to wait for it is refused for so long
 
     def _must_run(self, name: str) -> bool | None:
         """None: it is not clear."""
