@@ -133,10 +133,15 @@ class Participant:
         """A topic of others. Never what was latched before we came: old commands are not for us."""
         return self.read_as(f"rt/{self.full_name(topic)}", message, depth)
 
+    def read_latched(self, topic: str, message: type[Message], depth: int) -> TopicReader[Message]:
+        """A topic of others, with what they latched: what is so, not what was asked."""
+        return self.read_as(f"rt/{self.full_name(topic)}", message, depth, latched=True)
+
     def read_as(self, name: str, message: type[IdlStruct], depth: int, hashed: type[IdlStruct] | None = None,
-                user_data: str = "") -> TopicReader[Any]:
+                user_data: str = "", *, latched: bool = False) -> TopicReader[Any]:
         """Read what DDS knows by `name`; `hashed`: the message whose hash is told, if not this one."""
-        qos = self._qos((Policy.Durability.Volatile, Policy.History.KeepLast(depth)), hashed or message, user_data)
+        durability = Policy.Durability.TransientLocal if latched else Policy.Durability.Volatile
+        qos = self._qos((durability, Policy.History.KeepLast(depth)), hashed or message, user_data)
         entity = DataReader(self._participant, Topic(self._participant, name, message), qos)
         entity.set_status_mask(DDSStatus.DataAvailable)
         self._waitset.attach(entity)

@@ -10,7 +10,7 @@ from procs.crtk.plain import plain
 from procs.crtk.topics import TopicEntry
 from procs.crtk.views import OpenTopic
 from procs.ros_bridge.dds import LATCHED, Participant, TopicWriter
-from procs.ros_bridge.messages import Log, OperatingState
+from procs.ros_bridge.messages import Log, OperatingState, String
 from procs.ros_bridge.outgoing import EVENT_MESSAGES, NOT_OF_ARMS, VIEW_MESSAGES, EventMessage, FieldTopic, ViewMessage
 from procs.ros_bridge.stamps import Stamps, time_of
 from shm.events import ERROR, STATUS, WARNING
@@ -63,6 +63,7 @@ class RecordTopics:
         self._told = [(row, ring.field(row.field), participant.writer(f"{prefix}/{row.topic}", row.message, LATCHED))
                       for row in told]
         self._seen = [b""] * len(self._told)
+        self._selections = Selections(participant, prefix, ring) if "selected" in (ring.dtype.names or ()) else None
 
     def _view(self, participant: Participant, entry: TopicEntry) -> PublishedView:
         row = VIEW_MESSAGES[entry.kind]
@@ -104,6 +105,8 @@ class RecordTopics:
         if not wanted and not self._told:
             return
         is_there = self._ring.newest()
+        if self._selections is not None and is_there:
+            self._selections.step()
         for view in wanted:
             view.publish(stamps)
         for place, (row, cell, writer) in enumerate(self._told if is_there else ()):
@@ -117,6 +120,26 @@ class RecordTopics:
         if self._subscriber is not None:
             self._subscriber.close()
         self._ring.close()
+
+
+class Selections:
+    """Which teleoperations a console has selected: each by its name, when that changes; late comers hear of all."""
+
+    def __init__(self, participant: Participant, prefix: str, ring: RingReader) -> None:
+        """`ring` is the console's, read by its `RecordTopics`."""
+        self._names, self._selected = ring.field("teleop"), ring.field("selected")
+        self._seen: list[tuple[str, bool]] = []
+        self._writers = {flag: participant.writer(f"{prefix}/teleop/{word}", String, max(1, len(self._names)))
+                         for flag, word in ((True, "selected"), (False, "unselected"))}
+
+    def step(self) -> None:
+        """After the record was read."""
+        now = [(str(plain(name)), flag) for name, flag in
+               zip(self._names.tolist(), self._selected.tolist(), strict=True)]
+        for name, flag in now:
+            if name and (name, flag) not in self._seen:
+                self._writers[flag].write(String(name))
+        self._seen = now
 
 
 @dataclass(slots=True)

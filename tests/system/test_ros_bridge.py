@@ -19,7 +19,9 @@ from procs.ros_bridge.messages import (
     Bool,
     Clock,
     Empty,
+    Float64,
     JointStates,
+    Joy,
     MessageHeader,
     OperatingState,
     Point,
@@ -166,6 +168,28 @@ def questions_are_answered_as_rmw_cyclonedds_asks_them(client: Client, joints: l
     question.write(framed(asked.request)(guid=11, seq=13, jp=[1.0] * 40, cp=Pose()))
     client.wait(lambda: found.extend(replies.take()) or len(found) > 1, "a refusal")
     assert not found[1].result and found[1].message
+
+
+def test_a_console_is_operated_and_says_what_it_does(robot: Robot, tmp_path: Path) -> None:
+    with bridged(robot, tmp_path) as client:
+        for topic, message in (("enabled", Bool), ("selected", String), ("unselected", String), ("scale", Float64)):
+            client.readers[topic] = client.participant.read_latched(f"console/teleop/{topic}", message, 10)
+            client.got[topic] = []
+        client.hear("MTMR_PSM1/current_state", String)
+        client.wait(lambda: [each.data for each in client.got["selected"]] == ["MTMR_PSM1"], "what is selected")
+        client.tell("console/teleop/set_scale", Float64(0.4))
+        client.wait(lambda: client.got["scale"] and client.last("scale").data == 0.4, "the scale")
+        client.tell("console/teleop/unselect", String("MTMR_PSM1"))
+        client.wait(lambda: [each.data for each in client.got["unselected"]] == ["MTMR_PSM1"], "it to be unselected")
+        client.tell("console/teleop/select", String("MTMR_PSM1"))
+        client.wait(lambda: len(client.got["selected"]) == 2, "it to be selected again")
+        client.tell("system/home", Empty())
+        client.wait(lambda: client.got["PSM1/operating_state"] and client.last("PSM1/operating_state").is_homed, "home")
+        client.tell("console/emulate_operator_present", Joy(buttons=[1]))
+        client.tell("console/teleop/enable", Bool(True))
+        client.wait(lambda: client.got["enabled"] and client.last("enabled").data, "teleoperation to be enabled")
+        client.wait(lambda: client.got["MTMR_PSM1/current_state"]
+                    and client.last("MTMR_PSM1/current_state").data == "ENABLED", "it to run")
 
 
 def test_old_commands_are_not_carried_out_by_a_bridge_that_begins(robot: Robot, tmp_path: Path) -> None:
