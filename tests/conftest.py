@@ -43,19 +43,18 @@ def pytest_configure() -> None:
 
 @pytest.hookimpl(tryfirst=True)  # before `-m` chooses
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Say which tests want the machine for themselves, and leave soaks out unless `-m` speaks of them.
+    """Say which tests want the machine for themselves, and leave soaks and peers out unless `-m` speaks of them.
 
-    `-m "not slow"` takes the place of the settings' `not soak`.
+    `-m "not slow"` takes the place of the settings' `not soak and not peers`.
     """
     for item in items:
         waits = item.get_closest_marker("simulated") or item.get_closest_marker("patient")  # for whoever is late
         if item.get_closest_marker("slow") and not waits and item.path.is_relative_to(SYSTEMS):
             item.add_marker("alone")
-    if "soak" in config.option.markexpr:
-        return
-    soaks = [item for item in items if item.get_closest_marker("soak")]
-    items[:] = [item for item in items if item not in soaks]
-    config.hook.pytest_deselected(items=soaks)
+    left_out = [mark for mark in ("soak", "peers") if mark not in config.option.markexpr]
+    items_left = [item for item in items if any(item.get_closest_marker(mark) for mark in left_out)]
+    items[:] = [item for item in items if item not in items_left]
+    config.hook.pytest_deselected(items=items_left)
 
 
 @pytest.fixture(scope="session")

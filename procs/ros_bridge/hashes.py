@@ -10,7 +10,7 @@ from cyclonedds.idl import IdlStruct
 
 NESTED: Final = 1
 TYPE_IDS: Final = {"uint8": 3, "int32": 6, "uint32": 7, "int64": 8, "float32": 10, "float64": 11}
-BOOLEAN, STRING = 15, 17
+BOOLEAN, STRING, BOUNDED_STRING = 15, 17, 21
 ARRAY, SEQUENCE = 48, 144
 """Added to the number of what there are many of."""
 
@@ -46,6 +46,8 @@ def _type(annotation: Any, parts: dict[str, dict[str, Any]]) -> dict[str, Any]:
         found = _type(kind.subtype, parts)
         capacity = int(getattr(kind, "length", 0))
         return found | {"type_id": found["type_id"] + (ARRAY if capacity else SEQUENCE), "capacity": capacity}
+    if hasattr(kind, "max_length"):
+        return {"type_id": BOUNDED_STRING, "capacity": 0, "string_capacity": kind.max_length, "nested_type_name": ""}
     nested, number = "", BOOLEAN if kind is bool else STRING if kind is str else TYPE_IDS.get(kind, NESTED)
     if number == NESTED:
         nested = ros_name(kind)

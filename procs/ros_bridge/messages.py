@@ -14,10 +14,12 @@ from cyclonedds.idl.types import float32, float64, int32, int64, uint8, uint32
 if TYPE_CHECKING:
     sequence = list
     Octets = bytes
+    Name = str
 else:
-    from cyclonedds.idl.types import array, sequence
+    from cyclonedds.idl.types import array, bounded_str, sequence
 
     Octets = array[uint8, 16]
+    Name = bounded_str[256]
 
 
 @dataclass
@@ -289,8 +291,8 @@ class Gid(IdlStruct, typename="rmw_dds_common.msg.dds_.Gid_"):
 class NodeEntitiesInfo(IdlStruct, typename="rmw_dds_common.msg.dds_.NodeEntitiesInfo_"):
     """The endpoints of a node."""
 
-    node_namespace: str = ""
-    node_name: str = ""
+    node_namespace: Name = ""
+    node_name: Name = ""
     reader_gid_seq: sequence[Gid] = field(default_factory=list)
     writer_gid_seq: sequence[Gid] = field(default_factory=list)
 

@@ -1,0 +1,67 @@
+"""Run by an interpreter that has rclpy: homes the robot and moves PSM1, as users' scripts do; prints what it saw."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from typing import Any
+
+import rclpy
+from geometry_msgs.msg import PoseStamped
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool, Empty, String
+
+LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+PATIENCE_S = 60.0
+
+
+def main() -> None:
+    """Subscribe, home, move, look."""
+    rclpy.init()
+    node = rclpy.create_node("script")
+    got: dict[str, list[Any]] = {}
+
+    def hear(topic: str, message: Any, qos: Any = 10) -> None:
+        got[topic] = []
+        node.create_subscription(message, topic, got[topic].append, qos)
+
+    def wait(condition: Callable[[], object], what: str) -> None:
+        end = time.monotonic() + PATIENCE_S
+        while not condition():
+            if time.monotonic() > end:
+                raise TimeoutError(what)
+            rclpy.spin_once(node, timeout_sec=0.05)
+
+    hear("/PSM1/measured_js", JointState)
+    hear("/PSM1/measured_cp", PoseStamped)
+    hear("/PSM1/goal_reached", Bool)
+    hear("/PSM1/desired_state", String, LATCHED)
+    home = node.create_publisher(Empty, "/system/home", 10)
+    move = node.create_publisher(JointState, "/PSM1/move_jp", 10)
+    joints, state = got["/PSM1/measured_js"], got["/PSM1/desired_state"]
+    wait(lambda: joints and home.get_subscription_count() and move.get_subscription_count(), "the bridge")
+    wait(lambda: state, "what was told before we came")
+    first = joints[0].header.stamp
+    home.publish(Empty())
+    wait(lambda: joints[-1].header.stamp.sec and state[-1].data == "HOMED", "joints that are valid")
+    here, next_s = list(joints[-1].position), 0.0
+
+    def is_there() -> bool:  # asks again as long as the arm is not homed, and refuses
+        nonlocal next_s
+        if time.monotonic() > next_s and abs(joints[-1].position[0] - here[0]) < 1e-6:
+            next_s = time.monotonic() + 1.0
+            move.publish(JointState(position=[here[0] + 0.2, *here[1:]]))
+        return abs(joints[-1].position[0] - here[0] - 0.2) < 1e-6
+
+    wait(is_there, "the move")
+    info = node.get_publishers_info_by_topic("/PSM1/measured_js")[0]
+    print(json.dumps({
+        "invalid_first": first.sec == 0 and first.nanosec == 0, "names": list(joints[-1].name),
+        "frame": got["/PSM1/measured_cp"][-1].header.frame_id, "nodes": node.get_node_names(), "node": info.node_name,
+        "topics": len(node.get_topic_names_and_types()), "hash": str(info.topic_type_hash)}))
+
+
+if __name__ == "__main__":
+    main()
