@@ -41,6 +41,7 @@ FRAMES_NS: Final = 20_000_000
 STATISTICS_NS: Final = 200_000_000
 STREAM_NS: Final = 100_000_000
 """What came so long ago is of no stream any more."""
+DEAF_NS: Final = 100_000_000
 
 
 def addressees(system: SystemConfig) -> list[Addressee]:
@@ -106,7 +107,7 @@ class RosLoop(OwnProcess):
             statistics = LoopStatistics(participant, document)
             self._parts.append(statistics)
             self._seldom.append(Seldom(STATISTICS_NS, lambda now_ns: statistics.step(self._stamps.ns(now_ns))))
-        self._awake_ns = boottime_ns()
+        self._awake_ns, self._deaf_until_ns, self._forgets_all = boottime_ns(), 0, False
         participant.announce()
 
     def _publish_all(self, row: RosBridge, types: dict[str, str]) -> None:
@@ -160,17 +161,24 @@ class RosLoop(OwnProcess):
         self._questions.hear()
 
     def _notice_pause(self) -> None:
-        """Held up, we leave out what has come meanwhile: goals of streams soon, all else when we were silent."""
+        """Held up, we leave out what has come meanwhile: goals of streams soon, all else when we were silent.
+
+        DDS has to bring it from the network first: for a moment we leave out whatever comes.
+        """
         now, before, self._awake_ns = boottime_ns(), self._awake_ns, boottime_ns()
-        if now - before <= STREAM_NS:
-            return
-        is_silent = now - before > self.own.late_s * 1e9
-        self._incoming.forget(streams_only=not is_silent)
-        if is_silent:
-            self._questions.forget()
+        if now - before > STREAM_NS:
+            self._deaf_until_ns = now + DEAF_NS
+        if now - before > self.own.late_s * 1e9:
+            self._forgets_all = True
             self.own.events.report(codes.HELD_UP, f"{self.name} was held up for {duration(now - before)}; what came "
                                    "meanwhile is left out", self.name, value=(now - before) * 1e-9,
                                    limit=self.own.late_s)
+        if now >= self._deaf_until_ns:
+            self._forgets_all = False
+            return
+        self._incoming.forget(streams_only=not self._forgets_all)
+        if self._forgets_all:
+            self._questions.forget()
 
     def update(self) -> None:
         """All that ROS hears."""
