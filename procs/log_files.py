@@ -14,6 +14,7 @@ from __future__ import annotations
 import os
 import sys
 import time
+from datetime import datetime
 from pathlib import Path
 from typing import BinaryIO, Final
 
@@ -44,22 +45,30 @@ class LogFolder:
     def __init__(self, folder: Path, most: int, seconds: float, keep: int) -> None:
         """A file has `most` bytes about, is `seconds` old at most, and `keep` old ones are kept of each."""
         self._folder, self._most, self._seconds, self._keep = folder, most, seconds, keep
-        self._since_s: dict[str, float] = {}
+        self._begun: dict[str, tuple[float, int]] = {}  # when, and with how much in it that does not count
 
     def look(self, now_s: float) -> None:
         """Let begin anew what is too large or too old; what cannot be kept (a full disk) is emptied all the same."""
         for path in self._folder.glob("*.log"):
             if is_old(path):
                 continue
-            size, since_s = path.stat().st_size, self._since_s.setdefault(path.name, now_s)
-            if size and (size > self._most or now_s - since_s > self._seconds):
-                self._since_s[path.name] = now_s
-                try:
-                    self._copy(path)
-                except OSError as error:
-                    print(f"ERROR {path} was emptied, and is not kept: {error}", file=sys.stderr, flush=True)  # noqa: T201  # its log
-                finally:
-                    os.truncate(path, 0)
+            size, (begun_s, least) = path.stat().st_size, self._begun.setdefault(path.name, (now_s, 0))
+            if size > least and (size - least > self._most or now_s - begun_s > self._seconds):
+                self._begun[path.name] = now_s, self._begin_anew(path)
+
+    def _begin_anew(self, path: Path) -> int:
+        """Returns the size of the new file, which says where the old one is."""
+        where = f"what was before is in {_old(path, 1).name}" if self._keep else "what was before is not kept"
+        try:
+            self._copy(path)
+        except OSError as error:
+            where = f"what was before could not be kept: {error}"
+        finally:
+            os.truncate(path, 0)
+        line = f"{datetime.now().isoformat(' ', 'microseconds')} {time.monotonic():.6f} INFO {where}\n".encode()
+        with path.open("ab", buffering=0) as file:
+            file.write(line)
+        return len(line)
 
     def _copy(self, path: Path) -> None:
         _make_room(path, self._keep)
