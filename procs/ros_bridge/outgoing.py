@@ -14,7 +14,6 @@ from cyclonedds.idl import IdlStruct
 from numpy.typing import NDArray
 
 from procs.crtk.plain import plain
-from procs.crtk.views import OpenTopic
 from procs.ros_bridge.messages import (
     Bool,
     Empty,
@@ -37,15 +36,16 @@ from procs.ros_bridge.messages import (
     WrenchStamped,
 )
 
+ROWS: Final = 6
+"""Of a Jacobian: linear, then angular."""
 PRESSED: Final = {"released": 0, "pressed": 1, "clicked": 2}
 
 
-def _joints(source: OpenTopic, message: JointStates) -> None:
-    names = source.part("name").tobytes()
-    if names != getattr(message, "named", None):
-        message.name, message.named = source.labels(), names  # type: ignore[attr-defined]
-    message.position, message.velocity, message.effort = (
-        source.part(part).tolist() for part in ("position", "velocity", "effort"))
+Blocks = list[list[float]]
+
+
+def _joints(message: JointStates, blocks: Blocks) -> None:
+    message.position, message.velocity, message.effort = blocks
 
 
 def pose_of(numbers: list[float]) -> Pose:
@@ -53,41 +53,39 @@ def pose_of(numbers: list[float]) -> Pose:
     return Pose(Point(*numbers[:3]), Quaternion(*numbers[3:]))
 
 
-def _posed(source: OpenTopic, message: PoseStamped) -> None:
-    message.pose = pose_of(source.part("pose").tolist())
+def _posed(message: PoseStamped, blocks: Blocks) -> None:
+    message.pose = pose_of(blocks[0])
 
 
-def _moving(source: OpenTopic, message: TwistStamped) -> None:
-    numbers = source.part("twist").tolist()
-    message.twist = Twist(Vector3(*numbers[:3]), Vector3(*numbers[3:]))
+def _moving(message: TwistStamped, blocks: Blocks) -> None:
+    message.twist = Twist(Vector3(*blocks[0][:3]), Vector3(*blocks[0][3:]))
 
 
-def _pushing(source: OpenTopic, message: WrenchStamped) -> None:
-    numbers = source.part("wrench").tolist()
-    message.wrench = Wrench(Vector3(*numbers[:3]), Vector3(*numbers[3:]))
+def _pushing(message: WrenchStamped, blocks: Blocks) -> None:
+    message.wrench = Wrench(Vector3(*blocks[0][:3]), Vector3(*blocks[0][3:]))
 
 
-def _matrix(source: OpenTopic, message: Float64MultiArray) -> None:
-    matrix = source.part("data")
-    rows, columns = matrix.shape
+def _matrix(message: Float64MultiArray, blocks: Blocks) -> None:
+    rows, columns = ROWS, len(blocks[0]) // ROWS
     dimensions = [MultiArrayDimension("rows", rows, rows * columns), MultiArrayDimension("columns", columns, columns)]
-    message.layout, message.data = MultiArrayLayout(dimensions, 0), matrix.ravel().tolist()
+    message.layout, message.data = MultiArrayLayout(dimensions, 0), blocks[0]
 
 
 @dataclass(frozen=True, slots=True)
 class ViewMessage:
-    """What a kind of view becomes; `fill` puts the numbers of the record last read into a message."""
+    """What a kind of view becomes; `put` puts the numbers of these parts of the view into a message."""
 
     message: type[IdlStruct]
-    fill: Callable[[OpenTopic, Any], None]
+    parts: tuple[str, ...]
+    put: Callable[[Any, Blocks], None]
 
 
 VIEW_MESSAGES: Final = {
-    "js": ViewMessage(JointStates, _joints),
-    "cp": ViewMessage(PoseStamped, _posed),
-    "cv": ViewMessage(TwistStamped, _moving),
-    "cf": ViewMessage(WrenchStamped, _pushing),
-    "jacobian": ViewMessage(Float64MultiArray, _matrix),
+    "js": ViewMessage(JointStates, ("position", "velocity", "effort"), _joints),
+    "cp": ViewMessage(PoseStamped, ("pose",), _posed),
+    "cv": ViewMessage(TwistStamped, ("twist",), _moving),
+    "cf": ViewMessage(WrenchStamped, ("wrench",), _pushing),
+    "jacobian": ViewMessage(Float64MultiArray, ("data",), _matrix),
 }
 
 NOT_OF_ARMS: Final = frozenset(("setpoint_cv",))

@@ -6,13 +6,16 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, Final
 
+import numpy as np
+
 from procs.crtk.plain import plain
 from procs.crtk.topics import TopicEntry
 from procs.crtk.views import OpenTopic
 from procs.ros_bridge.dds import LATCHED, Participant, TopicWriter
-from procs.ros_bridge.messages import Log, OperatingState, String
+from procs.ros_bridge.messages import JointStates, Log, OperatingState, String
 from procs.ros_bridge.outgoing import EVENT_MESSAGES, NOT_OF_ARMS, VIEW_MESSAGES, EventMessage, FieldTopic, ViewMessage
-from procs.ros_bridge.stamps import Stamps, time_of
+from procs.ros_bridge.packing import PackedMessage
+from procs.ros_bridge.stamps import SECOND_NS, Stamps, time_of
 from shm.events import ERROR, STATUS, WARNING
 from shm.ring import RingReader
 from shm.subscriptions import Subscriber
@@ -29,25 +32,32 @@ def ros_topic(name: str) -> str:
     return name.translate(UNSUITABLE)
 
 
-@dataclass(slots=True)
 class PublishedView:
     """One view while somebody reads it."""
 
-    source: OpenTopic
-    writer: TopicWriter[Any]
-    row: ViewMessage
-    message: Any
-    frame: Callable[[], str]
-    is_wanted: bool = False
+    def __init__(self, source: OpenTopic, writer: TopicWriter[Any], row: ViewMessage, frame: Callable[[], str]) -> None:
+        self.source, self.writer, self.is_wanted = source, writer, False
+        self._parts, self._frame, self._packed = row.parts, frame, PackedMessage(row.message, row.put)
+        self._has_joints = row.message is JointStates
+        self._texts: tuple[bytes, str] = b"?", ""
 
     def publish(self, stamps: Stamps) -> None:
         """The record last read; a stamp of 0 says that it is not valid."""
-        source, message = self.source, self.message
-        self.row.fill(source, message)
+        source, packed = self.source, self._packed
+        texts = source.part("name").tobytes() if self._has_joints else b"", self._frame()
+        if texts != self._texts:
+            self._texts = texts
+            self._name(packed.message)
+        blocks = [np.asarray(source.part(part), dtype=np.float64).ravel() for part in self._parts]
+        stamp_ns = stamps.ns(source.stamp_ns) if source.valid and source.stamp_ns else 0
+        packed.pack(texts, blocks, divmod(stamp_ns, SECOND_NS))
+        self.writer.write(packed.carrier)
+
+    def _name(self, message: Any) -> None:
+        if self._has_joints:
+            message.name = self.source.labels()
         if hasattr(message, "header"):
-            message.header.stamp = time_of(stamps.ns(source.stamp_ns) if source.valid and source.stamp_ns else 0)
-            message.header.frame_id = self.frame()
-        self.writer.write(message)
+            message.header.frame_id = self._texts[1]
 
 
 class RecordTopics:
@@ -68,7 +78,7 @@ class RecordTopics:
     def _view(self, participant: Participant, entry: TopicEntry) -> PublishedView:
         row = VIEW_MESSAGES[entry.kind]
         writer: TopicWriter[Any] = participant.writer(ros_topic(entry.name), row.message)
-        return PublishedView(OpenTopic(self._system, entry, self._ring), writer, row, row.message(), self._frame(entry))
+        return PublishedView(OpenTopic(self._system, entry, self._ring), writer, row, self._frame(entry))
 
     def _frame(self, entry: TopicEntry) -> Callable[[], str]:
         """The frame of a view, as it is named in the record or always called."""

@@ -1,0 +1,60 @@
+"""Messages whose numbers change and whose texts and sizes seldom do: packed once by cyclonedds, then only the numbers.
+
+cyclonedds writes a message part by part in Python, 15 to 25 µs each; putting new numbers into what it wrote takes 2.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Sequence
+from typing import Any, Final
+
+import numpy as np
+from cyclonedds.idl import IdlStruct
+from numpy.typing import NDArray
+
+Numbers = Sequence[NDArray[np.float64]]
+Put = Callable[[Any, list[list[float]]], None]
+
+STAMP: Final = struct.Struct("<iI")
+STAMP_AT: Final = 4  # behind the encapsulation header: every stamped message begins with it
+MARKS: Final = np.frombuffer(b"".join(b"Trocar%02d" % k for k in range(64)), dtype=np.float64)
+"""Numbers that no robot has: where they are in what was packed, numbers are."""
+
+
+class PackedMessage:
+    """One message of a kind; `carrier` is what a writer writes."""
+
+    def __init__(self, kind: type[IdlStruct], put: Put) -> None:
+        """`put` puts blocks of numbers into a message, each of which comes to lie in one piece."""
+        self.message: Any = kind()
+        self._put, self._is_stamped = put, hasattr(self.message, "header")
+        self._shape: tuple[Any, ...] = ()
+        self._data, self._places = bytearray(), list[slice]()
+        self.carrier: Any = type(kind.__name__, (kind,), {"serialize": self._packed})()
+
+    def _packed(self, *_: Any, **__: Any) -> bytes:
+        return bytes(self._data)
+
+    def pack(self, texts: tuple[Any, ...], blocks: Numbers, stamp: tuple[int, int]) -> None:
+        """New numbers; `texts` is what else the message was made of, to be packed anew where that has changed."""
+        shape = (*texts, *map(len, blocks))
+        if shape != self._shape:
+            self._begin(blocks)
+            self._shape = shape
+        data = self._data
+        if self._is_stamped:
+            STAMP.pack_into(data, STAMP_AT, *stamp)
+        for place, block in zip(self._places, blocks, strict=True):
+            data[place] = block.tobytes()
+
+    def _begin(self, blocks: Numbers) -> None:
+        """Pack a message with marks for numbers, and find them."""
+        firsts = np.cumsum([0, *map(len, blocks)])
+        self._put(self.message, [MARKS[k : k + len(block)].tolist()
+                                 for k, block in zip(firsts.tolist(), blocks, strict=False)])
+        self._data = bytearray(self.message.serialize())
+        self._places = []
+        for k, block in zip(firsts.tolist(), blocks, strict=False):
+            at = self._data.find(MARKS[k].tobytes()) if len(block) else 0
+            self._places.append(slice(at, at + 8 * len(block)))
