@@ -84,6 +84,8 @@ class Bridge:
 @contextlib.asynccontextmanager
 async def bridge(name: str, settings: SocketBridge = LOCAL) -> AsyncIterator[Bridge]:
     """A bridge on a system of this name, whose arm accepts all that it is asked."""
+    wrong: list[Any] = []
+    asyncio.get_running_loop().set_exception_handler(lambda loop, context: wrong.append(context))
     with robot(name) as scripted:
         scripted.show_arm(homed=True, state="ENABLED")
         document = from_json(directory.document(name))
@@ -99,6 +101,7 @@ async def bridge(name: str, settings: SocketBridge = LOCAL) -> AsyncIterator[Bri
             server.close()
             for _ in range(3):
                 await asyncio.sleep(0)
+            assert not wrong, wrong
 
 
 def run(scenario: Coroutine[Any, Any, None]) -> None:
