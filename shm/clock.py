@@ -10,9 +10,11 @@ from functools import partial
 # Real monotonic time, for what must be bounded in real time even in lock-step (sockets, tools); in ns.
 monotonic_ns = time.monotonic_ns
 # The same, and it goes on while the computer is suspended; only for how long something took.
-boottime_ns: Callable[[], int] = partial(time.clock_gettime_ns, time.CLOCK_BOOTTIME)
+boottime_ns: Callable[[], int] = (
+    partial(time.clock_gettime_ns, time.CLOCK_BOOTTIME) if hasattr(time, "CLOCK_BOOTTIME") else monotonic_ns)
 # What the computer's clock on the wall shows, ns since 1970; only for people and for other programs' records.
-local_ns: Callable[[], int] = partial(time.clock_gettime_ns, time.CLOCK_REALTIME)
+local_ns: Callable[[], int] = (
+    partial(time.clock_gettime_ns, time.CLOCK_REALTIME) if hasattr(time, "CLOCK_REALTIME") else monotonic_ns)
 # Sleep in real time, in seconds; for tools and the supervisor.
 pause = time.sleep
 

@@ -8,10 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+ENDINGS: Final = ("refused", "done", "failed")
+"""Outcomes after which no other one comes."""
 
 
 @dataclass(frozen=True, slots=True)

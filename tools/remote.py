@@ -7,13 +7,13 @@ from typing import Any
 
 from shm.client import Client, MailboxFull, Reply
 from shm.clock import monotonic_ns, pause
+from shm.commands import ENDINGS
 from shm.origins import Origin
 from shm.segment import SegmentError
 from tools.errors import Problem, Refused
 
 POLL_S = 0.001
 KEPT = 1000
-ENDINGS = ("refused", "done", "failed")
 
 
 class Remote:

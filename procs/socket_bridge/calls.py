@@ -12,14 +12,13 @@ from procs.document.bridges import Rights
 from procs.socket_bridge.messages import WrongMessage
 from shm.client import Client, MailboxFull, Reply
 from shm.clock import monotonic_ns
-from shm.commands import CommandRow
+from shm.commands import ENDINGS, CommandRow
 from shm.header import SegmentError
 
 KEPT: Final = 1000
 """Commands of which the client has not heard the end."""
 SOON_NS: Final = 1_000_000_000
 """So long a first answer is looked for often."""
-ENDINGS: Final = ("refused", "done", "failed")
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Any, Final, Protocol
 
+from procs.crtk.topics import EVENT
 from procs.socket_bridge.messages import said
-from procs.socket_bridge.topics import SharedTopic, Topics, comes_each, ended, message_of
+from procs.socket_bridge.topics import SharedTopic, Topics, age_of, comes_each, ended, message_of
 
 EACH_NS: Final = 5_000_000
 """Between two looks at what comes now and then."""
@@ -119,8 +120,8 @@ class Reading:
         """Answer, or look again soon."""
         self.due_ns, waited_ns, topic = now_ns + AGAIN_NS, now_ns - self._begun_ns, self._source.topic
         if self._source.look(turn) and (waited_ns > COMPUTED_NS or not topic.groups or topic.is_computed):
-            link.send(said("answer", self._number, topic=topic.entry.name, **topic.as_dict()))
-        elif waited_ns > READ_NS:
+            link.send(said("answer", self._number, topic=topic.entry.name, **topic.as_dict(), age_s=age_of(topic)))
+        elif waited_ns > (COMPUTED_NS if topic.entry.kind == EVENT else READ_NS):
             link.send(said("error", self._number, error=f"{topic.entry.name}: nothing yet"
                            + (f" ({problem})" if (problem := topic.problem()) else "")))
         else:

@@ -35,7 +35,8 @@ class SocketServer:
         self._bridge, self._log, self._loop = document.socket, log, asyncio.get_event_loop()
         self._tls = tls_of(self._bridge)
         self.served = ClientService(document.name, document.clock, token_in(self._bridge.token_file),
-                                    Topics(document.name), owners_of(document), is_over, self._wake)
+                                    Topics(document.name), instances_of(document), owners_of(document), is_over,
+                                    self._wake)
         self.sessions: set[Session] = set()
         self._servers: list[asyncio.Server] = []
         self._timer: asyncio.TimerHandle | None = None
@@ -114,6 +115,12 @@ class SocketServer:
             session.link.end()
             session.gone()
         self.served.topics.close()
+
+
+def instances_of(document: SystemConfig) -> dict[str, str]:
+    """What each instance is: the type of an arm, else the kind of its process."""
+    types = {arm.name: arm.type for arm in document.arms}
+    return {row.name: types.get(row.name, row.kind) for row in document.processes}
 
 
 def owners_of(document: SystemConfig) -> dict[str, CommandOwner]:

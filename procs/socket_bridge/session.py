@@ -12,12 +12,14 @@ from procs.document.user_process import PROPERTIES, SET_PROPERTY
 from procs.socket_bridge.calls import Calls, CommandOwner
 from procs.socket_bridge.feeds import Feed, Outlet, Reading, subscribed
 from procs.socket_bridge.messages import Message, WrongMessage, parsed, said
-from procs.socket_bridge.topics import Topics
+from procs.socket_bridge.topics import SharedTopic, Topics
 from shm.clock import monotonic_ns
 from shm.header import SegmentError
 
 PROTOCOL: Final = 1
 MAX_STREAMS: Final = 256
+KEEP_NS: Final = 1_000_000_000
+"""So long a topic that was read is kept open: it may be read again."""
 MANY_WRONG: Final = 20
 """Messages that are no JSON, one after the other: that is another protocol."""
 
@@ -41,6 +43,7 @@ class ClientService:
     clock: str
     token: bytes
     topics: Topics
+    instances: dict[str, str]
     owners: dict[str, CommandOwner]
     is_over: Callable[[], bool]
     wake: Callable[[], None]
@@ -62,6 +65,7 @@ class Session:
         self.link, self.rights, self.is_known = link, rights, is_known
         self.streams: dict[str, Feed] = {}
         self.reads: list[Reading] = []
+        self._kept: dict[str, tuple[SharedTopic, int]] = {}
         self.calls = Calls(served.system, served.owners, rights, served.is_over)
         self._served, self._counts, self._wrong, self._said_any = served, served.counts, 0, False
         self._ops: dict[str, Callable[[Message], None]] = {
@@ -105,6 +109,7 @@ class Session:
             self.is_known = True
         self.calls.program = asked.parts["name"]
         self._answer(asked, protocol=PROTOCOL, system=self._served.system, clock=self._served.clock,
+                     instances=self._served.instances,
                      grants=COMMAND if self.rights.commands else VIEW, may_power=self.rights.powers)
 
     def _ping(self, asked: Message) -> None:
@@ -122,9 +127,12 @@ class Session:
 
     def _read(self, asked: Message) -> None:
         self._check_room()
-        topics = self._served.topics
-        source = topics.share(topics.find(asked.parts["topic"]))
-        self.reads.append(Reading(topics, source, asked.id, monotonic_ns()))
+        topics, name, now_ns = self._served.topics, asked.parts["topic"], monotonic_ns()
+        source = topics.share(topics.find(name))
+        self.reads.append(Reading(topics, source, asked.id, now_ns))
+        if name in self._kept or len(self._kept) < MAX_STREAMS:
+            kept = self._kept.pop(name, None)
+            self._kept[name] = kept[0] if kept is not None else topics.share(source.entry), now_ns + KEEP_NS
 
     def _check_room(self) -> None:
         if len(self.streams) + len(self.reads) >= MAX_STREAMS:
@@ -178,6 +186,8 @@ class Session:
         for reading in [reading for reading in self.reads if reading.is_done]:
             self.reads.remove(reading)
             reading.close()
+        while self._kept and (oldest := next(iter(self._kept.items())))[1][1] <= now_ns:
+            self._served.topics.leave(self._kept.pop(oldest[0])[0])
         for call, reply in self.calls.replies():
             link.send(said("reply", call.id, to=call.to, command=call.command, outcome=reply.outcome, text=reply.text))
         return min((next_ns - now_ns) * 1e-9, self.calls.wait_s(now_ns))
@@ -186,6 +196,9 @@ class Session:
         """The client has left: nothing is wanted for it any more. Commands under way finish."""
         for stream in (*self.streams.values(), *self.reads):
             stream.close()
+        for source, _ in self._kept.values():
+            self._served.topics.leave(source)
         self.streams.clear()
         self.reads.clear()
+        self._kept.clear()
         self.calls.close()

@@ -75,10 +75,15 @@ class SharedTopic:
         return ended(self._begin, lost)
 
 
+def age_of(topic: OpenTopic) -> float | None:
+    """Age of the record, s."""
+    age_s = topic.age_s
+    return round(age_s, 6) if 0 <= age_s < _INF else None
+
+
 def message_of(topic: OpenTopic, row: dict[str, Any]) -> str:
     """A record as the begin of a message, which `ended` ends."""
-    age_s = topic.age_s
-    known = {"op": "record", "topic": topic.entry.name, **row, "age_s": round(age_s, 6) if 0 <= age_s < _INF else None}
+    known = {"op": "record", "topic": topic.entry.name, **row, "age_s": age_of(topic)}
     return json.dumps(known, allow_nan=False, separators=(",", ":"))[:-1]
 
 

@@ -8,8 +8,9 @@ from typing import Any, Final
 
 TOPICS: Final = ("PSM1/measured_js", "PSM1/measured_cp", "PSM1/body/jacobian", "PSM1/status", "PSM1/state", "IO1/gains",
                  "PSM1/operating_state", "IO1/PSM1/measured_js", "supervisor/state", "PSM9/state", "", "/", "../x")
-COMMANDS: Final = ("move_jp", "servo_jp", "servo_cp", "servo_cf", "servo_cs", "servo_ci", "hold", "free", "state_command",
-                   "jaw/move_jp", "set_base_frame", "set_tool_type", "trajectory_j/set_ratio", "inverse_kinematics", "x")
+COMMANDS: Final = ("move_jp", "servo_jp", "servo_cp", "servo_cf", "servo_cs", "servo_ci", "hold", "free",
+                   "state_command", "jaw/move_jp", "set_base_frame", "set_tool_type", "trajectory_j/set_ratio",
+                   "inverse_kinematics", "x")
 OPS: Final = ("hello", "ping", "list", "commands", "read", "subscribe", "unsubscribe", "call", "get", "set", "dance", 7)
 ODD: Final = (None, True, -1, 0, 1e308, -1e308, 5e-324, 10**30, "", "x", "\0", "\ud800", "é" * 70, [], {}, [[]], "NaN")
 

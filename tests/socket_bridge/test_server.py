@@ -193,6 +193,8 @@ def test_a_topic_is_wanted_while_one_client_wants_it(world: Any) -> None:
             assert bits("wrench")
             await other.ask("unsubscribe", topic="PSM1/body/measured_cf")
             assert not bits("wrench") and bits("")
+            await other.ask("read", topic="PSM1/body/measured_cf")
+            await made.until(lambda: not bits("wrench"))  # a second later
         await made.until(lambda: not bits(""))
         assert not made.server.sessions
 

@@ -11,7 +11,7 @@ import typer
 
 from procs.config import PROJECT_CONFIGS
 from tools.cli import guarded
-from tools.client import scripting
+from tools.client import here
 from tools.client.system import connected
 from tools.errors import Problem
 from tools.examples.recorded_master import place_in, recorded_master
@@ -71,7 +71,7 @@ def test_mistakes_are_told_with_their_line(tmp_path: Path, lines: tuple[str, ...
 
 def test_the_player_says_in_a_line_that_there_is_no_system(monkeypatch: pytest.MonkeyPatch,
                                                            capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr(scripting, "connected", lambda attach, timeout, what: connected(attach, 0.0, what))
+    monkeypatch.setattr(here, "connected", lambda attach, timeout, what: connected(attach, 0.0, what))
     with pytest.raises(typer.Exit) as ended:
         guarded(recorded_master)(PROJECT_CONFIGS / "recordings/circle.csv", system="nosuch", rate=200.0)
     assert ended.value.exit_code == 1

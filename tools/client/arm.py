@@ -9,15 +9,15 @@ from tools.client.impedance import Impedance
 from tools.client.instance import Instance
 from tools.client.joints import Joints, Setpoint
 from tools.client.moves import MoveHandle, move
-from tools.client.record import Stamped
 from tools.client.tip import Body, Frame, Local, asked, asked_pose
-from tools.client.values import Array, numbers, pose_numbers, six_numbers
+from tools.client.values import Array, Stamped, numbers, pose_numbers, six_numbers
+from tools.client.ways import Ways
 
 
 class Arm(Instance, Joints):
     """Reads and commands of an arm. Poses are in the reference frame, those of `local` in the arm's base."""
 
-    def __init__(self, system: str, name: str) -> None:
+    def __init__(self, system: str | Ways, name: str) -> None:
         """Attach; Problem or SegmentError when the arm is not there (yet)."""
         Instance.__init__(self, system, name)
         Joints.__init__(self, self._record, "")
@@ -156,7 +156,7 @@ class Arm(Instance, Joints):
         return self._ratio("trajectory_ratio_a")
 
     def _ratio(self, field: str) -> float:
-        return float(self._record.look().reader.field(field))
+        return self._record.look().number(field)
 
     def use_gravity_compensation(self, on: bool = True) -> None:
         """Bear the arm's own weight, or don't; Refused where no model of it is known."""

@@ -5,23 +5,31 @@ from __future__ import annotations
 import contextlib
 from typing import Self
 
-from tools import arms
 from tools.client.moves import until
-from tools.client.record import InstanceRecord
-from tools.inspect.processes import statuses
-from tools.remote import Remote
+from tools.client.ways import Ways
+
+ENABLED, HOMED, DISABLED = "enabled", "homed", "disabled"
+
+
+def shared_ways(system: str) -> Ways:
+    """The ways of this machine: loaded where they are used, as elsewhere there is no shared memory."""
+    from tools.client.shared import SharedWays
+
+    return SharedWays(system)
 
 
 class Instance:
     """One arm, or set of setup joints, of a running system; a context manager. Each thread has to make its own."""
 
-    def __init__(self, system: str, name: str) -> None:
+    def __init__(self, system: str | Ways, name: str) -> None:
         """Attach; Problem or SegmentError when it is not there (yet)."""
-        self.name, self.system = name, system
+        self._ways = ways = shared_ways(system) if isinstance(system, str) else system
+        self.name, self.system = name, ways.name
         with contextlib.ExitStack() as stack:
-            self._record = InstanceRecord(system, name)
+            self._record = ways.record(name)
             stack.callback(self._record.close)
-            self._remote = stack.enter_context(Remote(system, name))
+            self._remote = ways.remote(name)
+            stack.callback(self._remote.close)
             self._open = stack.pop_all()
 
     def connected(self) -> bool:
@@ -31,12 +39,12 @@ class Instance:
     def operating_state(self) -> tuple[str, int]:
         """DISABLED, ENABLED, PAUSED or FAULT."""
         watch = self._record.look()
-        return watch.state, watch.reader.stamp_ns
+        return watch.state, watch.stamp_ns
 
     def desired_state(self) -> tuple[str, int]:
         """The state that was asked for."""
         watch = self._record.look()
-        return watch.text("desired_state"), watch.reader.stamp_ns
+        return watch.text("desired_state"), watch.stamp_ns
 
     def is_enabled(self) -> bool:
         """Powered, and not paused."""
@@ -68,15 +76,15 @@ class Instance:
 
     def enable(self, timeout: float = 10.0) -> None:
         """Power on and wait until it is; Problem says why it is not."""
-        arms.power_on(self.system, [self.name], timeout)
+        self._ways.bring(self.name, ENABLED, timeout)
 
     def disable(self, timeout: float = 10.0) -> None:
         """Power off and wait until it is."""
-        arms.power_off(self.system, [self.name], timeout)
+        self._ways.bring(self.name, DISABLED, timeout)
 
     def home(self, timeout: float = 60.0) -> None:
         """Enable where needed, home, and wait until it is homed."""
-        arms.home(self.system, [self.name], timeout)
+        self._ways.bring(self.name, HOMED, timeout)
 
     def unhome(self, timeout: float = 10.0) -> None:
         """Forget the homing and wait until it is forgotten."""
@@ -85,7 +93,7 @@ class Instance:
 
     def period_statistics(self) -> dict[str, dict[str, float]]:
         """avg, std, min, max and p99 (s) of the `period` and the `work` of its loop, in its last full second."""
-        return next((process.statistics for process in statuses(self.system) if process.name == self.name), {})
+        return self._ways.statistics(self.name)
 
     def close(self) -> None:
         """Detach; it resumes with what it does."""

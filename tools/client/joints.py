@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from tools.client.record import InstanceRecord, JointState, Stamped
+from tools.client.values import JointState, Stamped
+from tools.client.ways import RecordWay
 
 
 class Measured:
     """Where joints are."""
 
-    def __init__(self, record: InstanceRecord, prefix: str) -> None:
+    def __init__(self, record: RecordWay, prefix: str) -> None:
         """`prefix` of the names of their views."""
         self._record, self._prefix = record, prefix
 
@@ -36,7 +37,7 @@ class Measured:
 class Setpoint:
     """What the joint controller was last given."""
 
-    def __init__(self, record: InstanceRecord, prefix: str) -> None:
+    def __init__(self, record: RecordWay, prefix: str) -> None:
         """`prefix` of the names of their views."""
         self._record, self._prefix = record, prefix
 

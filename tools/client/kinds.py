@@ -9,10 +9,8 @@ from numpy.typing import ArrayLike
 from tools.client.arm import Arm
 from tools.client.joints import Joints, Measured
 from tools.client.moves import MoveHandle, move
-from tools.client.record import InstanceRecord
 from tools.client.values import numbers, rotation_numbers
-from tools.inspect.watch import arm_document
-from tools.remote import Remote
+from tools.client.ways import CommandWay, RecordWay, Ways
 
 JAW_OPEN, JAW_CLOSED = math.radians(60.0), math.radians(-20.0)
 INSERTION = 2
@@ -21,7 +19,7 @@ INSERTION = 2
 class Jaw(Joints):
     """The jaw of an instrument: angles in rad, shapes (1,)."""
 
-    def __init__(self, record: InstanceRecord, remote: Remote) -> None:
+    def __init__(self, record: RecordWay, remote: CommandWay) -> None:
         """Made by `Psm`."""
         super().__init__(record, "jaw/")
         self._remote = remote
@@ -53,7 +51,7 @@ class Jaw(Joints):
 class Psm(Arm):
     """An arm with an instrument."""
 
-    def __init__(self, system: str, name: str) -> None:
+    def __init__(self, system: str | Ways, name: str) -> None:
         """See `Arm`."""
         super().__init__(system, name)
         self.jaw = Jaw(self._record, self._remote)
@@ -67,7 +65,7 @@ class Psm(Arm):
     def tool(self) -> tuple[str, int]:
         """The instrument as NAME:MODEL[VERSION] and when; empty: none is known to be on."""
         watch = self._record.look()
-        return watch.text("tool"), watch.reader.stamp_ns
+        return watch.text("tool"), watch.stamp_ns
 
     def set_tool_type(self, name: str) -> None:
         """Say which instrument is on, NAME:MODEL."""
@@ -88,7 +86,7 @@ class Ecm(Arm):
     def endoscope(self) -> tuple[str, int]:
         """The endoscope that it takes itself to carry, and when."""
         watch = self._record.look()
-        return watch.text("tool"), watch.reader.stamp_ns
+        return watch.text("tool"), watch.stamp_ns
 
     def set_endoscope_type(self, name: str) -> None:
         """Say which endoscope it carries; Refused names those there are."""
@@ -98,7 +96,7 @@ class Ecm(Arm):
 class Gripper(Measured):
     """The gripper of a master: angles in rad, shapes (1,), valid without power as well."""
 
-    def __init__(self, record: InstanceRecord, zero: float) -> None:
+    def __init__(self, record: RecordWay, zero: float) -> None:
         """`zero` is the angle (rad) above which it is open; made by `Mtm`."""
         super().__init__(record, "gripper/")
         self._zero = zero
@@ -112,10 +110,10 @@ class Gripper(Measured):
 class Mtm(Arm):
     """A master."""
 
-    def __init__(self, system: str, name: str) -> None:
+    def __init__(self, system: str | Ways, name: str) -> None:
         """See `Arm`."""
         super().__init__(system, name)
-        self.gripper = Gripper(self._record, arm_document(system, name).gripper_zero)
+        self.gripper = Gripper(self._record, self._ways.gripper_zero(name))
 
     def lock_orientation(self, rotation: ArrayLike) -> None:
         """Hold the tip's orientation (3, 3) in the reference frame; the place stays free. In Cartesian effort mode."""

@@ -7,11 +7,11 @@ from collections.abc import Callable
 
 from numpy.typing import ArrayLike
 
-from shm.client import Reply
 from shm.clock import monotonic_ns, pause
+from shm.commands import ENDINGS
 from tools.client.values import numbers
+from tools.client.ways import CommandWay, ReplyText
 from tools.errors import Clipped, Refused
-from tools.remote import ENDINGS, Remote
 
 POLL_S = 0.002
 CLIPPED = "clipped: "
@@ -20,7 +20,7 @@ CLIPPED = "clipped: "
 class MoveHandle:
     """A move under way."""
 
-    def __init__(self, remote: Remote, first: Reply, what: str) -> None:
+    def __init__(self, remote: CommandWay, first: ReplyText, what: str) -> None:
         """`first` is the first answer to its command."""
         self._remote, self._number, self._what = remote, first.id, what
         self._end = first if first.outcome in ENDINGS else None
@@ -41,7 +41,7 @@ class MoveHandle:
         until(lambda: not self.is_busy(), timeout, f"{self._what} is not done")
 
 
-def move(remote: Remote, command: str, values: ArrayLike, text: str = "") -> MoveHandle:
+def move(remote: CommandWay, command: str, values: ArrayLike, text: str = "") -> MoveHandle:
     """Send a command that takes its time; Refused with the reason. A clipped goal is warned of (`Clipped`)."""
     words = " ".join(word for word in (remote.instance, text, command) if word)
     handle = MoveHandle(remote, remote.ask(command, numbers(values), text), words)

@@ -2,30 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any
 
 from procs.crtk.demand import OnDemand, wait_until_computed
 from procs.crtk.topics import EVENT, catalogue
 from procs.crtk.views import OpenTopic
 from procs.kinematics.poses import matrix_from_pose
+from tools.client.values import FRESH_S, Array, JointState, Stamped
 from tools.errors import Problem
 from tools.inspect.watch import Watch
-
-Array = NDArray[np.float64]
-Stamped = tuple[Array, int]
-
-FRESH_S = 1.0  # a read raises when the newest value is older
-
-
-class JointState(NamedTuple):
-    """Joint positions, velocities and efforts (n,); empty where a topic has none."""
-
-    position: Array
-    velocity: Array
-    effort: Array
 
 
 class InstanceRecord:
@@ -85,6 +70,10 @@ class InstanceRecord:
         if source is None:
             source = self._events[event] = OpenTopic(self._system, self._flags[f"{self._name}/{event}"])
         return source.newest() and bool(source.part("value")[0])
+
+    def parts(self) -> list[str]:
+        """Names of the setup arms that it shows."""
+        return list(self.watch.reader.info.get("setups", {}))
 
     def _newest(self, view: str) -> OpenTopic:
         source = self._views.get(f"{self._name}/{view}")

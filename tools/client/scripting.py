@@ -1,26 +1,42 @@
-"""What `import trocar` gives scripts: arms, setup joints and systems by name, and places for programs of one's own."""
+"""What `import trocar` gives scripts: arms, setup joints and systems by name, and places for programs of one's own.
+
+On a machine without shared memory of ours (Windows, macOS) it has arms and setup joints `at` another machine, no more.
+"""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Mapping
-from typing import TypeVar
+import importlib
+import ssl
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
 
 from procs.arm_types import ARM_TYPES, class_of
-from procs.user_process import OwnProcess as Process
+from shm.clock import monotonic_ns, pause
 from tools.client.arm import Arm
+from tools.client.distant import BridgeConnection, DistantWays
 from tools.client.impedance import Gains, Impedance
 from tools.client.joints import Joints
 from tools.client.kinds import Ecm, Gripper, Jaw, Mtm, Psm
 from tools.client.moves import MoveHandle
-from tools.client.provider import Handler, Provider, taken
-from tools.client.record import JointState
 from tools.client.setup import SetupArm, Suj
-from tools.client.system import System, attached, connected
+from tools.client.values import JointState
 from tools.errors import Clipped, Problem, Refused
-from tools.inspect.watch import arm_document
-from tools.systems import chosen_system
 from tools.version import VERSION as __version__
+
+
+def _has_shared_memory() -> bool:
+    try:
+        importlib.import_module("posix_ipc")
+    except ModuleNotFoundError:
+        return False
+    return True
+
+
+if TYPE_CHECKING or _has_shared_memory():
+    from tools.client.here import Handler, Process, Provider, System, arm_here, provide, suj_here, system
+else:
+    from tools.client.elsewhere import Handler, Process, Provider, System, arm_here, provide, suj_here, system
 
 __all__ = [
     "Arm",
@@ -54,61 +70,68 @@ __all__ = [
 ]
 
 A = TypeVar("A", bound=Arm)
+T = TypeVar("T")
+TRY_AGAIN_S = 0.2
 
 
-def arm(name: str, system: str | None = None, timeout: float = 5.0) -> Arm:
+def arm(name: str, system: str | None = None, timeout: float = 5.0, *, at: str = "", token: str | Path = "",
+        tls: ssl.SSLContext | None = None) -> Arm:
     """The arm `name`, a Psm, Ecm or Mtm, once it is connected; TimeoutError after `timeout` s.
 
-    `system`: default the one of the environment variable TROCAR_SYSTEM, else the only one up.
+    `system`: default the one of the environment variable TROCAR_SYSTEM, else the only one up. `at`: HOST:PORT of the
+    socket bridge of a system on another machine, with its `token` (or the Path of a file that has it), and for `tls`
+    what ssl.create_default_context() gives.
     """
-    return connected(lambda: attached("arm", _made, _chosen(system), name), timeout, name)
+    if not at:
+        return arm_here(name, system, timeout)
+
+    def made(ways: DistantWays) -> Arm:
+        row = ARM_TYPES.get(ways.instances.get(name, ""))
+        if row is None:
+            raise Problem(f"no arm {name} at {at}; there are {', '.join(ways.instances)}")
+        return class_of(row.client, Arm)(ways, name)
+
+    return _at(at, token, tls, timeout, made)
 
 
-def psm(name: str, system: str | None = None, timeout: float = 5.0) -> Psm:
+def psm(name: str, system: str | None = None, timeout: float = 5.0, *, at: str = "", token: str | Path = "",
+        tls: ssl.SSLContext | None = None) -> Psm:
     """The same; Problem when it is no PSM."""
-    return _of(Psm, arm(name, system, timeout))
+    return _of(Psm, arm(name, system, timeout, at=at, token=token, tls=tls))
 
 
-def ecm(name: str = "ECM", system: str | None = None, timeout: float = 5.0) -> Ecm:
+def ecm(name: str = "ECM", system: str | None = None, timeout: float = 5.0, *, at: str = "", token: str | Path = "",
+        tls: ssl.SSLContext | None = None) -> Ecm:
     """The same; Problem when it is no ECM."""
-    return _of(Ecm, arm(name, system, timeout))
+    return _of(Ecm, arm(name, system, timeout, at=at, token=token, tls=tls))
 
 
-def mtm(name: str, system: str | None = None, timeout: float = 5.0) -> Mtm:
+def mtm(name: str, system: str | None = None, timeout: float = 5.0, *, at: str = "", token: str | Path = "",
+        tls: ssl.SSLContext | None = None) -> Mtm:
     """The same; Problem when it is no MTM."""
-    return _of(Mtm, arm(name, system, timeout))
+    return _of(Mtm, arm(name, system, timeout, at=at, token=token, tls=tls))
 
 
-def suj(name: str = "SUJ", system: str | None = None, timeout: float = 5.0) -> Suj:
+def suj(name: str = "SUJ", system: str | None = None, timeout: float = 5.0, *, at: str = "", token: str | Path = "",
+        tls: ssl.SSLContext | None = None) -> Suj:
     """The setup joints `name`, once they are connected; TimeoutError after `timeout` s."""
-    return connected(lambda: attached("suj", Suj, _chosen(system), name), timeout, name)
+    return suj_here(name, system, timeout) if not at else _at(at, token, tls, timeout, lambda ways: Suj(ways, name))
 
 
-def provide(name: str | Process, system: str | None = None, timeout: float = 5.0, *, rate: float = 200.0,
-            commands: Mapping[str, Handler] | None = None, program: str = "") -> Provider:
-    """Be the arm `name` of a _GENERIC type, or the buttons of a console, in a running system; see Provider.
-
-    A process that the system file declares by this name is given instead of it, in its `setup`.
-
-    `rate`: records a second that `tick` keeps to. `commands`: what it carries out, by name. `program`: its name.
-    TimeoutError after `timeout` s when there is no such place or another program has it.
-    """
-    if isinstance(name, Process):
-        return Provider(name, commands, program)
-    return connected(lambda: taken(_chosen(system), name, rate, commands, program), timeout, name)
-
-
-def system(name: str | None = None, timeout: float = 5.0) -> System:
-    """A running system, default as of `arm`; TimeoutError when there is none within `timeout` s."""
-    return connected(lambda: System(_chosen(name)), timeout, name or "a system")
-
-
-def _chosen(system: str | None) -> str:
-    return chosen_system(system or os.environ.get("TROCAR_SYSTEM"))
-
-
-def _made(system: str, name: str) -> Arm:
-    return class_of(ARM_TYPES[arm_document(system, name).type].client, Arm)(system, name)
+def _at(at: str, token: str | Path, tls: ssl.SSLContext | None, timeout: float, made: Callable[[DistantWays], T]) -> T:
+    """What `made` makes of a connection, tried until it is there."""
+    end = monotonic_ns() + round(timeout * 1e9)
+    while True:
+        connection = None
+        try:
+            connection = BridgeConnection(at, token, tls, timeout)
+            return made(DistantWays(connection))
+        except (OSError, Problem) as error:  # a TimeoutError is an OSError
+            if connection is not None:
+                connection.close()
+            if monotonic_ns() >= end or isinstance(error, ssl.SSLError):
+                raise TimeoutError(f"{at} is not connected after {timeout:g} s: {error}") from None
+            pause(TRY_AGAIN_S)
 
 
 def _of(kind: type[A], found: Arm) -> A:

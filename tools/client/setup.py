@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from numpy.typing import ArrayLike
 
+from procs.crtk.names import none_such
 from tools.client.instance import Instance
 from tools.client.joints import Measured
 from tools.client.moves import MoveHandle, move
-from tools.client.record import InstanceRecord, Stamped
-from tools.client.values import numbers, pose_numbers
-from tools.remote import Remote
-from tools.systems import unknown
+from tools.client.values import Stamped, numbers, pose_numbers
+from tools.client.ways import CommandWay, RecordWay, Ways
+from tools.errors import Problem
 
 
 class SetupArm(Measured):
     """One setup arm; its poses are those of the base of the arm that it carries."""
 
-    def __init__(self, record: InstanceRecord, remote: Remote, name: str) -> None:
+    def __init__(self, record: RecordWay, remote: CommandWay, name: str) -> None:
         """Made by `Suj`."""
         super().__init__(record, f"{name}/")
         self._remote, self.name = remote, name
@@ -44,7 +44,7 @@ class SetupArm(Measured):
 class SetupLocal:
     """A setup arm seen from the cart."""
 
-    def __init__(self, record: InstanceRecord, remote: Remote, name: str) -> None:
+    def __init__(self, record: RecordWay, remote: CommandWay, name: str) -> None:
         """Made by `SetupArm`."""
         self._record, self._remote, self._name = record, remote, name
 
@@ -60,10 +60,10 @@ class SetupLocal:
 class Suj(Instance):
     """The setup joints of a patient cart: `suj.PSM1`, or `suj.arm("PSM1")`, is one of its arms."""
 
-    def __init__(self, system: str, name: str) -> None:
+    def __init__(self, system: str | Ways, name: str) -> None:
         """Attach; Problem or SegmentError when they are not there (yet)."""
         super().__init__(system, name)
-        names = self._record.watch.reader.info.get("setups", {})
+        names = self._record.parts()
         self._arms = {arm: SetupArm(self._record, self._remote, arm) for arm in names}
 
     def arms(self) -> list[str]:
@@ -74,7 +74,7 @@ class Suj(Instance):
         """One of them; Problem says which there are."""
         found = self._arms.get(name)
         if found is None:
-            raise unknown("setup arm", name, self._arms)
+            raise Problem(none_such("setup arm", name, self._arms))
         return found
 
     def __getattr__(self, name: str) -> SetupArm:

@@ -7,16 +7,15 @@ import json
 from numpy.typing import ArrayLike
 
 from procs.kinematics.poses import matrix_from_pose
-from tools.client.record import InstanceRecord, Stamped
-from tools.client.values import Array, numbers, six_numbers
+from tools.client.values import Array, Stamped, numbers, six_numbers
+from tools.client.ways import CommandWay, RecordWay
 from tools.errors import Problem
-from tools.remote import Remote
 
 
 class Frame:
     """Wrenches and Jacobian seen from the tip in its axes, or from the origin of the arm's base in that one's."""
 
-    def __init__(self, record: InstanceRecord, remote: Remote, name: str) -> None:
+    def __init__(self, record: RecordWay, remote: CommandWay, name: str) -> None:
         """`name` is body or spatial; made by `Arm`."""
         self._record, self._remote, self._name = record, remote, name
 
@@ -44,7 +43,7 @@ class Body(Frame):
 class Local:
     """Seen from the arm's base."""
 
-    def __init__(self, record: InstanceRecord, remote: Remote) -> None:
+    def __init__(self, record: RecordWay, remote: CommandWay) -> None:
         """Made by `Arm`."""
         self._record, self._remote = record, remote
 
@@ -65,7 +64,7 @@ class Local:
         return asked_pose(self._remote, "local/forward_kinematics", position)
 
 
-def asked(remote: Remote, command: str, values: ArrayLike) -> Array:
+def asked(remote: CommandWay, command: str, values: ArrayLike) -> Array:
     """The numbers (n,) that a question is answered with; Refused with the reason, Problem when they are none."""
     text = remote.ask(command, numbers(values)).text
     try:
@@ -75,7 +74,7 @@ def asked(remote: Remote, command: str, values: ArrayLike) -> Array:
     return answer
 
 
-def asked_pose(remote: Remote, command: str, values: ArrayLike) -> Array:
+def asked_pose(remote: CommandWay, command: str, values: ArrayLike) -> Array:
     """The pose (4, 4) that a question is answered with."""
     answer = asked(remote, command, values)
     if answer.shape != (7,):

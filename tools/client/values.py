@@ -2,12 +2,25 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from procs.kinematics.poses import PoseError, check_matrix, pose_from_matrix
 
 Array = NDArray[np.float64]
+Stamped = tuple[Array, int]
+
+FRESH_S = 1.0  # a read raises when the newest value is older
+
+
+class JointState(NamedTuple):
+    """Joint positions, velocities and efforts (n,); empty where a topic has none."""
+
+    position: Array
+    velocity: Array
+    effort: Array
 
 
 def numbers(values: ArrayLike) -> Array:

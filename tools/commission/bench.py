@@ -11,13 +11,14 @@ import numpy as np
 from procs.document.system import SystemConfig
 from shm import directory
 from shm.clock import monotonic_ns, pause
+from shm.commands import ENDINGS
 from shm.ring import RingReader
 from tools import arms
 from tools.commission.person import Person
 from tools.commission.subject import Subject, subjects_of
 from tools.commission.window import Window
 from tools.errors import Problem
-from tools.remote import ENDINGS, Remote
+from tools.remote import Remote
 
 SLICE_S: Final = 0.5  # the ring keeps 3 s
 OFF_S: Final = 0.2  # amplifiers are off long before

@@ -79,6 +79,15 @@ class Watch:
         """Age of the record last read; 0 where time is simulated, and stamps are."""
         return age_of(self.reader, self._simulated)
 
+    @property
+    def stamp_ns(self) -> int:
+        """Monotonic stamp of the record last read."""
+        return self.reader.stamp_ns
+
+    def number(self, field: str) -> float:
+        """A field that is one number."""
+        return float(self.reader.field(field))
+
     def look(self) -> bool:
         """Read the newest record; False when there is none, or none is whole."""
         return self.reader.newest()

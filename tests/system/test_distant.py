@@ -1,0 +1,106 @@
+"""The classes of `trocar.py` over a socket: the same script as over shared memory."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+import trocar
+from tests.system.robot import ROOT, Robot
+from tests.system.test_socket_bridge import free
+
+pytestmark = [pytest.mark.slow, pytest.mark.simulated]
+PSM = ROOT / "configs" / "systems" / "kinematic.yaml"
+CART = ROOT / "configs" / "systems" / "kinematic-cart.yaml"
+MASTER = ROOT / "configs" / "systems" / "kinematic-mtm.yaml"
+
+
+def up(robot: Robot, file: Any) -> str:
+    """A system with a bridge; where it is."""
+    at = f"127.0.0.1:{free()}"
+    robot.up(file, "--set", f"socket.listen={at}")
+    return at
+
+
+def seen(arm: trocar.Psm) -> list[Any]:
+    """What a script does with a PSM, and what it sees of it."""
+    arm.home()
+    arm.move_jp([0.1, 0.0, 0.12, 0, 0, 0]).wait()
+    pose, _ = arm.measured_cp()
+    pose[0, 3] += 0.01
+    arm.move_cp(pose).wait()
+    start, _ = arm.setpoint_cp()
+    arm.servo_cp(start)
+    arm.jaw.open().wait()
+    joints, _ = arm.setpoint_jp()
+    angles = arm.inverse_kinematics(joints, arm.local.measured_cp()[0])
+    state, _ = arm.measured_js()
+    with pytest.raises(trocar.Refused, match="finite"):
+        arm.move_jr([0.0, 0.0, math.nan, 0, 0, 0])
+    with pytest.warns(trocar.Clipped):
+        far = arm.move_jp([0, 0, 5.0, 0, 0, 0])
+    arm.hold()
+    with pytest.raises(trocar.Refused):
+        far.wait()
+    arm.wait_for_busy(False)
+    arm.move_jp([0, 0, 0.12, 0, 0, 0]).wait()
+    words = [arm.operating_state()[0], arm.is_homed(), arm.is_busy(), arm.joint_names(), arm.reference_frame(),
+             arm.trajectory_j_get_ratio(), arm.tool()[0], arm.crtk_version()]
+    numbers = [pose, start, joints, angles, state.position, arm.jaw.measured_jp()[0], arm.body.jacobian()[0],
+               arm.spatial.measured_cf()[0], arm.measured_cv()[0], arm.forward_kinematics([0, 0, 0.12, 0, 0, 0])]
+    arm.disable()
+    return [*words, arm.is_enabled(), *(np.round(each, 4) + 0.0 for each in numbers)]
+
+
+def test_a_script_sees_the_same_from_elsewhere(robot: Robot) -> None:
+    at = up(robot, PSM)
+    with trocar.psm("PSM1", at=at) as arm:
+        robot.pids.add(robot.pid("socket_bridge"))
+        elsewhere = seen(arm)
+    with trocar.psm("PSM1", robot.name) as arm:
+        here = seen(arm)
+    for one, other in zip(elsewhere, here, strict=True):
+        assert np.array_equal(one, other, equal_nan=True) if isinstance(one, np.ndarray) else one == other
+    with pytest.raises(TimeoutError, match="no arm PSM9"):
+        trocar.arm("PSM9", at=at, timeout=3.0)
+    with pytest.raises(trocar.Problem, match="is no ECM"):
+        trocar.ecm("PSM1", at=at)
+    assert robot.down() == 0
+
+
+def test_a_master_is_driven_from_elsewhere(robot: Robot) -> None:
+    at = up(robot, MASTER)
+    with trocar.mtm("MTML", at=at) as mtm:
+        robot.pids.add(robot.pid("socket_bridge"))
+        mtm.home()
+        mtm.body.servo_cf([0, 0, 0, 0, 0, 0])
+        mtm.lock_orientation_as_is()
+        place, _ = mtm.measured_cp()
+        mtm.servo_ci(trocar.Impedance(force_position=place[:3, 3]))
+        assert mtm.gripper.measured_jp()[0].shape == (1,) and mtm.orientation_locked() in (True, False)
+        mtm.hold()
+        robot.kill("socket_bridge")
+        with pytest.raises(trocar.Problem, match="gone"):
+            while True:
+                mtm.is_homed()
+    with trocar.mtm("MTML", at=at, timeout=30) as mtm:
+        robot.pids.add(robot.pid("socket_bridge"))
+        assert mtm.is_homed()
+    assert robot.down() == 0
+
+
+def test_setup_joints_are_placed_from_elsewhere(robot: Robot) -> None:
+    at = up(robot, CART)
+    with trocar.suj(at=at) as suj:
+        robot.pids.add(robot.pid("socket_bridge"))
+        suj.home()
+        assert "PSM1" in suj.arms()
+        with trocar.suj("SUJ", robot.name) as same:
+            assert same.arms() == suj.arms() and same.reference_arm() == suj.reference_arm()
+        suj.PSM2.servo_jp([0.1, 0.2, 1.5, -0.1, 0.4, 0.0])
+        assert np.allclose(suj.PSM2.measured_jp()[0], [0.1, 0.2, 1.5, -0.1, 0.4, 0.0])
+        assert suj.PSM2.local.measured_cp()[0].shape == (4, 4)
+    assert robot.down() == 0

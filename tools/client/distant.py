@@ -1,0 +1,318 @@
+"""The ways to instances of a system on another machine: its socket bridge (docs/socket.md). Python and numpy only."""
+
+from __future__ import annotations
+
+import json
+import math
+import socket
+import ssl
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from procs.kinematics.poses import matrix_from_pose
+from shm.clock import monotonic_ns
+from shm.commands import ENDINGS
+from tools.client.values import FRESH_S, Array, JointState, Stamped, numbers
+from tools.errors import Problem, Refused
+
+PORT: Final = 7380
+KEPT: Final = 1000
+STEPS: Final = {"disabled": ("disable",), "enabled": ("enable",), "homed": ("enable", "home")}
+PARTS: Final = {"pose": ("position", "orientation"), "twist": ("linear", "angular"), "wrench": ("force", "torque")}
+FLAGS: Final = {"gripper/closed": "closed", "orientation_locked": "locked"}
+
+
+@dataclass(frozen=True, slots=True)
+class DistantReply:
+    """What became of a command: outcome is accepted, refused, done or failed."""
+
+    id: int
+    outcome: str
+    text: str
+
+
+class BridgeConnection:
+    """One connection to a bridge; for one thread."""
+
+    def __init__(self, at: str, token: str | Path = "", tls: ssl.SSLContext | None = None,
+                 timeout: float = 5.0) -> None:
+        """`at`: HOST:PORT. `token`: the token itself, or the Path of a file that has it. OSError: nobody is there."""
+        host, _, port = at.rpartition(":") if at.rpartition(":")[2].isdecimal() else (at, "", str(PORT))
+        words = token.read_text().strip() if isinstance(token, Path) else token
+        bare = socket.create_connection((host.strip("[]"), int(port)), timeout)
+        bare.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._socket = tls.wrap_socket(bare, server_hostname=host) if tls is not None else bare
+        self._rest, self._count, self.at = b"", 0, at
+        self._heard: dict[int, list[dict[str, Any]]] = {}
+        try:
+            self.hello = self.ask("hello", timeout, token=words, name="python")
+        except BaseException:
+            self.close()
+            raise
+
+    def say(self, op: str, **parts: Any) -> int:
+        """A message; its number."""
+        self._count += 1
+        message = json.dumps({"op": op, "id": self._count, **parts}, allow_nan=False)
+        try:
+            self._socket.settimeout(FRESH_S)
+            self._socket.sendall(message.encode() + b"\n")
+        except OSError as error:
+            raise self._gone(error) from None
+        return self._count
+
+    def hear(self, timeout: float) -> bool:
+        """Take in what has come, at least one message; False when there is none in time."""
+        end = monotonic_ns() + round(timeout * 1e9)
+        while b"\n" not in self._rest:
+            try:
+                self._socket.settimeout(max((end - monotonic_ns()) * 1e-9, 1e-4))
+                data = self._socket.recv(1 << 16)
+            except TimeoutError:
+                return False
+            except OSError as error:
+                raise self._gone(error) from None
+            if not data:
+                raise self._gone("it has closed the connection")
+            self._rest += data
+        *lines, self._rest = self._rest.split(b"\n")
+        for line in lines:
+            message = json.loads(line)
+            if isinstance(message.get("id"), int):
+                self._heard.setdefault(message["id"], []).append(message)
+            elif message["op"] == "error":
+                raise Problem(f"{self.at}: {message['error']}")
+        while len(self._heard) > KEPT:  # answers nobody asks for
+            del self._heard[next(iter(self._heard))]
+        return True
+
+    def heard(self, number: int) -> list[dict[str, Any]]:
+        """What has come about one message, and was not asked for yet."""
+        while self.hear(0.0):
+            pass
+        return self._heard.pop(number, [])
+
+    def first(self, number: int, timeout: float, outcomes: tuple[str, ...] = ()) -> dict[str, Any] | None:
+        """The next answer about a message, of these outcomes if any are given; None when there is none in time."""
+        end = monotonic_ns() + round(timeout * 1e9)
+        while True:
+            known = self._heard.get(number, [])
+            while known:
+                message = known.pop(0)
+                if message["op"] == "error" or not outcomes or message.get("outcome") in outcomes:
+                    return message
+            if (left := (end - monotonic_ns()) * 1e-9) <= 0.0 or not self.hear(left):
+                return None
+
+    def ask(self, op: str, timeout: float = 5.0, **parts: Any) -> dict[str, Any]:
+        """A question and its answer; Problem with the reason, TimeoutError when there is none."""
+        found = self.first(self.say(op, **parts), timeout)
+        if found is None:
+            raise TimeoutError(f"{self.at} did not answer within {timeout:g} s")
+        if found["op"] == "error":
+            raise Problem(str(found["error"]))
+        return found
+
+    def _gone(self, why: object) -> Problem:
+        return Problem(f"the bridge at {self.at} is gone: {why}")
+
+    def close(self) -> None:
+        """Leave."""
+        self._socket.close()
+
+
+class DistantRemote:
+    """Commands to one instance."""
+
+    def __init__(self, connection: BridgeConnection, instance: str) -> None:
+        """Nothing is asked yet."""
+        self.instance, self._connection = instance, connection
+
+    def _first(self, command: str, values: ArrayLike, text: str, timeout: float,
+               outcomes: tuple[str, ...]) -> DistantReply:
+        given = numbers(values)
+        if not np.isfinite(given).all():
+            raise Refused("values must be finite numbers")
+        number = self._connection.say("call", to=self.instance, command=command, values=given.tolist(), text=text)
+        found = self._connection.first(number, timeout, outcomes)
+        if found is None:
+            raise Problem(f"{self.instance} did not answer {command} within {timeout:g} s")
+        if found["op"] == "error":
+            return DistantReply(number, "refused", str(found["error"]))
+        return DistantReply(number, str(found["outcome"]), str(found["text"]))
+
+    def ask(self, command: str, values: ArrayLike = (), text: str = "", timeout: float = 2.0) -> DistantReply:
+        """Send and make sure that it was accepted: Refused carries the reason. Returns the first answer."""
+        reply = self._first(command, values, text, timeout, ())
+        if reply.outcome not in ("accepted", "done"):
+            raise Refused(reply.text or f"{self.instance}: {command} was {reply.outcome}")
+        return reply
+
+    def settled(self, command: str, values: ArrayLike = (), text: str = "", timeout: float = 60.0) -> DistantReply:
+        """Send and wait for the end: refused, done or failed; Problem when it does not come in time."""
+        return self._first(command, values, text, timeout, ENDINGS)
+
+    def replies_to(self, number: int) -> list[DistantReply]:
+        """Answers to one command, that came and were not asked for yet."""
+        return [DistantReply(number, str(found["outcome"]), str(found["text"]))
+                for found in self._connection.heard(number) if found["op"] == "reply"]
+
+    def close(self) -> None:
+        """The connection is closed by the record."""
+
+
+@dataclass(frozen=True, slots=True)
+class DistantShown:
+    """A state record as it came."""
+
+    row: Mapping[str, Any]
+
+    @property
+    def state(self) -> str:
+        """The operating state."""
+        return str(self.row["state"])
+
+    @property
+    def homed(self) -> bool:
+        """Homed, and powered."""
+        return bool(self.row["is_homed"])
+
+    @property
+    def busy(self) -> bool:
+        """A move or transition is under way."""
+        return bool(self.row["is_busy"])
+
+    @property
+    def stamp_ns(self) -> int:
+        """When it was written, on the clock of its machine."""
+        return int(self.row["stamp_ns"])
+
+    def text(self, field: str) -> str:
+        """A text field."""
+        return str(self.row[field])
+
+    def number(self, field: str) -> float:
+        """A field that is one number."""
+        return _number(self.row[field])
+
+
+class DistantRecord:
+    """All that one instance shows; every read asks for the newest record."""
+
+    def __init__(self, connection: BridgeConnection, name: str) -> None:
+        """Problem when there is no such record."""
+        self._connection, self._name = connection, name
+        self.look()
+
+    def _read(self, topic: str) -> dict[str, Any]:
+        row = self._connection.ask("read", topic=f"{self._name}/{topic}")
+        age_s = row["age_s"]
+        if age_s is None or age_s > FRESH_S:
+            raise TimeoutError(f"{self._name} has not shown its state for {FRESH_S:g} s")
+        return row
+
+    def look(self) -> DistantShown:
+        """The newest record; TimeoutError when it is too old."""
+        return DistantShown(self._read("state"))
+
+    def is_fresh(self) -> bool:
+        """Whether there is a new one."""
+        try:
+            self.look()
+        except (TimeoutError, Problem):
+            return False
+        return True
+
+    def _valid(self, view: str) -> dict[str, Any]:
+        row = self._read(view)
+        if not row.get("valid", True):
+            raise TimeoutError(f"{self._name}/{view} is not valid now (is the arm powered and homed?)")
+        return row
+
+    def part(self, view: str, name: str) -> Stamped:
+        """A part of a view; TimeoutError when it is too old or not valid now."""
+        row = self._valid(view)
+        found = [_array(row[key]) for key in PARTS.get(name, (name,))]
+        return found[0] if len(found) == 1 else np.concatenate(found), int(row["stamp_ns"])
+
+    def pose(self, view: str) -> Stamped:
+        """The pose (4, 4) that a view shows."""
+        pose, stamp_ns = self.part(view, "pose")
+        return matrix_from_pose(pose), stamp_ns
+
+    def joint_state(self, view: str) -> tuple[JointState, int]:
+        """What a view shows of joints."""
+        row = self._valid(view)
+        return JointState(*(_array(row[name]) for name in JointState._fields)), int(row["stamp_ns"])
+
+    def joint_names(self, view: str) -> list[str]:
+        """Names of the joints of a view."""
+        return [str(name) for name in self._valid(view)["name"]]
+
+    def reported(self, event: str) -> bool:
+        """The flag that an event of this name told last; False when there was none."""
+        try:
+            return bool(self._connection.ask("read", topic=f"{self._name}/{event}")[FLAGS[event]])
+        except Problem:
+            return False
+
+    def parts(self) -> list[str]:
+        """Names of the setup arms that it shows."""
+        topics = [str(row["topic"]).split("/") for row in self._connection.ask("list")["topics"]]
+        return [words[1] for words in topics if words[0] == self._name and words[2:] == ["measured_js"]]
+
+    def close(self) -> None:
+        """Leave."""
+        self._connection.close()
+
+
+class DistantWays:
+    """Both ways to the instances of one system, by one connection."""
+
+    def __init__(self, connection: BridgeConnection) -> None:
+        """It is closed with the first record."""
+        self._connection, self.name = connection, str(connection.hello["system"])
+        self.instances: dict[str, str] = dict(connection.hello["instances"])
+        """What each is: the type of an arm, else the kind of its process."""
+
+    def record(self, name: str) -> DistantRecord:
+        """What an instance shows; Problem when it is not there (yet)."""
+        return DistantRecord(self._connection, name)
+
+    def remote(self, name: str) -> DistantRemote:
+        """What it is asked."""
+        return DistantRemote(self._connection, name)
+
+    def bring(self, name: str, goal: str, timeout: float) -> None:
+        """Enable, home or disable an instance and wait for it; Problem says why it is not so."""
+        record, remote = DistantRecord(self._connection, name), self.remote(name)
+        now = record.look()
+        steps = (("disable",) if now.state == "FAULT" and goal != "disabled" else ()) + STEPS[goal]
+        for word in steps:
+            if word == "enable" and record.look().state == "ENABLED":
+                continue
+            reply = remote.settled("state_command", text=word, timeout=timeout)
+            if reply.outcome != "done":
+                raise Problem(f"{name}: {word} was {reply.outcome}: {reply.text}")
+
+    def statistics(self, name: str) -> dict[str, dict[str, float]]:
+        """Known on its own machine only."""
+        raise Problem(f"{name}: trocar status on the robot's machine tells that")
+
+    def gripper_zero(self, name: str) -> float:
+        """Not known here: what the master reports counts."""
+        return math.inf
+
+
+def _number(value: Any) -> float:
+    return math.nan if value is None else float(value)
+
+
+def _array(value: Any) -> Array:
+    """A list as it came, null as NaN."""
+    return np.array(value if value is not None else [], dtype=np.float64)

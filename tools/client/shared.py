@@ -1,0 +1,38 @@
+"""The ways to instances on this machine: shared memory."""
+
+from __future__ import annotations
+
+from tools import arms
+from tools.arms import DISABLED, ENABLED, HOMED
+from tools.client.record import InstanceRecord
+from tools.inspect.processes import statuses
+from tools.inspect.watch import arm_document
+from tools.remote import Remote
+
+
+class SharedWays:
+    """Both ways to any instance of one system."""
+
+    def __init__(self, system: str) -> None:
+        """`system` must be up."""
+        self.name = system
+
+    def record(self, name: str) -> InstanceRecord:
+        """What an instance shows; Problem or SegmentError when it is not there (yet)."""
+        return InstanceRecord(self.name, name)
+
+    def remote(self, name: str) -> Remote:
+        """What it is asked; the same."""
+        return Remote(self.name, name)
+
+    def bring(self, name: str, goal: str, timeout: float) -> None:
+        """Enable, home or disable an instance and wait for it; Problem says why it is not so."""
+        {ENABLED: arms.power_on, HOMED: arms.home, DISABLED: arms.power_off}[goal](self.name, [name], timeout)
+
+    def statistics(self, name: str) -> dict[str, dict[str, float]]:
+        """Figures of the period and the work of its loop."""
+        return next((process.statistics for process in statuses(self.name) if process.name == name), {})
+
+    def gripper_zero(self, name: str) -> float:
+        """Angle (rad) above which a master's gripper is open."""
+        return arm_document(self.name, name).gripper_zero
