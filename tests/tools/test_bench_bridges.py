@@ -1,0 +1,20 @@
+"""`trocar bench bridges`: one short measurement, which leaves nothing behind."""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+
+from shm.segment import names_of
+from tools.bench import bridges
+
+
+@pytest.mark.slow
+@pytest.mark.alone
+def test_bridges_are_measured_and_nothing_is_left() -> None:
+    result = bridges.run(seconds=2.0, pairs=1)
+    figures = result["figures"]
+    assert figures["ros_messages_per_s"] > 30.0 and figures["ros_cpu_percent_30_topics"] > 0.0
+    assert figures["socket_command_ms_p50"] > 0.0 and figures["io_period_p99_ratio"] > 0.0
+    assert not names_of(f"bench-bridges-{os.getpid()}")

@@ -1,0 +1,134 @@
+"""`trocar bench bridges`: what bridges to ROS and to sockets cost, and how soon a command of a socket is carried out.
+
+The full KINEMATIC system on the wall clock, homed. `ros_cpu_percent_unsubscribed` is the ROS bridge while nobody reads,
+`ros_cpu_percent_30_topics` while a client in this process reads 30 topics, 100 times a second each (100 % is one core);
+`ros_messages_per_s` came here. `socket_command_ms_p50` is from sending `hold` over TCP to hearing that it is done.
+`io_period_p99_ratio` is io's period (99 %) with both bridges at work to that without, median of pairs by turns.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import socket
+import statistics
+from contextlib import closing
+from typing import Any, Final
+
+import numpy as np
+import psutil
+
+from procs.ros_bridge.dds import Participant, TopicReader
+from procs.ros_bridge.messages import JointStates, PoseStamped, TwistStamped
+from shm import directory
+from shm.clock import monotonic_ns, pause
+from shm.control_page import ControlPage
+from tools.arms import home
+from tools.bench.system import FULL
+from tools.errors import Problem
+from tools.remote import Remote
+from tools.supervising import StartRequest, up_meanwhile
+
+BRIDGE: Final = "ros_bridge"
+ARMS: Final = ("PSM1", "PSM2", "PSM3", "ECM", "MTML", "MTMR")
+TOPICS: Final[tuple[tuple[str, Any], ...]] = (
+    ("measured_js", JointStates), ("setpoint_js", JointStates), ("measured_cp", PoseStamped),
+    ("setpoint_cp", PoseStamped), ("measured_cv", TwistStamped))
+COMMANDS: Final = 300
+PAIRS: Final = 5
+TAKE_S: Final = 0.02
+SETTLE_S: Final = 2.0
+PATIENCE_S: Final = 30.0
+
+
+def run(seconds: float = 30.0, pairs: int = PAIRS) -> dict[str, Any]:
+    """Measure; returns the object that `--json` prints. `seconds`: of each part of a pair."""
+    name, port = f"bench-bridges-{os.getpid()}", _free_port()
+    domain = 1 + os.getpid() % 230
+    sets = ("clock=wall", f"ros.domain={domain}", f"socket.listen=127.0.0.1:{port}")
+    with up_meanwhile(StartRequest(FULL, name, sets=sets)):
+        home(name)
+        with closing(Participant(domain, name="bench")) as participant:
+            figures = {"ros_cpu_percent_unsubscribed": _cpu_percent(name, [], min(seconds, 10.0))[0]}
+            readers: list[TopicReader[Any]] = [participant.reader(f"{arm}/{topic}", message, 100)
+                                               for arm in ARMS for topic, message in TOPICS]
+            _cpu_percent(name, readers, SETTLE_S)
+            figures["ros_cpu_percent_30_topics"], figures["ros_messages_per_s"] = _cpu_percent(
+                name, readers, min(seconds, 10.0))
+            figures["socket_command_ms_p50"] = _command_ms(port)
+            figures["io_period_p99_ratio"] = _ratio(name, readers, seconds, pairs)
+    return {
+        "bench": "bridges", "figures": figures,
+        "conditions": {"topics": len(readers), "seconds": seconds, "pairs": pairs, "commands": COMMANDS,
+                       "cores": len(psutil.Process().cpu_affinity() or []), "load": os.getloadavg()[0],
+                       "kernel": platform.release(), "python": platform.python_version()},
+    }
+
+
+def _cpu_percent(system: str, readers: list[TopicReader[Any]], seconds: float) -> tuple[float, float]:
+    """CPU time of the ROS bridge in a while in which we read; and messages a second."""
+    with closing(ControlPage(system, BRIDGE)) as page:
+        process = psutil.Process(int(page.get("pid")))
+    before, begin, count = process.cpu_times(), monotonic_ns(), 0
+    while (passed_s := (monotonic_ns() - begin) * 1e-9) < seconds:
+        pause(TAKE_S)
+        count += sum(len(reader.take()) for reader in readers)
+    after = process.cpu_times()
+    used = after.user + after.system - before.user - before.system
+    return used / passed_s * 100.0, count / passed_s
+
+
+def _command_ms(port: int) -> float:
+    """Median of so many commands, one after the other."""
+    took = []
+    with socket.create_connection(("127.0.0.1", port), PATIENCE_S) as connection, connection.makefile("rw") as stream:
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        for number in range(1, COMMANDS + 1):
+            begin = monotonic_ns()
+            stream.write(json.dumps({"op": "call", "id": number, "to": "PSM1", "command": "hold"}) + "\n")
+            stream.flush()
+            while (heard := json.loads(stream.readline())).get("outcome") != "done":
+                if heard["op"] == "error" or heard.get("outcome") in ("refused", "failed"):
+                    raise Problem(f"the socket bridge says: {heard}")
+            took.append((monotonic_ns() - begin) * 1e-6)
+    return statistics.median(took)
+
+
+def _ratio(system: str, readers: list[TopicReader[Any]], seconds: float, pairs: int) -> float:
+    ratios = []
+    with Remote(system, "supervisor") as remote:
+        for _ in range(pairs):
+            with_bridges = _period_p99(system, readers, seconds)
+            _ask(remote, "stop")
+            ratios.append(with_bridges / _period_p99(system, [], seconds))
+            _ask(remote, "start")
+            _cpu_percent(system, readers, SETTLE_S)
+    return statistics.median(ratios)
+
+
+def _ask(remote: Remote, command: str) -> None:
+    reply = remote.settled(command, text=BRIDGE, timeout=PATIENCE_S)
+    if reply.outcome != "done":
+        raise Problem(f"{command} {BRIDGE} was {reply.outcome}: {reply.text}")
+
+
+def _period_p99(system: str, readers: list[TopicReader[Any]], seconds: float) -> float:
+    """99 % of io's periods in a while in which we read, s."""
+    with closing(directory.reader(system, "io", "state")) as ring:
+        ring.newest()
+        seen, stamps, end = ring.stamp_ns, [], monotonic_ns() + round(seconds * 1e9)
+        while monotonic_ns() < end:
+            pause(TAKE_S)
+            for reader in readers:
+                reader.take()
+            rows = ring.since(seen + 1)
+            seen = int(rows[-1]["stamp_ns"]) if len(rows) else seen
+            stamps.append(rows["stamp_ns"])
+    return float(np.percentile(np.diff(np.unique(np.concatenate(stamps))), 99)) * 1e-9
+
+
+def _free_port() -> int:
+    with closing(socket.socket()) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
