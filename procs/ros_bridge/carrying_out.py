@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from procs.ros_bridge.dds import Participant, TopicReader
+from procs.ros.dds import Participant, TopicReader
 from procs.ros_bridge.incoming import COMMAND_TOPICS, STREAM, CommandTopic
 from procs.ros_bridge.publishing import ros_topic
 from shm.client import Client, MailboxFull

@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from cyclonedds.idl import IdlStruct
 
-from procs.ros_bridge.messages import (
+from procs.ros.messages import (
     Bool,
     CartesianImpedance,
     CartesianImpedanceHalfPlaneGains,

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from procs.document.system import SystemConfig
-from procs.ros_bridge.dds import Participant
-from procs.ros_bridge.messages import IntervalStatistics
+from procs.ros.dds import Participant
+from procs.ros.messages import IntervalStatistics
 from procs.ros_bridge.publishing import ros_topic
 from procs.ros_bridge.stamps import time_of
 from shm.control_page import ControlPage

@@ -19,11 +19,11 @@ from procs.document.ros import RosBridge
 from procs.document.system import SystemConfig
 from procs.own_memory import Closing
 from procs.pauses import duration
+from procs.ros.dds import EVENT_DEPTH, Participant
+from procs.ros.messages import Clock, Log, OperatingState
 from procs.ros_bridge.carrying_out import Addressee, Commands
-from procs.ros_bridge.dds import EVENT_DEPTH, Participant
 from procs.ros_bridge.frames import TipFrames
 from procs.ros_bridge.interval_statistics import LoopStatistics
-from procs.ros_bridge.messages import Clock, Log, OperatingState
 from procs.ros_bridge.outgoing import FIELD_TOPICS, FieldTopic
 from procs.ros_bridge.publishing import EventTopics, RecordTopics
 from procs.ros_bridge.services import Services

@@ -14,7 +14,7 @@ from cyclonedds.idl import IdlStruct
 from numpy.typing import NDArray
 
 from procs.crtk.plain import plain
-from procs.ros_bridge.messages import (
+from procs.ros.messages import (
     Bool,
     Empty,
     Float64,

@@ -11,8 +11,8 @@ import numpy as np
 from procs.crtk.plain import plain
 from procs.crtk.topics import TopicEntry
 from procs.crtk.views import OpenTopic
-from procs.ros_bridge.dds import LATCHED, Participant, TopicWriter
-from procs.ros_bridge.messages import JointStates, Log, OperatingState, String
+from procs.ros.dds import LATCHED, Participant, TopicWriter
+from procs.ros.messages import JointStates, Log, OperatingState, String
 from procs.ros_bridge.outgoing import EVENT_MESSAGES, NOT_OF_ARMS, VIEW_MESSAGES, EventMessage, FieldTopic, ViewMessage
 from procs.ros_bridge.packing import PackedMessage
 from procs.ros_bridge.stamps import SECOND_NS, Stamps, time_of

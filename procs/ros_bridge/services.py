@@ -18,10 +18,8 @@ import numpy as np
 from cyclonedds.idl import IdlStruct, make_idl_struct
 from cyclonedds.idl.types import int64, uint64
 
-from procs.ros_bridge.carrying_out import Addressee, Warn
-from procs.ros_bridge.dds import Participant, TopicReader, TopicWriter
-from procs.ros_bridge.incoming import pose_numbers
-from procs.ros_bridge.messages import (
+from procs.ros.dds import Participant, TopicReader, TopicWriter
+from procs.ros.messages import (
     ConvertFloat64ArrayRequest,
     ConvertFloat64ArrayResponse,
     OperatingState,
@@ -35,6 +33,8 @@ from procs.ros_bridge.messages import (
     TriggerRequest,
     TriggerResponse,
 )
+from procs.ros_bridge.carrying_out import Addressee, Warn
+from procs.ros_bridge.incoming import pose_numbers
 from procs.ros_bridge.outgoing import pose_of
 from procs.ros_bridge.publishing import ros_topic
 from shm.client import Client, MailboxFull

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from procs.ros_bridge.messages import Time
+from procs.ros.messages import Time
 from shm.clock import local_ns, monotonic_ns
 
 SECOND_NS = 1_000_000_000

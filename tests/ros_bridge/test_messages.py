@@ -10,9 +10,9 @@ from cyclonedds.idl import IdlStruct
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procs.ros_bridge import messages
-from procs.ros_bridge.hashes import dds_name, ros_name, type_hash
-from procs.ros_bridge.messages import Float64, JointStates, MessageHeader, PoseStamped, String, Time
+from procs.ros import messages
+from procs.ros.hashes import dds_name, ros_name, type_hash
+from procs.ros.messages import Float64, JointStates, MessageHeader, PoseStamped, String, Time
 from procs.ros_bridge.services import SERVICES, framed
 
 # as `ros2 topic info -v` of ROS 2 Jazzy shows them

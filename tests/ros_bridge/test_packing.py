@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procs.ros_bridge.messages import JointStates
+from procs.ros.messages import JointStates
 from procs.ros_bridge.outgoing import VIEW_MESSAGES
 from procs.ros_bridge.packing import PackedMessage
 

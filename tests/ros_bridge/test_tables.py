@@ -10,10 +10,8 @@ import pytest
 
 from procs.arm_types import ARM_TYPES
 from procs.manifest import proc
-from procs.ros_bridge.carrying_out import Addressee, powers, topics_of
-from procs.ros_bridge.hashes import ros_name
-from procs.ros_bridge.incoming import COMMAND_TOPICS, CommandTopic
-from procs.ros_bridge.messages import (
+from procs.ros.hashes import ros_name
+from procs.ros.messages import (
     CartesianImpedance,
     CartesianImpedanceHalfPlaneGains,
     CartesianState,
@@ -26,6 +24,8 @@ from procs.ros_bridge.messages import (
     StringStamped,
     Vector3,
 )
+from procs.ros_bridge.carrying_out import Addressee, powers, topics_of
+from procs.ros_bridge.incoming import COMMAND_TOPICS, CommandTopic
 from procs.ros_bridge.outgoing import EVENT_MESSAGES, FIELD_TOPICS, VIEW_MESSAGES
 from procs.ros_bridge.services import SERVICES
 from shm.commands import COMMANDS

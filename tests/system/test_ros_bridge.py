@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 import yaml
 
-from procs.ros_bridge.dds import Participant, TopicReader, TopicWriter
-from procs.ros_bridge.messages import (
+from procs.ros.dds import Participant, TopicReader, TopicWriter
+from procs.ros.messages import (
     Bool,
     Clock,
     Empty,

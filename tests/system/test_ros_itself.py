@@ -14,9 +14,9 @@ from typing import Any
 import pytest
 from cyclonedds.idl import IdlStruct
 
-from procs.ros_bridge import messages
-from procs.ros_bridge.dds import Participant
-from procs.ros_bridge.hashes import ros_name, type_hash
+from procs.ros import messages
+from procs.ros.dds import Participant
+from procs.ros.hashes import ros_name, type_hash
 from tests.system.robot import ROOT, Robot, wait_for
 from tests.system.test_ros_bridge import file_with
 

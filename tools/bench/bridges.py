@@ -19,8 +19,8 @@ from typing import Any, Final
 import numpy as np
 import psutil
 
-from procs.ros_bridge.dds import Participant, TopicReader
-from procs.ros_bridge.messages import JointStates, PoseStamped, TwistStamped
+from procs.ros.dds import Participant, TopicReader
+from procs.ros.messages import JointStates, PoseStamped, TwistStamped
 from shm import directory
 from shm.clock import monotonic_ns, pause
 from shm.control_page import ControlPage

@@ -16,8 +16,8 @@ from cyclonedds.qos import Policy, Qos
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
-from procs.ros_bridge.hashes import type_hash
-from procs.ros_bridge.messages import Gid, NodeEntitiesInfo, ParticipantEntitiesInfo
+from procs.ros.hashes import type_hash
+from procs.ros.messages import Gid, NodeEntitiesInfo, ParticipantEntitiesInfo
 
 LOOPBACK: Final = "127.0.0.1"
 DEPTH: Final = 10  # what ROS clients have unless they say otherwise
