@@ -267,7 +267,7 @@ def _assemble(
         focuses=operation.focuses,
         users=load_user_processes(context, source, options, [arm.name for arm in arm_rows if arm.derived],
                                   [row.name for row in operation.third_parties]),
-        ros=_ros(options.ros),
+        ros=_ros(context, options.ros),
         socket=load_socket(context, source, options.socket),
         supervisor_lost_s=options.supervisor_lost_s,
         group=options.group,
@@ -280,11 +280,14 @@ def _assemble(
                                cpus=places.others)
 
 
-def _ros(options: RosOptions | None) -> document.RosBridge | None:
+def _ros(context: Context, options: RosOptions | None) -> document.RosBridge | None:
     if options is None:
         return None
     here = options.interface in ("lo", "localhost") or options.interface.startswith("127.")
     may_power = here if options.may_power is None else options.may_power
+    if not here:
+        what = "see, command, power and home" if may_power else "see and command"
+        context.notes.append(f"ros: whoever is on the network of {options.interface} may {what} the robot")
     return document.RosBridge(options.domain, options.interface, options.period_s, options.namespace, may_power,
                               options.io, options.tf, options.stats)
 

@@ -1,0 +1,47 @@
+"""The bridge to ROS in a system file."""
+
+from __future__ import annotations
+
+import pytest
+
+from procs.config import load_system
+from procs.document.ros import RosBridge
+from procs.document.system import SystemConfig
+from tests.system.robot import ROOT
+
+FILE = ROOT / "configs" / "systems" / "kinematic.yaml"
+
+
+def made(*sets: str) -> SystemConfig:
+    loaded = load_system(FILE, sets=list(sets))
+    assert loaded.system is not None, loaded.errors
+    return loaded.system
+
+
+def test_without_a_key_there_is_no_bridge() -> None:
+    system = made()
+    assert system.ros is None and "ros_bridge" not in {row.name for row in system.processes}
+
+
+def test_on_this_machine_who_asks_may_power() -> None:
+    system = made("ros.domain=7")
+    assert system.ros == RosBridge(7, "lo", 0.01) and system.ros.may_power
+    row = system.process("ros_bridge")
+    assert (row.kind, row.period_s, row.priority) == ("ros_bridge", 0.01, 0) and "PSM1" in row.after
+    assert not [note for note in system.notes if "ros" in note]
+
+
+@pytest.mark.parametrize(("sets", "expected"), [
+    ((), False), (("ros.may_power=true",), True), (("ros.may_power=false",), False),
+])
+def test_elsewhere_only_where_the_file_says_so_and_everybody_is_told(sets: tuple[str, ...], expected: bool) -> None:
+    system = made("ros.interface=eth0", *sets)
+    assert system.ros is not None and system.ros.may_power is expected
+    (note,) = [note for note in system.notes if note.startswith("ros:")]
+    assert "eth0" in note and ("power" in note) is expected
+
+
+@pytest.mark.parametrize("text", ["ros.domain=233", "ros.domain=-1", "ros.period_s=0", "ros.interface=a b",
+                                  "ros.namespace=1x", "ros.io=rw", "ros.unknown=1"])
+def test_what_makes_no_sense_is_refused(text: str) -> None:
+    assert load_system(FILE, sets=[text]).errors
