@@ -27,6 +27,10 @@ class WrongMessage(Exception):
         self.id = number
 
 
+class NoMessage(WrongMessage):
+    """That is no message at all: perhaps another protocol."""
+
+
 @dataclass(frozen=True, slots=True)
 class Message:
     """A message that has all it needs."""
@@ -106,9 +110,9 @@ def parsed(data: bytes) -> Message:
     try:
         found = json.loads(data, parse_constant=_no_number)
     except (ValueError, RecursionError) as error:
-        raise WrongMessage(f"this is no JSON: {error}"[:200]) from None
+        raise NoMessage(f"this is no JSON: {error}"[:200]) from None
     if not isinstance(found, dict):
-        raise WrongMessage("a message is an object: {\"op\": \"list\"}")
+        raise NoMessage("a message is an object: {\"op\": \"list\"}")
     number = found.pop("id", None)
     if not (number is None or (isinstance(number, str) and len(number) <= MAX_ID)
             or (type(number) is int and abs(number) < 1 << 53)):

@@ -11,7 +11,7 @@ from procs.document.bridges import COMMAND, VIEW, Rights
 from procs.document.user_process import PROPERTIES, SET_PROPERTY
 from procs.socket_bridge.calls import Calls, CommandOwner
 from procs.socket_bridge.feeds import Feed, Outlet, Reading, subscribed
-from procs.socket_bridge.messages import Message, WrongMessage, parsed, said
+from procs.socket_bridge.messages import Message, NoMessage, WrongMessage, parsed, said
 from procs.socket_bridge.topics import SharedTopic, Topics
 from shm.clock import monotonic_ns
 from shm.header import SegmentError
@@ -67,7 +67,7 @@ class Session:
         self.reads: list[Reading] = []
         self._kept: dict[str, tuple[SharedTopic, int]] = {}
         self.calls = Calls(served.system, served.owners, rights, served.is_over)
-        self._served, self._counts, self._wrong, self._said_any = served, served.counts, 0, False
+        self._served, self._counts, self._wrong, self._is_first = served, served.counts, 0, True
         self._ops: dict[str, Callable[[Message], None]] = {
             "hello": self._hello, "ping": self._ping, "list": self._list, "commands": self._commands,
             "read": self._read, "subscribe": self._subscribe, "unsubscribe": self._unsubscribe,
@@ -79,17 +79,21 @@ class Session:
         number: Any = None
         try:
             asked = parsed(message)
-            number, self._wrong, self._said_any = asked.id, 0, True
+            number = asked.id
             if not self.is_known and asked.op != "hello":
                 raise WrongMessage("say hello with the token first")
             self._ops[asked.op](asked)
+        except NoMessage as error:
+            self._refuse(None, str(error))
+            self._wrong += 1
+            if self._is_first or self._wrong > MANY_WRONG:
+                self.link.end()  # perhaps a web page makes a browser say this
+            return
         except WrongMessage as error:
             self._refuse(error.id if number is None else number, str(error))
-            self._wrong += number is None
-            if not self._said_any or self._wrong > MANY_WRONG:
-                self.link.end()  # perhaps a web page makes a browser say this
         except (SegmentError, ValueError) as error:
             self._refuse(number, str(error))
+        self._wrong, self._is_first = 0, False
         self._served.wake()
 
     def _refuse(self, number: Any, why: str) -> None:

@@ -282,7 +282,9 @@ def test_another_protocol_is_shown_the_door(world: Any) -> None:
             assert await client.hear() == {}
         assert made.server.served.counts.commands == 0
         async with made.client() as client:
-            await client.ask("ping")
+            for _ in range(session.MANY_WRONG + 5):
+                client.say("what")
+                assert "no op what" in (await client.hear())["error"]
             client.raw(b"what?\n" * (session.MANY_WRONG + 2))
             while await client.hear():
                 pass

@@ -62,6 +62,12 @@ def test_a_script_sees_the_same_from_elsewhere(robot: Robot) -> None:
         elsewhere = seen(arm)
     with trocar.psm("PSM1", robot.name) as arm:
         here = seen(arm)
+        with trocar.system(at=at) as system:
+            assert system.arms() == ["PSM1"] and system.name == robot.name
+            system.home()
+            assert arm.is_homed()
+            system.power_off()
+            assert arm.is_disabled()
     for one, other in zip(elsewhere, here, strict=True):
         assert np.array_equal(one, other, equal_nan=True) if isinstance(one, np.ndarray) else one == other
     with pytest.raises(TimeoutError, match="no arm PSM9"):

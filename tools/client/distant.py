@@ -276,21 +276,21 @@ class DistantWays:
 
     def __init__(self, connection: BridgeConnection) -> None:
         """It is closed with the first record."""
-        self._connection, self.name = connection, str(connection.hello["system"])
+        self.connection, self.name = connection, str(connection.hello["system"])
         self.instances: dict[str, str] = dict(connection.hello["instances"])
         """What each is: the type of an arm, else the kind of its process."""
 
     def record(self, name: str) -> DistantRecord:
         """What an instance shows; Problem when it is not there (yet)."""
-        return DistantRecord(self._connection, name)
+        return DistantRecord(self.connection, name)
 
     def remote(self, name: str) -> DistantRemote:
         """What it is asked."""
-        return DistantRemote(self._connection, name)
+        return DistantRemote(self.connection, name)
 
     def bring(self, name: str, goal: str, timeout: float) -> None:
         """Enable, home or disable an instance and wait for it; Problem says why it is not so."""
-        record, remote = DistantRecord(self._connection, name), self.remote(name)
+        record, remote = DistantRecord(self.connection, name), self.remote(name)
         now = record.look()
         steps = (("disable",) if now.state == "FAULT" and goal != "disabled" else ()) + STEPS[goal]
         for word in steps:

@@ -44,7 +44,7 @@ def provide(name: str | OwnProcess, system: str | None = None, timeout: float = 
     return connected(lambda: taken(_chosen(system), name, rate, commands, program), timeout, name)
 
 
-def system(name: str | None = None, timeout: float = 5.0) -> System:
+def system_here(name: str | None = None, timeout: float = 5.0) -> System:
     """A running system, default as of `arm`; TimeoutError when there is none within `timeout` s."""
     return connected(lambda: System(_chosen(name)), timeout, name or "a system")
 

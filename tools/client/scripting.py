@@ -9,7 +9,7 @@ import importlib
 import ssl
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, TypeVar, overload
 
 from procs.arm_types import ARM_TYPES, class_of
 from shm.clock import monotonic_ns, pause
@@ -21,6 +21,7 @@ from tools.client.kinds import Ecm, Gripper, Jaw, Mtm, Psm
 from tools.client.moves import MoveHandle
 from tools.client.setup import SetupArm, Suj
 from tools.client.values import JointState
+from tools.client.whole import DistantSystem
 from tools.errors import Clipped, Problem, Refused
 from tools.version import VERSION as __version__
 
@@ -34,9 +35,9 @@ def _has_shared_memory() -> bool:
 
 
 if TYPE_CHECKING or _has_shared_memory():
-    from tools.client.here import Handler, Process, Provider, System, arm_here, provide, suj_here, system
+    from tools.client.here import Handler, Process, Provider, System, arm_here, provide, suj_here, system_here
 else:
-    from tools.client.elsewhere import Handler, Process, Provider, System, arm_here, provide, suj_here, system
+    from tools.client.elsewhere import Handler, Process, Provider, System, arm_here, provide, suj_here, system_here
 
 __all__ = [
     "Arm",
@@ -116,6 +117,17 @@ def suj(name: str = "SUJ", system: str | None = None, timeout: float = 5.0, *, a
         tls: ssl.SSLContext | None = None) -> Suj:
     """The setup joints `name`, once they are connected; TimeoutError after `timeout` s."""
     return suj_here(name, system, timeout) if not at else _at(at, token, tls, timeout, lambda ways: Suj(ways, name))
+
+
+@overload
+def system(name: str | None = None, timeout: float = 5.0) -> System: ...
+@overload
+def system(name: str | None = None, timeout: float = 5.0, *, at: str, token: str | Path = "",
+           tls: ssl.SSLContext | None = None) -> DistantSystem: ...
+def system(name: str | None = None, timeout: float = 5.0, *, at: str = "", token: str | Path = "",
+           tls: ssl.SSLContext | None = None) -> System | DistantSystem:
+    """A running system, default as of `arm`; TimeoutError when there is none within `timeout` s."""
+    return system_here(name, timeout) if not at else _at(at, token, tls, timeout, DistantSystem)
 
 
 def _at(at: str, token: str | Path, tls: ssl.SSLContext | None, timeout: float, made: Callable[[DistantWays], T]) -> T:
