@@ -22,6 +22,7 @@ from procs.pauses import duration
 from procs.ros.dds import EVENT_DEPTH, Participant
 from procs.ros.messages import Clock, Log, OperatingState
 from procs.ros_bridge.carrying_out import Addressee, Commands
+from procs.ros_bridge.descriptions import Descriptions
 from procs.ros_bridge.frames import TipFrames
 from procs.ros_bridge.interval_statistics import LoopStatistics
 from procs.ros_bridge.outgoing import FIELD_TOPICS, FieldTopic
@@ -99,6 +100,9 @@ class RosLoop(OwnProcess):
         self._parts += [self._incoming, self._questions]
         self._clock = participant.writer("/clock", Clock) if self.time.simulated else None
         self._seldom = [Seldom(LOOK_NS, self._look)]
+        descriptions = Descriptions(participant, self.system, document.arms)
+        self._parts.append(descriptions)
+        self._seldom.append(Seldom(LOOK_NS, lambda now_ns: descriptions.step()))
         if row.tf:
             frames = TipFrames(participant, self.system, [arm.name for arm in arms])
             self._parts.append(frames)

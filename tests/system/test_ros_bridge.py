@@ -9,6 +9,7 @@ import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -107,6 +108,8 @@ def test_a_client_homes_moves_and_hears_what_a_client_of_the_original_hears(robo
         client.hear("PSM1/goal_reached", Bool)
         client.hear("/clock", Clock)
         client.hear("/tf", TFMessage)
+        client.readers["PSM1/robot_description"] = client.participant.read_latched("PSM1/robot_description", String, 1)
+        client.got["PSM1/robot_description"] = []
         client.state("DISABLED")
         client.wait(lambda: client.got["PSM1/measured_js"], "joints, although they are not valid")
         stamp = client.last("PSM1/measured_js").header.stamp
@@ -128,6 +131,9 @@ def test_a_client_homes_moves_and_hears_what_a_client_of_the_original_hears(robo
         pose = client.last("PSM1/measured_cp")
         frames = {t.child_frame_id: t for message in client.got["/tf"] for t in message.transforms}
         assert frames["PSM1"].header.frame_id == pose.header.frame_id == "PSM1_base"
+        joints = {each.attrib["name"] for each in ElementTree.fromstring(client.last("PSM1/robot_description").data)
+                  if each.tag == "joint"}
+        assert joints == {*names, "PSM1_to_tip"}
         assert client.got["/clock"], "time is simulated: ROS is told it"
         commands_that_make_no_sense_are_refused_and_move_nothing(client)
         questions_are_answered_as_rmw_cyclonedds_asks_them(client, here)
