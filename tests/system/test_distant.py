@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import math
 from typing import Any
 
@@ -11,8 +12,10 @@ import pytest
 import trocar
 from tests.system.robot import ROOT, Robot
 from tests.system.test_socket_bridge import free
+from tools.client.moves import until
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
+FULL = ROOT / "configs" / "systems" / "kinematic-full.yaml"
 PSM = ROOT / "configs" / "systems" / "kinematic.yaml"
 CART = ROOT / "configs" / "systems" / "kinematic-cart.yaml"
 MASTER = ROOT / "configs" / "systems" / "kinematic-mtm.yaml"
@@ -95,6 +98,64 @@ def test_a_master_is_driven_from_elsewhere(robot: Robot) -> None:
     with trocar.mtm("MTML", at=at, timeout=30) as mtm:
         robot.pids.add(robot.pid("socket_bridge"))
         assert mtm.is_homed()
+    assert robot.down() == 0
+
+
+def test_a_console_is_operated_from_elsewhere(robot: Robot) -> None:
+    at = up(robot, FULL)
+    robot.trocar("send", "system", "home", "--wait")
+    with trocar.console(at=at) as console, trocar.console("console", robot.name) as same:
+        robot.pids.add(robot.pid("socket_bridge"))
+        assert console.teleops() == same.teleops() and "MTMR_PSM1" in console.teleops()
+        assert console.teleop_is_selected("MTMR_PSM1")
+        with pytest.raises(trocar.Problem, match="no teleoperation x"):
+            same.teleop_is_selected("x")
+        console.teleop_set_scale(0.3)
+        until(lambda: console.teleop_get_scale() == same.teleop_get_scale() == 0.3, 20, "its scale")
+        with trocar.teleop("MTMR_PSM1", at=at) as teleop:
+            until(lambda: teleop.get_scale() == 0.3, 20, "the scale of its teleoperation")
+            assert teleop.current_state() == "DISABLED" and not teleop.following()
+            console.teleop_start()
+            console.emulate_operator_present()
+            teleop.wait_for_state("ENABLED", 60)
+            assert console.operator_present() and teleop.desired_state() == "ENABLED"
+            assert isinstance(teleop.reason(), str)
+            same.teleop_stop()
+            teleop.wait_for_state("DISABLED", 60)
+        assert not console.teleop_enabled()
+    with pytest.raises(TimeoutError):
+        trocar.teleop("nobody", at=at, timeout=1.0)
+    assert robot.down() == 0
+
+
+def test_moves_are_awaited(robot: Robot) -> None:
+    at = up(robot, PSM)
+    ticks = []
+
+    async def tick() -> None:
+        while True:
+            ticks.append(1)
+            await asyncio.sleep(0.01)
+
+    async def both() -> None:
+        ticking = asyncio.ensure_future(tick())
+        with trocar.psm("PSM1", robot.name) as here, trocar.psm("PSM1", at=at) as there:
+            robot.pids.add(robot.pid("socket_bridge"))
+            here.home()
+            for arm in (here, there):
+                handle = arm.move_jp([0.3, 0, 0.12, 0, 0, 0])
+                handle.wait(is_busy=True)
+                await handle
+                assert abs(arm.measured_jp()[0][0] - 0.3) < 1e-3
+                await arm.move_jp([0, 0, 0.12, 0, 0, 0])
+            lost = there.move_jp([0.3, 0, 0.12, 0, 0, 0])
+            there.hold()
+            with pytest.raises(trocar.Refused):
+                await lost
+        ticking.cancel()
+
+    asyncio.run(both())
+    assert len(ticks) > 20
     assert robot.down() == 0
 
 

@@ -271,6 +271,22 @@ class DistantRecord:
         self._connection.close()
 
 
+class DistantRows:
+    """The state record of any instance, as plain values."""
+
+    def __init__(self, connection: BridgeConnection, name: str) -> None:
+        """Problem when there is no such record."""
+        self._record = DistantRecord(connection, name)
+
+    def row(self) -> Mapping[str, Any]:
+        """The newest one; TimeoutError when it is too old."""
+        return self._record.look().row
+
+    def close(self) -> None:
+        """Leave."""
+        self._record.close()
+
+
 class DistantWays:
     """Both ways to the instances of one system, by one connection."""
 
@@ -287,6 +303,10 @@ class DistantWays:
     def remote(self, name: str) -> DistantRemote:
         """What it is asked."""
         return DistantRemote(self.connection, name)
+
+    def rows(self, name: str) -> DistantRows:
+        """The state record of an instance that is no arm; the same."""
+        return DistantRows(self.connection, name)
 
     def bring(self, name: str, goal: str, timeout: float) -> None:
         """Enable, home or disable an instance and wait for it; Problem says why it is not so."""

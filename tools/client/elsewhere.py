@@ -23,4 +23,4 @@ def needs_shared_memory(*given: Any, **named: Any) -> NoReturn:
     raise Problem('this needs the robot\'s own machine (Linux, posix_ipc); from here: trocar.arm(NAME, at="HOST:PORT")')
 
 
-arm_here = suj_here = provide = system_here = needs_shared_memory
+arm_here = operated_here = suj_here = provide = system_here = needs_shared_memory

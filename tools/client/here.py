@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from typing import TypeVar
 
 from procs.arm_types import ARM_TYPES, class_of
 from procs.user_process import OwnProcess
 from tools.client.arm import Arm
+from tools.client.consoles import Operated
 from tools.client.provider import Handler as Handler
 from tools.client.provider import Provider as Provider
 from tools.client.provider import taken
 from tools.client.setup import Suj
 from tools.client.system import System as System
 from tools.client.system import attached, connected
+from tools.errors import Problem
 from tools.inspect.watch import arm_document
 from tools.systems import chosen_system
 
 Process = OwnProcess
+Q = TypeVar("Q", bound=Operated)
 
 
 def arm_here(name: str, system: str | None, timeout: float) -> Arm:
@@ -28,6 +32,18 @@ def arm_here(name: str, system: str | None, timeout: float) -> Arm:
 def suj_here(name: str, system: str | None, timeout: float) -> Suj:
     """The setup joints `name`; the same."""
     return connected(lambda: attached("suj", Suj, _chosen(system), name), timeout, name)
+
+
+def operated_here(kind: type[Q], name: str, system: str | None, timeout: float) -> Q:
+    """A console or a teleoperation; the same."""
+    def attach() -> Q:
+        found = kind(_chosen(system), name)
+        if found.connected():
+            return found
+        found.close()
+        raise Problem(f"{name} does not show its state; is it running?")
+
+    return connected(attach, timeout, name)
 
 
 def provide(name: str | OwnProcess, system: str | None = None, timeout: float = 5.0, *, rate: float = 200.0,

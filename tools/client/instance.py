@@ -6,16 +6,9 @@ import contextlib
 from typing import Self
 
 from tools.client.moves import until
-from tools.client.ways import Ways
+from tools.client.ways import Ways, ways_of
 
 ENABLED, HOMED, DISABLED = "enabled", "homed", "disabled"
-
-
-def shared_ways(system: str) -> Ways:
-    """The ways of this machine: loaded where they are used, as elsewhere there is no shared memory."""
-    from tools.client.shared import SharedWays
-
-    return SharedWays(system)
 
 
 class Instance:
@@ -23,7 +16,7 @@ class Instance:
 
     def __init__(self, system: str | Ways, name: str) -> None:
         """Attach; Problem or SegmentError when it is not there (yet)."""
-        self._ways = ways = shared_ways(system) if isinstance(system, str) else system
+        self._ways = ways = ways_of(system)
         self.name, self.system = name, ways.name
         with contextlib.ExitStack() as stack:
             self._record = ways.record(name)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Generator
+from typing import Any
 
 from numpy.typing import ArrayLike
 
@@ -36,9 +37,25 @@ class MoveHandle:
             raise Refused(f"{self._what} was {self._end.outcome}: {self._end.text}")
         return self._end is None
 
-    def wait(self, timeout: float = 30.0) -> None:
-        """Until the goal is reached; TimeoutError after `timeout` s, Refused when the move ended before."""
+    def wait(self, timeout: float = 30.0, *, is_busy: bool = False) -> None:
+        """Until the goal is reached; TimeoutError after `timeout` s, Refused when the move ended before.
+
+        `is_busy`: until it has begun, as in dvrk_python; it has when there is a handle.
+        """
+        if is_busy:
+            return
         until(lambda: not self.is_busy(), timeout, f"{self._what} is not done")
+
+
+    def __await__(self) -> Generator[Any, None, None]:
+        """`await arm.move_jp(q)`: until the goal is reached, while other coroutines go on; Refused as in `wait`."""
+        return self._awaited().__await__()
+
+    async def _awaited(self) -> None:
+        import asyncio  # most scripts do without, and it takes a while
+
+        while self.is_busy():
+            await asyncio.sleep(POLL_S)
 
 
 def move(remote: CommandWay, command: str, values: ArrayLike, text: str = "") -> MoveHandle:

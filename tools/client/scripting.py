@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, TypeVar, overload
 from procs.arm_types import ARM_TYPES, class_of
 from shm.clock import monotonic_ns, pause
 from tools.client.arm import Arm
+from tools.client.consoles import ConsoleHandle, Operated, TeleopHandle
 from tools.client.distant import BridgeConnection, DistantWays
 from tools.client.impedance import Gains, Impedance
 from tools.client.joints import Joints
@@ -35,13 +36,34 @@ def _has_shared_memory() -> bool:
 
 
 if TYPE_CHECKING or _has_shared_memory():
-    from tools.client.here import Handler, Process, Provider, System, arm_here, provide, suj_here, system_here
+    from tools.client.here import (
+        Handler,
+        Process,
+        Provider,
+        System,
+        arm_here,
+        operated_here,
+        provide,
+        suj_here,
+        system_here,
+    )
 else:
-    from tools.client.elsewhere import Handler, Process, Provider, System, arm_here, provide, suj_here, system_here
+    from tools.client.elsewhere import (
+        Handler,
+        Process,
+        Provider,
+        System,
+        arm_here,
+        operated_here,
+        provide,
+        suj_here,
+        system_here,
+    )
 
 __all__ = [
     "Arm",
     "Clipped",
+    "ConsoleHandle",
     "Ecm",
     "Gains",
     "Gripper",
@@ -60,17 +82,21 @@ __all__ = [
     "SetupArm",
     "Suj",
     "System",
+    "TeleopHandle",
     "__version__",
     "arm",
+    "console",
     "ecm",
     "mtm",
     "provide",
     "psm",
     "suj",
     "system",
+    "teleop",
 ]
 
 A = TypeVar("A", bound=Arm)
+Q = TypeVar("Q", bound=Operated)
 T = TypeVar("T")
 TRY_AGAIN_S = 0.2
 
@@ -117,6 +143,29 @@ def suj(name: str = "SUJ", system: str | None = None, timeout: float = 5.0, *, a
         tls: ssl.SSLContext | None = None) -> Suj:
     """The setup joints `name`, once they are connected; TimeoutError after `timeout` s."""
     return suj_here(name, system, timeout) if not at else _at(at, token, tls, timeout, lambda ways: Suj(ways, name))
+
+
+def console(name: str = "console", system: str | None = None, timeout: float = 5.0, *, at: str = "",
+            token: str | Path = "", tls: ssl.SSLContext | None = None) -> ConsoleHandle:
+    """The console `name`, once it is connected; TimeoutError after `timeout` s."""
+    if not at:
+        return operated_here(ConsoleHandle, name, system, timeout)
+    return _at(at, token, tls, timeout, lambda ways: _shown(ConsoleHandle(ways, name)))
+
+
+def teleop(name: str, system: str | None = None, timeout: float = 5.0, *, at: str = "", token: str | Path = "",
+           tls: ssl.SSLContext | None = None) -> TeleopHandle:
+    """The teleoperation `name`; the same."""
+    if not at:
+        return operated_here(TeleopHandle, name, system, timeout)
+    return _at(at, token, tls, timeout, lambda ways: _shown(TeleopHandle(ways, name)))
+
+
+def _shown(found: Q) -> Q:
+    """Problem unless it shows its state."""
+    if not found.connected():
+        raise Problem(f"{found.name} does not show its state; is it running?")
+    return found
 
 
 @overload

@@ -2,12 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
+from procs.crtk.views import open_topic
 from tools import arms
 from tools.arms import DISABLED, ENABLED, HOMED
 from tools.client.record import InstanceRecord
+from tools.client.values import FRESH_S
 from tools.inspect.processes import statuses
 from tools.inspect.watch import arm_document
 from tools.remote import Remote
+
+
+class SharedRows:
+    """The state record of any instance, as plain values."""
+
+    def __init__(self, system: str, name: str) -> None:
+        """Attach; Unknown, a SegmentError, when there is none."""
+        self._topic, self._name = open_topic(system, f"{name}/state"), name
+
+    def row(self) -> Mapping[str, Any]:
+        """The newest one; TimeoutError when it is too old."""
+        if not self._topic.newest() or self._topic.age_s > FRESH_S:
+            raise TimeoutError(f"{self._name} has not shown its state for {FRESH_S:g} s")
+        return self._topic.as_dict()
+
+    def close(self) -> None:
+        """Unmap."""
+        self._topic.close()
 
 
 class SharedWays:
@@ -24,6 +47,10 @@ class SharedWays:
     def remote(self, name: str) -> Remote:
         """What it is asked; the same."""
         return Remote(self.name, name)
+
+    def rows(self, name: str) -> SharedRows:
+        """The state record of an instance that is no arm; the same."""
+        return SharedRows(self.name, name)
 
     def bring(self, name: str, goal: str, timeout: float) -> None:
         """Enable, home or disable an instance and wait for it; Problem says why it is not so."""

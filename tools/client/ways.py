@@ -5,6 +5,7 @@ Nothing here, and nothing that `import trocar` needs elsewhere, imports shared m
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Protocol
 
 from numpy.typing import ArrayLike
@@ -103,6 +104,16 @@ class CommandWay(Protocol):
         """Ask no more."""
 
 
+class RowWay(Protocol):
+    """The state record of any instance, as plain values."""
+
+    def row(self) -> Mapping[str, Any]:
+        """The newest one; TimeoutError when it is too old."""
+
+    def close(self) -> None:
+        """Look no more."""
+
+
 class Ways(Protocol):
     """Both ways to any instance of one system."""
 
@@ -114,6 +125,9 @@ class Ways(Protocol):
     def remote(self, name: str) -> CommandWay:
         """What it is asked; the same."""
 
+    def rows(self, name: str) -> RowWay:
+        """The state record of an instance that is no arm; the same."""
+
     def bring(self, name: str, goal: str, timeout: float) -> None:
         """Enable, home or disable an instance and wait for it; Problem says why it is not so."""
 
@@ -122,3 +136,12 @@ class Ways(Protocol):
 
     def gripper_zero(self, name: str) -> float:
         """Angle (rad) above which a master's gripper is open."""
+
+
+def ways_of(system: str | Ways) -> Ways:
+    """Those of this machine for a system's name: loaded where they are used, as elsewhere there is no shared memory."""
+    if not isinstance(system, str):
+        return system
+    from tools.client.shared import SharedWays
+
+    return SharedWays(system)

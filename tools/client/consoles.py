@@ -1,0 +1,166 @@
+"""Consoles and teleoperations, with the words of dvrk_python."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Mapping, Sequence
+from typing import Any, Self
+
+from procs.crtk.names import none_such
+from tools.client.moves import until
+from tools.client.ways import Ways, ways_of
+from tools.errors import Problem
+
+
+class Operated:
+    """A console or a teleoperation of a running system; a context manager. Each thread has to make its own."""
+
+    def __init__(self, system: str | Ways, name: str) -> None:
+        """Attach; Problem or SegmentError when it is not there (yet)."""
+        self._ways = ways_of(system)
+        self.name, self.system = name, self._ways.name
+        with contextlib.ExitStack() as stack:
+            self._rows = self._ways.rows(name)
+            stack.callback(self._rows.close)
+            self._remote = self._ways.remote(name)
+            stack.callback(self._remote.close)
+            self._open = stack.pop_all()
+
+    def connected(self) -> bool:
+        """Whether it shows fresh records."""
+        try:
+            self._row()
+        except (TimeoutError, Problem):
+            return False
+        return True
+
+    def _row(self) -> Mapping[str, Any]:
+        return self._rows.row()
+
+    def _ask(self, command: str, values: Sequence[float] = (), text: str = "") -> None:
+        self._remote.ask(command, values, text)
+
+    def close(self) -> None:
+        """Detach; it resumes with what it does."""
+        self._open.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+
+class ConsoleHandle(Operated):
+    """A console: an operator's pedals, and the teleoperations that they decide upon."""
+
+    def teleop_start(self) -> None:
+        """Let the selected teleoperations run: from now on the operator decides."""
+        self._ask("teleop_enable", (1.0,))
+
+    def teleop_stop(self) -> None:
+        """Let none run."""
+        self._ask("teleop_enable", (0.0,))
+
+    def teleop_enabled(self) -> bool:
+        """Whether teleoperation is wanted."""
+        return bool(self._row()["teleop_enabled"])
+
+    def teleops(self) -> list[str]:
+        """Names of its teleoperations."""
+        return [str(name) for name in self._row()["teleop"]]
+
+    def teleop_select(self, name: str) -> None:
+        """Select a teleoperation; those that share an arm with it are not any more."""
+        self._ask("select_teleop", text=name)
+
+    def teleop_unselect(self, name: str) -> None:
+        """Unselect it."""
+        self._ask("unselect_teleop", text=name)
+
+    def teleop_is_selected(self, name: str) -> bool:
+        """Whether it is; Problem when there is none of that name."""
+        row = self._row()
+        if name not in row["teleop"]:
+            raise Problem(none_such("teleoperation", name, row["teleop"]))
+        return bool(row["selected"][row["teleop"].index(name)])
+
+    def teleop_set_scale(self, scale: float) -> None:
+        """Of all its teleoperations: the slave's motion for one of the master's, above 0."""
+        self._ask("set_scale", (scale,))
+
+    def teleop_get_scale(self) -> float:
+        """The scale last asked for."""
+        return float(self._row()["scale"])
+
+    def operator_present(self) -> bool:
+        """The operator is there."""
+        return bool(self._row()["operator_present"])
+
+    def clutch(self) -> bool:
+        """The clutch is pressed."""
+        return bool(self._row()["clutch"])
+
+    def camera(self) -> bool:
+        """The camera pedal is pressed."""
+        return bool(self._row()["camera"])
+
+    def emulate_operator_present(self, present: bool = True) -> None:
+        """As if the operator came or went."""
+        self._ask("emulate_operator_present", (float(present),))
+
+    def emulate_clutch(self, pressed: bool = True) -> None:
+        """As if the clutch were pressed, or released."""
+        self._ask("emulate_clutch", (float(pressed),))
+
+    def emulate_camera(self, pressed: bool = True) -> None:
+        """As if the camera pedal were pressed, or released."""
+        self._ask("emulate_camera", (float(pressed),))
+
+
+class TeleopHandle(Operated):
+    """One teleoperation."""
+
+    def current_state(self) -> str:
+        """DISABLED, SETTING_ARMS_STATE, ALIGNING_MTM or ENABLED."""
+        return str(self._row()["state"])
+
+    def desired_state(self) -> str:
+        """The state asked for."""
+        return str(self._row()["desired_state"])
+
+    def following(self) -> bool:
+        """The slave follows."""
+        return bool(self._row()["following"])
+
+    def reason(self) -> str:
+        """What it waits for, or why it does not follow; empty: nothing."""
+        return str(self._row()["reason"])
+
+    def state_command(self, word: str) -> None:
+        """enable, align_MTM or disable."""
+        self._ask("state_command", text=word)
+
+    def wait_for_state(self, state: str, timeout: float = 10.0) -> None:
+        """Until that is its state; TimeoutError after `timeout` s."""
+        until(lambda: self.current_state() == state, timeout, f"{self.name} is not {state}")
+
+    def set_scale(self, scale: float) -> None:
+        """The slave's motion for one of the master's, above 0."""
+        self._ask("set_scale", (scale,))
+
+    def get_scale(self) -> float:
+        """The same."""
+        return float(self._row()["scale"])
+
+    def lock_rotation(self, on: bool = True) -> None:
+        """The slave's orientation stays as it is."""
+        self._ask("lock_rotation", (float(on),))
+
+    def lock_translation(self, on: bool = True) -> None:
+        """The slave's position stays as it is."""
+        self._ask("lock_translation", (float(on),))
+
+    def set_align_mtm(self, on: bool = True) -> None:
+        """Turn the master as the slave is before following."""
+        self._ask("set_align_MTM", (float(on),))
