@@ -15,7 +15,7 @@ from tests.system.test_socket_bridge import free
 from tools.client.moves import until
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
-FULL = ROOT / "configs" / "systems" / "kinematic-full.yaml"
+TELEOP = ROOT / "configs" / "systems" / "kinematic-teleop.yaml"
 PSM = ROOT / "configs" / "systems" / "kinematic.yaml"
 CART = ROOT / "configs" / "systems" / "kinematic-cart.yaml"
 MASTER = ROOT / "configs" / "systems" / "kinematic-mtm.yaml"
@@ -24,7 +24,7 @@ MASTER = ROOT / "configs" / "systems" / "kinematic-mtm.yaml"
 def up(robot: Robot, file: Any) -> str:
     """A system with a bridge; where it is."""
     at = f"127.0.0.1:{free()}"
-    robot.up(file, "--set", f"socket.listen={at}")
+    robot.up(file, "--clock", "lockstep", "--set", f"socket.listen={at}")
     return at
 
 
@@ -102,7 +102,7 @@ def test_a_master_is_driven_from_elsewhere(robot: Robot) -> None:
 
 
 def test_a_console_is_operated_from_elsewhere(robot: Robot) -> None:
-    at = up(robot, FULL)
+    at = up(robot, TELEOP)
     robot.trocar("send", "system", "home", "--wait")
     with trocar.console(at=at) as console, trocar.console("console", robot.name) as same:
         robot.pids.add(robot.pid("socket_bridge"))
