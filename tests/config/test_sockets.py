@@ -44,3 +44,14 @@ def test_rights_go_by_the_address_unless_said() -> None:
     said = SocketBridge(("0.0.0.0:1",), grants="command")
     assert said.rights_at("0.0.0.0:1") == Rights(False, True, False)
     assert SocketBridge((), grants="view", may_power=True).rights_at("127.0.0.1:1") == Rights(True, False, False)
+
+
+def test_that_it_listens_to_other_machines_is_said(home: Home) -> None:
+    (home.path / "token").write_text("0123456789abcdef")
+    attach(home, "{listen: 0.0.0.0:7380, token_file: token, grants: command}")
+    loaded = home.load()
+    assert loaded.system is not None and loaded.system.socket is not None
+    assert loaded.system.socket.token_file == str((home.path / "token").absolute())
+    notes = [note for note in loaded.system.notes if "socket_bridge" in note]
+    assert notes == ["socket_bridge: listens to other machines at 0.0.0.0:7380",
+                     "socket_bridge: clients at 0.0.0.0:7380 may command"]

@@ -20,6 +20,8 @@ def load_socket(context: Context, source: SourceFile, keys: SocketKeys | None) -
     if outside and not keys.token_file and not (keys.tls and keys.tls.clients):
         context.error(source, (*_KEY, "listen"), f"anybody could come to {', '.join(outside)}",
                       "a token_file, or tls with clients; or an address of this machine alone, 127.0.0.1:7380")
+    if outside:
+        context.notes.append(f"socket_bridge: listens to other machines at {', '.join(outside)}")
     if outside and keys.grants == "command":
         context.notes.append(f"socket_bridge: clients at {', '.join(outside)} may command"
                              + (", and power" if keys.may_power else ""))
