@@ -140,6 +140,10 @@ def subscribed(topics: Topics, name: str, rate_hz: float) -> Feed:
     if not rate_hz and not comes_each(entry):
         raise ValueError(f"{name} comes {entry.rate_hz:g} times a second; give a rate_hz")
     source = topics.share(entry)
-    return Each(topics, source) if comes_each(entry) else Periodic(topics, source, rate_hz)
+    try:
+        return Each(topics, source) if comes_each(entry) else Periodic(topics, source, rate_hz)
+    except BaseException:
+        topics.leave(source)
+        raise
 
 

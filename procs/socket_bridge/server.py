@@ -46,7 +46,8 @@ class SocketServer:
         """Let clients in that come to these, one for each address of the bridge."""
         for address, listening in zip(self._bridge.listen, sockets, strict=True):
             made = partial(Connection, self, address)
-            self._servers.append(await self._loop.create_server(made, sock=listening, ssl=self._tls))
+            self._servers.append(await self._loop.create_server(
+                made, sock=listening, ssl=self._tls, ssl_handshake_timeout=HELLO_S if self._tls else None))
 
     def is_over(self) -> bool:
         """We were held up: what comes in is about the past."""

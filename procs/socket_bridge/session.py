@@ -15,6 +15,7 @@ from procs.socket_bridge.messages import Message, NoMessage, WrongMessage, parse
 from procs.socket_bridge.topics import SharedTopic, Topics
 from shm.clock import monotonic_ns
 from shm.header import SegmentError
+from shm.ring import RingError
 
 PROTOCOL: Final = 1
 MAX_STREAMS: Final = 256
@@ -91,7 +92,7 @@ class Session:
             return
         except WrongMessage as error:
             self._refuse(error.id if number is None else number, str(error))
-        except (SegmentError, ValueError) as error:
+        except (SegmentError, RingError, OSError, ValueError) as error:  # as no more files may be open
             self._refuse(number, str(error))
         self._wrong, self._is_first = 0, False
         self._served.wake()

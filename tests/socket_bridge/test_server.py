@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from procs.document.bridges import SocketBridge
-from procs.socket_bridge import connection, session
+from procs.socket_bridge import connection, session, topics
 from procs.socket_bridge.messages import MAX_BYTES
 from shm.subscriptions import Subscriptions
 from tests.socket_bridge.bridge import LOCAL, Bridge, bridge, run
@@ -299,3 +299,24 @@ def test_held_up_it_passes_nothing_on(world: Any) -> None:
             client.say("call", to="PSM1", command="hold")
             await asyncio.sleep(0.05)
             assert not list(made.robot.mailbox.drain(0)) and made.server.served.counts.commands == 0
+
+
+def test_a_topic_that_cannot_be_opened_is_one_client_s_problem(world: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    @story(world)
+    async def _(made: Bridge) -> None:
+        async with made.client() as client, made.client() as other:
+            await other.ask("subscribe", topic="PSM1/measured_js", rate_hz=100)
+            with monkeypatch.context() as patched:
+                patched.setattr("procs.socket_bridge.topics.directory.reader", out_of_files)
+                assert "Too many open files" in (await client.ask("read", topic="PSM1/measured_cp"))["error"]
+                assert "Too many open files" in (await client.ask("subscribe", topic="PSM1/status"))["error"]
+            with monkeypatch.context() as patched:
+                patched.setattr(topics.Topics, "each", out_of_files)
+                assert "Too many open files" in (await client.ask("subscribe", topic="PSM1/status"))["error"]
+                assert "PSM1/status" not in made.server.served.topics._open
+            assert (await client.ask("read", topic="PSM1/measured_cp"))["valid"]
+            assert (await other.hear("record"))["topic"] == "PSM1/measured_js"
+
+
+def out_of_files(*given: Any, **named: Any) -> None:
+    raise OSError(24, "Too many open files")
