@@ -50,6 +50,7 @@ TELEOP_STATE = Topic(
         View("MTM/measured_cp", "cp", (("pose", "mtm_measured_cp"),)),
         View("MTM/measured_cv", "cv", (("twist", "mtm_measured_cv"),)),
         View("PSM/setpoint_cp", "cp", (("pose", "psm_setpoint_cp"),)),
+        View("alignment_offset", "turn", (("orientation", "alignment_offset"),)),
     ),
 )
 

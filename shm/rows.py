@@ -23,7 +23,7 @@ class Field:
 class View:
     """A CRTK name as a view on fields: `per` says what it is repeated for, `fields` maps parts of it to fields.
 
-    `kind` is the CRTK payload (js, cp, cv, jacobian, state); `where` is a flag field that makes it valid.
+    `kind` is the CRTK payload (js, cp, cv, cf, turn, jacobian); `where` is a flag field that makes it valid.
     """
 
     name: str

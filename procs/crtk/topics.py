@@ -27,7 +27,7 @@ RECORD, EVENT = "record", "event"
 class TopicEntry:
     """One topic: the ring it lives in, and how it is seen.
 
-    `kind` is record, event, js, cp, cv or jacobian. `first` and `count` cut a robot out of arrays over all axes; of a
+    `kind` is record, event, or the payload of a view. `first` and `count` cut a robot out of arrays over all axes; of a
     setup arm `row` is its place among all, and `count` the number of its joints.
     `problem` says that its writer is gone, or why it cannot be read at all; empty when all is well. `simulation` is
     KINEMATIC where there is no robot.

@@ -28,6 +28,7 @@ from procs.ros.messages import (
     Pose,
     PoseStamped,
     Quaternion,
+    QuaternionStamped,
     String,
     Twist,
     TwistStamped,
@@ -65,6 +66,10 @@ def _pushing(message: WrenchStamped, blocks: Blocks) -> None:
     message.wrench = Wrench(Vector3(*blocks[0][:3]), Vector3(*blocks[0][3:]))
 
 
+def _turned(message: QuaternionStamped, blocks: Blocks) -> None:
+    message.quaternion = Quaternion(*blocks[0])
+
+
 def _matrix(message: Float64MultiArray, blocks: Blocks) -> None:
     rows, columns = ROWS, len(blocks[0]) // ROWS
     dimensions = [MultiArrayDimension("rows", rows, rows * columns), MultiArrayDimension("columns", columns, columns)]
@@ -85,6 +90,7 @@ VIEW_MESSAGES: Final = {
     "cp": ViewMessage(PoseStamped, ("pose",), _posed),
     "cv": ViewMessage(TwistStamped, ("twist",), _moving),
     "cf": ViewMessage(WrenchStamped, ("wrench",), _pushing),
+    "turn": ViewMessage(QuaternionStamped, ("orientation",), _turned),
     "jacobian": ViewMessage(Float64MultiArray, ("data",), _matrix),
 }
 

@@ -13,7 +13,7 @@ from procs.ros.messages import JointStates
 from procs.ros_bridge.outgoing import VIEW_MESSAGES
 from procs.ros_bridge.packing import PackedMessage
 
-SIZES = {"cp": 7, "cv": 6, "cf": 6}
+SIZES = {"cp": 7, "cv": 6, "cf": 6, "turn": 4}
 NUMBERS = st.floats(allow_nan=False)
 
 
