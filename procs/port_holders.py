@@ -16,6 +16,7 @@ from typing import Final
 PROC: Final = Path("/proc")
 UDP, TCP = "udp", "tcp"
 _ESTABLISHED, _LISTEN = "01", "0A"
+_FROM_US: Final = ("01", "04", "05")  # established, or closed for writing
 _MAPPED: Final = b"\0" * 10 + b"\xff\xff"  # before an IPv4 address in an IPv6 one
 
 
@@ -51,7 +52,7 @@ def client_user(address: str, port: int, to: int) -> int | None:
     """The user (id) whose program has a connection from this address and port of ours to our port `to`; None: nobody.
     """
     return next((row.uid for row in _sockets(TCP, port) if row.to == to and row.address == address
-                 and row.state == _ESTABLISHED), None)
+                 and row.state in _FROM_US and row.inode != "0"), None)  # whom nobody holds any more is user 0 there
 
 
 @dataclass(frozen=True, slots=True)

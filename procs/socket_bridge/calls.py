@@ -81,6 +81,11 @@ class Calls:
         if len(self._calls) > KEPT:
             del self._calls[next(iter(self._calls))]
 
+    @property
+    def are_under_way(self) -> bool:
+        """There are commands whose end is not known."""
+        return bool(self._calls)
+
     def replies(self) -> Iterator[tuple[Call, Reply]]:
         """What became of them since the last call."""
         if not self._calls:

@@ -14,6 +14,9 @@ SLICE: Final = 16
 """Messages of one client, then it is the next one's turn."""
 HIGH: Final = 1 << 18
 """Bytes that a client has not read: from here on it gets no records."""
+LAST_S: Final = 5.0
+"""So long who says no more still hears the answers."""
+LOOK_S: Final = 0.02
 MOST: Final = 1 << 22
 """Bytes, then it is disconnected."""
 
@@ -26,6 +29,10 @@ class MessageHandler(Protocol):
 
     def gone(self) -> None:
         """The connection has ended."""
+
+    @property
+    def is_waiting(self) -> bool:
+        """Something that was asked is not answered yet."""
 
 
 class Admission(Protocol):
@@ -101,6 +108,20 @@ class Connection(asyncio.Protocol):
             (self._transport.pause_reading if self._is_paused else self._transport.resume_reading)()
         if self._backlog:
             self._loop.call_soon(self._work)
+
+    def eof_received(self) -> bool:
+        """It says no more, as `echo … | nc`: answers under way still go out, nothing else does."""
+        if self._transport is None or self._transport.get_extra_info("sslcontext") is not None:
+            return False
+        self._finish(self._loop.time() + LAST_S)
+        return True
+
+    def _finish(self, until_s: float) -> None:
+        is_waiting = self._backlog or (self._listener is not None and self._listener.is_waiting)
+        if is_waiting and self._loop.time() < until_s and self._transport is not None and not self._is_ended:
+            self._loop.call_later(LOOK_S, self._finish, until_s)
+        else:
+            self.end()
 
     @property
     def is_slow(self) -> bool:

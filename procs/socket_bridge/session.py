@@ -179,6 +179,11 @@ class Session:
         self.calls.send(asked.id, parts["of"], SET_PROPERTY, [parts["value"]], parts["property"])
         self._counts.commands += 1
 
+    @property
+    def is_waiting(self) -> bool:
+        """Something that was asked is not answered yet."""
+        return bool(self.reads) or self.calls.are_under_way
+
     def serve(self, now_ns: int, turn: int) -> float:
         """Send what is due; how many s until something is again."""
         counts, link, next_ns = self._counts, self.link, now_ns + 1_000_000_000

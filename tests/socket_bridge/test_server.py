@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import dataclasses
+import socket
 from typing import Any
 
 import pytest
 
 from procs.document.bridges import SocketBridge
 from procs.socket_bridge import connection, session, topics
+from procs.socket_bridge.access import is_ours
 from procs.socket_bridge.messages import MAX_BYTES
 from shm.subscriptions import Subscriptions
 from tests.socket_bridge.bridge import LOCAL, Bridge, bridge, run
@@ -320,3 +322,32 @@ def test_a_topic_that_cannot_be_opened_is_one_client_s_problem(world: Any, monke
 
 def out_of_files(*given: Any, **named: Any) -> None:
     raise OSError(24, "Too many open files")
+
+
+def test_who_says_no_more_hears_the_answers(world: Any) -> None:
+    @story(world)
+    async def _(made: Bridge) -> None:
+        async with made.client() as client:
+            client.say("read", topic="PSM1/measured_js")
+            client.say("call", to="PSM1", command="hold")
+            client.writer.write_eof()
+            seen: list[Any] = []
+            arm = answering(made.robot, seen)
+            heard = [await client.hear() for _ in range(4)]
+            arm.cancel()
+            assert sorted(row.get("outcome", row.get("op", "")) for row in heard) == ["", "accepted", "answer", "done"]
+        await made.until(lambda: not made.server.sessions)
+
+
+def test_only_a_program_that_lives_is_ours(world: Any) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        client = socket.create_connection(("127.0.0.1", port))
+        address = client.getsockname()
+        accepted, _ = server.accept()
+        assert is_ours(address, port)
+        client.shutdown(socket.SHUT_WR)
+        assert is_ours(address, port)
+        client.close()
+        assert not is_ours(address, port), "the kernel says it was root's"
+        accepted.close()
