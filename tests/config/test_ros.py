@@ -7,8 +7,11 @@ import pytest
 from procs.config import load_system
 from procs.document.ros import RosBridge
 from procs.document.system import SystemConfig
+from tests.config.conftest import Home
+from tests.config.test_consoles import ARMS
 from tests.system.robot import ROOT
 
+PSM = next(arm for arm in ARMS if arm["name"] == "PSM1")
 FILE = ROOT / "configs" / "systems" / "kinematic.yaml"
 
 
@@ -21,6 +24,14 @@ def made(*sets: str) -> SystemConfig:
 def test_without_a_key_there_is_no_bridge() -> None:
     system = made()
     assert system.ros is None and "ros_bridge" not in {row.name for row in system.processes}
+
+
+def test_sections_of_bridges_count_without_a_key(home: Home) -> None:
+    loaded = home.load_made({"arms": [PSM], "trocar": {"ros": {}, "socket": {}}})
+    assert loaded.system is not None, loaded.errors
+    assert loaded.system.ros is not None and loaded.system.socket is not None
+    none = home.load_made({"arms": [PSM], "trocar": {"io": {}}}).system
+    assert none is not None and none.ros is None and none.socket is None
 
 
 def test_on_this_machine_who_asks_may_power() -> None:

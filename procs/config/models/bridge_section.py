@@ -21,6 +21,7 @@ class TlsKeys(Section):
 class SocketKeys(Section):
     """JSON over TCP and WebSocket, see docs/socket.md."""
 
+    counts_when_empty = True
     listen: Addresses = Field(default=("127.0.0.1:7380",), min_length=1, max_length=8)
     token_file: str = Field(default="", description="a file of mode 0600")
     tls: TlsKeys | None = None

@@ -87,6 +87,7 @@ class LogOptions(Section):
 class RosOptions(Section):
     """The ROS bridge."""
 
+    counts_when_empty = True
     domain: int = Field(default=0, ge=0, le=232, description="ROS_DOMAIN_ID of its clients")
     interface: str = Field(default="lo", pattern=r"^[A-Za-z0-9][A-Za-z0-9_.:-]{0,39}$",
                            description="network interface by name or address; lo: this machine alone")

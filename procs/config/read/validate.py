@@ -7,7 +7,7 @@ import re
 import types
 import typing
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 from annotated_types import Ge, Gt, Le, Lt, MinLen
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
@@ -42,6 +42,8 @@ class Section(BaseModel):
     """A frozen, strict part of a file: no conversions between types, no inf, no nan; unknown keys are told apart."""
 
     model_config = ConfigDict(strict=True, frozen=True, extra="ignore", allow_inf_nan=False)
+    counts_when_empty: ClassVar[bool] = False
+    """That it is there says something, also without a key in it."""
 
 
 def validate(
@@ -72,11 +74,16 @@ def _without_empty(annotation: Any, data: object) -> object:
             name: _without_empty(known[name].annotation if name in known else object, item)
             for name, item in data.items()
             if item not in (None, [], {})
+            or (item == {} and name in known and _counts_when_empty(known[name].annotation))
         }
     if isinstance(data, list):
         inner = typing.get_args(annotation)[0] if typing.get_origin(annotation) is tuple else object
         return [_without_empty(inner, item) for item in data]
     return data
+
+
+def _counts_when_empty(annotation: Any) -> bool:
+    return bool(getattr(_unwrap(annotation)[0], "counts_when_empty", False))
 
 
 def _problem(model: type[BaseModel], source: SourceFile, key: Key, error: Any) -> FileProblem:
