@@ -145,7 +145,8 @@ class Soak:
         for name, each in self.footprints.items():
             memory_kb, files, threads = each.grown()
             if memory_kb > GROWTH_KB or files > 0 or threads > 0:
-                yield f"{name} grew: {memory_kb:+.0f} kB, {files:+.0f} descriptors, {threads:+.0f} threads"
+                way = each.memory_kb[:: max(1, len(each.memory_kb) // 20)]
+                yield f"{name} grew: {memory_kb:+.0f} kB, {files:+.0f} descriptors, {threads:+.0f} threads; kB: {way}"
 
     def rows(self) -> Iterator[str]:
         """A table for people."""
