@@ -20,13 +20,11 @@ from procs.ros.hashes import ros_name, type_hash
 from tests.system.robot import ROOT, Robot, wait_for
 from tests.system.test_ros_bridge import file_with
 
-pytestmark = [pytest.mark.peers, pytest.mark.slow, pytest.mark.simulated]
 HOME = Path(os.environ.get("TROCAR_ROS", ROOT / ".venv-ros"))
-PYTHON = HOME / "bin" / "python"
+PYTHON, HAS_ROS = HOME / "bin" / "python", any(HOME.glob("lib/python*/site-packages/rclpy"))
 HERE = Path(__file__).parent
-if not PYTHON.exists():
-    pytest.skip(f"no rclpy at {HOME}: tools/peers installs it", allow_module_level=True)
-
+pytestmark = [pytest.mark.peers, pytest.mark.slow, pytest.mark.simulated,
+              pytest.mark.skipif(not HAS_ROS, reason=f"no rclpy at {HOME}: tools/peers installs it")]
 SHARE = HOME / "share"
 ALL = {ros_name(kind): kind for _, kind in inspect.getmembers(messages, inspect.isclass)
        if issubclass(kind, IdlStruct) and kind is not IdlStruct}
