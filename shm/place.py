@@ -163,9 +163,8 @@ class Place:
         head: int = self._words[self._answered]  # B1
         if head == self._seen:
             return []
-        if head < self._seen:  # no owner goes backwards; restart from here
-            self._seen = head
-            return []
+        if head < self._seen:  # no owner goes backwards: what we believed was not its word, so the slots are asked
+            self._seen = max(0, head - REPLIES_DEPTH)
         begin = max(self._seen + 1, head - REPLIES_DEPTH + 1)
         self.lost += begin - self._seen - 1
         self._seen = head

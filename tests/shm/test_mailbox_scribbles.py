@@ -106,7 +106,10 @@ class OneBadClient(RuleBasedStateMachine):
     @rule()
     def replace_bad(self) -> None:
         """It goes, and the place is used again as soon as the owner has looked."""
+        waiting = self.bad._words[self.bad._sent] - self.bad._words[self.bad._taken]
         self.bad.close()
+        if waiting == m.COMMANDS_DEPTH:  # a place that only looks full stays so until the next owner
+            self.replace_owner()
         for _ in range(m.COMMANDS_DEPTH // m.PER_CYCLE + 1):
             with contextlib.closing(take_place(SYSTEM, self.instance)):
                 self.drain()
@@ -134,6 +137,28 @@ class OneBadClient(RuleBasedStateMachine):
             for part in (self.owner, self.bad, *self.good):
                 part.close()
             unlink(segment_name(SYSTEM, self.instance, "mailbox"))
+
+
+def test_who_believed_a_false_cursor_still_gets_its_answers() -> None:
+    instance = f"IO{next(COUNTER)}"
+    create_mailbox(SYSTEM, instance, "io")
+    with contextlib.closing(take_place(SYSTEM, instance)) as bad:
+        with contextlib.closing(Mailbox(SYSTEM, instance, "io")) as owner:
+            for _ in range(40):
+                bad.send("power_off")
+                for got in owner.drain():
+                    got.done("to the one before")
+        answered = bad._map.cursor("answered", 0)
+        bad._words[answered] = 0  # where the next owner goes on
+        owner = Mailbox(SYSTEM, instance, "io")
+        bad._words[answered] = 31  # there is an answer of that number
+    with contextlib.closing(owner), contextlib.closing(take_place(SYSTEM, instance)) as heir:
+        number = heir.send("power_off")
+        for got in owner.drain():
+            got.done("ours")
+        reply = heir.poll()[-1]
+        assert (reply.id, reply.text) == (number, "ours")
+    unlink(segment_name(SYSTEM, instance, "mailbox"))
 
 
 TestOneBadClient = OneBadClient.TestCase
