@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from procs.arm_types import ARM_TYPES
 from procs.crtk.plain import plain
 from procs.document.system import ArmConfig
-from procs.kinematics.endoscopes import NAMES, NONE, endoscope
-from procs.kinematics.forward import Kinematics
+from procs.kinematics.carrying import carrying
 from procs.kinematics.urdf import urdf
 from procs.ros.dds import LATCHED, Participant
 from procs.ros.messages import String
@@ -33,17 +31,9 @@ class Descriptions:
             carried = str(plain(tool.item())) if ring.newest() else ""
             if self._told.get(arm.name) != carried:
                 self._told[arm.name] = carried
-                writer.write(String(urdf(ros_topic(arm.name), _chain(arm, carried))))
+                writer.write(String(urdf(ros_topic(arm.name), carrying(arm, carried))))
 
     def close(self) -> None:
         """Unmap."""
         for _, ring, *_ in self._arms:
             ring.close()
-
-
-def _chain(arm: ArmConfig, carried: str) -> Kinematics:
-    """From its base to its tip; without an instrument that we know, to where one would be."""
-    if ARM_TYPES[arm.type].has_endoscope:
-        return Kinematics(arm.chain, tip=endoscope(carried if carried in NAMES else NONE).tip)
-    tools = (*arm.tools, *((arm.tool,) if arm.tool is not None else ()))
-    return Kinematics(arm.chain, next((tool for tool in tools if carried and tool.name == carried), None))

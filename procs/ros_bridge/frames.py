@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from procs.crtk.plain import plain
+from procs.crtk.stamps import Stamps
 from procs.ros.dds import Participant
 from procs.ros.messages import MessageHeader, Quaternion, TFMessage, Transform, TransformStamped, Vector3
-from procs.ros_bridge.stamps import Stamps, time_of
+from procs.ros_bridge.stamps import time_of
 from shm import directory
 
 

@@ -14,6 +14,7 @@ from typing import Final
 
 from procs import codes
 from procs.arm_types import ARM_TYPES
+from procs.crtk.stamps import Stamps
 from procs.crtk.topics import EVENT, RECORD, TopicEntry, catalogue
 from procs.document.ros import RosBridge
 from procs.document.system import SystemConfig
@@ -28,7 +29,7 @@ from procs.ros_bridge.interval_statistics import LoopStatistics
 from procs.ros_bridge.outgoing import FIELD_TOPICS, FieldTopic
 from procs.ros_bridge.publishing import EventTopics, RecordTopics
 from procs.ros_bridge.services import Services
-from procs.ros_bridge.stamps import Stamps, time_of
+from procs.ros_bridge.stamps import time_of
 from procs.user_life import live
 from procs.user_process import OwnProcess
 from shm import directory

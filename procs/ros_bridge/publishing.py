@@ -8,14 +8,16 @@ from typing import Any, Final
 
 import numpy as np
 
+from procs.crtk.frames import frame_name
 from procs.crtk.plain import plain
+from procs.crtk.stamps import Stamps
 from procs.crtk.topics import TopicEntry
 from procs.crtk.views import OpenTopic
 from procs.ros.dds import LATCHED, Participant, TopicWriter
 from procs.ros.messages import JointStates, Log, OperatingState, String
 from procs.ros_bridge.outgoing import EVENT_MESSAGES, NOT_OF_ARMS, VIEW_MESSAGES, EventMessage, FieldTopic, ViewMessage
 from procs.ros_bridge.packing import PackedMessage
-from procs.ros_bridge.stamps import SECOND_NS, Stamps, time_of
+from procs.ros_bridge.stamps import SECOND_NS, time_of
 from shm.events import ERROR, STATUS, WARNING
 from shm.ring import RingReader
 from shm.subscriptions import Subscriber
@@ -78,18 +80,7 @@ class RecordTopics:
     def _view(self, participant: Participant, entry: TopicEntry) -> PublishedView:
         row = VIEW_MESSAGES[entry.kind]
         writer: TopicWriter[Any] = participant.writer(ros_topic(entry.name), row.message)
-        return PublishedView(OpenTopic(self._system, entry, self._ring), writer, row, self._frame(entry))
-
-    def _frame(self, entry: TopicEntry) -> Callable[[], str]:
-        """The frame of a view, as it is named in the record or always called."""
-        what = entry.name.removeprefix(f"{entry.instance}/")
-        base = "Cart" if entry.row >= 0 else f"{entry.instance}_base"
-        fixed = base if "local/" in what or what.startswith("spatial/") else entry.instance if "body/" in what else ""
-        if fixed or entry.kind not in ("cp", "cv") or "reference_frame" not in (self._ring.dtype.names or ()):
-            return lambda: fixed
-        cell = self._ring.field("reference_frame")
-        cell = cell[entry.row : entry.row + 1].reshape(()) if entry.row >= 0 else cell
-        return lambda: str(plain(cell.item()))
+        return PublishedView(OpenTopic(self._system, entry, self._ring), writer, row, frame_name(entry, self._ring))
 
     def look(self) -> None:
         """Ask for what somebody reads now, and for nothing else."""
