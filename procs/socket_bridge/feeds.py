@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any, Final, Protocol
 
+from procs.crtk.messages import said
 from procs.crtk.topics import EVENT
-from procs.socket_bridge.messages import said
 from procs.socket_bridge.topics import SharedTopic, Topics, age_of, comes_each, ended, message_of
 
 EACH_NS: Final = 5_000_000

@@ -9,16 +9,13 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Final
 
+from procs.access import is_ours, tls_of, token_in
+from procs.crtk.calls import owners_of
 from procs.document.system import SystemConfig
-from procs.socket_bridge.access import is_ours, tls_of, token_in
-from procs.socket_bridge.calls import CommandOwner
 from procs.socket_bridge.connection import Connection
 from procs.socket_bridge.session import ClientService, Session
 from procs.socket_bridge.topics import Topics
-from procs.user_tables import commands_of
 from shm.clock import monotonic_ns
-from shm.commands import COMMANDS
-from shm.segment import names_of
 
 HELLO_S: Final = 10.0
 """In which a client has to show its token."""
@@ -122,16 +119,3 @@ def instances_of(document: SystemConfig) -> dict[str, str]:
     """What each instance is: the type of an arm, else the kind of its process."""
     types = {arm.name: arm.type for arm in document.arms}
     return {row.name: types.get(row.name, row.kind) for row in document.processes}
-
-
-def owners_of(document: SystemConfig) -> dict[str, CommandOwner]:
-    """Who can be asked, and what."""
-    found = {}
-    for name in sorted({instance for _, instance, what in names_of(document.name) if what == "mailbox"}):
-        if name == "supervisor":
-            kind, rows = name, COMMANDS[name]
-        else:
-            kind, user = document.process(name).kind, document.user(name)
-            rows = COMMANDS.get(kind, ()) + (commands_of(user) if user is not None else ())
-        found[name] = CommandOwner(kind, {row.name: row for row in rows})
-    return found

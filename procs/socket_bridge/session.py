@@ -7,11 +7,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Final, Protocol
 
+from procs.crtk.calls import Calls, CommandOwner
+from procs.crtk.messages import Message, NoMessage, WrongMessage, parsed, said
 from procs.document.bridges import COMMAND, VIEW, Rights
 from procs.document.user_process import PROPERTIES, SET_PROPERTY
-from procs.socket_bridge.calls import Calls, CommandOwner
 from procs.socket_bridge.feeds import Feed, Outlet, Reading, subscribed
-from procs.socket_bridge.messages import Message, NoMessage, WrongMessage, parsed, said
+from procs.socket_bridge.messages import OPS
 from procs.socket_bridge.topics import SharedTopic, Topics
 from shm.clock import monotonic_ns
 from shm.header import SegmentError
@@ -79,7 +80,7 @@ class Session:
         self._counts.received += 1
         number: Any = None
         try:
-            asked = parsed(message)
+            asked = parsed(message, OPS)
             number = asked.id
             if not self.is_known and asked.op != "hello":
                 raise WrongMessage("say hello with the token first")

@@ -14,8 +14,9 @@ from websockets.frames import Frame, Opcode
 from websockets.http11 import Response
 from websockets.uri import parse_uri
 
+from procs.crtk.messages import MAX_BYTES, Message, WrongMessage, parsed, said
 from procs.socket_bridge.framing import Ended, LineFraming, WebSocketFraming, framing_of
-from procs.socket_bridge.messages import MAX_BYTES, Message, WrongMessage, parsed, said
+from procs.socket_bridge.messages import OPS
 
 ANY = st.recursive(st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20),
                    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=8), inner, max_size=4))
@@ -25,7 +26,7 @@ CALL = {"op": "call", "to": "PSM1", "command": "move_jp"}
 def outcome(data: bytes) -> Message | str:
     """The message, or why it is none."""
     try:
-        return parsed(data)
+        return parsed(data, OPS)
     except WrongMessage as error:
         return str(error)
 
@@ -56,14 +57,15 @@ def test_deep_nesting_is_a_mistake() -> None:
 
 def test_an_id_comes_back_with_the_mistake() -> None:
     with pytest.raises(WrongMessage, match="no op x") as caught:
-        parsed(b'{"op": "x", "id": "a"}')
+        parsed(b'{"op": "x", "id": "a"}', OPS)
     assert caught.value.id == "a"
     assert json.loads(said("error", "a", error="x")) == {"op": "error", "id": "a", "error": "x"}
 
 
 def test_defaults_stand_for_what_is_not_said() -> None:
-    assert parsed(json.dumps(CALL).encode()).parts == {"to": "PSM1", "command": "move_jp", "values": (), "text": ""}
-    assert parsed(b'{"op": "subscribe", "topic": "a"}').parts["rate_hz"] == 10.0
+    call = parsed(json.dumps(CALL).encode(), OPS)
+    assert call.parts == {"to": "PSM1", "command": "move_jp", "values": (), "text": ""}
+    assert parsed(b'{"op": "subscribe", "topic": "a"}', OPS).parts["rate_hz"] == 10.0
 
 
 @given(st.lists(st.binary(min_size=1, max_size=50).filter(lambda part: b"\n" not in part and part.strip() == part

@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
+from procs.access import is_ours
+from procs.crtk.messages import MAX_BYTES
 from procs.document.bridges import SocketBridge
 from procs.socket_bridge import connection, session, topics
-from procs.socket_bridge.access import is_ours
-from procs.socket_bridge.messages import MAX_BYTES
 from shm.subscriptions import Subscriptions
 from tests.socket_bridge.bridge import LOCAL, Bridge, bridge, run
 from tests.tools.robot import ScriptedRobot

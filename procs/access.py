@@ -6,9 +6,8 @@ import os
 import ssl
 import stat
 from pathlib import Path
-from typing import Final
+from typing import Final, Protocol
 
-from procs.document.bridges import SocketBridge
 from procs.port_holders import client_user
 
 SHORTEST: Final = 16
@@ -34,7 +33,18 @@ def token_in(path: str) -> bytes:
     return token
 
 
-def tls_of(bridge: SocketBridge) -> ssl.SSLContext | None:
+class TlsFiles(Protocol):
+    """Whose server it is, as the document says: PEM files, and whose certificates clients have to show."""
+
+    @property
+    def certificate(self) -> str: ...
+    @property
+    def key(self) -> str: ...
+    @property
+    def authorities(self) -> str: ...
+
+
+def tls_of(bridge: TlsFiles) -> ssl.SSLContext | None:
     """What TLS needs, None without; AccessError when a file is none of that."""
     if not bridge.certificate:
         return None

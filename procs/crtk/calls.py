@@ -6,14 +6,17 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
+from procs.crtk.messages import WrongMessage
 from procs.crtk.names import none_such
 from procs.crtk.powering import powers
 from procs.document.bridges import Rights
-from procs.socket_bridge.messages import WrongMessage
+from procs.document.system import SystemConfig
+from procs.user_tables import commands_of
 from shm.client import Client, MailboxFull, Reply
 from shm.clock import monotonic_ns
-from shm.commands import ENDINGS, CommandRow
+from shm.commands import COMMANDS, ENDINGS, CommandRow
 from shm.header import SegmentError
+from shm.segment import names_of
 
 KEPT: Final = 1000
 """Commands of which the client has not heard the end."""
@@ -115,3 +118,16 @@ class Calls:
             client.close()
         self._clients.clear()
         self._calls.clear()
+
+
+def owners_of(document: SystemConfig) -> dict[str, CommandOwner]:
+    """Who can be asked, and what."""
+    found = {}
+    for name in sorted({instance for _, instance, what in names_of(document.name) if what == "mailbox"}):
+        if name == "supervisor":
+            kind, rows = name, COMMANDS[name]
+        else:
+            kind, user = document.process(name).kind, document.user(name)
+            rows = COMMANDS.get(kind, ()) + (commands_of(user) if user is not None else ())
+        found[name] = CommandOwner(kind, {row.name: row for row in rows})
+    return found
