@@ -13,7 +13,6 @@ from functools import partial
 from typing import Final
 
 from procs import codes
-from procs.arm_types import ARM_TYPES
 from procs.crtk.stamps import Stamps
 from procs.crtk.topics import EVENT, RECORD, TopicEntry, catalogue
 from procs.document.ros import RosBridge
@@ -49,7 +48,7 @@ DEAF_NS: Final = 100_000_000
 def addressees(system: SystemConfig) -> list[Addressee]:
     """Whoever can be asked something."""
     return [
-        *(Addressee(row.name, "arm", ARM_TYPES[row.type].process) for row in system.arms),
+        *(Addressee(row.name, "arm", row.type) for row in system.arms),
         *(Addressee(row.name, "suj", setups=tuple(arm.name for arm in row.arms)) for row in system.carts),
         *(Addressee(row.name, "teleop", "PSM") for row in system.teleop_psms),
         *(Addressee(row.name, "teleop", "ECM") for row in system.teleop_ecms),

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from procs.arm_types import ARM_TYPES
+from procs.config.build.load import load_system
 from procs.manifest import proc
 from procs.ros.hashes import ros_name
 from procs.ros.messages import (
@@ -26,11 +27,13 @@ from procs.ros.messages import (
 )
 from procs.ros_bridge.carrying_out import Addressee, powers, topics_of
 from procs.ros_bridge.incoming import COMMAND_TOPICS, CommandTopic
+from procs.ros_bridge.loop import addressees
 from procs.ros_bridge.outgoing import EVENT_MESSAGES, FIELD_TOPICS, VIEW_MESSAGES
 from procs.ros_bridge.services import SERVICES
 from shm.commands import COMMANDS
 from shm.directory import topic_of
 from shm.topics import ARM_STATE
+from tests.stock import ROOT
 
 # What clients of dVRK 2.4 subscribe to (S), publish (P) or ask (V) of an arm.
 HEARD = {
@@ -169,6 +172,14 @@ def test_only_psms_have_jaws_and_only_masters_lock_their_orientation() -> None:
     topics = {kind: {topic for _, topic, _ in topics_of(Addressee("X", "arm", kind))} for kind in ("PSM", "MTM", "ECM")}
     assert "jaw/move_jp" in topics["PSM"] - topics["MTM"] - topics["ECM"]
     assert "lock_orientation" in topics["MTM"] - topics["PSM"]
+
+
+def test_arms_of_a_system_are_asked_what_their_type_is_asked() -> None:
+    system = load_system(ROOT / "configs" / "systems" / "kinematic-full.yaml").system
+    assert system is not None
+    topics = {to.name: {topic for _, topic, _ in topics_of(to)} for to in addressees(system)}
+    assert "jaw/move_jp" in topics["PSM2"] and "lock_orientation" in topics["MTML"]
+    assert "set_endoscope_type" in topics["ECM"] and "jaw/move_jp" not in topics["ECM"]
 
 
 @pytest.mark.parametrize(("command", "numbers", "text", "expected"), [
