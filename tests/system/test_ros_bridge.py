@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import copy
 import itertools
 import os
 import signal
@@ -248,25 +249,39 @@ def test_people_on_the_network_power_nothing_where_the_file_says_so(robot: Robot
         client.wait(lambda: abs(client.last("PSM1/measured_js").position[0] - here[0] - 0.1) < 1e-6, "a move")
 
 
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
+class StreamedGoals:
+    """Goals of one stream, each a little farther than the one before."""
+
+    def __init__(self, client: Client, of_tip: bool) -> None:
+        self._client, self._of_tip = client, of_tip
+        self._joints = list(client.last("PSM1/measured_js").position)
+        self._pose = copy.deepcopy(client.last("PSM1/measured_cp").pose)
+
+    def send(self, count: int) -> None:
+        for _ in range(count):
+            self._joints[0] += 0.0005
+            self._pose.position.x += 0.00005
+            if self._of_tip:
+                self._client.tell("PSM1/servo_cp", PoseStamped(MessageHeader(), self._pose))
+            else:
+                self._client.tell("PSM1/servo_jp", JointStates(position=self._joints))
+            self._client.spin()
+
+
+@pytest.mark.parametrize(("how", "of_tip"), [(signal.SIGKILL, False), (signal.SIGSTOP, False), (signal.SIGSTOP, True)])
 def test_an_arm_whose_bridge_dies_or_stops_in_a_stream_stays_where_it_is(
-        robot: Robot, tmp_path: Path, how: signal.Signals) -> None:
+        robot: Robot, tmp_path: Path, how: signal.Signals, of_tip: bool) -> None:
     with bridged(robot, tmp_path) as client:
         client.state("DISABLED")
         client.home()
-        client.wait(lambda: client.last("PSM1/measured_js").position, "joints")
-        goal = list(client.last("PSM1/measured_js").position)
-        for _ in range(100):
-            goal[0] += 0.0005
-            client.tell("PSM1/servo_jp", JointStates(position=goal))
-            client.spin()
+        client.wait(lambda: client.last("PSM1/measured_js").header.stamp.sec > 0, "joints")
+        stream, began = StreamedGoals(client, of_tip), echo_position(robot)
+        stream.send(100)
         pid = robot.pid("ros_bridge")
         os.kill(pid, how)
         stood = echo_position(robot)
-        for _ in range(50):
-            goal[0] += 0.0005
-            client.tell("PSM1/servo_jp", JointStates(position=goal))
-            client.spin()
+        assert not np.allclose(stood, began, atol=1e-3), "it had followed"
+        stream.send(50)
         if how == signal.SIGSTOP:
             wait_for(lambda: monotonic_ns() - robot.cell("ros_bridge", "heartbeat_ns") > 1.5e9, 10, "a long pause")
         assert np.allclose(echo_position(robot), stood, atol=1e-4), "nobody else moves it"
