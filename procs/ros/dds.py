@@ -6,6 +6,7 @@ Names, encoding and settings are those that rmw_cyclonedds and rmw_fastrtps unde
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Final, Generic, TypeVar
 
 from cyclonedds.core import DDSException, DDSStatus, WaitSet
@@ -24,6 +25,8 @@ DEPTH: Final = 10  # what ROS clients have unless they say otherwise
 LATCHED: Final = 1
 EVENT_DEPTH: Final = 100
 BLOCKING_NS: Final = 100_000_000
+LARGEST: Final = "256 kB"
+"""Message; reading a larger one would hold everything up."""
 PARTICIPANTS: Final = 120  # on one machine, of one domain; each is one of ROS's processes
 EPROSIMA: Final = "1.15"
 
@@ -44,6 +47,7 @@ def settings(interface: str) -> str:
             f"<AllowMulticast>{'false' if alone else 'default'}</AllowMulticast></General>"
             f"<Discovery><ParticipantIndex>auto</ParticipantIndex>"
             f"<MaxAutoParticipantIndex>{PARTICIPANTS}</MaxAutoParticipantIndex>{peers}</Discovery>"
+            f"<Internal><MaxSampleSize>{LARGEST}</MaxSampleSize></Internal>"
             f"<Compatibility><IgnoreTypeInformation>{EPROSIMA}</IgnoreTypeInformation></Compatibility>"
             "</Domain></CycloneDDS>")
 
@@ -78,9 +82,26 @@ class TopicReader(Generic[Message]):
     def __init__(self, reader: DataReader[Any], name: str, depth: int) -> None:
         self._reader, self.name, self._depth = reader, name, depth
 
-    def take(self) -> list[Message]:
-        """What came since the last call, oldest first; what says only that a writer has gone is left out."""
-        return [each for each in self._reader.take(self._depth) if each.sample_info.valid_data]
+    def take(self, tell: Callable[[str], None] | None = None) -> list[Message]:
+        """What came since the last call, oldest first; what says only that a writer has gone is left out.
+
+        So is what cannot be read: anybody may write anything under our names, text that is no UTF-8 at least. `tell` is
+        told of it in words. One after the other, for the library throws away all that it took together with that.
+        """
+        found: list[Message] = []
+        for _ in range(self._depth):
+            try:
+                taken = self._reader.take(1)
+            except DDSException:
+                raise
+            except Exception as error:
+                if tell is not None:
+                    tell(f"{self.name}: a message that cannot be read: {error}")
+                continue
+            if not taken:
+                break
+            found += [each for each in taken if each.sample_info.valid_data]
+        return found
 
     @property
     def gid(self) -> Gid:

@@ -6,7 +6,7 @@ powers and homes is looked at: where people on the network may not do that, the 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -15,16 +15,13 @@ import numpy as np
 from procs.ros.dds import Participant, TopicReader
 from procs.ros_bridge.incoming import COMMAND_TOPICS, STREAM, CommandTopic
 from procs.ros_bridge.publishing import ros_topic
+from procs.ros_bridge.refusals import Refusals
 from shm.client import Client, MailboxFull
 from shm.segment import SegmentError
 
 POWERS: Final = frozenset(("power_on", "home", "teleop_enable"))
 POWERING_STATES: Final = frozenset(("enable", "home", "resume"))
 MAY_NOT: Final = "the ROS bridge may not power or home (trocar: {ros: {may_power: …}})"
-SILENT_NS: Final = 1_000_000_000
-"""A refusal with the same words is told once in this time: streams have many."""
-
-Warn = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,13 +55,11 @@ class Commands:
     """All that ROS may ask of a system."""
 
     def __init__(self, participant: Participant, system: str, addressees: Iterable[Addressee], *, may_power: bool,
-                 warn: Warn, now_ns: Callable[[], int]) -> None:
-        """`warn` hears of what was refused, of the same once a second."""
-        self._may_power, self._warn, self._now_ns = may_power, warn, now_ns
+                 refusals: Refusals) -> None:
+        self._may_power, self._say = may_power, refusals.say
         self._clients: list[Client] = []
         self._open: dict[Client, set[int]] = {}
         """Of whom an answer is awaited, and to which commands."""
-        self._told: dict[str, int] = {}
         self._asked: list[AskedTopic] = []
         for to in addressees:
             client = Client(system, to.name, "ros_bridge")
@@ -75,7 +70,7 @@ class Commands:
     def take(self) -> None:
         """Carry out all that came."""
         for asked in self._asked:
-            for message in asked.reader.take():
+            for message in asked.reader.take(self._say):
                 self._carry_out(asked, message)
 
     def forget(self, streams_only: bool) -> None:
@@ -106,14 +101,6 @@ class Commands:
             self._open.setdefault(asked.client, set()).add(asked.client.send(row.asks, numbers, text))
         except (MailboxFull, SegmentError, ValueError) as error:
             self._say(f"{to} {row.asks}: {error}")
-
-    def _say(self, text: str) -> None:
-        now = self._now_ns()
-        if now >= self._told.get(text, 0):
-            if len(self._told) > 1000:  # texts with numbers in them
-                self._told.clear()
-            self._told[text] = now + SILENT_NS
-            self._warn(text)
 
     def close(self) -> None:
         """Give the places in mailboxes back."""

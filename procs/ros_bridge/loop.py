@@ -27,6 +27,7 @@ from procs.ros_bridge.frames import TipFrames
 from procs.ros_bridge.interval_statistics import LoopStatistics
 from procs.ros_bridge.outgoing import FIELD_TOPICS, FieldTopic
 from procs.ros_bridge.publishing import EventTopics, RecordTopics
+from procs.ros_bridge.refusals import Refusals
 from procs.ros_bridge.services import Services
 from procs.ros_bridge.stamps import time_of
 from procs.user_life import live
@@ -93,10 +94,10 @@ class RosLoop(OwnProcess):
         types = {each.name: each.type for each in asked}
         self._publish_all(row, types)
         arms = [each for each in asked if each.kind == "arm"]
-        self._incoming = Commands(participant, self.system, asked, may_power=row.may_power, warn=self._warn,
-                                  now_ns=self.time.now_ns)
+        refusals = Refusals(self._warn, self.time.now_ns)
+        self._incoming = Commands(participant, self.system, asked, may_power=row.may_power, refusals=refusals)
         states = {arm.name: partial(self._state_of, arm.name) for arm in arms}
-        self._questions = Services(participant, self.system, arms, states, self._warn, self.time.now_ns)
+        self._questions = Services(participant, self.system, arms, states, refusals, self.time.now_ns)
         self._parts += [self._incoming, self._questions]
         self._clock = participant.writer("/clock", Clock) if self.time.simulated else None
         self._seldom = [Seldom(LOOK_NS, self._look)]

@@ -152,10 +152,10 @@ class ToldState:
     stamp_ns: int = 0
     due_ns: int = 0
 
-    def tell(self, ros_ns: int) -> None:
-        """Once more, or anew."""
+    def tell(self, ros_ns: int, now_ns: int) -> None:
+        """Once more, or anew. The time of day may be set back: stamps are not, nor does anybody wait for it."""
         self.stamp_ns = max(ros_ns, self.stamp_ns + 1)
-        self.due_ns = self.stamp_ns + REPEAT_NS
+        self.due_ns = now_ns + REPEAT_NS
         self.message.header.stamp = time_of(self.stamp_ns)
         self.writer.write(self.message)
 
@@ -188,20 +188,20 @@ class EventTopics:
         fields, ring = self._fields, self._ring
         while ring.next():
             event = {name: cell[()] for name, cell in fields.items()}
-            self._tell(event, stamps.ns(ring.stamp_ns))
+            self._tell(event, stamps.ns(ring.stamp_ns), now_ns)
             if event["severity"]:
                 self._log(event, stamps.ns(ring.stamp_ns))
-        if self.state is not None and stamps.ns(now_ns) >= self.state.due_ns:
-            self.state.tell(stamps.ns(now_ns))
+        if self.state is not None and now_ns >= self.state.due_ns:
+            self.state.tell(stamps.ns(now_ns), now_ns)
 
-    def _tell(self, event: dict[str, Any], ros_ns: int) -> None:
+    def _tell(self, event: dict[str, Any], ros_ns: int, now_ns: int) -> None:
         row, writer = self._rows.get(bytes(event["event"]), (None, None))
         if row is None or writer is None:
             return
         message = row.of(event)
         if self.state is not None and writer is self.state.writer:
             self.state.message = message
-            self.state.tell(ros_ns)
+            self.state.tell(ros_ns, now_ns)
         else:
             if hasattr(message, "header"):
                 message.header.stamp = time_of(ros_ns)

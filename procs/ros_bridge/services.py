@@ -33,10 +33,11 @@ from procs.ros.messages import (
     TriggerRequest,
     TriggerResponse,
 )
-from procs.ros_bridge.carrying_out import Addressee, Warn
+from procs.ros_bridge.carrying_out import Addressee
 from procs.ros_bridge.incoming import pose_numbers
 from procs.ros_bridge.outgoing import pose_of
 from procs.ros_bridge.publishing import ros_topic
+from procs.ros_bridge.refusals import Refusals
 from shm.client import Client, MailboxFull
 from shm.segment import SegmentError
 
@@ -44,6 +45,8 @@ CYCLONE: Final = b"\x01\x10"
 """How the keys of its participants begin."""
 WAIT_NS: Final = 1_000_000_000
 DEPTH: Final = 10
+STRANGERS: Final = 1000
+"""Who cannot be answered and is remembered; with more, it is said to them once more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,9 +155,10 @@ class Services:
     """All services of a system's arms."""
 
     def __init__(self, participant: Participant, system: str, arms: Iterable[Addressee],
-                 states: Mapping[str, Callable[[], OperatingState]], warn: Warn, now_ns: Callable[[], int]) -> None:
+                 states: Mapping[str, Callable[[], OperatingState]], refusals: Refusals,
+                 now_ns: Callable[[], int]) -> None:
         """`states` gives the operating state of each arm."""
-        self._participant, self._states, self._warn, self._now_ns = participant, states, warn, now_ns
+        self._states, self._say, self._now_ns = states, refusals.say, now_ns
         self._servers: list[tuple[Server, Client]] = []
         self._clients: list[Client] = []
         self._waiting: dict[tuple[Client, int], Waiting] = {}
@@ -168,7 +172,7 @@ class Services:
     def take(self) -> None:
         """Take questions, and pass them on."""
         for server, client in self._servers:
-            for request in server.reader.take():
+            for request in server.reader.take(self._say):
                 if self._can_be_answered(server, request.sample_info.publication_handle):
                     self._ask(server, client, request)
 
@@ -196,8 +200,10 @@ class Services:
         found = server.reader.writer(writer)
         if found is not None and found.participant_key.bytes[:2] == CYCLONE:
             return True
+        if len(self._strangers) >= STRANGERS:
+            self._strangers.clear()
         self._strangers.add(writer)
-        self._warn(f"{server.name}: a client whose services cannot be answered; start it with "
+        self._say(f"{server.name}: a client whose services cannot be answered; start it with "
                    "RMW_IMPLEMENTATION=rmw_cyclonedds_cpp")
         return False
 

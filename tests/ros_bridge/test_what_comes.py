@@ -1,0 +1,94 @@
+"""What comes from DDS may be anything, and the time of day may be set: the bridge goes on."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from cyclonedds.core import DDSException
+
+from procs.ros.dds import Participant
+from procs.ros.messages import JointStates, OperatingState, Time
+from procs.ros_bridge.publishing import REPEAT_NS, ToldState
+from procs.ros_bridge.refusals import KEPT, SILENT_NS, Refusals
+from procs.ros_bridge.services import STRANGERS, Services
+
+HOUR_NS = 3600 * 10**9
+
+
+@pytest.fixture
+def participant() -> Iterator[Participant]:
+    made = Participant(1 + os.getpid() % 230, name="test")
+    yield made
+    made.close()
+
+
+class Spoilt(JointStates):
+    """A joint's name that is no text."""
+
+    def serialize(self, *_: Any, **__: Any) -> bytes:
+        return bytes(JointStates(name=["QQQQ"], position=[1.0]).serialize()).replace(b"QQQQ", b"\xff\xfe\xff\x80")
+
+
+def test_a_message_that_cannot_be_read_takes_no_other_with_it(participant: Participant) -> None:
+    writer, reader = participant.writer("x", JointStates), participant.reader("x", JointStates)
+    told: list[str] = []
+    for message in (JointStates(position=[1.0]), Spoilt(), JointStates(position=[2.0]), Spoilt()):
+        writer.write(message)
+    assert [message.position for message in reader.take(told.append)] == [[1.0], [2.0]]
+    assert len(told) == 2 and "rt/x" in told[0] and "cannot be read" in told[0]
+    writer.write(Spoilt())
+    assert reader.take() == []
+
+
+def test_a_message_that_is_too_large_goes_nowhere(participant: Participant) -> None:
+    writer, reader = participant.writer("x", JointStates), participant.reader("x", JointStates)
+    with contextlib.suppress(DDSException):
+        writer.write(JointStates(position=[0.0] * 100_000))
+    writer.write(JointStates(position=[1.0]))
+    assert [message.position for message in reader.take()] == [[1.0]]
+
+
+def test_a_refusal_is_told_once_a_second_and_few_are_remembered() -> None:
+    told: list[str] = []
+    now = 0
+    refusals = Refusals(told.append, lambda: now)
+    for _ in range(10):
+        refusals.say("no")
+    now += SILENT_NS
+    refusals.say("no")
+    assert told == ["no", "no"]
+    for k in range(3 * KEPT):
+        refusals.say(str(k))
+    assert len(refusals._silent_until) <= KEPT and len(told) == 2 + 3 * KEPT
+
+
+def test_who_cannot_be_answered_is_told_once_and_not_remembered_for_ever() -> None:
+    told: list[str] = []
+    services = Services.__new__(Services)
+    services._strangers, services._say = set(), told.append
+    server: Any = SimpleNamespace(name="PSM1/forward_kinematics", reader=SimpleNamespace(writer=lambda handle: None))
+    for handle in range(3 * STRANGERS):
+        for _ in range(2):
+            assert not services._can_be_answered(server, handle)
+        assert len(services._strangers) <= STRANGERS
+    assert len(told) == 3 * STRANGERS
+
+
+def test_operating_states_go_on_with_newer_stamps_when_the_time_of_day_is_set_back() -> None:
+    stamps: list[Time] = []
+    writer: Any = SimpleNamespace(write=lambda message: stamps.append(message.header.stamp))
+    state = ToldState(writer, OperatingState())
+    now, ahead = 10 * HOUR_NS, 100 * HOUR_NS
+    for step in range(6):
+        if step == 3:
+            ahead -= HOUR_NS
+        state.tell(now + ahead, now)
+        assert state.due_ns == now + REPEAT_NS, "whoever comes late does not wait for an hour"
+        now = state.due_ns
+    told = [(stamp.sec, stamp.nanosec) for stamp in stamps]
+    assert told == sorted(set(told))
