@@ -157,6 +157,10 @@ PROCS: tuple[Proc, ...] = (
     Proc("ros_bridge", "procs.ros_bridge.loop", 0.01, 1.0, 3.0, "ROS clients hear nothing until the restart", topics=(),
          instances=lambda system: _users(system, {"ros_bridge": (system.ros.period_s, "")} if system.ros else {}),
          pause_ends=False, budget_us=2500, hung_s=5.0, declared=True, in_time=False),
+    Proc("foxglove", "procs.foxglove.loop", 1 / 30, 1.0, 3.0, "its clients see nothing until the restart", topics=(),
+         instances=lambda system: _users(system, {"foxglove": (1.0 / system.foxglove.rate_hz, "")})
+         if system.foxglove else [],
+         pause_ends=False, budget_us=5000, hung_s=5.0, declared=True, in_time=False),
 )
 
 IN_TIME: Final = frozenset(row.kind for row in PROCS if row.module and row.in_time)

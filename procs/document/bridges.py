@@ -34,6 +34,16 @@ class SocketBridge:
 
 
 @dataclass(frozen=True, slots=True)
+class FoxgloveServer:
+    """Foxglove and Lichtblick: topics and the robot in 3D, to look at."""
+
+    listen: str
+    rate_hz: float
+    certificate: str = ""  # of TLS, with its key; empty: no TLS
+    key: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class Rights:
     """What a client may do; `local`: who runs on this machine as the user of this system needs no token."""
 

@@ -19,6 +19,7 @@ from procs.document.arms import DhLink as DhLink
 from procs.document.arms import JawConfig as JawConfig
 from procs.document.arms import Matrix as Matrix
 from procs.document.arms import Tool as Tool
+from procs.document.bridges import FoxgloveServer as FoxgloveServer
 from procs.document.bridges import SocketBridge as SocketBridge
 from procs.document.cart import Cart as Cart
 from procs.document.cart import CartArm as CartArm
@@ -247,6 +248,7 @@ class SystemConfig:
     users: tuple[UserProcess, ...] = ()  # processes of users' own
     ros: RosBridge | None = None
     socket: SocketBridge | None = None
+    foxglove: FoxgloveServer | None = None
     audio_volume: float = 0.5
     supervisor_lost_s: float = 1.0
     group: str = ""  # may attach, too

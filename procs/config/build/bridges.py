@@ -1,15 +1,16 @@
-"""The socket bridge of a system, of `trocar.socket`."""
+"""The socket bridge and the Foxglove server of a system, of `trocar.socket` and `trocar.foxglove`."""
 
 from __future__ import annotations
 
 from typing import Final
 
 from procs.config.build.context import Context
-from procs.config.models.bridge_section import SocketKeys
+from procs.config.models.bridge_section import FoxgloveKeys, SocketKeys
 from procs.config.read.source import SourceFile
-from procs.document.bridges import SocketBridge, is_loopback
+from procs.document.bridges import FoxgloveServer, SocketBridge, is_loopback
 
 _KEY: Final = ("trocar", "socket")
+_FOXGLOVE: Final = ("trocar", "foxglove")
 
 
 def load_socket(context: Context, source: SourceFile, keys: SocketKeys | None) -> SocketBridge | None:
@@ -28,14 +29,30 @@ def load_socket(context: Context, source: SourceFile, keys: SocketKeys | None) -
     tls = keys.tls
     return SocketBridge(
         keys.listen,
-        _file(context, source, "token_file", keys.token_file),
-        _file(context, source, "tls", tls.certificate) if tls else "",
-        _file(context, source, "tls", tls.key) if tls else "",
-        _file(context, source, "tls", tls.clients) if tls else "",
+        _file(context, source, (*_KEY, "token_file"), keys.token_file),
+        _file(context, source, (*_KEY, "tls"), tls.certificate) if tls else "",
+        _file(context, source, (*_KEY, "tls"), tls.key) if tls else "",
+        _file(context, source, (*_KEY, "tls"), tls.clients) if tls else "",
         keys.grants, keys.may_power, keys.max_clients)
 
 
-def _file(context: Context, source: SourceFile, key: str, name: str) -> str:
+def load_foxglove(context: Context, source: SourceFile, keys: FoxgloveKeys | None) -> FoxgloveServer | None:
+    """None without one. Its clients cannot show a token, and only look; elsewhere at least nobody else listens."""
+    if keys is None:
+        return None
+    tls = keys.tls
+    if not is_loopback(keys.listen):
+        if tls is None:
+            context.error(source, (*_FOXGLOVE, "listen"), f"the network could read along at {keys.listen}",
+                          "tls with certificate and key; or an address of this machine alone, 127.0.0.1:8765")
+        context.notes.append(f"foxglove: whoever comes to {keys.listen} may look")
+    return FoxgloveServer(
+        keys.listen, keys.rate_hz,
+        _file(context, source, (*_FOXGLOVE, "tls"), tls.certificate) if tls else "",
+        _file(context, source, (*_FOXGLOVE, "tls"), tls.key) if tls else "")
+
+
+def _file(context: Context, source: SourceFile, key: tuple[str, ...], name: str) -> str:
     """The path of a file on the search path; empty without a name."""
-    found = context.find(source, (*_KEY, key), (name,)) if name else None
+    found = context.find(source, key, (name,)) if name else None
     return str(found.absolute()) if found is not None else ""

@@ -17,7 +17,7 @@ _INSTEAD: Final = (
     (("keyboard", "joystick", "3dconnexion", "footpedal", "gamepad"),
      "emulate_clutch, emulate_camera and emulate_operator_present of a console, or a program with buttons "
      f"({_THIRD_PARTY})"),
-    (("ros",), "Python (docs/python.md) or `trocar echo --json`; a ROS bridge comes in a later version"),
+    (("ros",), "the ROS bridge, `trocar: {ros: {}}` (docs/ros.md)"),
     (("collector",), "`trocar echo TOPIC --json`"),
     (("igtl", "socket", "udp"), "shared memory, readable from every language (docs/shared-memory.md)"),
     (("teleop",), "TELEOP_PSM and TELEOP_ECM; one of your own is a script (docs/python.md)"),

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from procs.config.models.addresses import Addresses
+from procs.config.models.addresses import Address, Addresses
 from procs.config.read.validate import Section
 
 
@@ -28,3 +28,19 @@ class SocketKeys(Section):
     grants: Literal["view", "command"] | None = None
     may_power: bool | None = None
     max_clients: int = Field(default=64, ge=1, le=1000)
+
+
+class CertificateKeys(Section):
+    """Files in PEM format."""
+
+    certificate: str = Field(min_length=1, description="a file")
+    key: str = Field(min_length=1, description="a file")
+
+
+class FoxgloveKeys(Section):
+    """Foxglove's WebSocket protocol, see docs/foxglove.md."""
+
+    counts_when_empty = True
+    listen: Address = "127.0.0.1:8765"
+    rate_hz: float = Field(default=30.0, ge=1.0, le=200.0, description="Hz")
+    tls: CertificateKeys | None = None

@@ -24,7 +24,7 @@ PROTOCOLS = {
     "bqrw": "broadcast-query-read-write",
     "brw": "broadcast-query-read-write",
 }
-RESERVED = frozenset({"boards", "supervisor", "system", "gui", "ros_bridge", "socket_bridge", "recorder"})
+RESERVED = frozenset({"boards", "supervisor", "system", "gui", "ros_bridge", "socket_bridge", "foxglove", "recorder"})
 _EMIO = re.compile(r"emio(?::\d+)?\Z")  # dVRK files may have it; nobody can open it here
 
 

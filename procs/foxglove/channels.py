@@ -1,0 +1,207 @@
+"""What the topics of an instance become in Foxglove: joints, poses and messages as its panels know them, else JSON."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable
+from typing import Any, Final, Protocol
+
+import foxglove
+import numpy as np
+from foxglove import channels as fx
+from foxglove.messages import JointState, JointStates, Log, LogLevel, Pose, PoseInFrame, Quaternion, Timestamp, Vector3
+
+from procs.crtk.frames import frame_name
+from procs.crtk.stamps import Stamps
+from procs.crtk.topics import EVENT, RECORD, TopicEntry
+from procs.crtk.views import FLAGS, JS, OPERATING_STATE, STAMPS, OpenTopic
+from shm.events import ERROR, STATUS, WARNING
+from shm.ring import RingReader
+from shm.subscriptions import Subscriber
+
+PROGRAM: Final = "foxglove"
+SECOND_NS: Final = 1_000_000_000
+LEVELS: Final = {STATUS: LogLevel.Info, WARNING: LogLevel.Warning, ERROR: LogLevel.Error}
+KINDS: Final = {"f": "number", "i": "integer", "u": "integer", "b": "boolean", "S": "string"}
+STAMPED: Final = {"stamp_ns": {"type": "integer"}, "sequence": {"type": "integer"}}
+NUMBERS: Final = {"type": "array", "items": {"type": "number"}}
+PARTS: Final = {"cv": ("linear", "angular"), "cf": ("force", "torque")}
+
+
+class Channel(Protocol):
+    """One of the SDK's channels."""
+
+    def has_sinks(self) -> bool:
+        """Whether somebody listens."""
+
+    def log(self, msg: Any, *, log_time: int | None = None) -> None:
+        """Tell all who listen."""
+
+
+def timestamp(ns: int) -> Timestamp:
+    """As Foxglove has it."""
+    return Timestamp(*divmod(ns, SECOND_NS))
+
+
+def pose_of(numbers: list[float]) -> Pose:
+    """Of x y z qx qy qz qw."""
+    x, y, z, *turn = numbers
+    return Pose(position=Vector3(x=x, y=y, z=z), orientation=rotation_of(turn))
+
+
+def rotation_of(turn: list[float]) -> Quaternion:
+    """Of x y z w."""
+    x, y, z, w = turn
+    return Quaternion(x=x, y=y, z=z, w=w)
+
+
+def schema_of(entry: TopicEntry) -> dict[str, Any]:
+    """The JSON schema of what `OpenTopic.as_dict` says of a topic."""
+    known: dict[str, Any] = dict(STAMPED)
+    if entry.kind == RECORD:
+        known |= {field.name: _type_of(field.dtype) for field in entry.fields}
+    elif entry.kind == EVENT:
+        flag = FLAGS.get(entry.event)
+        types = {field.name: _type_of(field.dtype) for field in entry.fields}
+        known |= {name: types[name] for name in (*STAMPS, *(() if flag else OPERATING_STATE)) if name in types}
+        known |= {flag: {"type": "boolean"}} if flag else {}
+    else:
+        known["valid"] = {"type": "boolean"}
+        parts = PARTS.get(entry.kind, tuple(part for part, _ in entry.view.fields) if entry.view else ())
+        dtypes = {part: field.dtype for (part, name) in (entry.view.fields if entry.view else ())
+                  for field in entry.fields if field.name == name}
+        known |= {part: _type_of(dtypes[part]) if part in dtypes else NUMBERS for part in parts}
+    return {"type": "object", "title": f"trocar.{entry.name.replace('/', '.')}", "properties": known}
+
+
+def _type_of(dtype: str) -> dict[str, Any]:
+    form = np.dtype(dtype)
+    shape = form.subdtype[1] if form.subdtype is not None else ()
+    found: dict[str, Any] = {"type": KINDS.get(form.base.kind, "string")}
+    for _ in shape:
+        found = {"type": "array", "items": found}
+    return found
+
+
+class ShownTopic:
+    """One topic, and the channel it goes to. What is not valid is not told, but by JSON, which says so."""
+
+    def __init__(self, source: OpenTopic, frame: Callable[[], str]) -> None:
+        entry = source.entry
+        self.source, self._frame, self.is_wanted = source, frame, False
+        self._message: Callable[[int], Any | None]
+        self.channel: Channel
+        if entry.kind == "js":
+            self.channel, self._message = fx.JointStatesChannel(f"/{entry.name}"), self._joints
+        elif entry.kind == "cp":
+            self.channel, self._message = fx.PoseInFrameChannel(f"/{entry.name}"), self._pose
+        elif entry.kind == EVENT and entry.event not in FLAGS and entry.event != "operating_state":
+            self.channel, self._message = fx.LogChannel(f"/{entry.name}"), self._log
+        else:
+            self.channel = foxglove.Channel(f"/{entry.name}", schema=schema_of(entry), message_encoding="json")
+            self._message = self._json
+
+    def tell(self, stamps: Stamps) -> None:
+        """The record last read."""
+        ns = stamps.ns(self.source.stamp_ns)
+        message = self._message(ns)
+        if message is not None:
+            self.channel.log(message, log_time=ns)
+
+    def _joints(self, ns: int) -> JointStates | None:
+        source = self.source
+        if not source.valid:
+            return None
+        parts = {part: source.part(part).tolist() for part in JS}
+        joints = [JointState(name=name, **{part: values[place] for part, values in parts.items()
+                                           if place < len(values)})
+                  for place, name in enumerate(source.labels())]
+        return JointStates(timestamp=timestamp(ns), joints=joints)
+
+    def _pose(self, ns: int) -> PoseInFrame | None:
+        if not self.source.valid:
+            return None
+        numbers = self.source.part("pose").tolist()
+        return PoseInFrame(timestamp=timestamp(ns), frame_id=self._frame(), pose=pose_of(numbers))
+
+    def _log(self, ns: int) -> Log:
+        row = self.source.as_dict()
+        text = f"{row['text']}; {row['hint']}" if row["hint"] else row["text"]
+        return Log(timestamp=timestamp(ns), level=LEVELS.get(row["severity"], LogLevel.Info), message=text,
+                   name=row["component"] or self.source.entry.instance)
+
+    def _json(self, ns: int) -> bytes:
+        return json.dumps(self.source.as_dict(), allow_nan=False, separators=(",", ":")).encode()
+
+
+class ShownRecords:
+    """The topics of one ring: each is told while somebody listens, and only then."""
+
+    def __init__(self, system: str, ring: RingReader, entries: Iterable[TopicEntry]) -> None:
+        self._system, self._ring = system, ring
+        self._subscriber: Subscriber | None = None
+        self.topics = [ShownTopic(OpenTopic(system, entry, ring), frame_name(entry, ring)) for entry in entries]
+        self._sequence = 0
+
+    def look(self) -> None:
+        """Ask for what somebody listens to now, and for nothing else."""
+        for topic in self.topics:
+            if topic.channel.has_sinks() is not topic.is_wanted:
+                topic.is_wanted = not topic.is_wanted
+                self._want(topic)
+
+    def _want(self, topic: ShownTopic) -> None:
+        entry, groups = topic.source.entry, topic.source.groups
+        self._sequence = 0
+        if self._subscriber is None:
+            self._subscriber = Subscriber(self._system, entry.instance, PROGRAM)
+        if topic.is_wanted:
+            self._subscriber.want(entry.ring, *groups)
+            return
+        if groups := tuple(set(groups) - {group for other in self.topics if other.is_wanted
+                                          for group in other.source.groups}):
+            self._subscriber.drop(entry.ring, *groups)
+        if not any(other.is_wanted for other in self.topics):
+            self._subscriber.drop(entry.ring)
+
+    def step(self, stamps: Stamps) -> None:
+        """The newest record, once."""
+        wanted = [topic for topic in self.topics if topic.is_wanted]
+        if wanted and self._ring.newest() and self._ring.sequence != self._sequence:
+            self._sequence = self._ring.sequence
+            for topic in wanted:
+                topic.tell(stamps)
+
+    def close(self) -> None:
+        """Nothing is wanted any more."""
+        if self._subscriber is not None:
+            self._subscriber.close()
+        self._ring.close()
+
+
+class ShownEvents:
+    """The events of one instance: each is told; who begins to listen hears the last one of before."""
+
+    def __init__(self, system: str, ring: RingReader, entries: Iterable[TopicEntry]) -> None:
+        self._ring, self._event = ring, ring.field("event")
+        shown = [ShownTopic(OpenTopic(system, entry, ring), str) for entry in entries]
+        self._topics = {topic.source.entry.event.encode(): topic for topic in shown}
+        self._begun = {f"/{topic.source.entry.name}": topic for topic in shown}
+
+    def listens(self, name: str, stamps: Stamps) -> bool:
+        """Somebody has begun to listen to a channel; whether it is one of these."""
+        topic = self._begun.get(name)
+        if topic is not None and topic.source.newest():
+            topic.tell(stamps)
+        return topic is not None
+
+    def step(self, stamps: Stamps) -> None:
+        """All that came since the last call."""
+        while self._ring.next():
+            topic = self._topics.get(self._event.item())
+            if topic is not None and topic.channel.has_sinks():
+                topic.tell(stamps)
+
+    def close(self) -> None:
+        """Unmap."""
+        self._ring.close()

@@ -1,0 +1,60 @@
+"""Topics and the robot in 3D for Foxglove and Lichtblick, over their WebSocket protocol. docs/foxglove.md.
+
+It only shows. A process like a user's own: ordinary priority, and its death or hang changes nothing.
+"""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Final
+
+from procs.document.system import SystemConfig
+from procs.user_life import live
+from procs.user_process import OwnProcess
+
+if TYPE_CHECKING:
+    from procs.foxglove.server import TopicServer
+
+MISSING: Final = "foxglove-sdk is not installed: pip install foxglove-sdk in the environment of Trocar"
+
+
+class FoxgloveLoop(OwnProcess):
+    """See above."""
+
+    _server: TopicServer | None = None
+
+    def setup(self) -> None:
+        """Offer all topics; RuntimeError where the package is missing or the address is taken."""
+        row = self.own.document.foxglove
+        if row is None:
+            raise ValueError(f"{self.system} has no Foxglove server")
+        if find_spec("foxglove") is None:
+            raise RuntimeError(MISSING)
+        from procs.foxglove.server import TopicServer
+
+        self._server = TopicServer(self.own.document, row, self.time.simulated)
+        self.log.info("Foxglove: %s://%s", "wss" if row.certificate else "ws", row.listen)
+
+    def update(self) -> None:
+        """What somebody listens to."""
+        if self._server is not None:
+            self._server.step(self.time.now_ns())
+
+    def quit(self) -> None:
+        """Disconnect everybody."""
+        if self._server is not None:
+            self._server.close()
+
+
+def find(document: SystemConfig, name: str) -> type[OwnProcess]:
+    """What the process of this name is."""
+    return FoxgloveLoop
+
+
+def main() -> None:
+    """Run it to its end."""
+    live("foxglove", find)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,101 @@
+"""All topics and the robot, offered by the server of foxglove-sdk, which has threads of its own."""
+
+from __future__ import annotations
+
+from collections import deque
+from functools import partial
+from pathlib import Path
+from typing import Final
+
+import foxglove
+from foxglove.websocket import Capability, ChannelView, Client, ServerListener
+
+from procs.crtk.stamps import Stamps
+from procs.crtk.topics import EVENT, RECORD, TopicEntry, catalogue
+from procs.document.bridges import FoxgloveServer
+from procs.document.process import host_and_port
+from procs.document.system import SystemConfig
+from procs.foxglove.channels import ShownEvents, ShownRecords
+from procs.foxglove.scene import RobotScene
+from procs.own_memory import Closing
+from procs.port_holders import TCP, holders
+from shm import directory
+
+LOOK_NS: Final = 100_000_000
+
+
+class Listeners(ServerListener):
+    """Who begins to listen to what; threads of the server say so."""
+
+    def __init__(self) -> None:
+        self.begun: deque[str] = deque(maxlen=10_000)
+
+    def on_subscribe(self, client: Client, channel: ChannelView) -> None:
+        """Remember it for the next look."""
+        self.begun.append(channel.topic)
+
+
+class TopicServer:
+    """Decides what is told, and when: what somebody listens to, and nothing else."""
+
+    def __init__(self, document: SystemConfig, row: FoxgloveServer, simulated: bool) -> None:
+        """Begin to listen; RuntimeError where the address is taken (by whom) or a certificate cannot be used."""
+        self._stamps, self._looked_ns, self._simulated = Stamps(simulated), 0, simulated
+        self._records: list[ShownRecords] = []
+        self._events: list[ShownEvents] = []
+        rings: dict[tuple[str, str], list[TopicEntry]] = {}
+        for entry in catalogue(document.name):
+            if entry.fields and not (entry.ring == "events" and entry.kind == RECORD):
+                rings.setdefault((entry.instance, entry.ring), []).append(entry)
+        for (instance, ring), entries in rings.items():
+            reader = partial(directory.reader, document.name, instance, ring)
+            if ring == "events":
+                self._events.append(ShownEvents(document.name, reader(), [e for e in entries if e.kind == EVENT]))
+            else:
+                self._records.append(ShownRecords(document.name, reader(often=False), entries))
+        self._scene = RobotScene(document.name, document.arms)
+        self._parts: list[Closing] = [*self._records, *self._events, self._scene]
+        self._listeners = Listeners()
+        host, port = host_and_port(row.listen)
+        certificate, key = (Path(name).read_bytes() if name else None for name in (row.certificate, row.key))
+        try:
+            self._server = foxglove.start_server(
+                name=f"Trocar {document.name}", host=host, port=port, server_listener=self._listeners,
+                capabilities=[Capability.Time] if simulated else [], tls_cert=certificate, tls_key=key)
+        except RuntimeError as error:
+            others = "; ".join(map(str, holders(port, host, TCP)))
+            raise RuntimeError(f"cannot listen at {row.listen}: {others or error}") from None
+
+    def step(self, now_ns: int) -> None:
+        """What somebody listens to, at this time of the system."""
+        stamps = self._stamps
+        stamps.look()
+        if now_ns - self._looked_ns >= LOOK_NS:
+            self._looked_ns = now_ns
+            self._look(stamps.ns(now_ns))
+        for records in self._records:
+            records.step(stamps)
+        for events in self._events:
+            events.step(stamps)
+        self._scene.step(stamps, stamps.ns(now_ns))
+        if self._simulated:
+            self._server.broadcast_time(now_ns)
+
+    def _look(self, now_ns: int) -> None:
+        """See who has begun to listen, and to what."""
+        for records in self._records:
+            records.look()
+        begun = set()
+        while self._listeners.begun:
+            begun.add(self._listeners.begun.popleft())
+        for name in begun:
+            self._scene.listens(name)
+            for events in self._events:
+                events.listens(name, self._stamps)
+        self._scene.look(now_ns)
+
+    def close(self) -> None:
+        """Disconnect everybody."""
+        self._server.stop()
+        for part in self._parts:
+            part.close()

@@ -1,0 +1,25 @@
+"""The Foxglove server in a system file."""
+
+from __future__ import annotations
+
+import pytest
+
+from procs.config import load_system
+from procs.document.bridges import FoxgloveServer
+from tests.system.robot import ROOT
+
+FILE = ROOT / "configs" / "systems" / "kinematic.yaml"
+
+
+def test_it_is_there_where_the_file_says_so() -> None:
+    assert "foxglove" not in {row.name for row in load_system(FILE).system.processes}  # type: ignore[union-attr]
+    system = load_system(FILE, sets=["foxglove.rate_hz=50"]).system
+    assert system is not None and system.foxglove == FoxgloveServer("127.0.0.1:8765", 50.0)
+    row = system.process("foxglove")
+    assert (row.kind, row.period_s, row.priority, row.start) == ("foxglove", 0.02, 0, "always") and "PSM1" in row.after
+
+
+@pytest.mark.parametrize("text", ["foxglove.listen=192.0.2.1:8765", "foxglove.listen=8765", "foxglove.rate_hz=0.5",
+                                  "foxglove.tls={certificate: none.pem, key: none.pem}", "foxglove.unknown=1"])
+def test_what_makes_no_sense_is_refused(text: str) -> None:
+    assert load_system(FILE, sets=[text]).errors
