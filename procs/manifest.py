@@ -146,6 +146,9 @@ PROCS: tuple[Proc, ...] = (
          instances=lambda system: [ProcessInstance("socket_bridge", listen=system.socket.listen)]
          if system.socket else [],
          budget_us=500, hung_s=5.0, in_time=False),
+    Proc("gui", "procs.gui.loop", 0.05, 1.0, 3.0, "browsers see nothing until the restart, then connect again",
+         instances=lambda system: [ProcessInstance("gui", listen=system.gui.listen)] if system.gui else [],
+         pause_ends=False, budget_us=5000, hung_s=5.0, in_time=False),
     Proc("user", "procs.user.loop", 0.01, 1.0, 3.0, "nothing else changes; restart", topics=(),
          instances=lambda system: _users(system, {row.name: (row.period_s, ELSEWHERE if row.host else "")
                                                   for row in system.users if row.name not in

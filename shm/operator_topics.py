@@ -1,4 +1,4 @@
-"""Rows of the topic table for those who operate: teleoperations, consoles, the system, and programs of others.
+"""Rows of the topic table for those who operate: teleoperations, consoles, the system, browsers, others' programs.
 
 Sizes in brackets: `teleops` those of a console, `arms` those of the system, `inputs` the buttons that consoles take
 from a program; the names stand in the header's info, and but for `inputs` in the record.
@@ -109,6 +109,23 @@ FOCUS_STATE = Topic(
         Field("valid", "?", "", "the io that moves the lens is heard of"),
         Field("locked", "?", "", "nothing moves the lens"),
         Field("focusing", "(2,)?", "", "the lens is moved: in, out"),
+    ),
+)
+
+GUI_STATE = Topic(
+    "state",
+    writer="gui",
+    rate_hz=1,
+    depth_s=0,
+    depth=64,
+    fields=(
+        Field("browsers", "<u4", "", "pages that are connected"),
+        Field("watching", "<u4", "", "of those, that are seen and want data"),
+        Field("controlling", "S40", "", "address and port of the browser that has control, empty: none has"),
+        Field("sent", "<u8", "", "messages with data sent since start"),
+        Field("lost", "<u8", "", "of those, that slow browsers did not get"),
+        Field("commands", "<u8", "", "commands passed on"),
+        Field("refused", "<u8", "", "messages answered with an error"),
     ),
 )
 

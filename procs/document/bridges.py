@@ -1,4 +1,4 @@
-"""Bridges to programs that are not on this machine, as the document says them."""
+"""Bridges to programs that are not on this machine, and the web console, as the document says them."""
 
 from __future__ import annotations
 
@@ -41,6 +41,18 @@ class FoxgloveServer:
     rate_hz: float
     certificate: str = ""  # of TLS, with its key; empty: no TLS
     key: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class WebConsole:
+    """The web console: where it is served, and who may see it; the fields are those of the socket bridge."""
+
+    listen: tuple[str, ...]
+    token_file: str = ""
+    certificate: str = ""
+    key: str = ""
+    authorities: str = ""
+    max_clients: int = 16
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,6 +21,7 @@ from procs.document.arms import Matrix as Matrix
 from procs.document.arms import Tool as Tool
 from procs.document.bridges import FoxgloveServer as FoxgloveServer
 from procs.document.bridges import SocketBridge as SocketBridge
+from procs.document.bridges import WebConsole as WebConsole
 from procs.document.cart import Cart as Cart
 from procs.document.cart import CartArm as CartArm
 from procs.document.consoles import Console as Console
@@ -249,6 +250,7 @@ class SystemConfig:
     ros: RosBridge | None = None
     socket: SocketBridge | None = None
     foxglove: FoxgloveServer | None = None
+    gui: WebConsole | None = None
     audio_volume: float = 0.5
     supervisor_lost_s: float = 1.0
     group: str = ""  # may attach, too

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from procs.config.build import convert
 from procs.config.build.arms import LoadedArm, load_arm
-from procs.config.build.bridges import load_foxglove, load_socket
+from procs.config.build.bridges import load_foxglove, load_gui, load_socket
 from procs.config.build.buses import BusFiles, add_devices, check_buses, load_buses, watchdog_s
 from procs.config.build.carts import load_carts, with_base_frames, with_brakes
 from procs.config.build.components import warn_of_components
@@ -270,6 +270,7 @@ def _assemble(
         ros=_ros(context, options.ros),
         socket=load_socket(context, source, options.socket),
         foxglove=load_foxglove(context, source, options.foxglove),
+        gui=load_gui(context, source, options.gui),
         supervisor_lost_s=options.supervisor_lost_s,
         group=options.group,
         service_user=options.service_user,

@@ -1,4 +1,4 @@
-"""What `trocar.socket` may say: the bridge to programs elsewhere."""
+"""What `trocar.socket` and `trocar.gui` may say: the bridge to programs elsewhere, and the web console."""
 
 from __future__ import annotations
 
@@ -44,3 +44,13 @@ class FoxgloveKeys(Section):
     listen: Address = "127.0.0.1:8765"
     rate_hz: float = Field(default=30.0, ge=1.0, le=200.0, description="Hz")
     tls: CertificateKeys | None = None
+
+
+class GuiKeys(Section):
+    """The web console, see docs/gui.md."""
+
+    counts_when_empty = True
+    listen: Addresses = Field(default=("127.0.0.1:8080",), min_length=1, max_length=8)
+    token_file: str = Field(default="", description="a file of mode 0600")
+    tls: TlsKeys | None = None
+    max_clients: int = Field(default=16, ge=1, le=100)

@@ -8,7 +8,7 @@ from pydantic import Field
 
 from procs.config.build.tasks import TaskKeys
 from procs.config.models.addresses import Addresses
-from procs.config.models.bridge_section import FoxgloveKeys, SocketKeys
+from procs.config.models.bridge_section import FoxgloveKeys, GuiKeys, SocketKeys
 from procs.config.models.emulation_section import Cpu, EmulationOptions, Period, Priority
 from procs.config.models.user_section import CommandKeys, PropertyKeys, TopicKeys
 from procs.config.read.validate import Rows, Section
@@ -116,4 +116,5 @@ class TrocarSection(Section):
     ros: RosOptions | None = None
     socket: SocketKeys | None = None
     foxglove: FoxgloveKeys | None = None
+    gui: GuiKeys | None = None
     processes: dict[str, ProcessKeys] = Field(default_factory=dict)

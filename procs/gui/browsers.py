@@ -1,0 +1,226 @@
+"""The pages that are connected: what they want, what they ask for, and who of them has control."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final, Protocol
+
+from procs.crtk.calls import Calls, CommandOwner
+from procs.crtk.messages import MAX_BYTES, Message, WrongMessage, parsed, said
+from procs.document.bridges import Rights
+from procs.gui.control import BrowserControl
+from procs.gui.messages import OPS
+from procs.gui.sources import Sources
+from shm.clock import monotonic_ns
+from shm.ring import RingError
+from shm.segment import SegmentError
+
+FOR_ALL: Final = frozenset({("system", "power_off"), ("arm", "hold"), ("arm", "state_command"),
+                            ("third_party", "hold"), ("third_party", "state_command"), ("suj", "state_command"),
+                            ("teleop", "state_command"), ("io", "power_off"), ("console", "teleop_enable")})
+"""Commands that every browser may give as far as they stop something, without control."""
+WAITING: Final = 256
+"""Answers that a browser has not taken."""
+PERSON: Final = Rights(True, True, True)
+NUMBERS: Final = itertools.count(1)
+
+
+class PageSocket(Protocol):
+    """The way to a page."""
+
+    async def send_text(self, data: str) -> None:
+        """One message."""
+
+    async def close(self, code: int = 1000, reason: str | None = None) -> None:
+        """Disconnect it."""
+
+
+@dataclass(slots=True)
+class PageCounts:
+    """Of all pages since the start."""
+
+    sent: int = 0
+    lost: int = 0
+    commands: int = 0
+    refused: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class ConsoleService:
+    """What all pages share."""
+
+    system: str
+    owners: Mapping[str, CommandOwner]
+    sources: Sources
+    is_over: Callable[[], bool]
+    run: str
+    """A name of this run of the server: pages of an earlier one load anew."""
+    control: BrowserControl = field(default_factory=BrowserControl)
+    counts: PageCounts = field(default_factory=PageCounts)
+
+
+class Browser:
+    """One page that is connected."""
+
+    def __init__(self, served: ConsoleService, socket: PageSocket, name: str) -> None:
+        """`name`: its address and port, which no other one has."""
+        self.name = name
+        self.wants: tuple[str, ...] = ()
+        self._served, self._socket = served, socket
+        self._calls = Calls(served.system, served.owners, PERSON, served.is_over)
+        self._calls.program = "gui"
+        self._answers: deque[bytes] = deque()
+        self._tick, self._news = b"", asyncio.Event()
+        self._shown: dict[str, bytes] = {}
+        self._is_over = False
+        self._end: asyncio.Future[None] | None = None
+        self._ops: dict[str, Callable[[Message, int], None]] = {
+            "want": self._want, "beat": self._beat, "control": self._control, "call": self._call}
+        self._say("hello", run=served.run, name=name, system=served.system)
+
+    # what it says
+
+    def handle(self, text: str) -> None:
+        """One message; what is wrong with it is answered, and nothing else happens."""
+        if self._is_over:
+            return
+        number: Any = None
+        try:
+            if len(text) > MAX_BYTES:
+                raise WrongMessage(f"a message has {MAX_BYTES} bytes at most")
+            asked = parsed(text, OPS)
+            number = asked.id
+            self._ops[asked.op](asked, monotonic_ns())
+        except WrongMessage as error:
+            self._refuse(error.id if number is None else number, str(error))
+        except (SegmentError, RingError, OSError, ValueError) as error:
+            self._refuse(number, str(error))
+
+    def _refuse(self, number: Any, why: str) -> None:
+        self._served.counts.refused += 1
+        self._say("reply", number, outcome="refused", text=why)
+
+    def _want(self, asked: Message, now_ns: int) -> None:
+        sources = self._served.sources
+        wants = tuple(dict.fromkeys(asked.parts["sources"]))
+        for name in wants:
+            sources.check(name)
+        before, self.wants = self.wants, wants
+        for name in wants:
+            sources.take(name)
+        for name in before:
+            sources.leave(name)
+        self._shown.clear()
+
+    def _beat(self, asked: Message, now_ns: int) -> None:
+        self._served.control.beat(self.name, now_ns)
+
+    def _control(self, asked: Message, now_ns: int) -> None:
+        control = self._served.control
+        if not asked.parts["take"]:
+            control.drop(self.name)
+        elif (holder := control.take(self.name, now_ns, over=asked.parts["over"])) != self.name:
+            raise WrongMessage(f"{holder} has control")
+
+    def _call(self, asked: Message, now_ns: int) -> None:
+        served, parts = self._served, asked.parts
+        to, command, values, text = parts["to"], parts["command"], list(parts["values"]), parts["text"]
+        owner = self._calls.owner(to)
+        row = owner.rows.get(command)
+        only_stops = row is not None and (owner.kind, command) in FOR_ALL and row.is_stop(text, values)
+        if served.control.holder(now_ns) != self.name and not only_stops:
+            raise WrongMessage("take control first: this page only looks")
+        self._calls.send(asked.id, to, command, values, text)
+        served.counts.commands += 1
+
+    # what it hears
+
+    def _say(self, op: str, number: Any = None, **parts: Any) -> None:
+        if len(self._answers) < WAITING:
+            self._answers.append(said(op, number, **parts))
+            self._news.set()
+
+    def look(self) -> None:
+        """Pass on what became of its commands."""
+        for call, reply in self._calls.replies():
+            self._say("reply", call.id, to=call.to, command=call.command, outcome=reply.outcome, text=reply.text)
+
+    def show(self, number: int, holder: str) -> None:
+        """What has changed of what it wants; all of it where it has not taken what was sent before."""
+        counts, parts = self._served.counts, []
+        if self._tick:
+            counts.lost += 1
+            self._shown.clear()
+        for name in self.wants:
+            part = self._served.sources.part(name)
+            if self._shown.get(name) != part:
+                self._shown[name] = part
+                parts.append(part)
+        head = said("tick", number, control=holder, you=holder == self.name)[:-1]
+        self._tick = head + b',"data":{' + b",".join(parts) + b"}}"
+        counts.sent += 1
+        self._news.set()
+
+    async def deliver(self) -> None:
+        """Send what there is, as fast as it takes it; until it is cancelled."""
+        while True:
+            await self._news.wait()
+            self._news.clear()
+            while self._answers:
+                await self._socket.send_text(self._answers.popleft().decode())
+            tick, self._tick = self._tick, b""
+            if tick:
+                await self._socket.send_text(tick.decode())
+
+    def forget(self, why: str) -> None:
+        """Disconnect it, and hear no more of what it says."""
+        self._is_over = True
+        self._end = asyncio.ensure_future(self._socket.close(1012, why))
+
+    def gone(self) -> None:
+        """It has left: control is free, nothing is wanted for it. Commands under way finish."""
+        self._served.control.drop(self.name)
+        for name in self.wants:
+            self._served.sources.leave(name)
+        self.wants = ()
+        self._calls.close()
+
+
+class Browsers:
+    """All of them."""
+
+    def __init__(self, served: ConsoleService) -> None:
+        self.served = served
+        self.all: set[Browser] = set()
+        self._number = 0
+
+    def come(self, socket: PageSocket, peer: str) -> Browser:
+        """A page connects."""
+        browser = Browser(self.served, socket, peer)
+        self.all.add(browser)
+        return browser
+
+    def leave(self, browser: Browser) -> None:
+        """A page has gone."""
+        self.all.discard(browser)
+        browser.gone()
+
+    def tick(self, now_ns: int) -> None:
+        """Once a cycle: one message to each page with all that it wants; each value is read once for all pages."""
+        holder, sources = self.served.control.holder(now_ns), self.served.sources
+        self._number += 1
+        sources.begin(now_ns)
+        for browser in self.all:
+            browser.look()
+            if browser.wants:
+                browser.show(self._number, holder)
+
+    def forget(self, why: str) -> None:
+        """What they have said meanwhile is about the past: all are disconnected, nobody has control."""
+        for browser in self.all:
+            self.served.control.drop(browser.name)
+            browser.forget(why)

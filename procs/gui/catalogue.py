@@ -1,0 +1,32 @@
+"""The sources that pages of a system may want."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Final
+
+from procs.document.system import WALL, SystemConfig
+from procs.gui.messages_source import MessagesSource
+from procs.gui.processes_source import ProcessesSource
+from procs.gui.scene_source import SceneSource
+from procs.gui.sources import Maker, RecordSource, Sources
+
+KINDS: Final = frozenset({"arm", "third_party", "suj", "teleop", "console", "system", "focus", "io"})
+"""Whose state pages show."""
+MESSAGES, PROCESSES, SCENE = "messages", "processes", "scene"
+
+
+def record(instance: str, ring: str = "state") -> str:
+    """What the source of a record is called."""
+    return f"{instance}/{ring}"
+
+
+def sources_of(document: SystemConfig) -> Sources:
+    """A source for the state of everything, and those that are made of several."""
+    makers: dict[str, Maker] = {
+        record(row.name): partial(RecordSource, document.name, row.name, "state", simulated=document.clock != WALL)
+        for row in document.processes if row.kind in KINDS}
+    makers[MESSAGES] = partial(MessagesSource, document)
+    makers[PROCESSES] = partial(ProcessesSource, document)
+    makers[SCENE] = partial(SceneSource, document)
+    return Sources(makers)

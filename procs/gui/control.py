@@ -1,0 +1,37 @@
+"""Who has control: one browser at a time, while it shows that it is there. Pure."""
+
+from __future__ import annotations
+
+from typing import Final
+
+HEARTBEAT_NS: Final = 2_000_000_000
+"""Silence after which a browser has lost control."""
+
+
+class BrowserControl:
+    """The browser that may command. Browsers are told apart by their names."""
+
+    def __init__(self) -> None:
+        self._holder, self._heard_ns = "", 0
+
+    def holder(self, now_ns: int) -> str:
+        """Who has it; empty: nobody, or nobody any more."""
+        if self._holder and now_ns - self._heard_ns > HEARTBEAT_NS:
+            self._holder = ""
+        return self._holder
+
+    def take(self, browser: str, now_ns: int, *, over: bool = False) -> str:
+        """Who has it after that: the browser, or another one that it is not taken `over` from."""
+        if over or self.holder(now_ns) in ("", browser):
+            self._holder, self._heard_ns = browser, now_ns
+        return self._holder
+
+    def beat(self, browser: str, now_ns: int) -> None:
+        """A browser is there; one that was silent for too long does not get control back by that."""
+        if self.holder(now_ns) == browser:
+            self._heard_ns = now_ns
+
+    def drop(self, browser: str) -> None:
+        """A browser has gone, or gives it back."""
+        if self._holder == browser:
+            self._holder = ""

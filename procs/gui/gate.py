@@ -1,0 +1,156 @@
+"""Who may come in: every request and every connection of a browser passes here first.
+
+A browser on this machine of the user of the system needs nothing, all others the token (or a certificate). Pages of
+others cannot use a browser's place here: names that are none of ours, and origins that are not ours, are refused.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import hmac
+import logging
+from collections.abc import Callable, Iterable
+from http.cookies import CookieError, SimpleCookie
+from ipaddress import ip_address
+from typing import Any, Final
+from urllib.parse import parse_qs, urlsplit
+
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from procs.access import is_ours
+
+COOKIE: Final = "trocar"
+GUESS_S: Final = 1.0
+"""That a wrong token has to wait."""
+MAX_FORM: Final = 4096
+HEADERS: Final = (
+    # Nothing but this server's own files is ever fetched, whatever a library would like: labs are offline.
+    (b"content-security-policy", b"default-src 'self' 'unsafe-inline' 'unsafe-eval' data: blob:; "
+                                 b"frame-ancestors 'none'; form-action 'self'; base-uri 'none'"),
+    (b"x-frame-options", b"DENY"),
+    (b"x-content-type-options", b"nosniff"),
+    (b"referrer-policy", b"no-referrer"),
+)
+FORM: Final = """<!doctype html><meta charset="utf-8"><meta name="viewport" content="width=device-width">
+<title>Trocar</title><style>body{{font:16px sans-serif;max-width:26rem;margin:20vh auto;padding:0 1rem}}
+input,button{{font:inherit;padding:.5rem;width:100%;box-sizing:border-box;margin:.4rem 0}}p{{color:#a00}}
+</style><h1>Trocar</h1><form method="post" action="/token"><label>Token of this system
+<input name="token" type="password" autofocus autocomplete="off"></label><button>Enter</button></form><p>{why}</p>"""
+
+
+class Gate:
+    """In front of all pages."""
+
+    def __init__(self, app: ASGIApp, token: bytes, has_certificates: bool, log: logging.Logger,
+                 is_ours: Callable[[tuple[str, int], int], bool] = is_ours) -> None:
+        """`has_certificates`: who comes has shown one."""
+        self._app, self._token, self._log = app, token, log
+        self._has_certificates, self._is_ours = has_certificates, is_ours
+        self._cookie = hmac.new(token, b"trocar gui", hashlib.sha256).hexdigest() if token else ""
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """One request, or one connection."""
+        if scope["type"] == "lifespan":
+            await self._app(scope, receive, send)
+            return
+        headers = {name.decode("latin-1"): value.decode("latin-1") for name, value in scope["headers"]}
+        is_here = self._is_here(scope)
+        why = refusal(headers, scope, is_here)
+        if why:
+            self._log.warning("%s: refused: %s", scope["client"], why)
+            await _answer(scope, send, 403, why)
+        elif is_here or self._has_certificates or self._has_cookie(headers):
+            await self._app(scope, receive, _with_headers(send))
+        elif scope["type"] == "http":
+            await self._ask(scope, receive, send)
+        else:
+            await _answer(scope, send, 401, "the token is missing")
+
+    def _is_here(self, scope: Scope) -> bool:
+        client, server = scope.get("client"), scope.get("server")
+        return bool(client and server and server[1] is not None and ip_address(client[0]).is_loopback
+                    and self._is_ours((client[0], client[1]), server[1]))
+
+    def _has_cookie(self, headers: dict[str, str]) -> bool:
+        try:
+            shown = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
+        except CookieError:
+            return False
+        return bool(self._cookie) and shown is not None and hmac.compare_digest(shown.value.encode(),
+                                                                                self._cookie.encode())
+
+    async def _ask(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """For the token: of the link that `trocar up` prints, or of the form."""
+        if not self._token:
+            await _answer(scope, send, 403, "programs of other users need a token (trocar.gui.token_file)")
+            return
+        form = await _body(receive) if scope["method"] == "POST" else scope["query_string"]
+        given = parse_qs(form.decode("latin-1")).get("token", [""])[0]
+        if given and hmac.compare_digest(given.encode("latin-1", "replace"), self._token):
+            secure = "; Secure" if scope.get("scheme") == "https" else ""
+            cookie = f"{COOKIE}={self._cookie}; HttpOnly; SameSite=Strict; Path=/{secure}"
+            to = "/" if scope["path"] == "/token" else scope["path"]
+            # A page instead of a redirection: cookies of that kind are not sent where a link from elsewhere led here.
+            text = f'<!doctype html><meta http-equiv="refresh" content="0;url={_path(to)}">'
+            await _answer(scope, send, 200, text, [(b"set-cookie", cookie.encode())], b"text/html")
+            return
+        if given:
+            self._log.warning("%s: a wrong token", scope["client"])
+            await asyncio.sleep(GUESS_S)
+        await _answer(scope, send, 401, FORM.format(why="This is not the token." if given else ""), (), b"text/html")
+
+
+def refusal(headers: dict[str, str], scope: Scope, is_here: bool) -> str:
+    """Why a request is not for us, or not from our own page; empty: it is."""
+    host, origin = headers.get("host", ""), headers.get("origin")
+    name = urlsplit(f"//{host}").hostname or ""
+    if is_here and not _is_loopback(name):  # a name of somebody's that leads here: his page would be ours
+        return f"{name[:80]} is no name of this machine; take 127.0.0.1 or localhost"
+    if origin is not None and urlsplit(origin).netloc != host:
+        return "that page is not from here"
+    if scope["type"] == "http" and scope["method"] not in ("GET", "HEAD") and origin is None:
+        return "that is from no page"
+    return ""
+
+
+def _is_loopback(name: str) -> bool:
+    try:
+        return name == "localhost" or ip_address(name).is_loopback
+    except ValueError:
+        return False
+
+
+def _path(path: str) -> str:
+    """A path that is safe in a page."""
+    return path if path.replace("/", "").replace("-", "").replace("_", "").isalnum() else "/"
+
+
+def _with_headers(send: Send) -> Send:
+    async def sent(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            message = {**message, "headers": [*message.get("headers", ()), *HEADERS]}
+        await send(message)
+
+    return sent
+
+
+async def _body(receive: Receive) -> bytes:
+    found = b""
+    while len(found) <= MAX_FORM:
+        message = await receive()
+        found += bytes(message.get("body", b""))
+        if not message.get("more_body"):
+            return found
+    return b""
+
+
+async def _answer(scope: Scope, send: Send, status: int, text: str, headers: Iterable[tuple[bytes, bytes]] = (),
+                  kind: bytes = b"text/plain") -> None:
+    if scope["type"] == "websocket":
+        await send({"type": "websocket.close", "code": 1008, "reason": text[:100]})
+        return
+    start: dict[str, Any] = {"type": "http.response.start", "status": status, "headers": [
+        (b"content-type", kind + b"; charset=utf-8"), (b"cache-control", b"no-store"), *HEADERS, *headers]}
+    await send(start)
+    await send({"type": "http.response.body", "body": text.encode()})

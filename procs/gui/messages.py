@@ -1,0 +1,31 @@
+"""What browsers may say, see docs/gui.md: one JSON object a message. Pure."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from procs.crtk.messages import NO_WORD, SOME_NUMBERS, WORD, MessagePart, Ops
+
+MAX_SOURCES: Final = 64
+MAX_NAME: Final = 80
+
+
+def _names(value: Any) -> Any:
+    if isinstance(value, list) and len(value) <= MAX_SOURCES and all(
+            isinstance(name, str) and len(name) <= MAX_NAME for name in value):
+        return value
+    raise ValueError
+
+
+def _flag(value: Any) -> Any:
+    if isinstance(value, bool):
+        return value
+    raise ValueError
+
+
+OPS: Final[Ops] = {
+    "want": {"sources": MessagePart(f"a list of up to {MAX_SOURCES} names", _names)},
+    "beat": {},
+    "control": {"take": MessagePart("true or false", _flag), "over": MessagePart("true or false", _flag, False)},
+    "call": {"to": WORD, "command": WORD, "values": SOME_NUMBERS, "text": NO_WORD},
+}

@@ -1,0 +1,99 @@
+"""What all pages have: the bar with navigation, control and Power off, dialogs, style and script."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Final
+
+from nicegui import ui
+
+from procs.document.system import WALL, SystemConfig
+from procs.gui.pages.parts import Call, Part, box, button
+
+KEYS: Final = (("Ctrl + O", "power off"), ("Ctrl + P", "power on"), ("Ctrl + H", "home"), ("?", "this list"))
+STEPS: Final = ("Take control, top right: until then this page only looks.",
+                "Power on, then Home: arms move to be homed. Stand back.",
+                "Insert an instrument; the emulated robot of the demo has one.",
+                "Enable teleoperation, press the pedal, pinch the master: the instrument follows.")
+
+
+def moving(document: SystemConfig) -> list[str]:
+    """Instances that can be powered: arms and carts."""
+    return [row.name for rows in (document.arms, document.carts) for row in rows]
+
+
+def power_off(document: SystemConfig) -> list[list[Call]]:
+    """Everything off; steps of a button."""
+    if document.consoles:
+        return [[("system", "power_off", [], "")]]
+    return [[(name, "state_command", [], "disable") for name in moving(document)]]
+
+
+def power_on(document: SystemConfig) -> list[list[Call]]:
+    """Everything on."""
+    if document.consoles:
+        return [[("system", "power_on", [], "")]]
+    return [[(name, "state_command", [], "enable") for name in moving(document)]]
+
+
+def home(document: SystemConfig) -> list[list[Call]]:
+    """Everything on, and homed."""
+    if document.consoles:
+        return [[("system", "home", [], "")]]
+    return [*power_on(document), [(name, "state_command", [], "home") for name in moving(document)]]
+
+
+def pages_of(document: SystemConfig) -> list[tuple[str, str]]:
+    """Name and path of each page."""
+    found = [("System", "/"), ("3D", "/3d")]
+    found += [(arm.name, f"/arm/{arm.name}") for arm in document.arms]
+    if document.consoles:
+        found.append(("Teleoperation", "/teleop"))
+    return [*found, ("Processes", "/processes")]
+
+
+@contextmanager
+def page(document: SystemConfig, here: str, assets: str, wants: Sequence[str] = ()) -> Iterator[None]:
+    """A page of this path; what is made inside is its content. `assets`: where style and script are."""
+    ui.add_head_html(f'<link rel="stylesheet" href="{assets}/style.css">'
+                     f'<script type="module" src="{assets}/live.js"></script>')
+    ui.query(".nicegui-content").classes("whole")
+    with Part("header", "bar"):
+        Part("a", "brand", "Trocar", href="/")
+        Part("span", "system", document.name, title=document.source)
+        with Part("nav"):
+            for name, path in pages_of(document):
+                Part("a", "here" if path == here else "", name, href=path)
+        box("spacer")
+        if document.clock != WALL:
+            Part("span", "badge", "simulated time", title="Boards are emulated, or arms have no robot")
+        Part("span", "lost", "not connected")
+        Part("button", "quiet", "?", type="button", data_opens="help", title="Keys and first steps (?)")
+        Part("button", "quiet", "◐", type="button", data_does="theme", title="Dark or light", aria_label="Theme")
+        Part("button", "control", "Take control", type="button", id="control")
+        button("Power off", power_off(document), "danger", is_free=True, id="power-off",
+               title="Ctrl + O. Works from every page, without control. It is no emergency stop.")
+    with Part("main", "content", data_wants=" ".join(wants)):
+        yield
+    _dialogs()
+
+
+def _dialogs() -> None:
+    with Part("dialog", id="confirm"), Part("form", method="dialog"):
+        Part("p", id="confirm-text")
+        with box("row end"):
+            Part("button", "quiet", "Cancel", value="")
+            Part("button", "primary", "Yes", value="yes")
+    with Part("dialog", id="help"), Part("form", method="dialog"):
+        Part("h2", "", "First steps")
+        with Part("ol"):
+            for step in STEPS:
+                Part("li", "", step)
+        Part("h2", "", "Keys")
+        with Part("dl", "keys"):
+            for key, does in KEYS:
+                Part("dt", "", key)
+                Part("dd", "", does)
+        with box("row end"):
+            Part("button", "primary", "Close", value="")

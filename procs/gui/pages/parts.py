@@ -1,0 +1,49 @@
+"""Parts of pages: elements that show live data, and buttons that command, by attributes that `live.js` understands.
+
+`data-live`: what is shown, `SOURCE.field.index`, `data-format`: how. `data-show`, `data-on`: shown, or lit, while that
+holds (`PSM1/state.state=FAULT`, `!…`, `…>3`). `data-source`: grey, with its age in `.age`, while that source is old.
+`data-steps`: commands of a button, steps one after the other; `data-free`: without control, `data-confirm`: asks first.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from typing import Any
+
+from nicegui.elements.mixins.text_element import TextElement
+
+Call = tuple[str, str, Sequence[float], str]
+"""To whom, command, values, text."""
+
+
+class Part(TextElement):
+    """One HTML element with classes, text and attributes; a context manager for what is in it."""
+
+    def __init__(self, tag: str, classes: str = "", text: str = "", **attributes: Any) -> None:
+        """`data_live="…"` is the attribute data-live."""
+        super().__init__(tag=tag, text=text)
+        self.classes(classes)
+        for name, value in attributes.items():
+            self.props[name.rstrip("_").replace("_", "-")] = value
+
+
+def box(classes: str = "", **attributes: Any) -> Part:
+    """A div."""
+    return Part("div", classes, **attributes)
+
+
+def live(path: str, form: str = "text", classes: str = "", tag: str = "span", **attributes: Any) -> Part:
+    """A value that is kept up to date."""
+    return Part(tag, f"live {classes}".strip(), data_live=path, data_format=form, **attributes)
+
+
+def button(text: str, steps: Sequence[Sequence[Call]], classes: str = "", *, is_free: bool = False, confirm: str = "",
+           **attributes: Any) -> Part:
+    """One that commands; `is_free`: from every page, it only stops something."""
+    if is_free:
+        attributes["data_free"] = ""
+    if confirm:
+        attributes["data_confirm"] = confirm
+    classes = classes if is_free else f"{classes} commands".strip()
+    return Part("button", classes, text, type="button", data_steps=json.dumps(steps), **attributes)

@@ -1,0 +1,130 @@
+"""The page System: all arms, power and homing, teleoperations, and what processes have to say."""
+
+from __future__ import annotations
+
+from procs.document.arms import ArmConfig
+from procs.document.system import SystemConfig
+from procs.gui.catalogue import MESSAGES, record
+from procs.gui.pages.frame import home, power_on
+from procs.gui.pages.parts import Part, box, button, live
+
+
+def system_page(document: SystemConfig) -> None:
+    """Its content."""
+    with box("columns"):
+        with Part("section", "arms"):
+            for arm in document.arms:
+                arm_card(arm)
+            for cart in document.carts:
+                cart_card(cart.name)
+        with Part("aside"):
+            _power(document)
+            for console in document.consoles:
+                _console(console.name, [row.name for rows in (document.teleop_psms, document.teleop_ecms)
+                                        for row in rows if row.console == console.name])
+    _messages(document)
+
+
+def arm_card(arm: ArmConfig) -> None:
+    """One arm: what it is, what it waits for, what is wrong with it, and its buttons."""
+    state = record(arm.name)
+    with box("card", data_source=state, id=f"arm-{arm.name}"):
+        with box("row head"):
+            Part("a", "title", arm.name, href=f"/arm/{arm.name}")
+            Part("span", "kind", f"{arm.type} {arm.generation}")
+            box("spacer")
+            Part("span", "age")
+            live(f"{state}.state", classes="chip", data_tone="")
+        with box("row facts"):
+            Part("span", "light", "homed", data_on=f"{state}.is_homed")
+            Part("span", "light", "busy", data_on=f"{state}.is_busy")
+            live(f"{state}.sub_state", classes="quiet")
+            live(f"{state}.tool", classes="quiet tool", data_show=f"{state}.tool")
+        with box("fault", data_show=f"{state}.state=FAULT"):
+            live(f"{state}.reason", tag="p")
+            Part("p", "remedy", data_remedy=arm.name)
+        with box("reason", data_show=f"!{state}.state=FAULT"):
+            live(f"{state}.reason", tag="p", data_show=f"{state}.reason")
+        with box("row buttons"):
+            button("Enable", [[(arm.name, "state_command", [], "enable")]])
+            button("Home", [[(arm.name, "state_command", [], "home")]])
+            box("spacer")
+            button("Hold", [[(arm.name, "hold", [], "")]], "quiet", is_free=True, title="Stay where it is")
+            button("Disable", [[(arm.name, "state_command", [], "disable")]], "quiet", is_free=True)
+
+
+def cart_card(name: str) -> None:
+    """Setup joints."""
+    state = record(name)
+    with box("card", data_source=state):
+        with box("row head"):
+            Part("span", "title", name)
+            Part("span", "kind", "setup joints")
+            box("spacer")
+            Part("span", "age")
+            live(f"{state}.state", classes="chip", data_tone="")
+        live(f"{state}.reason", tag="p", classes="reason", data_show=f"{state}.reason")
+        with box("row buttons"):
+            button("Enable", [[(name, "state_command", [], "enable")]])
+            box("spacer")
+            button("Disable", [[(name, "state_command", [], "disable")]], "quiet", is_free=True)
+
+
+def _power(document: SystemConfig) -> None:
+    with box("card"):
+        Part("h2", "", "All arms")
+        with box("row buttons"):
+            button("Power on", power_on(document), "primary", id="power-on", title="Ctrl + P",
+                   confirm="Power on all arms? Amplifiers go on.")
+            button("Home", home(document), "primary", id="home", title="Ctrl + H",
+                   confirm="Home all arms? They move. Keep hands and tissue away.")
+        if document.consoles:
+            state = record("system")
+            live(f"{state}.waiting", tag="p", classes="reason", data_show=f"{state}.waiting")
+
+
+def _console(name: str, teleops: list[str]) -> None:
+    state = record(name)
+    with box("card", data_source=state):
+        with box("row head"):
+            Part("span", "title", name)
+            box("spacer")
+            Part("span", "age")
+        with box("row facts"):
+            Part("span", "light", "operator", data_on=f"{state}.operator_present")
+            Part("span", "light", "clutch", data_on=f"{state}.clutch")
+            Part("span", "light", "camera", data_on=f"{state}.camera")
+        for teleop in teleops:
+            teleop_row(teleop)
+        with box("row buttons"):
+            button("Start teleoperation", [[(name, "teleop_enable", [1], "")]],
+                   confirm="Start teleoperation? Masters move to align.")
+            box("spacer")
+            button("Stop", [[(name, "teleop_enable", [0], "")]], "quiet", is_free=True)
+
+
+def teleop_row(name: str) -> None:
+    """One teleoperation in a line, and what it waits for below."""
+    state = record(name)
+    with box("teleop", data_source=state):
+        with box("row"):
+            Part("b", "", name)
+            box("spacer")
+            Part("span", "light", "following", data_on=f"{state}.following")
+            live(f"{state}.state", classes="chip small", data_tone="")
+        live(f"{state}.reason", tag="p", classes="quiet", data_show=f"{state}.reason")
+
+
+def _messages(document: SystemConfig) -> None:
+    with box("card messages", data_source=MESSAGES):
+        with box("row head"):
+            Part("h2", "", "Messages")
+            box("spacer")
+            with Part("select", id="severity", aria_label="At least"):
+                for value, text in (("status", "all"), ("warning", "warnings and errors"), ("error", "errors")):
+                    Part("option", "", text, value=value)
+            with Part("select", id="from", aria_label="From"):
+                Part("option", "", "every process", value="")
+                for row in document.processes:
+                    Part("option", "", row.name, value=row.name)
+        box("list", id="messages")

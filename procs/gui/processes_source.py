@@ -1,0 +1,80 @@
+"""How the processes are doing: their control pages, what the supervisor says of them, and what they use."""
+
+from __future__ import annotations
+
+import contextlib
+from typing import Any, Final
+
+import psutil
+
+from procs.document.system import SystemConfig
+from shm import directory
+from shm.clock import monotonic_ns
+from shm.control_page import ControlPage
+from shm.ring import RingReader
+from shm.segment import SegmentError
+
+LOOK_NS: Final = 1_000_000_000
+ROW: Final = ("lifecycle", "restarts", "exit_reason")
+
+
+class ProcessesSource:
+    """All processes of a system, once a second."""
+
+    def __init__(self, document: SystemConfig) -> None:
+        self._pages: dict[str, ControlPage] = {}
+        self._kinds = {"supervisor": "supervisor", **{row.name: row.kind for row in document.processes}}
+        for name in self._kinds:
+            with contextlib.suppress(SegmentError):
+                self._pages[name] = ControlPage(document.name, name)
+        self._ledger: RingReader = directory.reader(document.name, "supervisor", "state", "supervisor", often=False)
+        self._known: dict[int, psutil.Process] = {}
+        self._shown: dict[str, Any] = {}
+        self._look_ns = 0
+
+    def read(self, now_ns: int) -> dict[str, Any]:
+        """`rows`, one for each process."""
+        if now_ns >= self._look_ns:
+            self._look_ns = now_ns + LOOK_NS
+            said = self._said()
+            rows = [self._row(name, page, said.get(name, {})) for name, page in self._pages.items()]
+            self._known = {row["pid"]: self._known[row["pid"]] for row in rows if row["pid"] in self._known}
+            self._shown = {"age": 0.0, "rows": rows}
+        return self._shown
+
+    def _said(self) -> dict[str, dict[str, Any]]:
+        if not self._ledger.newest():
+            return {}
+        names = [name.decode(errors="replace") for name in self._ledger.field("instance").tolist()]
+        columns = [self._ledger.field(key).tolist() for key in ROW]
+        return {name: dict(zip(ROW, (word.decode(errors="replace") if isinstance(word, bytes) else word
+                                     for word in row), strict=True))
+                for name, *row in zip(names, *columns, strict=True) if name}
+
+    def _row(self, name: str, page: ControlPage, said: dict[str, Any]) -> dict[str, Any]:
+        pid, period_s, beat = int(page.get("pid")), float(page.get("period_avg")), int(page.get("heartbeat_ns"))
+        row = {"name": name, "kind": self._kinds[name], "state": page.state, "pid": pid,
+               "rate_hz": 1.0 / period_s if period_s > 0.0 else None,
+               "period_p99_ms": float(page.get("period_p99")) * 1e3, "work_p99_ms": float(page.get("work_p99")) * 1e3,
+               "missed": int(page.get("missed")), "policy": bytes(page.field("policy").tobytes()).rstrip(
+                   b"\0").decode(errors="replace"),
+               "silent_s": round((monotonic_ns() - beat) * 1e-9, 1) if beat else None, **said}
+        if said.get("lifecycle") == "STOPPED":
+            row |= {"state": "STOPPED", "rate_hz": None, "pid": 0, "silent_s": None}
+        return row | self._used(int(str(row["pid"])))
+
+    def _used(self, pid: int) -> dict[str, Any]:
+        """Share of a core since the last look, and memory of its own."""
+        try:
+            process = self._known.setdefault(pid, psutil.Process(pid)) if pid else None
+            if process is None:
+                return {"cpu": None, "memory_mb": None}
+            return {"cpu": process.cpu_percent(), "memory_mb": process.memory_info().rss * 1e-6}
+        except psutil.Error:
+            return {"cpu": None, "memory_mb": None}
+
+    def close(self) -> None:
+        """Unmap."""
+        for page in self._pages.values():
+            page.close()
+        self._ledger.close()

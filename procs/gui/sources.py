@@ -1,0 +1,148 @@
+"""What pages want to see: records of instances and what is made of them, read once a tick for all pages."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, Final, Protocol
+
+import numpy as np
+import orjson
+
+from procs.crtk.names import none_such
+from shm import directory
+from shm.segment import SegmentError
+from shm.subscriptions import Subscriber
+
+PROGRAM: Final = "gui"
+OPTIONS: Final = orjson.OPT_SERIALIZE_NUMPY
+UNSEEN: Final = frozenset({"stamp_ns", "jacobian", "spatial_jacobian", "bias_generation", "pid_generation"})
+"""Fields of records that no page shows."""
+AGAIN_NS: Final = 500_000_000
+"""Between two attempts to attach to what cannot be read."""
+
+
+class Source(Protocol):
+    """Something that pages show; it is open while one does."""
+
+    def read(self, now_ns: int) -> dict[str, Any]:
+        """What it is now; `age` is that of what it is made of, s."""
+
+    def close(self) -> None:
+        """Nobody wants it any more."""
+
+
+class RecordSource:
+    """The newest record of a ring, its fields by their names."""
+
+    def __init__(self, system: str, instance: str, ring: str, *, simulated: bool) -> None:
+        """Attach, and want it; SegmentError when it cannot be read."""
+        self._reader = directory.reader(system, instance, ring, often=False)
+        self._subscriber: Subscriber | None = None
+        try:
+            self._subscriber = Subscriber(system, instance, PROGRAM)
+            self._subscriber.want(ring)
+        except BaseException:
+            self.close()
+            raise
+        names = [name for name in self._reader.dtype.names or () if name not in UNSEEN]
+        self._fields = [(name, _encoder(self._reader.field(name))) for name in names if name != "sequence"]
+        self._sequence, self._seen_ns, self._simulated = 0, 0, simulated
+
+    def read(self, now_ns: int) -> dict[str, Any]:
+        """Fields of the newest record; only `age` where there is none yet."""
+        if not self._reader.newest():
+            return {"age": None}
+        if self._reader.sequence != self._sequence:
+            is_first, self._sequence = not self._sequence, self._reader.sequence
+            # Of simulated time nobody can tell how old a record is: by when it changed.
+            self._seen_ns = self._reader.stamp_ns if is_first and not self._simulated else now_ns
+        age_s = max(0.0, (now_ns - self._seen_ns) * 1e-9)
+        found: dict[str, Any] = {"age": round(age_s, 1), "gone": bool(self._reader.gone)}
+        for name, encode in self._fields:
+            found[name] = encode()
+        return found
+
+    def close(self) -> None:
+        """Unmap, want it no more."""
+        self._reader.close()
+        if self._subscriber is not None:
+            self._subscriber.close()
+
+
+def _encoder(cell: np.ndarray[Any, Any]) -> Callable[[], Any]:
+    """How a field becomes JSON: what is not finite null, bytes as text."""
+    if cell.dtype.kind == "S":
+        if cell.shape:
+            return lambda: [word.decode(errors="replace") for word in cell.tolist()]
+        return lambda: cell.item().decode(errors="replace")
+    return cell.item if not cell.shape else lambda: cell
+
+
+Maker = Callable[[], Source]
+
+
+class Sources:
+    """All that pages may want, by name; open is what one of them does."""
+
+    def __init__(self, makers: Mapping[str, Maker]) -> None:
+        self._makers = dict(makers)
+        self._open: dict[str, Source | None] = {}
+        self._users: dict[str, int] = {}
+        self._encoded: dict[str, bytes] = {}
+        self._retry_ns: dict[str, int] = {}
+        self._now_ns = 0
+
+    def check(self, name: str) -> None:
+        """ValueError unless there is such a source."""
+        if name not in self._makers:
+            raise ValueError(none_such("source", name[:80], self._makers))
+
+    def take(self, name: str) -> None:
+        """One page more wants it."""
+        self._users[name] = self._users.get(name, 0) + 1
+
+    def leave(self, name: str) -> None:
+        """One page less does."""
+        self._users[name] -= 1
+        if not self._users[name]:
+            del self._users[name]
+            source = self._open.pop(name, None)
+            if source is not None:
+                source.close()
+
+    def begin(self, now_ns: int) -> None:
+        """A new tick: what is asked for from now on is read anew."""
+        self._now_ns = now_ns
+        self._encoded.clear()
+
+    def part(self, name: str) -> bytes:
+        """A source as a part of a JSON object: `"name":{…}`; what cannot be read says why in `problem`."""
+        encoded = self._encoded.get(name)
+        if encoded is None:
+            encoded = self._encoded[name] = orjson.dumps(name) + b":" + orjson.dumps(self._read(name), option=OPTIONS)
+        return encoded
+
+    def _read(self, name: str) -> dict[str, Any]:
+        source = self._open.get(name)
+        try:
+            if source is None:
+                if self._now_ns < self._retry_ns.get(name, 0):
+                    return {"age": None}
+                self._retry_ns[name] = self._now_ns + AGAIN_NS
+                source = self._open[name] = self._makers[name]()
+            return source.read(self._now_ns)
+        except (SegmentError, OSError, ValueError) as error:
+            return {"age": None, "problem": str(error)}
+
+    @property
+    def are_open(self) -> int:
+        """How many are."""
+        return len(self._open)
+
+    def close(self) -> None:
+        """All."""
+        for source in self._open.values():
+            if source is not None:
+                source.close()
+        self._open.clear()
+        self._users.clear()

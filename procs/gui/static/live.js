@@ -1,0 +1,381 @@
+// One connection a page: data come in one message a tick, commands go out, answers are shown where one pressed.
+// Elements say what they show by attributes, see procs/gui/pages/parts.py.
+const sources = {}; // newest data by source
+const heard = {}; // when each source last changed, ms
+let socket = null;
+let run = "";
+let you = false;
+let holder = "";
+let lastTick = 0;
+let number = 0;
+const waiting = new Map(); // commands without an end
+const listeners = []; // called after each tick
+
+export const data = (name) => sources[name];
+export const onTick = (listener) => listeners.push(listener);
+export const hasControl = () => you;
+
+// --- values
+
+export function value(path) {
+  const dot = path.indexOf(".");
+  let found = sources[dot < 0 ? path : path.slice(0, dot)];
+  if (dot >= 0) for (const part of path.slice(dot + 1).split(".")) found = found?.[part];
+  return found;
+}
+
+export const units = () => localStorage.getItem("units") || "deg";
+
+const fixed = (v, digits) => {
+  const text = v.toFixed(digits);
+  return /^-0\.?0*$/.test(text) ? text.slice(1) : text; // no flicker between 0.0 and -0.0
+};
+
+const FORMATS = {
+  text: (v) => String(v),
+  num: (v, digits = 2) => fixed(v, +digits),
+  deg: (v, digits = 1) => fixed((v * 180) / Math.PI, +digits),
+  mm: (v, digits = 1) => fixed(v * 1000, +digits),
+  pct: (v, digits = 0) => fixed(v * 100, +digits),
+  yes: (v, yes = "yes", no = "no") => (v ? yes : no),
+  joint: (v, slides) =>
+    slides === "p" ? (units() === "deg" ? fixed(v * 1000, 2) : fixed(v, 5)) : units() === "deg" ? fixed((v * 180) / Math.PI, 2) : fixed(v, 4),
+};
+
+export const unit = (slides) => (units() === "deg" ? (slides ? "mm" : "°") : slides ? "m" : "rad");
+
+function formatted(v, format) {
+  if (v === null || v === undefined || v === "") return "–";
+  const [name, ...rest] = (format || "text").split(":");
+  if (name !== "text" && name !== "yes" && typeof v !== "number") return "–";
+  return FORMATS[name](v, ...rest);
+}
+
+// `a.b.c`, `!a.b.c`, `a.b.c=WORD|WORD`, `a.b.c>3`
+function holds(condition) {
+  const match = /^(!?)([^=><]+)(?:([=><])(.*))?$/.exec(condition);
+  const v = value(match[2]);
+  let result;
+  if (match[3] === "=") result = match[4].split("|").includes(String(v));
+  else if (match[3] === ">") result = v > +match[4];
+  else if (match[3] === "<") result = v < +match[4];
+  else result = Boolean(v);
+  return match[1] ? !result : result;
+}
+
+const sourceOf = (path) => path.replace(/^!/, "").split(/[.=><]/)[0];
+
+export function sourceAge(name) {
+  const found = sources[name];
+  if (!found || found.age === null || found.age === undefined) return null;
+  return found.age + (performance.now() - (isConnected() ? Math.max(lastTick, 0) : heard[name] || 0)) / 1000;
+}
+
+const STALE_S = 1.0;
+
+function put(element, text) {
+  if (element.textContent !== text) element.textContent = text;
+}
+
+export function render() {
+  const connected = isConnected();
+  for (const element of document.querySelectorAll("[data-live]")) {
+    const v = value(element.dataset.live);
+    put(element, formatted(v, element.dataset.format));
+    if (element.dataset.tone !== undefined) element.dataset.tone = v === undefined || v === null ? "" : String(v);
+  }
+  for (const element of document.querySelectorAll("[data-show]")) element.hidden = !holds(element.dataset.show);
+  for (const element of document.querySelectorAll("[data-on]")) element.classList.toggle("on", holds(element.dataset.on));
+  for (const element of document.querySelectorAll("[data-unit]")) put(element, unit(element.dataset.unit === "p"));
+  for (const element of document.querySelectorAll("[data-source]")) {
+    const age = sourceAge(element.dataset.source);
+    const stale = !connected || age === null || age > STALE_S || Boolean(sources[element.dataset.source]?.gone);
+    element.classList.toggle("stale", stale);
+    const label = element.querySelector(":scope .age");
+    if (label) put(label, !stale ? "" : age === null ? "no data" : `${age < 10 ? age.toFixed(1) : age.toFixed(0)} s old`);
+  }
+}
+
+// --- connection
+
+const isConnected = () => socket?.readyState === 1 && performance.now() - lastTick < 1500;
+
+function wants() {
+  if (document.hidden) return [];
+  const found = new Set((document.querySelector("[data-wants]")?.dataset.wants || "").split(" ").filter(Boolean));
+  for (const name of ["live", "show", "on", "source"])
+    for (const element of document.querySelectorAll(`[data-${name}]`)) found.add(sourceOf(element.dataset[name]));
+  return [...found].sort();
+}
+
+let wanted = "";
+function want() {
+  const list = wants();
+  if (socket?.readyState !== 1 || wanted === list.join(" ")) return;
+  wanted = list.join(" ");
+  say({ op: "want", sources: list });
+}
+
+const say = (message) => socket?.readyState === 1 && socket.send(JSON.stringify(message));
+
+function connect() {
+  socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/live`);
+  socket.onopen = () => {
+    wanted = "";
+    lastTick = performance.now();
+    want();
+  };
+  socket.onmessage = (event) => heed(JSON.parse(event.data));
+  socket.onclose = () => {
+    you = false;
+    holder = "";
+    for (const [, call] of waiting) call("lost", "the connection was lost; what became of it is not known");
+    waiting.clear();
+    shown();
+    setTimeout(connect, 700);
+  };
+}
+
+function heed(message) {
+  if (message.op === "hello") {
+    if (run && run !== message.run) location.reload(); // another server: this page is none of its own
+    run = message.run;
+  } else if (message.op === "tick") {
+    lastTick = performance.now();
+    for (const [name, found] of Object.entries(message.data)) {
+      sources[name] = found;
+      heard[name] = lastTick;
+    }
+    you = message.you;
+    holder = message.control;
+    shown();
+    for (const listener of listeners) listener();
+  } else if (message.op === "reply") {
+    const call = waiting.get(message.id);
+    if (call) {
+      call(message.outcome, message.text || "");
+      if (message.outcome !== "accepted") waiting.delete(message.id);
+    }
+  }
+}
+
+function shown() {
+  document.body.dataset.connection = isConnected() ? "live" : "lost";
+  document.body.dataset.control = you ? "you" : holder ? "other" : "nobody";
+  const button = document.getElementById("control");
+  if (button) {
+    put(button, you ? "You have control" : holder ? "Take over control" : "Take control");
+    button.title = you ? "Give control back" : holder ? `${holder} has control` : "This page only looks until then";
+  }
+  render();
+}
+
+// --- commands
+
+export function call(to, command, values, text, told = () => {}) {
+  const id = ++number;
+  return new Promise((resolve) => {
+    const heardOf = (outcome, reason) => {
+      told(outcome, reason);
+      if (outcome !== "accepted") resolve([outcome, reason]);
+    };
+    if (socket?.readyState !== 1) return heardOf("lost", "not connected");
+    waiting.set(id, heardOf);
+    say({ op: "call", id, to, command, values: values || [], text: text || "" });
+  });
+}
+
+export function send(to, command, values) {
+  say({ op: "call", to, command, values }); // of a stream: nobody waits for the answer
+}
+
+let noted = null;
+export function note(element, kind, text) {
+  noted?.remove();
+  noted = document.createElement("div");
+  noted.className = `note ${kind}`;
+  noted.setAttribute("role", "status");
+  noted.textContent = text;
+  document.body.append(noted);
+  const at = element.getBoundingClientRect();
+  const box = noted.getBoundingClientRect();
+  noted.style.left = `${Math.max(8, Math.min(innerWidth - box.width - 8, at.left))}px`;
+  noted.style.top = `${at.bottom + box.height + 12 < innerHeight ? at.bottom + 6 : at.top - box.height - 6}px`;
+  const mine = noted;
+  setTimeout(() => mine.remove(), kind === "bad" ? 9000 : 3000);
+}
+
+export function confirmed(text) {
+  const dialog = document.getElementById("confirm");
+  document.getElementById("confirm-text").textContent = text;
+  dialog.returnValue = "";
+  dialog.showModal();
+  return new Promise((resolve) => dialog.addEventListener("close", () => resolve(dialog.returnValue === "yes"), { once: true }));
+}
+
+const GOOD = ["done", "accepted"];
+
+export async function perform(button, steps) {
+  button.dataset.outcome = "waiting";
+  for (const step of steps) {
+    const results = await Promise.all(step.map(([to, command, values, text]) => call(to, command, values, text)));
+    const wrong = results.map(([outcome, reason], i) => [outcome, reason, step[i][0]]).filter(([outcome]) => !GOOD.includes(outcome));
+    if (wrong.length) {
+      button.dataset.outcome = wrong[0][0];
+      const words = wrong.map(([outcome, reason, to]) => `${reason.startsWith(to) ? "" : `${to}: `}${outcome}: ${reason}`).join("\n");
+      note(button, "bad", words);
+      return false;
+    }
+  }
+  button.dataset.outcome = "done";
+  note(button, "good", "done");
+  return true;
+}
+
+export async function asked(button, steps, free) {
+  if (!you && !free) {
+    note(button, "bad", "Take control first: this page only looks.");
+    return false;
+  }
+  if (button.dataset.confirm && !(await confirmed(button.dataset.confirm))) return false;
+  return perform(button, steps);
+}
+
+async function control(button) {
+  if (you) say({ op: "control", take: false });
+  else if (!holder || (await confirmed(`${holder} has control. Take it over?`)))
+    say({ op: "control", take: true, over: Boolean(holder) });
+}
+
+document.addEventListener("click", (event) => {
+  const button = event.target.closest("button");
+  if (!button) return;
+  if (button.id === "control") control(button);
+  else if (button.dataset.steps) asked(button, JSON.parse(button.dataset.steps), button.dataset.free !== undefined);
+  else if (button.dataset.opens) document.getElementById(button.dataset.opens).showModal();
+  else if (button.dataset.does === "units") {
+    localStorage.setItem("units", units() === "deg" ? "si" : "deg");
+    render();
+  } else if (button.dataset.does === "theme") theme(document.documentElement.dataset.theme === "dark" ? "light" : "dark");
+});
+
+// A held jog: said every 50 ms while it is pressed; the arm ends it by itself 0.1 s after the last time.
+let jogging = 0;
+function jogEnds() {
+  clearInterval(jogging);
+  jogging = 0;
+  document.querySelector(".jog.on")?.classList.remove("on");
+}
+export function jogBegins(button, make) {
+  jogEnds();
+  if (!you) return note(button, "bad", "Take control first: this page only looks.");
+  const push = () => {
+    const found = make();
+    if (!found || !you || document.hidden) return jogEnds();
+    send(...found);
+  };
+  button.classList.add("on");
+  // The first goes with an answer, so that a refusal is seen.
+  const first = make();
+  if (first) call(first[0], first[1], first[2], "", (outcome, text) => GOOD.includes(outcome) || (jogEnds(), note(button, "bad", `${outcome}: ${text}`)));
+  jogging = setInterval(push, 50);
+}
+for (const name of ["pointerup", "pointercancel", "blur", "visibilitychange"]) window.addEventListener(name, jogEnds, true);
+document.addEventListener("visibilitychange", () => (jogEnds(), want()));
+
+// --- keys, theme
+
+const KEYS = { o: "power-off", p: "power-on", h: "home" };
+document.addEventListener("keydown", (event) => {
+  if (event.ctrlKey && !event.altKey && KEYS[event.key.toLowerCase()]) {
+    event.preventDefault();
+    document.getElementById(KEYS[event.key.toLowerCase()])?.click();
+  } else if (event.key === "?" && !/INPUT|TEXTAREA|SELECT/.test(document.activeElement?.tagName || ""))
+    document.getElementById("help").showModal();
+});
+
+function theme(name) {
+  localStorage.setItem("theme", name);
+  document.documentElement.dataset.theme = name;
+  document.documentElement.style.colorScheme = name;
+}
+
+// A number as people type it, with a comma or a point; null when it is none.
+export function typed(text) {
+  const found = Number(text.trim().replace(",", ".").replace("−", "-"));
+  return text.trim() && Number.isFinite(found) ? found : null;
+}
+
+// --- messages and processes: lists, made anew when they change
+
+const cell = (tag, text, className = "") => Object.assign(document.createElement(tag), { textContent: text, className });
+
+let listed = "";
+function messages() {
+  const list = document.getElementById("messages");
+  const rows = sources.messages?.rows;
+  if (!list || !rows) return;
+  const least = document.getElementById("severity")?.value || "status";
+  const from = document.getElementById("from")?.value || "";
+  const levels = ["status", "warning", "error"];
+  const chosen = rows.filter((row) => levels.indexOf(row.severity) >= levels.indexOf(least) && (!from || row.from === from));
+  const key = `${least} ${from} ${chosen.length} ${chosen.at(-1)?.order}`;
+  if (key === listed && list.childElementCount) return;
+  listed = key;
+  const atEnd = list.scrollTop + list.clientHeight >= list.scrollHeight - 20;
+  list.replaceChildren(
+    ...(chosen.length ? chosen : [null]).map((row) => {
+      const line = cell("div", "", `message ${row?.severity || ""}`);
+      if (!row) line.append(cell("span", "No messages."));
+      else {
+        line.append(cell("time", new Date(row.at_ms).toLocaleTimeString("en-GB")), cell("b", row.from), cell("span", row.text));
+        if (row.hint) line.append(cell("em", row.hint));
+      }
+      return line;
+    }),
+  );
+  if (atEnd) list.scrollTop = list.scrollHeight;
+}
+
+// The remedy of an arm in FAULT: the hint of its last error.
+function remedies() {
+  for (const element of document.querySelectorAll("[data-remedy]")) {
+    const rows = sources.messages?.rows || [];
+    const last = rows.findLast((row) => row.severity === "error" && row.hint && (row.from === element.dataset.remedy || row.text.includes(element.dataset.remedy)));
+    put(element, last?.hint || "");
+  }
+}
+
+const shownOr = (v, digits) => (typeof v === "number" && v > 0 ? v.toFixed(digits) : "–");
+function processes() {
+  const body = document.getElementById("processes");
+  const rows = sources.processes?.rows;
+  if (!body || !rows) return;
+  body.replaceChildren(
+    ...rows.map((row) => {
+      const line = document.createElement("tr");
+      line.className = row.state === "RUNNING" ? "" : row.state === "STOPPED" ? "quiet" : "bad";
+      line.append(
+        cell("td", row.name), cell("td", row.kind), cell("td", row.state.toLowerCase()), cell("td", shownOr(row.rate_hz, 0)),
+        cell("td", shownOr(row.period_p99_ms, 2)), cell("td", shownOr(row.work_p99_ms, 2)), cell("td", String(row.missed)),
+        cell("td", row.cpu === null ? "–" : row.cpu.toFixed(0)), cell("td", shownOr(row.memory_mb, 0)),
+        cell("td", String(row.restarts ?? 0)), cell("td", row.exit_reason || row.policy || ""),
+      );
+      return line;
+    }),
+  );
+}
+
+onTick(messages);
+onTick(remedies);
+onTick(processes);
+document.addEventListener("change", messages);
+
+export function start() {
+  theme(localStorage.getItem("theme") || (matchMedia("(prefers-color-scheme: light)").matches ? "light" : "dark"));
+  connect();
+  setInterval(() => say({ op: "beat" }), 500);
+  setInterval(() => (want(), shown()), 250);
+}
+window.trocar = { value, data, hasControl, call, say, isConnected };
+start();

@@ -1,0 +1,51 @@
+"""The web console in a system file."""
+
+from __future__ import annotations
+
+import pytest
+
+from procs.document.bridges import WebConsole
+from procs.document.process import ON_DEMAND
+from procs.document.system import from_json, to_json
+from tests.config.conftest import SYSTEM, Home
+
+
+def attach(home: Home, text: str) -> None:
+    """The system's file with this `gui`."""
+    file = home.path / SYSTEM
+    file.write_text(file.read_text().replace("\ntrocar:\n", f"\ntrocar:\n  gui: {text}\n"))
+
+
+def test_without_more_it_is_for_this_machine_alone(home: Home) -> None:
+    attach(home, "{max_clients: 16}")
+    loaded = home.load()
+    assert loaded.system is not None and loaded.system.gui == WebConsole(("127.0.0.1:8080",))
+    row = loaded.system.process("gui")
+    assert (row.start, row.listen) == (ON_DEMAND, ("127.0.0.1:8080",))
+    assert from_json(to_json(loaded.system)) == loaded.system
+
+
+def test_a_system_without_it_has_none(home: Home) -> None:
+    loaded = home.load()
+    assert loaded.system is not None and loaded.system.gui is None
+    assert "gui" not in [row.name for row in loaded.system.processes]
+
+
+@pytest.mark.parametrize(("text", "words"), [
+    ("{listen: 0.0.0.0:8080}", "anybody could come to 0.0.0.0:8080"),
+    ("{listen: '[::]:8080', tls: {certificate: a, key: b}}", "anybody could come to [::]:8080"),
+    ("{token_file: nowhere}", "no file nowhere"),
+    ("{max_clients: 0}", "out of range"),
+    ("{port: 8080}", "port"),
+])
+def test_mistakes_of_a_web_console_are_told(home: Home, text: str, words: str) -> None:
+    attach(home, text)
+    assert any(words in str(error) for error in home.load().errors), home.load().errors
+
+
+def test_who_may_take_control_from_elsewhere_is_said(home: Home) -> None:
+    (home.path / "gui.token").write_text("0123456789abcdef")
+    attach(home, "{listen: 0.0.0.0:8080, token_file: ../gui.token}")
+    loaded = home.load()
+    assert loaded.system is not None, loaded.errors
+    assert "gui: who has the token may take control at 0.0.0.0:8080" in loaded.system.notes

@@ -1,0 +1,110 @@
+"""Real browsers for tests of the web console: Chromium without a window."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import shutil
+import tempfile
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from selenium import webdriver
+from selenium.webdriver.common.by import By
+from selenium.webdriver.remote.webelement import WebElement
+from selenium.webdriver.support.ui import WebDriverWait
+
+OPTIONS = ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--use-angle=swiftshader",
+           "--enable-unsafe-swiftshader", "--hide-scrollbars", "--disable-background-networking",
+           "--disable-component-update", "--no-first-run")
+DUE_S = 40.0
+
+
+class BrowserPage:
+    """A browser with the console open."""
+
+    def __init__(self, driver: webdriver.Chrome, address: str) -> None:
+        self.driver, self.address = driver, address
+
+    def open(self, path: str = "/") -> None:
+        """Load a page, and wait for its first data."""
+        self.driver.get(self.address + path)
+        self.until("document.body.dataset.connection === 'live' && document.querySelector('main')")
+
+    def js(self, code: str, *arguments: Any) -> Any:
+        """Run a piece of JavaScript in the page."""
+        return self.driver.execute_script(code, *arguments)  # type: ignore[no-untyped-call]
+
+    def until(self, condition: str, seconds: float = DUE_S) -> Any:
+        """Until an expression is true in the page."""
+        def holds(driver: webdriver.Chrome) -> Any:
+            with contextlib.suppress(Exception):
+                return self.js(f"return {condition}")
+            return False
+
+        try:
+            return WebDriverWait(self.driver, seconds, 0.05).until(holds)
+        except Exception:
+            shown = self.js("return document.body.innerText")[:1500]
+            pytest.fail(f"did not happen within {seconds} s: {condition}\n{shown}\n{self.wrongs()}")
+
+    def value(self, path: str) -> Any:
+        """What the page knows of a source."""
+        return self.js("return window.trocar.value(arguments[0])", path)
+
+    def find(self, css: str) -> WebElement:
+        """One element."""
+        return self.driver.find_element(By.CSS_SELECTOR, css)
+
+    def click(self, css: str, *, yes: bool = True) -> None:
+        """Press a button, and answer what it asks."""
+        button = self.find(css)
+        self.js("arguments[0].scrollIntoView({block: 'center'})", button)
+        button.click()
+        if self.js("return document.getElementById('confirm').open"):
+            self.find("#confirm button.primary" if yes else "#confirm button.quiet").click()
+
+    def take_control(self) -> None:
+        """Press Take control."""
+        self.click("#control")
+        self.until("document.body.dataset.control === 'you'")
+
+    def note(self) -> str:
+        """What is said beside the button that was pressed."""
+        return str(self.until("document.querySelector('.note')?.textContent"))
+
+    def wrongs(self) -> list[str]:
+        """What the browser complains of: scripts, files that are not there, addresses that it may not ask."""
+        return [row["message"] for row in self.driver.get_log("browser") if row["level"] == "SEVERE"]
+
+    def addresses(self) -> list[str]:
+        """All that it has asked the network for."""
+        found = []
+        for row in self.driver.get_log("performance"):
+            message = json.loads(row["message"])["message"]
+            if message["method"] == "Network.requestWillBeSent":
+                found.append(message["params"]["request"]["url"])
+        return found
+
+
+@contextlib.contextmanager
+def chromium(address: str, width: int = 1280, height: int = 720) -> Iterator[BrowserPage]:
+    """A browser of its own; it ends with the test."""
+    binary, service = shutil.which("chromium"), shutil.which("chromedriver")
+    if binary is None or service is None:
+        pytest.skip("chromium and chromedriver are not here: apt-get install chromium chromium-driver")
+    options = webdriver.ChromeOptions()
+    options.binary_location = binary
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as home:
+        for option in (*OPTIONS, f"--window-size={width},{height}", f"--user-data-dir={home}"):
+            options.add_argument(option)
+        options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+        driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(service))
+        try:
+            driver.set_window_rect(0, 0, width, height)
+            driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", {
+                "width": width, "height": height, "deviceScaleFactor": 1, "mobile": False})
+            yield BrowserPage(driver, address)
+        finally:
+            driver.quit()

@@ -1,0 +1,225 @@
+"""What pages see and may ask for, on a system that the test plays; without a web server."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from procs.crtk.calls import owners_of
+from procs.document.system import from_json
+from procs.gui.browsers import Browser, Browsers, ConsoleService
+from procs.gui.catalogue import sources_of
+from shm import directory
+from shm.clock import monotonic_ns
+from tests.conftest import World
+from tests.tools.robot import ScriptedRobot, robot
+
+
+class FakePage:
+    """The end of a connection that a browser has."""
+
+    def __init__(self) -> None:
+        self.heard: list[dict[str, Any]] = []
+        self.closed = ""
+
+    async def send_text(self, data: str) -> None:
+        self.heard.append(json.loads(data))
+
+    async def close(self, code: int = 1000, reason: str | None = None) -> None:
+        self.closed = reason or "?"
+
+    def last(self, op: str) -> dict[str, Any]:
+        return next(message for message in reversed(self.heard) if message["op"] == op)
+
+
+class Console:
+    """A console with pages, without a server."""
+
+    def __init__(self, scripted: ScriptedRobot) -> None:
+        document = from_json(directory.document(scripted.name))
+        self.robot, self.is_over = scripted, False
+        self.sources = sources_of(document)
+        self.all = Browsers(ConsoleService(scripted.name, owners_of(document), self.sources, lambda: self.is_over, "r"))
+        self.control = self.all.served.control
+        self._tasks: list[asyncio.Task[None]] = []
+        self.made = 0
+
+    def page(self) -> tuple[Browser, FakePage]:
+        self.made += 1
+        page = FakePage()
+        browser = self.all.come(page, f"page {self.made}")
+        self._tasks.append(asyncio.ensure_future(browser.deliver()))
+        return browser, page
+
+    async def tick(self, now_ns: int | None = None) -> None:
+        self.all.tick(monotonic_ns() if now_ns is None else now_ns)
+        for _ in range(4):
+            await asyncio.sleep(0)
+
+    async def ask(self, browser: Browser, page: FakePage, op: str, **parts: Any) -> dict[str, Any]:
+        browser.handle(json.dumps({"op": op, "id": 1, **parts}))
+        await self.tick()
+        return page.last("reply")
+
+    def close(self) -> None:
+        for browser in tuple(self.all.all):
+            self.all.leave(browser)
+        for task in self._tasks:
+            task.cancel()
+        self.sources.close()
+
+
+Story = Callable[[Console], Any]
+
+
+def play(world: str, story: Story) -> None:
+    """Run a test's story."""
+    async def run() -> None:
+        with robot(world) as scripted:
+            console = Console(scripted)
+            try:
+                await story(console)
+            finally:
+                console.close()
+
+    asyncio.run(run())
+
+
+def executed(scripted: ScriptedRobot) -> list[str]:
+    """What came to the arm."""
+    found = []
+    for command in scripted.mailbox.drain():
+        found.append(command.name)
+        scripted.mailbox.reply(command, 3, "")  # done
+    return found
+
+
+def test_a_page_gets_what_it_wants_when_it_changes(world: World) -> None:
+    async def story(console: Console) -> None:
+        browser, page = console.page()
+        console.robot.show_arm(0.1, "ENABLED")
+        await console.tick()
+        assert page.heard[0]["op"] == "hello" and len(page.heard) == 1
+        browser.handle('{"op": "want", "sources": ["PSM1/state"]}')
+        await console.tick()
+        shown = page.last("tick")["data"]["PSM1/state"]
+        assert shown["state"] == "ENABLED" and shown["position"][0] == 0.1 and shown["velocity"][0] is None
+        await console.tick()
+        assert page.last("tick")["data"] == {}
+        console.robot.show_arm(0.2, "ENABLED")
+        await console.tick()
+        assert page.last("tick")["data"]["PSM1/state"]["position"][0] == 0.2
+        browser.handle('{"op": "want", "sources": []}')
+        count = len(page.heard)
+        await console.tick()
+        assert len(page.heard) == count and console.sources.are_open == 0
+
+    play(world.name, story)
+
+
+def test_a_page_that_does_not_keep_up_gets_all_of_the_newest(world: World) -> None:
+    async def story(console: Console) -> None:
+        browser, page = console.page()
+        console.robot.show_arm(0.1)
+        browser.handle('{"op": "want", "sources": ["PSM1/state"]}')
+        console.all.tick(monotonic_ns())
+        console.all.tick(monotonic_ns())  # nothing new, and the first was not taken
+        await console.tick()
+        ticks = [message for message in page.heard if message["op"] == "tick"]
+        assert len(ticks) == 1 and "PSM1/state" in ticks[0]["data"] and console.all.served.counts.lost == 2
+
+    play(world.name, story)
+
+
+def test_what_is_old_says_how_old_it_is(world: World) -> None:
+    async def story(console: Console) -> None:
+        browser, page = console.page()
+        browser.handle('{"op": "want", "sources": ["PSM1/state", "IO1/state"]}')
+        console.robot.show_arm(0.1)
+        await console.tick(monotonic_ns() + 3_000_000_000)
+        data = page.last("tick")["data"]
+        assert 2.9 <= data["PSM1/state"]["age"] <= 3.5 and data["IO1/state"] == {"age": None}
+
+    play(world.name, story)
+
+
+def test_only_the_page_that_has_control_commands(world: World) -> None:
+    async def story(console: Console) -> None:
+        (first, one), (second, two) = console.page(), console.page()
+        enable = {"to": "PSM1", "command": "state_command", "text": "enable"}
+        for forged in (enable, {"to": "PSM1", "command": "servo_jv", "values": [0.1] * 6},
+                       {"to": "PSM1", "command": "state_command", "text": "enable disable"},
+                       {"to": "supervisor", "command": "stop"}):
+            answer = await console.ask(first, one, "call", **forged)
+            assert answer["outcome"] == "refused" and "take control" in answer["text"]
+        assert executed(console.robot) == []
+        first.handle('{"op": "control", "take": true}')
+        await console.ask(first, one, "call", **enable)
+        assert executed(console.robot) == ["state_command"]
+        await console.tick()
+        assert one.last("reply")["outcome"] == "done"
+        answer = await console.ask(second, two, "control", take=True)
+        assert answer["outcome"] == "refused" and "page 1 has control" in answer["text"]
+        assert "take control" in (await console.ask(second, two, "call", **enable))["text"]
+        second.handle('{"op": "control", "take": true, "over": true}')
+        assert "take control" in (await console.ask(first, one, "call", **enable))["text"]
+        assert executed(console.robot) == []
+        console.all.leave(second)
+        assert console.control.holder(monotonic_ns()) == ""
+
+    play(world.name, story)
+
+
+@pytest.mark.parametrize(("command", "text"), [("hold", ""), ("state_command", "disable"), ("state_command", "pause")])
+def test_every_page_may_stop_the_robot(world: World, command: str, text: str) -> None:
+    async def story(console: Console) -> None:
+        browser, page = console.page()
+        browser.handle(json.dumps({"op": "call", "id": 1, "to": "PSM1", "command": command, "text": text}))
+        assert executed(console.robot) == [command]
+        await console.tick()
+        assert page.last("reply")["outcome"] == "done"
+
+    play(world.name, story)
+
+
+@pytest.mark.parametrize(("message", "words"), [
+    ("[]", "an object"), ("{", "no JSON"), ('{"op": "shout"}', "no op shout"), ('{"op": "want"}', "sources is missing"),
+    ('{"op": "want", "sources": ["nothing/state"]}', "no source nothing/state"),
+    ('{"op": "want", "sources": "PSM1/state"}', "a list"), ('{"op": "control", "take": 1}', "true or false"),
+    ('{"op": "call", "to": "PSM1", "command": "move_jp", "values": [NaN]}', "no number"),
+    ('{"op": "call", "to": "PSM1", "command": "move_jp", "values": ["1"]}', "numbers"),
+    ('{"op": "call", "to": "PSM9", "command": "hold"}', "no component PSM9"),
+    ('{"op": "call", "to": "PSM1", "command": "hold", "as": "root"}', "no part as"),
+    ('{"op": "beat", "id": {}}', "id has to be"), (" " * 70000, "65536 bytes"),
+])
+def test_what_is_no_message_is_answered_and_does_nothing(world: World, message: str, words: str) -> None:
+    async def story(console: Console) -> None:
+        browser, page = console.page()
+        browser.handle(message)
+        await console.tick()
+        answer = page.last("reply")
+        assert answer["outcome"] == "refused" and words in answer["text"], answer
+        assert executed(console.robot) == [] and console.all.served.counts.refused == 1
+
+    play(world.name, story)
+
+
+def test_who_was_held_up_disconnects_all_and_hears_no_more_of_them(world: World) -> None:
+    async def story(console: Console) -> None:
+        browser, page = console.page()
+        browser.handle('{"op": "control", "take": true}')
+        console.is_over = True
+        answer = await console.ask(browser, page, "call", to="PSM1", command="move_jp", values=[0.0] * 6)
+        assert "held up" in answer["text"]
+        console.is_over = False
+        console.all.forget("held up")
+        browser.handle('{"op": "call", "to": "PSM1", "command": "hold"}')
+        await console.tick()
+        assert page.closed == "held up" and executed(console.robot) == []
+        assert console.control.holder(monotonic_ns()) == ""
+
+    play(world.name, story)

@@ -1,0 +1,107 @@
+"""Who may come in: tokens, names, origins, and programs of other users."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from typing import Any
+
+import pytest
+
+from procs.gui import gate
+from procs.gui.gate import Gate
+
+TOKEN = b"0123456789abcdef"
+HERE = {"host": "127.0.0.1:8080"}
+
+
+class Response:
+    """What became of a request."""
+
+    def __init__(self) -> None:
+        self.status, self.reason, self.body, self.headers = 0, "", b"", {}
+
+    async def send(self, message: dict[str, Any]) -> None:
+        self.status = message.get("status", 403 if message["type"] == "websocket.close" else self.status)
+        self.reason = message.get("reason", self.reason)
+        self.body += message.get("body", b"")
+        self.headers |= {name.decode(): value.decode() for name, value in message.get("headers", ())}
+
+
+async def pages(scope: Any, receive: Any, send: Any) -> None:
+    await send({"type": "http.response.start", "status": 200, "headers": []})
+    await send({"type": "http.response.body", "body": b"a page"})
+
+
+def ask(headers: dict[str, str], *, token: bytes = b"", ours: bool = True, client: str = "127.0.0.1",
+        kind: str = "http", method: str = "GET", path: str = "/", query: str = "", body: bytes = b"") -> Response:
+    scope = {"type": kind, "method": method, "path": path, "query_string": query.encode(), "scheme": "http",
+             "client": (client, 4000), "server": (client, 8080),
+             "headers": [(name.encode(), value.encode()) for name, value in headers.items()]}
+
+    async def receive() -> dict[str, Any]:
+        return {"type": "http.request", "body": body}
+
+    asked = Response()
+    made = Gate(pages, token, False, logging.getLogger("gate"), lambda peer, port: ours)
+    asyncio.run(made(scope, receive, asked.send))
+    return asked
+
+
+def test_our_own_programs_on_this_machine_need_nothing() -> None:
+    assert ask(HERE).body == b"a page"
+    assert ask({"host": "localhost:8080"}).status == ask({"host": "[::1]:8080"}).status == 200
+
+
+@pytest.mark.parametrize(("headers", "words"), [
+    ({"host": "evil.example:8080"}, "no name of this machine"),
+    ({"host": "127.0.0.1.evil.example"}, "no name of this machine"),
+    ({}, "no name of this machine"),
+    ({**HERE, "origin": "https://evil.example"}, "not from here"),
+    ({**HERE, "origin": "http://127.0.0.1:9"}, "not from here"),
+    ({**HERE, "origin": "null"}, "not from here"),
+])
+@pytest.mark.parametrize("kind", ["http", "websocket"])
+def test_pages_of_others_cannot_come_through_our_browser(headers: dict[str, str], words: str, kind: str) -> None:
+    asked = ask(headers, kind=kind)
+    assert asked.status == 403 and words in asked.reason + asked.body.decode()
+
+
+def test_what_changes_something_has_to_come_from_our_page() -> None:
+    assert ask(HERE, method="POST").status == 403
+    assert ask({**HERE, "origin": "http://127.0.0.1:8080"}, method="POST").status == 200
+
+
+def test_programs_of_other_users_are_refused_without_a_token() -> None:
+    assert ask(HERE, ours=False).status == 403
+    assert ask({"host": "10.0.0.1"}, client="10.0.0.7").status == 403
+
+
+@pytest.mark.parametrize(("ours", "client"), [(False, "127.0.0.1"), (True, "10.0.0.7")])
+def test_the_token_opens_the_pages(ours: bool, client: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(gate, "GUESS_S", 0.0)
+    headers = {"host": "robot.lab:8080"}
+
+    def asked(more: dict[str, str] | None = None, **options: Any) -> Response:
+        return ask({**headers, **(more or {})}, token=TOKEN, ours=ours, client=client, **options)
+
+    assert asked().status == 401 and b"<form" in asked().body
+    wrong = asked(query="token=0123456789abcdeX")
+    assert wrong.status == 401 and b"not the token" in wrong.body and "set-cookie" not in wrong.headers
+    link = asked(query="token=0123456789abcdef")
+    form = asked({"origin": "http://robot.lab:8080"}, method="POST", path="/token", body=b"token=0123456789abcdef")
+    cookie = link.headers["set-cookie"].split(";")[0]
+    assert form.headers["set-cookie"].split(";")[0] == cookie and "0123456789abcdef" not in cookie
+    assert asked({"cookie": cookie}).body == b"a page"
+    assert asked({"cookie": cookie[:-1] + "x"}).status == 401
+    assert asked({"cookie": "trocar="}).status == 401
+    assert asked({"cookie": cookie, "origin": "https://evil.example"}).status == 403
+
+
+def test_a_connection_needs_the_token_too() -> None:
+    assert "token is missing" in ask({"host": "robot.lab"}, token=TOKEN, client="10.0.0.7", kind="websocket").reason
+
+
+def test_nothing_is_fetched_from_elsewhere_and_no_page_frames_ours() -> None:
+    policy = ask(HERE).headers["content-security-policy"]
+    assert "default-src 'self'" in policy and "http" not in policy and "frame-ancestors 'none'" in policy
