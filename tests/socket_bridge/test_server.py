@@ -235,12 +235,9 @@ def test_who_asks_and_never_reads_is_disconnected(world: Any, monkeypatch: pytes
     @story(world)
     async def _(made: Bridge) -> None:
         async with made.client() as client:
-            for _ in range(100):
+            while made.server.sessions:  # what the kernel keeps for a slow reader grows with the load of the machine
                 client.raw(b'{"op": "list"}\n' * 50)
                 await asyncio.sleep(0.005)
-                if not made.server.sessions:
-                    break
-            await made.until(lambda: not made.server.sessions)
 
 
 def test_long_lines_end_a_connection_and_no_other(world: Any) -> None:
