@@ -101,6 +101,7 @@ IO_STATE = Topic(
         View("measured_js", "js", (("position", "position"), ("velocity", "velocity"), ("effort", "effort")), "robot"),
         View("setpoint_js", "js", (("position", "setpoint_position"), ("velocity", "setpoint_velocity"),
                                    ("effort", "setpoint_effort")), "robot"),
+        View("error_state/measured_js", "js", (("position", "position_error"),), "robot"),
         View("firmware/measured_js", "js", (("position", "position"), ("velocity", "firmware_velocity")), "robot"),
         View("software/measured_js", "js", (("position", "position"), ("velocity", "software_velocity")), "robot"),
         View("pot/measured_js", "js", (("position", "pot_position"),), "robot"),

@@ -14,6 +14,7 @@ class RosBridge:
     period_s: float
     namespace: str = ""
     may_power: bool = True  # people on the network may power and home
-    io: str = "off"  # or ro: seen, not commanded
+    pid: str = "off"  # joint controllers: ro: seen, rw: also commanded
+    io: str = "off"  # the same
     tf: bool = True
     stats: bool = True

@@ -13,13 +13,15 @@ from typing import Any, Final
 import numpy as np
 
 from procs.ros.dds import Participant, TopicReader
-from procs.ros_bridge.incoming import COMMAND_TOPICS, STREAM, CommandTopic
+from procs.ros_bridge.incoming import COMMAND_TOPICS, STREAM, CommandTopic, no_text
 from procs.ros_bridge.publishing import ros_topic
 from procs.ros_bridge.refusals import Refusals
 from shm.client import Client, MailboxFull
 from shm.segment import SegmentError
 
-POWERS: Final = frozenset(("power_on", "home", "teleop_enable"))
+POWERS: Final = frozenset(("power_on", "home", "teleop_enable", "pid_enable", "brake_release"))
+SWITCHES: Final = frozenset(("teleop_enable", "pid_enable"))
+"""Of those whoever switches off may do that."""
 POWERING_STATES: Final = frozenset(("enable", "home", "resume"))
 MAY_NOT: Final = "the ROS bridge may not power or home (trocar: {ros: {may_power: …}})"
 
@@ -31,14 +33,17 @@ class Addressee:
     name: str
     kind: str
     type: str = ""  # of an arm: PSM…, of a teleoperation: that of its slave
-    setups: tuple[str, ...] = ()
+    parts: tuple[tuple[str, str], ...] = ()
+    """Setup arms or robots: how topics call them, and commands."""
+    prefix: str = ""
+    """Of its topics, where that is not its name."""
 
 
 def powers(command: str, numbers: Sequence[float], text: str) -> bool:
     """Whether power, homing or following may come of it."""
     if command == "state_command":
         return text.strip() in POWERING_STATES
-    return command in POWERS and (command != "teleop_enable" or any(numbers))
+    return command in POWERS and (command not in SWITCHES or any(numbers))
 
 
 @dataclass(slots=True)
@@ -64,7 +69,8 @@ class Commands:
         for to in addressees:
             client = Client(system, to.name, "ros_bridge")
             self._clients.append(client)
-            self._asked += [AskedTopic(participant.reader(ros_topic(f"{to.name}/{topic}"), row.message, row.depth), row,
+            self._asked += [AskedTopic(participant.reader(ros_topic(f"{to.prefix or to.name}/{topic}"), row.message,
+                                                          row.depth), row,
                                   client, text) for row, topic, text in topics_of(to)]
 
     def take(self) -> None:
@@ -114,8 +120,9 @@ def topics_of(to: Addressee) -> list[tuple[CommandTopic, str, str]]:
     for row in COMMAND_TOPICS:
         if row.kind != to.kind or (row.types and to.type not in row.types):
             continue
-        if "{setup}" in row.topic:
-            found += [(row, row.topic.format(setup=name), name) for name in to.setups]
+        if "{part}" in row.topic:
+            found += [(row, row.topic.format(part=called), "" if row.text is not no_text else name)
+                      for called, name in to.parts]
         else:
             found.append((row, row.topic, ""))
     return found

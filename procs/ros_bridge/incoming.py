@@ -1,8 +1,8 @@
 """THE TABLE of what ROS may ask: topics, their messages, and the command that each becomes.
 
-A row is all that a new topic needs. `topic` is behind the name of the instance, `{setup}` stands for each setup arm;
-`numbers` and `text` take from a message what the command table (shm/commands.py) says. What the numbers may be is for
-whoever carries the command out; here a message is only taken apart.
+A row is all that a new topic needs. `topic` is behind the name of the instance, `{part}` stands for each setup arm or
+robot; `numbers` and `text` take from a message what the command table (shm/commands.py) says. What the numbers may be
+is for whoever carries the command out; here a message is only taken apart.
 """
 
 from __future__ import annotations
@@ -41,7 +41,8 @@ def _nothing(message: Any) -> Numbers:
     return ()
 
 
-def _no_text(message: Any) -> str:
+def no_text(message: Any) -> str:
+    """Nothing: or the name of the part in the topic."""
     return ""
 
 
@@ -103,7 +104,7 @@ class CommandTopic:
     topic: str
     message: type[IdlStruct]
     numbers: Take = _nothing
-    text: Callable[[Any], str] = _no_text
+    text: Callable[[Any], str] = no_text
     command: str = ""
     """Empty: it is called as the topic."""
     types: tuple[str, ...] = ()
@@ -186,8 +187,9 @@ COMMAND_TOPICS: Final = (
     CommandTopic(ARM, "unlock_orientation", Empty, types=MTM),
     CommandTopic("suj", "state_command", StringStamped, text=_stamped),
     CommandTopic("suj", "set_reference_arm", String, text=_data),
-    CommandTopic("suj", "{setup}/servo_jp", JointStates, _positions, command="servo_jp"),
-    CommandTopic("suj", "{setup}/move_jp", JointStates, _positions, command="move_jp"),
+    CommandTopic("suj", "{part}/state_command", StringStamped, text=_stamped, command="state_command"),
+    CommandTopic("suj", "{part}/servo_jp", JointStates, _positions, command="servo_jp"),
+    CommandTopic("suj", "{part}/move_jp", JointStates, _positions, command="move_jp"),
     CommandTopic("teleop", "state_command", StringStamped, text=_stamped),
     CommandTopic("teleop", "set_scale", Float64, _number),
     CommandTopic("teleop", "lock_rotation", Bool, _number, types=PSM),
@@ -204,6 +206,14 @@ COMMAND_TOPICS: Final = (
     CommandTopic("focus", "lock", Bool, _number),
     CommandTopic("focus", "focus_in", Bool, _number),
     CommandTopic("focus", "focus_out", Bool, _number),
+    CommandTopic("io", "{part}/power_on", Empty, command="power_on"),
+    CommandTopic("io", "{part}/power_off", Empty, command="power_off"),
+    CommandTopic("io", "{part}/brake_release", Empty, command="brake_release"),
+    CommandTopic("io", "{part}/brake_engage", Empty, command="brake_engage"),
+    CommandTopic("io", "{part}/tracking_check", Bool, _number, command="tracking_check"),
+    CommandTopic("io", "{part}/pot_check", Bool, _number, command="pot_check"),
+    CommandTopic("pid", "{part}/enable", Bool, _number, command="pid_enable"),
+    CommandTopic("pid", "{part}/use_setpoint_v", Bool, _number, command="use_setpoint_v"),
     CommandTopic("system", "power_off", Empty),
     CommandTopic("system", "power_on", Empty),
     CommandTopic("system", "home", Empty),

@@ -15,7 +15,6 @@ from typing import Final
 from procs import codes
 from procs.crtk.stamps import Stamps
 from procs.crtk.topics import EVENT, RECORD, TopicEntry, catalogue
-from procs.document.ros import RosBridge
 from procs.document.system import SystemConfig
 from procs.own_memory import Closing
 from procs.pauses import duration
@@ -23,12 +22,14 @@ from procs.ros.dds import EVENT_DEPTH, Participant
 from procs.ros.messages import Clock, Log, OperatingState
 from procs.ros_bridge.carrying_out import Addressee, Commands
 from procs.ros_bridge.descriptions import Descriptions
+from procs.ros_bridge.events import EventTopics
 from procs.ros_bridge.frames import TipFrames
 from procs.ros_bridge.interval_statistics import LoopStatistics
-from procs.ros_bridge.outgoing import FIELD_TOPICS, FieldTopic
-from procs.ros_bridge.publishing import EventTopics, RecordTopics
+from procs.ros_bridge.outgoing import VIEW_MESSAGES
+from procs.ros_bridge.publishing import RecordTopics
 from procs.ros_bridge.refusals import Refusals
 from procs.ros_bridge.services import Services
+from procs.ros_bridge.shown import READ_WRITE, ShownTopics
 from procs.ros_bridge.stamps import time_of
 from procs.user_life import live
 from procs.user_process import OwnProcess
@@ -36,8 +37,6 @@ from shm import directory
 from shm.clock import boottime_ns
 from shm.origins import ACTING
 
-SHOWN: Final = ("arm", "suj", "teleop", "console", "focus", "system", "third_party")
-"""Kinds that ROS knows; io's only where it is asked for."""
 LOOK_NS: Final = 100_000_000
 FRAMES_NS: Final = 20_000_000
 STATISTICS_NS: Final = 200_000_000
@@ -48,9 +47,16 @@ DEAF_NS: Final = 100_000_000
 
 def addressees(system: SystemConfig) -> list[Addressee]:
     """Whoever can be asked something."""
+    ros = system.ros
+    robots = [(io.name, tuple((robot.name, robot.name) for robot in io.robots)) for io in system.ios
+              if ros is not None and ros.io == READ_WRITE]
+    pids = [(io.name, tuple((pid.arm, pid.robot) for pid in io.pids)) for io in system.ios
+            if ros is not None and ros.pid == READ_WRITE]
     return [
+        *(Addressee(name, "io", parts=parts, prefix=f"IO/{name}") for name, parts in robots),
+        *(Addressee(name, "pid", parts=parts, prefix="PID") for name, parts in pids),
         *(Addressee(row.name, "arm", row.type) for row in system.arms),
-        *(Addressee(row.name, "suj", setups=tuple(arm.name for arm in row.arms)) for row in system.carts),
+        *(Addressee(row.name, "suj", parts=tuple((arm.name, arm.name) for arm in row.arms)) for row in system.carts),
         *(Addressee(row.name, "teleop", "PSM") for row in system.teleop_psms),
         *(Addressee(row.name, "teleop", "ECM") for row in system.teleop_ecms),
         *(Addressee(row.name, kind) for kind, rows in (("console", system.consoles), ("focus", system.focuses))
@@ -91,8 +97,7 @@ class RosLoop(OwnProcess):
         self.records: list[RecordTopics] = []
         self.events: dict[str, EventTopics] = {}
         asked = addressees(document)
-        types = {each.name: each.type for each in asked}
-        self._publish_all(row, types)
+        self._publish_all(ShownTopics(document, row))
         arms = [each for each in asked if each.kind == "arm"]
         refusals = Refusals(self._warn, self.time.now_ns)
         self._incoming = Commands(participant, self.system, asked, may_power=row.may_power, refusals=refusals)
@@ -115,25 +120,26 @@ class RosLoop(OwnProcess):
         self._awake_ns, self._deaf_until_ns, self._forgets_all = boottime_ns(), 0, False
         participant.announce()
 
-    def _publish_all(self, row: RosBridge, types: dict[str, str]) -> None:
-        kinds = {each.name: each.kind for each in self.own.document.processes}
-        kinds |= {each.name: "third_party" for each in self.own.document.third_parties}
-        shown = (*SHOWN, "io") if row.io != "off" else SHOWN
+    def _publish_all(self, shown: ShownTopics) -> None:
         rings: dict[tuple[str, str], list[TopicEntry]] = {}
         for entry in catalogue(self.system):
-            if kinds.get(entry.instance) in shown and (not entry.problem or entry.kind != RECORD):
+            if not entry.problem or entry.kind != RECORD:
                 rings.setdefault((entry.instance, entry.ring), []).append(entry)
         for (instance, ring), entries in rings.items():
-            kind = kinds[instance]
             if ring == "events":
-                found = [entry for entry in entries if entry.kind == EVENT]
-                self.events[instance] = EventTopics(self.participant, instance,
+                found = [entry.event for entry in entries if entry.kind == EVENT]
+                if not (shown.buttons(instance) or any(shown.events(instance, event) for event in found)):
+                    continue
+                self.events[instance] = EventTopics(self.participant, instance, shown,
                                                     directory.reader(self.system, instance, ring), found,
                                                     self._rosout.write)
             elif ring == "state":
-                told = [field for field in FIELD_TOPICS if _is_of(field, kind, types.get(instance, ""))]
-                self.records.append(RecordTopics(self.participant, self.system, instance,
-                                                 directory.reader(self.system, instance, ring), entries, told))
+                views = [(entry, name) for entry in entries if entry.kind in VIEW_MESSAGES
+                         for name in shown.views(entry)]
+                if views or shown.fields(instance):
+                    self.records.append(RecordTopics(self.participant, self.system, instance,
+                                                     directory.reader(self.system, instance, ring), views,
+                                                     shown.fields(instance)))
         self._parts += [*self.events.values(), *self.records]
         self._begin_states()
 
@@ -210,10 +216,6 @@ class RosLoop(OwnProcess):
             part.close()
         if hasattr(self, "participant"):
             self.participant.close()
-
-
-def _is_of(row: FieldTopic, kind: str, type: str) -> bool:
-    return row.kind == kind and (not row.types or type in row.types)
 
 
 def find(document: SystemConfig, name: str) -> type[OwnProcess]:

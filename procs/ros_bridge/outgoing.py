@@ -94,9 +94,6 @@ VIEW_MESSAGES: Final = {
     "jacobian": ViewMessage(Float64MultiArray, ("data",), _matrix),
 }
 
-NOT_OF_ARMS: Final = frozenset(("setpoint_cv",))
-"""Views that dVRK's bridge does not have."""
-
 Row = dict[str, Any]
 
 
@@ -116,7 +113,8 @@ def _operating_state(row: Row) -> OperatingState:
     return OperatingState(state=str(plain(row["state"])), is_homed=bool(row["is_homed"]), is_busy=bool(row["is_busy"]))
 
 
-def _pressed(row: Row) -> Joy:
+def pressed(row: Row) -> Joy:
+    """A button's event."""
     return Joy(buttons=[PRESSED.get(str(plain(row["text"])), int(bool(row["value"])))])
 
 
@@ -131,7 +129,7 @@ class EventMessage:
 EVENT_MESSAGES: Final = {
     "operating_state": EventMessage(OperatingState, _operating_state),
     "goal_reached": EventMessage(Bool, _flag),
-    "arm_clutch": EventMessage(Joy, _pressed),
+    "arm_clutch": EventMessage(Joy, pressed),
     "tool_type": EventMessage(String, _text),
     "tool_type_request": EventMessage(Empty, _none),
     "endoscope_type": EventMessage(String, _text),
@@ -167,7 +165,10 @@ def _joy(cell: Cell) -> Joy:
 
 @dataclass(frozen=True, slots=True)
 class FieldTopic:
-    """A field of the state of a kind (of arms or teleoperations of these types), told when it changes."""
+    """A field of the state of a kind (of teleoperations of these types), told when it changes.
+
+    `topic` is behind the name of the instance; one of io has the name of an arm in it, and is the field of its robot.
+    """
 
     kind: str
     topic: str
@@ -195,5 +196,7 @@ FIELD_TOPICS: Final = (
     FieldTopic("console", "operator_present", "operator_present", Joy, _joy),
     FieldTopic("console", "clutch", "clutch", Joy, _joy),
     FieldTopic("console", "camera", "camera", Joy, _joy),
+    FieldTopic("io", "PID/{arm}/enabled", "pid_enabled", Bool, _bool),
+    FieldTopic("io", "PID/{arm}/setpoint_v_used", "use_setpoint_velocity", Bool, _bool),
     FieldTopic("system", "volume", "volume", Float64, _float),
 )

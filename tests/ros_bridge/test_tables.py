@@ -65,7 +65,8 @@ OTHERS = {
                "emulate_camera",
     "system": "power_off power_on home set_volume beep string_to_speech",
     "focus": "lock focus_in focus_out",
-    "suj": "set_reference_arm state_command {setup}/servo_jp {setup}/move_jp",
+    "suj": "set_reference_arm state_command {part}/state_command {part}/servo_jp {part}/move_jp",
+    "io": "{part}/power_on {part}/power_off", "pid": "{part}/enable {part}/use_setpoint_v",
 }
 
 
@@ -98,7 +99,7 @@ def test_consoles_teleoperations_and_the_others_take_what_they_take_from_the_ori
 
 @pytest.mark.parametrize("row", COMMAND_TOPICS, ids=lambda row: f"{row.kind}/{row.topic}")
 def test_every_row_is_a_command_that_its_kind_has_and_an_empty_message_is_taken_apart(row: CommandTopic) -> None:
-    command = next(each for each in COMMANDS[row.kind] if each.name == row.asks)
+    command = next(each for each in COMMANDS["io" if row.kind == "pid" else row.kind] if each.name == row.asks)
     message: Any = row.message()
     assert isinstance(row.text(message), str)
     assert np.asarray(row.numbers(message), dtype=np.float64).ndim == 1
@@ -163,9 +164,9 @@ def test_an_impedance_is_taken_apart_as_scripts_give_it() -> None:
 
 
 def test_setup_joints_have_topics_for_each_setup_arm() -> None:
-    found = topics_of(Addressee("SUJ", "suj", setups=("PSM1", "ECM")))
+    found = topics_of(Addressee("SUJ", "suj", parts=(("PSM1", "PSM1"), ("ECM", "ECM"))))
     assert ("PSM1/servo_jp", "PSM1") in {(topic, text) for _, topic, text in found}
-    assert ("set_reference_arm", "") in {(topic, text) for _, topic, text in found}
+    assert {("set_reference_arm", ""), ("PSM1/state_command", "")} < {(topic, text) for _, topic, text in found}
 
 
 def test_only_psms_have_jaws_and_only_masters_lock_their_orientation() -> None:

@@ -13,7 +13,7 @@ from cyclonedds.core import DDSException
 
 from procs.ros.dds import Participant
 from procs.ros.messages import JointStates, OperatingState, Time
-from procs.ros_bridge.publishing import REPEAT_NS, ToldState
+from procs.ros_bridge.events import REPEAT_NS, ToldState
 from procs.ros_bridge.refusals import KEPT, SILENT_NS, Refusals
 from procs.ros_bridge.services import STRANGERS, Services
 
@@ -82,7 +82,7 @@ def test_who_cannot_be_answered_is_told_once_and_not_remembered_for_ever() -> No
 def test_operating_states_go_on_with_newer_stamps_when_the_time_of_day_is_set_back() -> None:
     stamps: list[Time] = []
     writer: Any = SimpleNamespace(write=lambda message: stamps.append(message.header.stamp))
-    state = ToldState(writer, OperatingState())
+    state = ToldState([writer], OperatingState())
     now, ahead = 10 * HOUR_NS, 100 * HOUR_NS
     for step in range(6):
         if step == 3:

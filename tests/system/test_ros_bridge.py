@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import copy
 import itertools
+import json
 import os
 import signal
 import time
@@ -293,5 +294,5 @@ def test_an_arm_whose_bridge_dies_or_stops_in_a_stream_stays_where_it_is(
 
 
 def echo_position(robot: Robot) -> Any:
-    row = yaml.safe_load(robot.trocar("echo", "PSM1/measured_js", "--json", "--once"))
+    row = json.loads(robot.trocar("echo", "PSM1/measured_js", "--json", "--once"))
     return row["position"]

@@ -291,7 +291,7 @@ def _ros(context: Context, options: RosOptions | None) -> document.RosBridge | N
         what = "see, command, power and home" if may_power else "see and command"
         context.notes.append(f"ros: whoever is on the network of {options.interface} may {what} the robot")
     return document.RosBridge(options.domain, options.interface, options.period_s, options.namespace, may_power,
-                              options.io, options.tf, options.stats)
+                              options.pid, options.io, options.tf, options.stats)
 
 
 def _usual_clock(context: Context, ios: tuple[document.IoConfig, ...], carts: tuple[document.Cart, ...], emulated: bool,

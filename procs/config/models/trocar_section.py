@@ -94,7 +94,8 @@ class RosOptions(Section):
     period_s: float = Field(default=0.01, ge=0.001, le=1.0, description="s between two messages of a topic")
     namespace: str = Field(default="", pattern=r"^[A-Za-z][A-Za-z0-9_/]{0,39}$|^$", description="in front of all names")
     may_power: bool | None = Field(default=None, description="people there may power and home; usually on lo only")
-    io: Literal["off", "ro"] = "off"
+    pid: Literal["off", "ro", "rw"] = "off"
+    io: Literal["off", "ro", "rw"] = "off"
     tf: bool = True
     stats: bool = True
 

@@ -1,0 +1,111 @@
+"""What the events of an instance become in ROS, in the order in which they came."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any, Final
+
+from procs.crtk.stamps import Stamps
+from procs.ros.dds import LATCHED, Participant, TopicWriter
+from procs.ros.messages import Joy, Log, OperatingState
+from procs.ros_bridge.outgoing import EVENT_MESSAGES, EventMessage, pressed
+from procs.ros_bridge.publishing import ros_topic
+from procs.ros_bridge.shown import ShownTopics
+from procs.ros_bridge.stamps import time_of
+from shm.events import ERROR, STATUS, WARNING
+from shm.ring import RingReader
+
+BUTTON: Final = EventMessage(Joy, pressed)
+PRESS: Final = b"button"
+"""The event of io's digital inputs; `component` is the name of one."""
+NOBODY: Final[tuple[None, list[TopicWriter[Any]]]] = (None, [])
+LEVELS: Final = {STATUS: 20, WARNING: 30, ERROR: 40}
+"""Of /rosout."""
+REPEAT_NS: Final = 100_000_000
+"""Between two messages of an operating state: who comes late has to hear it."""
+
+
+@dataclass(slots=True)
+class ToldState:
+    """The operating state told last; its stamps increase strictly, as clients compare them."""
+
+    writers: list[TopicWriter[OperatingState]]
+    message: OperatingState
+    stamp_ns: int = 0
+    due_ns: int = 0
+
+    def tell(self, ros_ns: int, now_ns: int) -> None:
+        """Once more, or anew. The time of day may be set back: stamps are not, nor does anybody wait for it."""
+        self.stamp_ns = max(ros_ns, self.stamp_ns + 1)
+        self.due_ns = now_ns + REPEAT_NS
+        self.message.header.stamp = time_of(self.stamp_ns)
+        for writer in self.writers:
+            writer.write(self.message)
+
+
+class EventTopics:
+    """The events of one instance, in the order in which they came."""
+
+    def __init__(self, participant: Participant, instance: str, shown: ShownTopics, ring: RingReader,
+                 names: Iterable[str], rosout: Callable[[Log], None]) -> None:
+        """`names` are those of the events that there are."""
+        self._ring, self._name, self._rosout = ring, instance, rosout
+        self._fields = {name: ring.field(name) for name in ring.dtype.names or () if name not in ("sequence",)}
+        self._rows: dict[bytes, tuple[EventMessage, list[TopicWriter[Any]]]] = {}
+        self.state: ToldState | None = None
+        for name in names:
+            row, topics = EVENT_MESSAGES.get(name), shown.events(instance, name)
+            if row is None or not topics:
+                continue
+            writers = [self._writer(participant, topic, row) for topic in topics]
+            self._rows[name.encode()] = row, writers
+            if row.message is OperatingState:
+                self.state = ToldState(writers, OperatingState())
+        self._buttons = {name.encode(): (BUTTON, [self._writer(participant, topic, BUTTON) for topic in topics])
+                         for name, topics in shown.buttons(instance).items()}
+
+    @staticmethod
+    def _writer(participant: Participant, topic: str, row: EventMessage) -> TopicWriter[Any]:
+        return participant.writer(ros_topic(topic), row.message, LATCHED)
+
+    def begin(self, state: str, is_homed: bool, is_busy: bool) -> None:
+        """The operating state there is before the first event of it."""
+        if self.state is not None:
+            self.state.message = OperatingState(state=state, is_homed=is_homed, is_busy=is_busy)
+
+    def step(self, stamps: Stamps, now_ns: int) -> None:
+        """All that came since the last call; none is left out or put together with the next."""
+        fields, ring = self._fields, self._ring
+        while ring.next():
+            event = {name: cell[()] for name, cell in fields.items()}
+            self._tell(event, stamps.ns(ring.stamp_ns), now_ns)
+            if event["severity"]:
+                self._log(event, stamps.ns(ring.stamp_ns))
+        if self.state is not None and now_ns >= self.state.due_ns:
+            self.state.tell(stamps.ns(now_ns), now_ns)
+
+    def _tell(self, event: dict[str, Any], ros_ns: int, now_ns: int) -> None:
+        what = bytes(event["event"])
+        row, writers = self._buttons.get(bytes(event["component"]), NOBODY) if what == PRESS else self._rows.get(
+            what, NOBODY)
+        if row is None:
+            return
+        message = row.of(event)
+        if self.state is not None and writers is self.state.writers:
+            self.state.message = message
+            self.state.tell(ros_ns, now_ns)
+        else:
+            if hasattr(message, "header"):
+                message.header.stamp = time_of(ros_ns)
+            for writer in writers:
+                writer.write(message)
+
+    def _log(self, event: dict[str, Any], ros_ns: int) -> None:
+        text, hint = (bytes(event[name]).rstrip(b"\0").decode(errors="replace") for name in ("text", "hint"))
+        level = LEVELS.get(int(event["severity"]), LEVELS[STATUS])
+        self._rosout(Log(time_of(ros_ns), level, self._name, f"{text}; {hint}" if hint else text))
+
+    def close(self) -> None:
+        """Unmap."""
+        self._ring.close()
