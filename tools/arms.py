@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from procs.bring_up import DISABLE, ENABLE, HOME, LIMITS_S, reached
 from shm.client import begin
 from shm.clock import monotonic_ns, pause
+from tools.deadline import Deadline
 from tools.errors import Problem, Refused
 from tools.inspect.amplifiers import Amplifiers
 from tools.inspect.watch import Watch, powered_names
@@ -21,7 +22,6 @@ from tools.systems import is_simulated
 
 POLL_S = 0.02
 ENABLED, HOMED, DISABLED = "enabled", "homed", "disabled"
-SIMULATED_SLOWER = 10.0  # simulated time may pass this much slower than real time
 PATIENCE_NS = 1_000_000_000  # what is waited for for a shorter time is no news
 Report = Callable[[str], None]
 WORDS = {ENABLED: ENABLE, HOMED: HOME, DISABLED: DISABLE}
@@ -40,26 +40,26 @@ class ArmBringUp:
     amplifiers: Amplifiers
     goal: str
     limit_s: float
-    slow: float = 1.0  # the usual limits times this
+    simulated: bool
     over: bool = False
     problem: str = ""
     asked: list[str] = field(default_factory=list)
-    deadline_ns: int = 0
+    _deadline: Deadline | None = None
     _waits: str = ""
     _reported: str = ""
     _since_ns: int = 0
 
-    def step(self, now_ns: int) -> None:
+    def step(self) -> None:
         """Look, and ask for the next thing once."""
         if not self.watch.look():
-            self._check_time(now_ns, self.watch.problem() or "it has not shown its state")
+            self._check_time(self.watch.problem() or "it has not shown its state")
             return
         state, busy = self.watch.state, self.watch.busy
         if reached(WORDS[self.goal], state, self.watch.homed, busy):
             problem = self.watch.problem()  # the record of a process that died or hangs stands for ever
             problem = problem or (self.amplifiers.why_not_off() if self.goal == DISABLED else "")
             if problem:
-                self._check_time(now_ns, problem)
+                self._check_time(problem)
             else:
                 self.over = True
         elif state == "FAULT" and self.asked and self.asked[-1] != "disable":
@@ -67,11 +67,10 @@ class ArmBringUp:
         else:
             word = self._next_word(state, busy)
             if word and word not in self.asked:
-                self._ask(word, now_ns)
+                self._ask(word)
             else:
                 waits = self.waits
-                self._check_time(now_ns, f"it waits: {waits}" if waits else
-                                 f"it is {state} ({self.watch.text('sub_state')})")
+                self._check_time(f"it waits: {waits}" if waits else f"it is {state} ({self.watch.text('sub_state')})")
 
     def _next_word(self, state: str, busy: bool) -> str:
         if self.goal == DISABLED or state == "FAULT":
@@ -84,9 +83,9 @@ class ArmBringUp:
             return "home"
         return ""
 
-    def _ask(self, word: str, now_ns: int) -> None:
+    def _ask(self, word: str) -> None:
         self.asked.append(word)
-        self.deadline_ns = self._deadline(now_ns, word)
+        self._deadline = self._limit(word)
         self.watch.forget_errors()
         try:
             self.remote.ask("state_command", text=word)
@@ -95,12 +94,12 @@ class ArmBringUp:
         except Problem as problem:
             self._fail(str(problem))
 
-    def _deadline(self, now_ns: int, word: str) -> int:
-        return now_ns + round((self.limit_s or LIMITS_S[word] * self.slow) * 1e9)
+    def _limit(self, word: str) -> Deadline:
+        return Deadline(self.limit_s or LIMITS_S[word], (lambda: self.watch.stamp_ns) if self.simulated else None)
 
-    def _check_time(self, now_ns: int, how: str) -> None:
-        self.deadline_ns = self.deadline_ns or self._deadline(now_ns, WORDS[self.goal])
-        if now_ns >= self.deadline_ns:
+    def _check_time(self, how: str) -> None:
+        self._deadline = self._deadline or self._limit(WORDS[self.goal])
+        if self._deadline.is_over():
             error = self.watch.last_error()
             known = f": {error}" if error and not how.startswith("it waits") else ""
             self._fail(f"not {self.goal} in time; {how}{known}")
@@ -139,11 +138,11 @@ def bring(system: str, names: Sequence[str], goal: str, limit_s: float, say: Say
     All that it asks of them is one command: no step of it is carried out after a fault. `report` is given what an arm
     waits for, once it has waited for a second.
     """
-    slow, whole = SIMULATED_SLOWER if is_simulated(system) else 1.0, begin(system)
+    simulated, whole = is_simulated(system), begin(system)
     with contextlib.ExitStack() as stack:
         bring_ups = [
             ArmBringUp(stack.enter_context(Watch(system, name)), stack.enter_context(Remote(system, name)),
-                       stack.enter_context(Amplifiers(system, name)), goal, limit_s, slow)
+                       stack.enter_context(Amplifiers(system, name)), goal, limit_s, simulated)
             for name in names
         ]
         for bring_up in bring_ups:
@@ -151,7 +150,7 @@ def bring(system: str, names: Sequence[str], goal: str, limit_s: float, say: Say
         while not all(bring_up.over for bring_up in bring_ups):
             for bring_up in bring_ups:
                 if not bring_up.over:
-                    bring_up.step(monotonic_ns())
+                    bring_up.step()
             for news in filter(None, [bring_up.news(monotonic_ns()) for bring_up in bring_ups]):
                 report(news)
             say(", ".join(bring_up.line() for bring_up in bring_ups), sum(c.over for c in bring_ups) / len(bring_ups))

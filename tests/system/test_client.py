@@ -13,10 +13,9 @@ import yaml
 
 import trocar
 from shm.commands import COMMANDS
-from tests.system.robot import ROOT, Robot
+from tests.system.robot import ROOT, Robot, wait_for
 from tools.client.instance import Instance
 from tools.client.joints import Measured, Setpoint
-from tools.client.moves import until
 from tools.client.setup import SetupLocal
 from tools.client.tip import Body, Frame, Local
 from tools.remote import Remote
@@ -316,7 +315,7 @@ def cart(suj: trocar.Suj) -> None:
 
 
 def becomes(condition: Any) -> None:
-    until(condition, SECONDS, "it is not so")
+    wait_for(condition, SECONDS, "it is not so")
 
 
 def test_a_fixed_cart_is_told_where_it_stands_and_an_instrument_what_it_is(

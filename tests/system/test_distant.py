@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 import trocar
-from tests.system.robot import ROOT, Robot
+from tests.system.robot import ROOT, Robot, wait_for
 from tests.system.test_socket_bridge import free
-from tools.client.moves import until
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 TELEOP = ROOT / "configs" / "systems" / "kinematic-teleop.yaml"
@@ -111,9 +110,9 @@ def test_a_console_is_operated_from_elsewhere(robot: Robot) -> None:
         with pytest.raises(trocar.Problem, match="no teleoperation x"):
             same.teleop_is_selected("x")
         console.teleop_set_scale(0.3)
-        until(lambda: console.teleop_get_scale() == same.teleop_get_scale() == 0.3, 20, "its scale")
+        wait_for(lambda: console.teleop_get_scale() == same.teleop_get_scale() == 0.3, 20, "its scale")
         with trocar.teleop("MTMR_PSM1", at=at) as teleop:
-            until(lambda: teleop.get_scale() == 0.3, 20, "the scale of its teleoperation")
+            wait_for(lambda: teleop.get_scale() == 0.3, 20, "the scale of its teleoperation")
             assert teleop.current_state() == "DISABLED" and not teleop.following()
             console.teleop_start()
             console.emulate_operator_present()

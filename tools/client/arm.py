@@ -46,11 +46,11 @@ class Arm(Instance, Joints):
 
     def move_cp(self, pose: ArrayLike) -> MoveHandle:
         """Move to a tip pose (4, 4), joints in a straight line."""
-        return move(self._remote, "move_cp", pose_numbers(pose))
+        return move(self._waits, self._remote, "move_cp", pose_numbers(pose))
 
     def move_cr(self, change: ArrayLike) -> MoveHandle:
         """Move the tip by a shift and a turn about itself (4, 4)."""
-        return move(self._remote, "move_cr", pose_numbers(change))
+        return move(self._waits, self._remote, "move_cr", pose_numbers(change))
 
     def servo_cp(self, pose: ArrayLike, twist: ArrayLike | None = None) -> None:
         """Follow a tip pose (4, 4) now, with its twist (6,) where given."""
@@ -88,11 +88,11 @@ class Arm(Instance, Joints):
 
     def move_jp(self, position: ArrayLike) -> MoveHandle:
         """Move to joint positions (n,) and stop there."""
-        return move(self._remote, "move_jp", position)
+        return move(self._waits, self._remote, "move_jp", position)
 
     def move_jr(self, increment: ArrayLike) -> MoveHandle:
         """Move by joint increments (n,)."""
-        return move(self._remote, "move_jr", increment)
+        return move(self._waits, self._remote, "move_jr", increment)
 
     def servo_jp(self, position: ArrayLike, velocity: ArrayLike | None = None) -> None:
         """Follow joint positions (n,) now, with their velocities (n,) where given."""

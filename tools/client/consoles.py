@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
 from procs.crtk.names import none_such
-from tools.client.moves import until
+from tools.client.moves import Waits
 from tools.client.ways import Ways, ways_of
 from tools.errors import Problem
 
@@ -25,6 +25,7 @@ class Operated:
             self._remote = self._ways.remote(name)
             stack.callback(self._remote.close)
             self._open = stack.pop_all()
+        self._waits = Waits(self._rows.stamp_ns if self._ways.is_simulated else None)
 
     def connected(self) -> bool:
         """Whether it shows fresh records."""
@@ -143,7 +144,7 @@ class TeleopHandle(Operated):
 
     def wait_for_state(self, state: str, timeout: float = 10.0) -> None:
         """Until that is its state; TimeoutError after `timeout` s."""
-        until(lambda: self.current_state() == state, timeout, f"{self.name} is not {state}")
+        self._waits.until(lambda: self.current_state() == state, timeout, f"{self.name} is not {state}")
 
     def set_scale(self, scale: float) -> None:
         """The slave's motion for one of the master's, above 0."""

@@ -18,10 +18,12 @@ from procs.kinematics.poses import matrix_from_pose
 from shm.clock import monotonic_ns
 from shm.commands import ENDINGS
 from tools.client.values import FRESH_S, Array, JointState, Stamped, numbers
+from tools.deadline import Deadline
 from tools.errors import Problem, Refused
 
 PORT: Final = 7380
 KEPT: Final = 1000
+STEP_S: Final = 0.2
 STEPS: Final = {"disabled": ("disable",), "enabled": ("enable",), "homed": ("enable", "home")}
 PARTS: Final = {"pose": ("position", "orientation"), "twist": ("linear", "angular"), "wrench": ("force", "torque")}
 FLAGS: Final = {"gripper/closed": "closed", "orientation_locked": "locked"}
@@ -34,6 +36,12 @@ class DistantReply:
     id: int
     outcome: str
     text: str
+
+
+def _reply(number: int, found: dict[str, Any]) -> DistantReply:
+    if found["op"] == "error":
+        return DistantReply(number, "refused", str(found["error"]))
+    return DistantReply(number, str(found["outcome"]), str(found["text"]))
 
 
 class BridgeConnection:
@@ -118,6 +126,19 @@ class BridgeConnection:
             raise Problem(str(found["error"]))
         return found
 
+    @property
+    def is_simulated(self) -> bool:
+        """The robot's time is."""
+        return bool(self.hello["clock"] != "wall")
+
+    def stamp_ns(self, name: str) -> int:
+        """The robot's time, as the newest record of an instance shows it."""
+        return int(self.ask("read", topic=f"{name}/state")["stamp_ns"])
+
+    def deadline(self, name: str, timeout: float) -> Deadline:
+        """The end of a wait for an instance."""
+        return Deadline(timeout, (lambda: self.stamp_ns(name)) if self.is_simulated else None)
+
     def _gone(self, why: object) -> Problem:
         return Problem(f"the bridge at {self.at} is gone: {why}")
 
@@ -133,34 +154,35 @@ class DistantRemote:
         """Nothing is asked yet."""
         self.instance, self._connection = instance, connection
 
-    def _first(self, command: str, values: ArrayLike, text: str, timeout: float,
-               outcomes: tuple[str, ...]) -> DistantReply:
+    def _sent(self, command: str, values: ArrayLike, text: str) -> int:
         given = numbers(values)
         if not np.isfinite(given).all():
             raise Refused("values must be finite numbers")
-        number = self._connection.say("call", to=self.instance, command=command, values=given.tolist(), text=text)
-        found = self._connection.first(number, timeout, outcomes)
-        if found is None:
-            raise Problem(f"{self.instance} did not answer {command} within {timeout:g} s")
-        if found["op"] == "error":
-            return DistantReply(number, "refused", str(found["error"]))
-        return DistantReply(number, str(found["outcome"]), str(found["text"]))
+        return self._connection.say("call", to=self.instance, command=command, values=given.tolist(), text=text)
 
     def ask(self, command: str, values: ArrayLike = (), text: str = "", timeout: float = 2.0) -> DistantReply:
         """Send and make sure that it was accepted: Refused carries the reason. Returns the first answer."""
-        reply = self._first(command, values, text, timeout, ())
+        number = self._sent(command, values, text)
+        found = self._connection.first(number, timeout)
+        if found is None:
+            raise Problem(f"{self.instance} did not answer {command} within {timeout:g} s")
+        reply = _reply(number, found)
         if reply.outcome not in ("accepted", "done"):
             raise Refused(reply.text or f"{self.instance}: {command} was {reply.outcome}")
         return reply
 
     def settled(self, command: str, values: ArrayLike = (), text: str = "", timeout: float = 60.0) -> DistantReply:
         """Send and wait for the end: refused, done or failed; Problem when it does not come in time."""
-        return self._first(command, values, text, timeout, ENDINGS)
+        number = self._sent(command, values, text)
+        limit = self._connection.deadline(self.instance, timeout)
+        while (found := self._connection.first(number, STEP_S, ENDINGS)) is None:
+            if limit.is_over():
+                raise Problem(f"{self.instance}: {command} {text} is not done after {timeout:g} s")
+        return _reply(number, found)
 
     def replies_to(self, number: int) -> list[DistantReply]:
         """Answers to one command, that came and were not asked for yet."""
-        return [DistantReply(number, str(found["outcome"]), str(found["text"]))
-                for found in self._connection.heard(number) if found["op"] == "reply"]
+        return [_reply(number, found) for found in self._connection.heard(number)]
 
     def close(self) -> None:
         """The connection is closed by the record."""
@@ -219,6 +241,10 @@ class DistantRecord:
     def look(self) -> DistantShown:
         """The newest record; TimeoutError when it is too old."""
         return DistantShown(self._read("state"))
+
+    def stamp_ns(self) -> int:
+        """The robot's time, as the newest record shows it, however old; 0: there is none."""
+        return self._connection.stamp_ns(self._name)
 
     def is_fresh(self) -> bool:
         """Whether there is a new one."""
@@ -282,6 +308,10 @@ class DistantRows:
         """The newest one; TimeoutError when it is too old."""
         return self._record.look().row
 
+    def stamp_ns(self) -> int:
+        """The robot's time, as the newest record shows it, however old; 0: there is none."""
+        return self._record.stamp_ns()
+
     def close(self) -> None:
         """Leave."""
         self._record.close()
@@ -293,6 +323,7 @@ class DistantWays:
     def __init__(self, connection: BridgeConnection) -> None:
         """It is closed with the first record."""
         self.connection, self.name = connection, str(connection.hello["system"])
+        self.is_simulated = connection.is_simulated
         self.instances: dict[str, str] = dict(connection.hello["instances"])
         """What each is: the type of an arm, else the kind of its process."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 from typing import Self
 
-from tools.client.moves import until
+from tools.client.moves import Waits
 from tools.client.ways import Ways, ways_of
 
 ENABLED, HOMED, DISABLED = "enabled", "homed", "disabled"
@@ -24,6 +24,7 @@ class Instance:
             self._remote = ways.remote(name)
             stack.callback(self._remote.close)
             self._open = stack.pop_all()
+        self._waits = Waits(self._record.stamp_ns if ways.is_simulated else None)
 
     def connected(self) -> bool:
         """Whether it shows fresh records."""
@@ -57,11 +58,12 @@ class Instance:
 
     def wait_for_operating_state(self, state: str, timeout: float = 10.0) -> None:
         """Until it is DISABLED, ENABLED, PAUSED or FAULT; TimeoutError after `timeout` s."""
-        until(lambda: self._record.look().state == state, timeout, f"{self.name} is not {state}")
+        self._waits.until(lambda: self._record.look().state == state, timeout, f"{self.name} is not {state}")
 
     def wait_for_busy(self, is_busy: bool = False, timeout: float = 30.0) -> None:
         """Until it is busy, or no longer is; TimeoutError after `timeout` s."""
-        until(lambda: self.is_busy() == is_busy, timeout, f"{self.name} is {'not' if is_busy else 'still'} busy")
+        how = "not" if is_busy else "still"
+        self._waits.until(lambda: self.is_busy() == is_busy, timeout, f"{self.name} is {how} busy")
 
     def state_command(self, word: str) -> None:
         """enable, disable, home, unhome, pause or resume; Refused when it is not allowed now."""
@@ -82,7 +84,7 @@ class Instance:
     def unhome(self, timeout: float = 10.0) -> None:
         """Forget the homing and wait until it is forgotten."""
         self.state_command("unhome")
-        until(lambda: not self.is_homed(), timeout, f"{self.name} is still homed")
+        self._waits.until(lambda: not self.is_homed(), timeout, f"{self.name} is still homed")
 
     def period_statistics(self) -> dict[str, dict[str, float]]:
         """avg, std, min, max and p99 (s) of the `period` and the `work` of its loop, in its last full second."""

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from tools.client.arm import Arm
 from tools.client.joints import Joints, Measured
-from tools.client.moves import MoveHandle, move
+from tools.client.moves import MoveHandle, Waits, move
 from tools.client.values import numbers, rotation_numbers
 from tools.client.ways import CommandWay, RecordWay, Ways
 
@@ -19,10 +19,10 @@ INSERTION = 2
 class Jaw(Joints):
     """The jaw of an instrument: angles in rad, shapes (1,)."""
 
-    def __init__(self, record: RecordWay, remote: CommandWay) -> None:
+    def __init__(self, record: RecordWay, remote: CommandWay, waits: Waits) -> None:
         """Made by `Psm`."""
         super().__init__(record, "jaw/")
-        self._remote = remote
+        self._remote, self._waits = remote, waits
 
     def servo_jp(self, position: ArrayLike) -> None:
         """Follow this angle now."""
@@ -37,7 +37,7 @@ class Jaw(Joints):
 
     def move_jp(self, position: ArrayLike) -> MoveHandle:
         """Move to this angle."""
-        return move(self._remote, "jaw/move_jp", position)
+        return move(self._waits, self._remote, "jaw/move_jp", position)
 
     def open(self, angle: float = JAW_OPEN) -> MoveHandle:
         """Open, to 60° unless told otherwise."""
@@ -54,7 +54,7 @@ class Psm(Arm):
     def __init__(self, system: str | Ways, name: str) -> None:
         """See `Arm`."""
         super().__init__(system, name)
-        self.jaw = Jaw(self._record, self._remote)
+        self.jaw = Jaw(self._record, self._remote, self._waits)
 
     def insert_jp(self, depth: float) -> MoveHandle:
         """Move the insertion (m) alone; the other joints go to their present setpoints."""

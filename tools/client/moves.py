@@ -8,22 +8,41 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from shm.clock import monotonic_ns, pause
+from shm.clock import pause
 from shm.commands import ENDINGS
 from tools.client.values import numbers
 from tools.client.ways import CommandWay, ReplyText
+from tools.deadline import Deadline
 from tools.errors import Clipped, Refused
 
 POLL_S = 0.002
 CLIPPED = "clipped: "
 
 
+class Waits:
+    """The waits of one object."""
+
+    def __init__(self, robot_ns: Callable[[], int] | None = None) -> None:
+        """`robot_ns`: the robot's time where that is simulated."""
+        self._robot_ns = robot_ns
+
+    def until(self, done: Callable[[], bool], timeout: float, what: str) -> None:
+        """Wait for a condition; TimeoutError says `what` is not so after `timeout` s, of our time and the robot's."""
+        if done():
+            return
+        limit = Deadline(timeout, self._robot_ns)
+        while not done():
+            if limit.is_over():
+                raise TimeoutError(f"{what} after {timeout:g} s")
+            pause(POLL_S)
+
+
 class MoveHandle:
     """A move under way."""
 
-    def __init__(self, remote: CommandWay, first: ReplyText, what: str) -> None:
+    def __init__(self, waits: Waits, remote: CommandWay, first: ReplyText, what: str) -> None:
         """`first` is the first answer to its command."""
-        self._remote, self._number, self._what = remote, first.id, what
+        self._waits, self._remote, self._number, self._what = waits, remote, first.id, what
         self._end = first if first.outcome in ENDINGS else None
         self.clipped = first.text.removeprefix(CLIPPED) if first.text.startswith(CLIPPED) else ""
         """Joints whose goals lay beyond their limits, from where to where: insertion 5.000 → 0.240 m. Else empty."""
@@ -44,8 +63,7 @@ class MoveHandle:
         """
         if is_busy:
             return
-        until(lambda: not self.is_busy(), timeout, f"{self._what} is not done")
-
+        self._waits.until(lambda: not self.is_busy(), timeout, f"{self._what} is not done")
 
     def __await__(self) -> Generator[Any, None, None]:
         """`await arm.move_jp(q)`: until the goal is reached, while other coroutines go on; Refused as in `wait`."""
@@ -58,19 +76,10 @@ class MoveHandle:
             await asyncio.sleep(POLL_S)
 
 
-def move(remote: CommandWay, command: str, values: ArrayLike, text: str = "") -> MoveHandle:
+def move(waits: Waits, remote: CommandWay, command: str, values: ArrayLike, text: str = "") -> MoveHandle:
     """Send a command that takes its time; Refused with the reason. A clipped goal is warned of (`Clipped`)."""
     words = " ".join(word for word in (remote.instance, text, command) if word)
-    handle = MoveHandle(remote, remote.ask(command, numbers(values), text), words)
+    handle = MoveHandle(waits, remote, remote.ask(command, numbers(values), text), words)
     if handle.clipped:
         warnings.warn(f"{words} was clipped: {handle.clipped}", Clipped, stacklevel=3)
     return handle
-
-
-def until(done: Callable[[], bool], timeout: float, what: str) -> None:
-    """Wait for a condition; TimeoutError says `what` is not so after `timeout` s."""
-    end = monotonic_ns() + round(timeout * 1e9)
-    while not done():
-        if monotonic_ns() >= end:
-            raise TimeoutError(f"{what} after {timeout:g} s")
-        pause(POLL_S)

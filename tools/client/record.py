@@ -40,6 +40,10 @@ class InstanceRecord:
         """Whether there is a new one."""
         return self.watch.look() and self.watch.age_s < FRESH_S
 
+    def stamp_ns(self) -> int:
+        """The robot's time, as the newest record shows it, however old; 0: there is none."""
+        return self.watch.stamp_ns if self.watch.look() else 0
+
     def part(self, view: str, name: str) -> Stamped:
         """A part of a view; TimeoutError when it is too old, not valid now, or not computed in time.
 

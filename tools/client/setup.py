@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 from procs.crtk.names import none_such
 from tools.client.instance import Instance
 from tools.client.joints import Measured
-from tools.client.moves import MoveHandle, move
+from tools.client.moves import MoveHandle, Waits, move
 from tools.client.values import Stamped, numbers, pose_numbers
 from tools.client.ways import CommandWay, RecordWay, Ways
 from tools.errors import Problem
@@ -16,10 +16,10 @@ from tools.errors import Problem
 class SetupArm(Measured):
     """One setup arm; its poses are those of the base of the arm that it carries."""
 
-    def __init__(self, record: RecordWay, remote: CommandWay, name: str) -> None:
+    def __init__(self, record: RecordWay, remote: CommandWay, waits: Waits, name: str) -> None:
         """Made by `Suj`."""
         super().__init__(record, f"{name}/")
-        self._remote, self.name = remote, name
+        self._remote, self._waits, self.name = remote, waits, name
         self.local = SetupLocal(record, remote, name)
         self.primary_voltage = Measured(record, f"{name}/primary_voltage/")
         self.secondary_voltage = Measured(record, f"{name}/secondary_voltage/")
@@ -34,7 +34,7 @@ class SetupArm(Measured):
 
     def move_jp(self, position: ArrayLike) -> MoveHandle:
         """The same; it is done at once."""
-        return move(self._remote, "move_jp", position, self.name)
+        return move(self._waits, self._remote, "move_jp", position, self.name)
 
     def clutch(self, on: bool = True) -> None:
         """Let its brakes go, as its button does, for a minute at most; False: they hold."""
@@ -64,7 +64,7 @@ class Suj(Instance):
         """Attach; Problem or SegmentError when they are not there (yet)."""
         super().__init__(system, name)
         names = self._record.parts()
-        self._arms = {arm: SetupArm(self._record, self._remote, arm) for arm in names}
+        self._arms = {arm: SetupArm(self._record, self._remote, self._waits, arm) for arm in names}
 
     def arms(self) -> list[str]:
         """Names of its arms."""

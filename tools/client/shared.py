@@ -13,6 +13,7 @@ from tools.client.values import FRESH_S
 from tools.inspect.processes import statuses
 from tools.inspect.watch import arm_document
 from tools.remote import Remote
+from tools.systems import is_simulated
 
 
 class SharedRows:
@@ -28,6 +29,10 @@ class SharedRows:
             raise TimeoutError(f"{self._name} has not shown its state for {FRESH_S:g} s")
         return self._topic.as_dict()
 
+    def stamp_ns(self) -> int:
+        """The robot's time, as the newest record shows it, however old; 0: there is none."""
+        return self._topic.stamp_ns if self._topic.newest() else 0
+
     def close(self) -> None:
         """Unmap."""
         self._topic.close()
@@ -38,7 +43,7 @@ class SharedWays:
 
     def __init__(self, system: str) -> None:
         """`system` must be up."""
-        self.name = system
+        self.name, self.is_simulated = system, is_simulated(system)
 
     def record(self, name: str) -> InstanceRecord:
         """What an instance shows; Problem or SegmentError when it is not there (yet)."""

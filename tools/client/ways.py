@@ -64,6 +64,9 @@ class RecordWay(Protocol):
     def is_fresh(self) -> bool:
         """Whether there is a new one."""
 
+    def stamp_ns(self) -> int:
+        """The robot's time, as the newest record shows it, however old; 0: there is none."""
+
     def part(self, view: str, name: str) -> Stamped:
         """A part of a view; TimeoutError when it is too old, not valid now, or not computed in time."""
 
@@ -110,6 +113,9 @@ class RowWay(Protocol):
     def row(self) -> Mapping[str, Any]:
         """The newest one; TimeoutError when it is too old."""
 
+    def stamp_ns(self) -> int:
+        """The robot's time, as the newest record shows it, however old; 0: there is none."""
+
     def close(self) -> None:
         """Look no more."""
 
@@ -118,6 +124,8 @@ class Ways(Protocol):
     """Both ways to any instance of one system."""
 
     name: str
+    is_simulated: bool
+    """Its time is."""
 
     def record(self, name: str) -> RecordWay:
         """What an instance shows; Problem or SegmentError when it is not there (yet)."""

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from shm.client import Reply
-from tools.client.moves import move
+from tools.client.moves import Waits, move
 from tools.errors import Clipped
 
 
@@ -30,7 +30,7 @@ class FakeRemote:
 def test_a_clipped_move_is_on_the_handle_and_warned_of() -> None:
     remote: Any = FakeRemote("clipped: insertion 5.000 → 0.240 m")
     with pytest.warns(Clipped, match=r"PSM1 move_jp was clipped: insertion 5\.000 → 0\.240 m") as caught:
-        handle = move(remote, "move_jp", (0.0, 0.0, 5.0))
+        handle = move(Waits(), remote, "move_jp", (0.0, 0.0, 5.0))
     handle.wait(1.0)
     assert handle.clipped == "insertion 5.000 → 0.240 m" and len(caught) == 1
 
@@ -39,6 +39,6 @@ def test_a_move_within_its_limits_warns_of_nothing() -> None:
     remote: Any = FakeRemote("")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        handle = move(remote, "move_jp", (0.0, 0.0, 0.1))
+        handle = move(Waits(), remote, "move_jp", (0.0, 0.0, 0.1))
     handle.wait(1.0)
     assert handle.clipped == ""
