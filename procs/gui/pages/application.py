@@ -3,43 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
-from typing import Final
 
 from fastapi import FastAPI
 from nicegui import app, ui
 
 from procs.document.system import SystemConfig
 from procs.gui.catalogue import MESSAGES, PROCESSES
+from procs.gui.pages.assets import STATIC, assets
 from procs.gui.pages.frame import page
 from procs.gui.pages.processes import processes_page
 from procs.gui.pages.system import system_page
 
-STATIC: Final = Path(__file__).resolve().parent.parent / "static"
-
 
 def application(document: SystemConfig) -> FastAPI:
     """The pages of a system."""
-    newest = max(path.stat().st_mtime_ns for path in STATIC.iterdir())
-    assets = f"/assets/{newest:x}"
-    app.add_static_files(assets, str(STATIC), max_cache_age=86400)
+    app.add_static_files(assets(), str(STATIC), max_cache_age=86400)
     made: list[tuple[str, tuple[str, ...], Callable[[], None]]] = [
         ("/", (MESSAGES,), lambda: system_page(document)),
         ("/processes", (PROCESSES,), processes_page),
     ]
     for path, wants, content in made:
-        _add(document, path, assets, wants, content)
+        _add(document, path, wants, content)
     outer = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     ui.run_with(outer, title=f"Trocar {document.name}", dark=None, tailwind=False, show_welcome_message=False,
                 binding_refresh_interval=None, reconnect_timeout=5.0, message_history_length=0)
     return outer
 
 
-def _add(document: SystemConfig, path: str, assets: str, wants: tuple[str, ...], content: Callable[[], None]) -> None:
+def _add(document: SystemConfig, path: str, wants: tuple[str, ...], content: Callable[[], None]) -> None:
     @ui.page(path)
     def show() -> None:
-        with page(document, path, assets, wants):
+        with page(document, path, wants):
             content()
-
-
-

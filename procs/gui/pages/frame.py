@@ -9,6 +9,7 @@ from typing import Final
 from nicegui import ui
 
 from procs.document.system import WALL, SystemConfig
+from procs.gui.pages.assets import script, style
 from procs.gui.pages.parts import Call, Part, box, button
 
 KEYS: Final = (("Ctrl + O", "power off"), ("Ctrl + P", "power on"), ("Ctrl + H", "home"), ("?", "this list"))
@@ -54,10 +55,10 @@ def pages_of(document: SystemConfig) -> list[tuple[str, str]]:
 
 
 @contextmanager
-def page(document: SystemConfig, here: str, assets: str, wants: Sequence[str] = ()) -> Iterator[None]:
-    """A page of this path; what is made inside is its content. `assets`: where style and script are."""
-    ui.add_head_html(f'<link rel="stylesheet" href="{assets}/style.css">'
-                     f'<script type="module" src="{assets}/live.js"></script>')
+def page(document: SystemConfig, here: str, wants: Sequence[str] = ()) -> Iterator[None]:
+    """A page of this path; what is made inside is its content."""
+    style("style.css")
+    script("live.js")
     ui.query(".nicegui-content").classes("whole")
     with Part("header", "bar"):
         Part("a", "brand", "Trocar", href="/")
