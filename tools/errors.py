@@ -15,5 +15,9 @@ class Clipped(UserWarning):
     """A move was carried out with another goal: what lay beyond the limits of a joint was brought into them."""
 
 
+class Disconnected(Problem):
+    """The connection to a robot on another machine is gone; its objects are to be made again."""
+
+
 class Refused(Problem):
     """The component took the command and refused it, or failed to carry it out; the message is its reason."""

@@ -79,6 +79,8 @@ class Remote:
             return self.post(command, values, text)
         except (SegmentError, MailboxFull) as error:
             raise Problem(str(error)) from None
+        except KeyError:
+            raise Problem(f"{self.instance} has no command {command}") from None
 
     def _reply_to(self, number: int, command: str, timeout: float, wanted: tuple[str, ...]) -> Reply:
         end = monotonic_ns() + round(timeout * 1e9)

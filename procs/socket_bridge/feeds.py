@@ -73,11 +73,11 @@ class Periodic:
 class Each:
     """Every record of a topic, the last one of before first. What a client does not read waits in the ring."""
 
-    def __init__(self, topics: Topics, source: SharedTopic) -> None:
+    def __init__(self, topics: Topics, source: SharedTopic, wants_last: bool) -> None:
         """`source` is the shared one, held so that the topic is wanted."""
         self._topics, self._source, self._topic = topics, source, topics.each(source.entry)
         self.due_ns = self._seen = self._lost = 0
-        self._is_first = True
+        self._is_first = wants_last
 
     def serve(self, link: Outlet, now_ns: int, turn: int) -> tuple[int, int]:
         """A few at a time."""
@@ -134,14 +134,14 @@ class Reading:
         self._topics.leave(self._source)
 
 
-def subscribed(topics: Topics, name: str, rate_hz: float) -> Feed:
+def subscribed(topics: Topics, name: str, rate_hz: float, wants_last: bool = True) -> Feed:
     """A subscription; ValueError for each record of what comes all the time, SegmentError where there is no topic."""
     entry = topics.find(name)
     if not rate_hz and not comes_each(entry):
         raise ValueError(f"{name} comes {entry.rate_hz:g} times a second; give a rate_hz")
     source = topics.share(entry)
     try:
-        return Each(topics, source) if comes_each(entry) else Periodic(topics, source, rate_hz)
+        return Each(topics, source, wants_last) if comes_each(entry) else Periodic(topics, source, rate_hz)
     except BaseException:
         topics.leave(source)
         raise

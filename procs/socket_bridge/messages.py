@@ -23,6 +23,12 @@ def _rate(value: Any) -> float:
     return rate
 
 
+def _flag(value: Any) -> bool:
+    if isinstance(value, bool):
+        return value
+    raise ValueError
+
+
 RATE: Final = f"{MIN_RATE_HZ:g} to {MAX_RATE_HZ:g}, or 0: every record"
 OPS: Final[Ops] = {
     "hello": {"token": NO_WORD,
@@ -31,7 +37,8 @@ OPS: Final[Ops] = {
     "list": {},
     "commands": {"of": WORD},
     "read": {"topic": WORD},
-    "subscribe": {"topic": WORD, "rate_hz": MessagePart(RATE, _rate, 10.0)},
+    "subscribe": {"topic": WORD, "rate_hz": MessagePart(RATE, _rate, 10.0),
+                  "last": MessagePart("true or false", _flag, True)},
     "unsubscribe": {"topic": WORD},
     "call": {"to": WORD, "command": WORD, "values": SOME_NUMBERS,
              "text": NO_WORD},

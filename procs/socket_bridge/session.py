@@ -148,7 +148,7 @@ class Session:
         name = asked.parts["topic"]
         if name not in self.streams:
             self._check_room()
-        made = subscribed(self._served.topics, name, asked.parts["rate_hz"])
+        made = subscribed(self._served.topics, name, asked.parts["rate_hz"], asked.parts["last"])
         if (former := self.streams.pop(name, None)) is not None:
             former.close()
         self._answer(asked, topic=name)

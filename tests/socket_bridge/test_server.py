@@ -63,6 +63,9 @@ def test_events_come_each_and_the_last_one_first(world: Any) -> None:
                 made.robot.events.status(text, "PSM1")
             texts = [(await client.hear("record"))["text"] for _ in range(3)]
             assert texts == ["PSM1: three", "PSM1: four", "PSM1: five"]
+            await client.ask("subscribe", topic="PSM1/status", last=False)
+            made.robot.events.status("six", "PSM1")
+            assert (await client.hear("record"))["text"] == "PSM1: six"
             await client.ask("subscribe", topic="PSM1/operating_state")
             assert (await client.hear("record"))["state"] == "ENABLED"
 

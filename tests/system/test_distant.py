@@ -170,3 +170,65 @@ def test_setup_joints_are_placed_from_elsewhere(robot: Robot) -> None:
         assert np.allclose(suj.PSM2.measured_jp()[0], [0.1, 0.2, 1.5, -0.1, 0.4, 0.0])
         assert suj.PSM2.local.measured_cp()[0].shape == (4, 4)
     assert robot.down() == 0
+
+
+def test_events_and_sounds_are_the_same_from_elsewhere(robot: Robot) -> None:
+    at = up(robot, TELEOP)
+    with trocar.psm("PSM1", robot.name) as here, trocar.psm("PSM1", at=at) as there, \
+            trocar.system(robot.name) as system, trocar.system(at=at) as same, trocar.console(at=at) as console:
+        robot.pids.add(robot.pid("socket_bridge"))
+        seen: dict[str, list[Any]] = {"here": [], "there": [], "volume": [], "present": []}
+        here.on_event("operating_state", seen["here"].append)
+        there.on_event("operating_state", seen["there"].append)
+        same.on_event("volume", seen["volume"].append)
+        console.on_event("operator_present", seen["present"].append)
+        for each in (here, there):
+            with pytest.raises(trocar.Problem, match="near are: operating_state"):
+                each.on_event("operating_stat", print)
+        here.home()
+        wait_for(lambda: here.process_events() + there.process_events() == 0 and seen["there"] == seen["here"], 20,
+                 "the same events")
+        assert [event["state"] for event in seen["here"]][-1] == "ENABLED" and seen["here"][-1]["is_homed"]
+        system.set_volume(0.3)
+        same.beep(0.01)
+        same.string_to_speech("hello")
+        wait_for(lambda: same.volume() == 0.3, 20, "the volume")
+        assert same.process_events() == 1 and seen["volume"][0]["volume"] == 0.3
+        console.emulate_operator_present()
+        assert console.process_events(20) == 1 and seen["present"][0]["operator_present"] is True
+        there.check_connections()
+    assert robot.down() == 0
+
+
+def test_words_are_awaited_here_and_elsewhere(robot: Robot) -> None:
+    at = up(robot, PSM)
+
+    async def story(**where: Any) -> list[str]:
+        states = []
+        async with trocar.aio(trocar.psm, "PSM1", **where) as psm:
+            robot.pids.add(robot.pid("socket_bridge"))
+
+            async def listen() -> None:
+                async for name, _ in psm.events("operating_state", "goal_reached"):
+                    states.append(name)
+                    if name == "goal_reached":
+                        return
+
+            listening = asyncio.ensure_future(listen())
+            await psm.home()
+            while not listening.done():
+                await psm.move_jp([0.1, 0, 0.12, 0, 0, 0])
+                await psm.move_jp([0.0, 0, 0.12, 0, 0, 0])
+            assert (await psm.measured_jp())[0][2] == pytest.approx(0.12)
+            moving = asyncio.ensure_future(psm.move_jp([0.5, 0, 0.2, 0, 0, 0]))
+            while not await psm.is_busy():
+                await asyncio.sleep(0.001)
+            await psm.hold()
+            with pytest.raises(trocar.Refused):
+                await moving
+            await psm.disable()
+        return states
+
+    for where in ({"system": robot.name}, {"at": at}):
+        assert asyncio.run(story(**where))[-1] == "goal_reached"
+    assert robot.down() == 0

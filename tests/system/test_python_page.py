@@ -16,10 +16,10 @@ PAGE = EXAMPLE.findall((ROOT / "docs/python.md").read_text())
 
 
 def test_there_are_examples_of_every_kind() -> None:
-    assert len(PAGE) == 3
+    assert len(PAGE) == 4
 
 
-@pytest.mark.parametrize(("file", "code"), PAGE, ids=["psm", "master", "cart"])
+@pytest.mark.parametrize(("file", "code"), PAGE, ids=["psm", "master", "cart", "events"])
 def test_the_example_runs(robot: Robot, file: str, code: str) -> None:
     robot.up(ROOT / file, "--set", "clock=lockstep")
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, env=robot.environment, timeout=120, text=True,

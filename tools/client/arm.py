@@ -44,6 +44,10 @@ class Arm(Instance, Joints):
         """Twist (6,) of the setpoint tip."""
         return self._record.part("setpoint_cv", "twist")
 
+    def measured_cf(self) -> Stamped:
+        """The same as `body.measured_cf`."""
+        return self.body.measured_cf()
+
     def move_cp(self, pose: ArrayLike) -> MoveHandle:
         """Move to a tip pose (4, 4), joints in a straight line."""
         return move(self._waits, self._remote, "move_cp", pose_numbers(pose))

@@ -7,12 +7,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
 from procs.crtk.names import none_such
+from tools.client.callbacks import Callbacks, Reporting
 from tools.client.moves import Waits
 from tools.client.ways import Ways, ways_of
 from tools.errors import Problem
 
 
-class Operated:
+class Operated(Reporting):
     """A console or a teleoperation of a running system; a context manager. Each thread has to make its own."""
 
     def __init__(self, system: str | Ways, name: str) -> None:
@@ -24,8 +25,10 @@ class Operated:
             stack.callback(self._rows.close)
             self._remote = self._ways.remote(name)
             stack.callback(self._remote.close)
+            self._callbacks = Callbacks(self._ways.events(name), self._row)
+            stack.callback(self._callbacks.close)
             self._open = stack.pop_all()
-        self._waits = Waits(self._rows.stamp_ns if self._ways.is_simulated else None)
+        self._waits = Waits(self._rows.stamp_ns if self._ways.is_simulated else None, self._callbacks)
 
     def connected(self) -> bool:
         """Whether it shows fresh records."""
@@ -34,6 +37,10 @@ class Operated:
         except (TimeoutError, Problem):
             return False
         return True
+
+    def check_connections(self, timeout: float = 5.0) -> None:
+        """TimeoutError unless it shows fresh records within `timeout` s."""
+        self._waits.until(self.connected, timeout, f"{self.name} is not connected")
 
     def _row(self) -> Mapping[str, Any]:
         return self._rows.row()
@@ -141,6 +148,16 @@ class TeleopHandle(Operated):
     def state_command(self, word: str) -> None:
         """enable, align_MTM or disable."""
         self._ask("state_command", text=word)
+
+    def enable(self, timeout: float = 60.0) -> None:
+        """Ask for it and wait until it is ENABLED: its arms are homed and aligned, and the operator is there."""
+        self.state_command("enable")
+        self.wait_for_state("ENABLED", timeout)
+
+    def disable(self, timeout: float = 10.0) -> None:
+        """End it and wait until it is DISABLED."""
+        self.state_command("disable")
+        self.wait_for_state("DISABLED", timeout)
 
     def wait_for_state(self, state: str, timeout: float = 10.0) -> None:
         """Until that is its state; TimeoutError after `timeout` s."""

@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-import json
 import math
-import socket
-import ssl
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from procs.kinematics.poses import matrix_from_pose
-from shm.clock import monotonic_ns
 from shm.commands import ENDINGS
+from tools.client.connection import BridgeConnection
 from tools.client.values import FRESH_S, Array, JointState, Stamped, numbers
-from tools.deadline import Deadline
-from tools.errors import Problem, Refused
+from tools.errors import Disconnected, Problem, Refused
 
-PORT: Final = 7380
-KEPT: Final = 1000
+EVENT: Final = "event"
+AROUND: Final = ("op", "topic", "age_s")
+"""Of a record as it comes: what an event does not have."""
 STEP_S: Final = 0.2
 STEPS: Final = {"disabled": ("disable",), "enabled": ("enable",), "homed": ("enable", "home")}
 PARTS: Final = {"pose": ("position", "orientation"), "twist": ("linear", "angular"), "wrench": ("force", "torque")}
@@ -42,109 +38,6 @@ def _reply(number: int, found: dict[str, Any]) -> DistantReply:
     if found["op"] == "error":
         return DistantReply(number, "refused", str(found["error"]))
     return DistantReply(number, str(found["outcome"]), str(found["text"]))
-
-
-class BridgeConnection:
-    """One connection to a bridge; for one thread."""
-
-    def __init__(self, at: str, token: str | Path = "", tls: ssl.SSLContext | None = None,
-                 timeout: float = 5.0) -> None:
-        """`at`: HOST:PORT. `token`: the token itself, or the Path of a file that has it. OSError: nobody is there."""
-        host, _, port = at.rpartition(":") if at.rpartition(":")[2].isdecimal() else (at, "", str(PORT))
-        words = token.read_text().strip() if isinstance(token, Path) else token
-        bare = socket.create_connection((host.strip("[]"), int(port)), timeout)
-        bare.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._socket = tls.wrap_socket(bare, server_hostname=host) if tls is not None else bare
-        self._rest, self._count, self.at = b"", 0, at
-        self._heard: dict[int, list[dict[str, Any]]] = {}
-        try:
-            self.hello = self.ask("hello", timeout, token=words, name="python")
-        except BaseException:
-            self.close()
-            raise
-
-    def say(self, op: str, **parts: Any) -> int:
-        """A message; its number."""
-        self._count += 1
-        message = json.dumps({"op": op, "id": self._count, **parts}, allow_nan=False)
-        try:
-            self._socket.settimeout(FRESH_S)
-            self._socket.sendall(message.encode() + b"\n")
-        except OSError as error:
-            raise self._gone(error) from None
-        return self._count
-
-    def hear(self, timeout: float) -> bool:
-        """Take in what has come, at least one message; False when there is none in time."""
-        end = monotonic_ns() + round(timeout * 1e9)
-        while b"\n" not in self._rest:
-            try:
-                self._socket.settimeout(max((end - monotonic_ns()) * 1e-9, 1e-4))
-                data = self._socket.recv(1 << 16)
-            except TimeoutError:
-                return False
-            except OSError as error:
-                raise self._gone(error) from None
-            if not data:
-                raise self._gone("it has closed the connection")
-            self._rest += data
-        *lines, self._rest = self._rest.split(b"\n")
-        for line in lines:
-            message = json.loads(line)
-            if isinstance(message.get("id"), int):
-                self._heard.setdefault(message["id"], []).append(message)
-            elif message["op"] == "error":
-                raise Problem(f"{self.at}: {message['error']}")
-        while len(self._heard) > KEPT:  # answers nobody asks for
-            del self._heard[next(iter(self._heard))]
-        return True
-
-    def heard(self, number: int) -> list[dict[str, Any]]:
-        """What has come about one message, and was not asked for yet."""
-        while self.hear(0.0):
-            pass
-        return self._heard.pop(number, [])
-
-    def first(self, number: int, timeout: float, outcomes: tuple[str, ...] = ()) -> dict[str, Any] | None:
-        """The next answer about a message, of these outcomes if any are given; None when there is none in time."""
-        end = monotonic_ns() + round(timeout * 1e9)
-        while True:
-            known = self._heard.get(number, [])
-            while known:
-                message = known.pop(0)
-                if message["op"] == "error" or not outcomes or message.get("outcome") in outcomes:
-                    return message
-            if (left := (end - monotonic_ns()) * 1e-9) <= 0.0 or not self.hear(left):
-                return None
-
-    def ask(self, op: str, timeout: float = 5.0, **parts: Any) -> dict[str, Any]:
-        """A question and its answer; Problem with the reason, TimeoutError when there is none."""
-        found = self.first(self.say(op, **parts), timeout)
-        if found is None:
-            raise TimeoutError(f"{self.at} did not answer within {timeout:g} s")
-        if found["op"] == "error":
-            raise Problem(str(found["error"]))
-        return found
-
-    @property
-    def is_simulated(self) -> bool:
-        """The robot's time is."""
-        return bool(self.hello["clock"] != "wall")
-
-    def stamp_ns(self, name: str) -> int:
-        """The robot's time, as the newest record of an instance shows it."""
-        return int(self.ask("read", topic=f"{name}/state")["stamp_ns"])
-
-    def deadline(self, name: str, timeout: float) -> Deadline:
-        """The end of a wait for an instance."""
-        return Deadline(timeout, (lambda: self.stamp_ns(name)) if self.is_simulated else None)
-
-    def _gone(self, why: object) -> Problem:
-        return Problem(f"the bridge at {self.at} is gone: {why}")
-
-    def close(self) -> None:
-        """Leave."""
-        self._socket.close()
 
 
 class DistantRemote:
@@ -284,6 +177,8 @@ class DistantRecord:
         """The flag that an event of this name told last; False when there was none."""
         try:
             return bool(self._connection.ask("read", topic=f"{self._name}/{event}")[FLAGS[event]])
+        except Disconnected:
+            raise
         except Problem:
             return False
 
@@ -295,6 +190,41 @@ class DistantRecord:
     def close(self) -> None:
         """Leave."""
         self._connection.close()
+
+
+class DistantEvents:
+    """What one instance reports now and then."""
+
+    def __init__(self, connection: BridgeConnection, name: str) -> None:
+        """Nothing is asked yet."""
+        self._connection, self._name = connection, name
+        self._followed: set[str] = set()
+
+    def names(self) -> list[str]:
+        """Events that there are."""
+        topics = self._connection.ask("list")["topics"]
+        ours = [row for row in topics if row["kind"] == EVENT and row["topic"].partition("/")[0] == self._name]
+        return [str(row["topic"]).partition("/")[2] for row in ours]
+
+    def follow(self, event: str) -> None:
+        """Take in each event of this name, one of `names`, from now on."""
+        self._connection.ask("subscribe", topic=f"{self._name}/{event}", last=False)
+        self._followed.add(event)
+
+    def leave(self, event: str) -> None:
+        """No more."""
+        if event in self._followed:
+            self._followed.remove(event)
+            self._connection.ask("unsubscribe", topic=f"{self._name}/{event}")
+
+    def taken(self) -> list[tuple[str, Mapping[str, Any]]]:
+        """Those that came since the last call, with their names, in order; `lost`: so many before one were not sent."""
+        came = [(event, {key: row[key] for key in row if key not in AROUND})
+                for event in self._followed for row in self._connection.records(f"{self._name}/{event}")]
+        return sorted(came, key=lambda found: int(found[1]["sequence"]))
+
+    def close(self) -> None:
+        """The connection is closed by the record."""
 
 
 class DistantRows:
@@ -338,6 +268,10 @@ class DistantWays:
     def rows(self, name: str) -> DistantRows:
         """The state record of an instance that is no arm; the same."""
         return DistantRows(self.connection, name)
+
+    def events(self, name: str) -> DistantEvents:
+        """What an instance reports."""
+        return DistantEvents(self.connection, name)
 
     def bring(self, name: str, goal: str, timeout: float) -> None:
         """Enable, home or disable an instance and wait for it; Problem says why it is not so."""

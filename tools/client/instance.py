@@ -5,13 +5,14 @@ from __future__ import annotations
 import contextlib
 from typing import Self
 
+from tools.client.callbacks import Callbacks, Reporting
 from tools.client.moves import Waits
 from tools.client.ways import Ways, ways_of
 
 ENABLED, HOMED, DISABLED = "enabled", "homed", "disabled"
 
 
-class Instance:
+class Instance(Reporting):
     """One arm, or set of setup joints, of a running system; a context manager. Each thread has to make its own."""
 
     def __init__(self, system: str | Ways, name: str) -> None:
@@ -23,12 +24,18 @@ class Instance:
             stack.callback(self._record.close)
             self._remote = ways.remote(name)
             stack.callback(self._remote.close)
+            self._callbacks = Callbacks(ways.events(name))
+            stack.callback(self._callbacks.close)
             self._open = stack.pop_all()
-        self._waits = Waits(self._record.stamp_ns if ways.is_simulated else None)
+        self._waits = Waits(self._record.stamp_ns if ways.is_simulated else None, self._callbacks)
 
     def connected(self) -> bool:
         """Whether it shows fresh records."""
         return self._record.is_fresh()
+
+    def check_connections(self, timeout: float = 5.0) -> None:
+        """TimeoutError unless it shows fresh records within `timeout` s."""
+        self._waits.until(self.connected, timeout, f"{self.name} is not connected")
 
     def operating_state(self) -> tuple[str, int]:
         """DISABLED, ENABLED, PAUSED or FAULT."""

@@ -48,6 +48,13 @@ class Jaw(Joints):
         return self.move_jp(angle)
 
 
+def inserted(arm: Arm, depth: float) -> MoveHandle:
+    """A move of the insertion alone."""
+    position, _ = arm.setpoint_jp()
+    position[INSERTION] = depth
+    return arm.move_jp(position)
+
+
 class Psm(Arm):
     """An arm with an instrument."""
 
@@ -58,9 +65,7 @@ class Psm(Arm):
 
     def insert_jp(self, depth: float) -> MoveHandle:
         """Move the insertion (m) alone; the other joints go to their present setpoints."""
-        position, _ = self.setpoint_jp()
-        position[INSERTION] = depth
-        return self.move_jp(position)
+        return inserted(self, depth)
 
     def tool(self) -> tuple[str, int]:
         """The instrument as NAME:MODEL[VERSION] and when; empty: none is known to be on."""
@@ -82,6 +87,10 @@ class Psm(Arm):
 
 class Ecm(Arm):
     """An arm with an endoscope."""
+
+    def insert_jp(self, depth: float) -> MoveHandle:
+        """Move the insertion (m) alone; the other joints go to their present setpoints."""
+        return inserted(self, depth)
 
     def endoscope(self) -> tuple[str, int]:
         """The endoscope that it takes itself to carry, and when."""

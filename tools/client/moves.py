@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from shm.clock import pause
 from shm.commands import ENDINGS
+from tools.client.callbacks import Callbacks
 from tools.client.values import numbers
 from tools.client.ways import CommandWay, ReplyText
 from tools.deadline import Deadline
@@ -20,11 +21,11 @@ CLIPPED = "clipped: "
 
 
 class Waits:
-    """The waits of one object."""
+    """The waits of one object, in which its callbacks run."""
 
-    def __init__(self, robot_ns: Callable[[], int] | None = None) -> None:
+    def __init__(self, robot_ns: Callable[[], int] | None = None, callbacks: Callbacks | None = None) -> None:
         """`robot_ns`: the robot's time where that is simulated."""
-        self._robot_ns = robot_ns
+        self._robot_ns, self._callbacks = robot_ns, callbacks
 
     def until(self, done: Callable[[], bool], timeout: float, what: str) -> None:
         """Wait for a condition; TimeoutError says `what` is not so after `timeout` s, of our time and the robot's."""
@@ -32,6 +33,8 @@ class Waits:
             return
         limit = Deadline(timeout, self._robot_ns)
         while not done():
+            if self._callbacks is not None:
+                self._callbacks.run()
             if limit.is_over():
                 raise TimeoutError(f"{what} after {timeout:g} s")
             pause(POLL_S)

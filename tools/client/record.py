@@ -8,6 +8,7 @@ from procs.crtk.demand import OnDemand, wait_until_computed
 from procs.crtk.topics import EVENT, catalogue
 from procs.crtk.views import OpenTopic
 from procs.kinematics.poses import matrix_from_pose
+from shm.segment import SegmentError
 from tools.client.values import FRESH_S, Array, JointState, Stamped
 from tools.errors import Problem
 from tools.inspect.watch import Watch
@@ -72,7 +73,10 @@ class InstanceRecord:
         """The flag that an event of this name told last; False when there was none."""
         source = self._events.get(event)
         if source is None:
-            source = self._events[event] = OpenTopic(self._system, self._flags[f"{self._name}/{event}"])
+            entry = self._flags.get(f"{self._name}/{event}")
+            if entry is None:
+                raise Problem(f"{self._name} does not report {event}")
+            source = self._events[event] = OpenTopic(self._system, entry)
         return source.newest() and bool(source.part("value")[0])
 
     def parts(self) -> list[str]:
@@ -87,7 +91,10 @@ class InstanceRecord:
         if not source.valid:
             raise TimeoutError(f"{source.entry.name} is not valid now (is the arm powered and homed?)")
         if source.groups:
-            self._demand.want(source)
+            try:
+                self._demand.want(source)
+            except SegmentError as error:  # others have all places
+                raise Problem(str(error)) from None
             if not wait_until_computed(source, FRESH_S):
                 raise TimeoutError(f"{source.entry.name} was not computed within {FRESH_S:g} s")
         return source

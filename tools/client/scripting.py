@@ -9,13 +9,14 @@ import importlib
 import ssl
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar, overload
+from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 from procs.arm_types import ARM_TYPES, class_of
 from shm.clock import monotonic_ns, pause
 from tools.client.arm import Arm
+from tools.client.connection import BridgeConnection
 from tools.client.consoles import ConsoleHandle, Operated, TeleopHandle
-from tools.client.distant import BridgeConnection, DistantWays
+from tools.client.distant import DistantWays
 from tools.client.impedance import Gains, Impedance
 from tools.client.joints import Joints
 from tools.client.kinds import Ecm, Gripper, Jaw, Mtm, Psm
@@ -23,7 +24,7 @@ from tools.client.moves import MoveHandle
 from tools.client.setup import SetupArm, Suj
 from tools.client.values import JointState
 from tools.client.whole import DistantSystem
-from tools.errors import Clipped, Problem, Refused
+from tools.errors import Clipped, Disconnected, Problem, Refused
 from tools.version import VERSION as __version__
 
 
@@ -34,6 +35,9 @@ def _has_shared_memory() -> bool:
         return False
     return True
 
+
+if TYPE_CHECKING:
+    from tools.client.aio import Aio
 
 if TYPE_CHECKING or _has_shared_memory():
     from tools.client.here import (
@@ -64,6 +68,7 @@ __all__ = [
     "Arm",
     "Clipped",
     "ConsoleHandle",
+    "Disconnected",
     "Ecm",
     "Gains",
     "Gripper",
@@ -84,6 +89,7 @@ __all__ = [
     "System",
     "TeleopHandle",
     "__version__",
+    "aio",
     "arm",
     "console",
     "ecm",
@@ -177,6 +183,13 @@ def system(name: str | None = None, timeout: float = 5.0, *, at: str = "", token
            tls: ssl.SSLContext | None = None) -> System | DistantSystem:
     """A running system, default as of `arm`; TimeoutError when there is none within `timeout` s."""
     return system_here(name, timeout) if not at else _at(at, token, tls, timeout, DistantSystem)
+
+
+def aio(make: Callable[..., Any], *given: Any, **named: Any) -> Aio:
+    """What `make(*given, **named)` gives, its words coroutines: `async with trocar.aio(trocar.psm, "PSM1") as psm`."""
+    from tools.client.aio import Aio  # most scripts do without asyncio, and it takes a while
+
+    return Aio(lambda: make(*given, **named))
 
 
 def _at(at: str, token: str | Path, tls: ssl.SSLContext | None, timeout: float, made: Callable[[DistantWays], T]) -> T:

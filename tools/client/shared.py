@@ -6,10 +6,13 @@ from collections.abc import Mapping
 from typing import Any
 
 from procs.crtk.views import open_topic
+from shm.segment import SegmentError
 from tools import arms
 from tools.arms import DISABLED, ENABLED, HOMED
 from tools.client.record import InstanceRecord
+from tools.client.reported import SharedEvents
 from tools.client.values import FRESH_S
+from tools.errors import Problem
 from tools.inspect.processes import statuses
 from tools.inspect.watch import arm_document
 from tools.remote import Remote
@@ -57,9 +60,16 @@ class SharedWays:
         """The state record of an instance that is no arm; the same."""
         return SharedRows(self.name, name)
 
+    def events(self, name: str) -> SharedEvents:
+        """What an instance reports."""
+        return SharedEvents(self.name, name)
+
     def bring(self, name: str, goal: str, timeout: float) -> None:
         """Enable, home or disable an instance and wait for it; Problem says why it is not so."""
-        {ENABLED: arms.power_on, HOMED: arms.home, DISABLED: arms.power_off}[goal](self.name, [name], timeout)
+        try:
+            {ENABLED: arms.power_on, HOMED: arms.home, DISABLED: arms.power_off}[goal](self.name, [name], timeout)
+        except SegmentError as error:  # the system has gone, or others have all places
+            raise Problem(str(error)) from None
 
     def statistics(self, name: str) -> dict[str, dict[str, float]]:
         """Figures of the period and the work of its loop."""

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Self, TypeVar
+from typing import TypeVar
 
 from shm.clock import monotonic_ns, pause
 from shm.segment import SegmentError
 from tools import arms
 from tools.client.instance import Instance
+from tools.client.shared import SharedWays
+from tools.client.sounds import Sounds
 from tools.errors import Problem
 from tools.inspect.processes import ProcessStatus, statuses
 from tools.inspect.watch import arm_names
@@ -20,12 +22,12 @@ T = TypeVar("T")
 Found = TypeVar("Found", bound=Instance)
 
 
-class System:
+class System(Sounds):
     """One running system; a context manager. Made by `system`."""
 
     def __init__(self, name: str) -> None:
         """`name` must be up."""
-        self.name = name
+        super().__init__(SharedWays(name))
 
     def arms(self) -> list[str]:
         """Names of its arms."""
@@ -46,12 +48,6 @@ class System:
     def status(self) -> list[ProcessStatus]:
         """Every process: state, rate, missed deadlines, restarts, problem."""
         return statuses(self.name)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        """Nothing is held open between calls."""
 
 
 def attached(kind: str, make: Callable[[str, str], Found], system: str, name: str) -> Found:

@@ -25,7 +25,10 @@ class JointState(NamedTuple):
 
 def numbers(values: ArrayLike) -> Array:
     """Numbers in one row (n,); ValueError when they are none."""
-    return np.asarray(values, dtype=np.float64).reshape(-1)
+    try:
+        return np.asarray(values, dtype=np.float64).reshape(-1)
+    except TypeError as error:
+        raise ValueError(f"these are no numbers: {error}") from None
 
 
 def pose_numbers(matrix: ArrayLike) -> Array:

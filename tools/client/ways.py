@@ -120,6 +120,25 @@ class RowWay(Protocol):
         """Look no more."""
 
 
+class EventWay(Protocol):
+    """What one instance reports now and then."""
+
+    def names(self) -> list[str]:
+        """Events that there are."""
+
+    def follow(self, event: str) -> None:
+        """Take in each event of this name, one of `names`, from now on."""
+
+    def leave(self, event: str) -> None:
+        """No more."""
+
+    def taken(self) -> list[tuple[str, Mapping[str, Any]]]:
+        """Those that came since the last call, with their names, in order."""
+
+    def close(self) -> None:
+        """Take in no more."""
+
+
 class Ways(Protocol):
     """Both ways to any instance of one system."""
 
@@ -135,6 +154,9 @@ class Ways(Protocol):
 
     def rows(self, name: str) -> RowWay:
         """The state record of an instance that is no arm; the same."""
+
+    def events(self, name: str) -> EventWay:
+        """What an instance reports; nothing is followed yet."""
 
     def bring(self, name: str, goal: str, timeout: float) -> None:
         """Enable, home or disable an instance and wait for it; Problem says why it is not so."""

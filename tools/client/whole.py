@@ -2,28 +2,28 @@
 
 from __future__ import annotations
 
-from typing import Final, Self
+from typing import Final
 
 from procs.arm_types import ARM_TYPES
 from tools.client.distant import DistantRemote, DistantWays
 from tools.client.instance import DISABLED, ENABLED, HOMED
+from tools.client.sounds import WHOLE, Sounds
 from tools.errors import Problem
 
 WORDS: Final = {ENABLED: "power_on", HOMED: "home", DISABLED: "power_off"}
-WHOLE: Final = "system"
-"""The process that brings all arms up, where there are consoles."""
 
 
-class DistantSystem:
+class DistantSystem(Sounds):
     """A system by its socket bridge; a context manager."""
 
     def __init__(self, ways: DistantWays) -> None:
         """Closed with us."""
-        self._ways, self.name = ways, ways.name
+        super().__init__(ways)
+        self._distant = ways
 
     def arms(self) -> list[str]:
         """Names of its arms."""
-        return [name for name, what in self._ways.instances.items() if what in ARM_TYPES]
+        return [name for name, what in self._distant.instances.items() if what in ARM_TYPES]
 
     def power_on(self, timeout: float = 10.0) -> None:
         """Enable every arm, and the setup joints; Problem says which are not and why."""
@@ -38,16 +38,16 @@ class DistantSystem:
         self._bring(DISABLED, timeout)
 
     def _bring(self, goal: str, timeout: float) -> None:
-        if WHOLE in self._ways.instances:
-            reply = DistantRemote(self._ways.connection, WHOLE).settled(WORDS[goal], timeout=timeout)
+        if WHOLE in self._distant.instances:
+            reply = DistantRemote(self._distant.connection, WHOLE).settled(WORDS[goal], timeout=timeout)
             if reply.outcome != "done":
                 raise Problem(f"{WORDS[goal]} was {reply.outcome}: {reply.text}")
             return
-        carts = [name for name, what in self._ways.instances.items() if what == "suj"]
+        carts = [name for name, what in self._distant.instances.items() if what == "suj"]
         wrong = []
         for name in (*carts, *self.arms()):
             try:
-                self._ways.bring(name, goal, timeout)
+                self._distant.bring(name, goal, timeout)
             except (Problem, TimeoutError) as error:
                 wrong.append(str(error))
         if wrong:
@@ -55,10 +55,5 @@ class DistantSystem:
 
     def close(self) -> None:
         """Leave."""
-        self._ways.connection.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
+        super().close()
+        self._distant.connection.close()

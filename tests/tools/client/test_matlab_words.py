@@ -20,7 +20,7 @@ FILES = sorted(PACKAGE.rglob("*.m"))
 CLASSES = {"arm": Arm, "psm": Psm, "ecm": Ecm, "mtm": Mtm, "jaw": Jaw, "gripper": Gripper, "frame": Body,
            "local": Local, "suj": Suj, "suj_arm": SetupArm, "suj_arm_local": SetupLocal, "console": ConsoleHandle,
            "teleop": TeleopHandle, "move_handle": MoveHandle}
-PYTHON_ALONE = {"close", "period_statistics"}  # objects of MATLAB are deleted; the other is for the robot's machine
+PYTHON_ALONE = {"close", "period_statistics", "check_connections", "on_event", "process_events"}
 OCTAVE_ALONE = re.compile(r'"|^\s*#|\bend(function|if|while|for|switch|classdef|methods)\b|!=|\+=|-=|\+\+|\bprintf\b|'
                           r"\bdo\b|\buntil\b|\bunwind_protect\b")
 

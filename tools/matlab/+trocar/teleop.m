@@ -37,6 +37,24 @@ classdef teleop < trocar.operated
             self.command('state_command', [], word);
         end
 
+        function result = enable(self, timeout)
+            % Ask for it and wait until it is ENABLED: its arms are homed and aligned, and the operator is there.
+            if nargin < 2
+                timeout = 60;
+            end
+            self.state_command('enable');
+            result = self.wait_for_state('ENABLED', timeout);
+        end
+
+        function result = disable(self, timeout)
+            % End it and wait until it is DISABLED.
+            if nargin < 2
+                timeout = 10;
+            end
+            self.state_command('disable');
+            result = self.wait_for_state('DISABLED', timeout);
+        end
+
         function result = wait_for_state(self, state, timeout)
             % Until that is its state; trocar:timeout after `timeout` s (10).
             if nargin < 3

@@ -1,0 +1,101 @@
+"""Functions of a script that are called when something has happened."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import Any, Final
+
+from procs.crtk.names import none_such
+from shm.clock import monotonic_ns, pause
+from tools.client.ways import EventWay
+from tools.errors import Problem
+
+POLL_S: Final = 0.002
+
+Event = Mapping[str, Any]
+Callback = Callable[[Event], object]
+
+
+class Callbacks:
+    """Those of one object. They run in calls of its thread: `run`, and the object's waits."""
+
+    def __init__(self, events: EventWay, row: Callable[[], Event] | None = None) -> None:
+        """`row`: a state record whose fields are told, too, when they have changed."""
+        self._events, self._row = events, row
+        self._functions: dict[str, Callback] = {}
+        self._fields: dict[str, Any] = {}
+        self._came: deque[tuple[str, Event]] = deque()
+
+    def set(self, event: str, function: Callback | None) -> None:
+        """Call this with each event of this name from now on, None: no more; Problem names those there are."""
+        if function is None:
+            self._functions.pop(event, None)
+            self._fields.pop(event, None)
+            self._events.leave(event)
+            return
+        names = self._events.names()
+        row = self._row() if self._row is not None else {}
+        if event in names:
+            self._events.follow(event)
+        elif event in row:
+            self._fields[event] = row[event]
+        else:
+            raise Problem(none_such("event", event, [*names, *row]))
+        self._functions[event] = function
+
+    def run(self, timeout: float = 0.0) -> int:
+        """Call the functions for what has happened; how many calls. Waits up to `timeout` s for a first one."""
+        count, end = self._run(), monotonic_ns() + round(timeout * 1e9)
+        while not count and monotonic_ns() < end:
+            pause(POLL_S)
+            count = self._run()
+        return count
+
+    def _run(self) -> int:
+        if not self._functions:
+            return 0
+        self._came += self._events.taken()
+        if self._fields:
+            self._look()
+        count = 0
+        while self._came:  # a function may wait for something, so that others run meanwhile
+            event, what = self._came.popleft()
+            function = self._functions.get(event)
+            if function is not None:
+                function(what)
+                count += 1
+        return count
+
+    def _look(self) -> None:
+        """Fields that have changed."""
+        try:
+            row = self._row() if self._row is not None else {}
+        except TimeoutError:  # it does not show itself now
+            return
+        for name, before in self._fields.items():
+            if row[name] != before:
+                self._fields[name] = row[name]
+                self._came.append((name, {"stamp_ns": row["stamp_ns"], name: row[name]}))
+
+    def close(self) -> None:
+        """Follow nothing more."""
+        self._functions.clear()
+        self._events.close()
+
+
+class Reporting:
+    """What has events: arms, setup joints, consoles, teleoperations, systems."""
+
+    _callbacks: Callbacks
+
+    def on_event(self, event: str, callback: Callback | None) -> None:
+        """Have `callback` called with each event of this name from now on, a mapping as `trocar echo --json` has it.
+
+        None: no more. It runs in calls of yours: `process_events`, and waits of this object. Problem names the events.
+        """
+        self._callbacks.set(event, callback)
+
+    def process_events(self, timeout: float = 0.0) -> int:
+        """Run the callbacks for what has happened; how many calls. Waits up to `timeout` s for a first one."""
+        return self._callbacks.run(timeout)
