@@ -8,6 +8,7 @@ from typing import Final
 from procs.document.system import WALL, SystemConfig
 from procs.gui.messages_source import MessagesSource
 from procs.gui.processes_source import ProcessesSource
+from procs.gui.robots import RobotSource, robots_of
 from procs.gui.scene_source import SceneSource
 from procs.gui.sources import Maker, RecordSource, Sources
 
@@ -26,6 +27,8 @@ def sources_of(document: SystemConfig) -> Sources:
     makers: dict[str, Maker] = {
         record(row.name): partial(RecordSource, document.name, row.name, "state", simulated=document.clock != WALL)
         for row in document.processes if row.kind in KINDS}
+    for robot in robots_of(document):
+        makers[robot.source] = partial(RobotSource, document.name, robot, simulated=document.clock != WALL)
     makers[MESSAGES] = partial(MessagesSource, document)
     makers[PROCESSES] = partial(ProcessesSource, document)
     makers[SCENE] = partial(SceneSource, document)

@@ -34,8 +34,12 @@ class Source(Protocol):
 class RecordSource:
     """The newest record of a ring, its fields by their names."""
 
-    def __init__(self, system: str, instance: str, ring: str, *, simulated: bool) -> None:
-        """Attach, and want it; SegmentError when it cannot be read."""
+    def __init__(self, system: str, instance: str, ring: str, *, simulated: bool,
+                 cuts: Mapping[str, Any] | None = None, ages: bool = True) -> None:
+        """Attach, and want it; SegmentError when it cannot be read.
+
+        `cuts`: only these fields, and of each what is at this index. `ages`: not what is written by change only.
+        """
         self._reader = directory.reader(system, instance, ring, often=False)
         self._subscriber: Subscriber | None = None
         try:
@@ -45,8 +49,9 @@ class RecordSource:
             self.close()
             raise
         names = [name for name in self._reader.dtype.names or () if name not in UNSEEN]
-        self._fields = [(name, _encoder(self._reader.field(name))) for name in names if name != "sequence"]
-        self._sequence, self._seen_ns, self._simulated = 0, 0, simulated
+        self._fields = [(name, _encoder(self._reader.field(name), None if cuts is None else cuts[name]))
+                        for name in names if name != "sequence" and (cuts is None or name in cuts)]
+        self._sequence, self._seen_ns, self._simulated, self._ages = 0, 0, simulated, ages
 
     def read(self, now_ns: int) -> dict[str, Any]:
         """Fields of the newest record; only `age` where there is none yet."""
@@ -56,7 +61,7 @@ class RecordSource:
             is_first, self._sequence = not self._sequence, self._reader.sequence
             # Of simulated time nobody can tell how old a record is: by when it changed.
             self._seen_ns = self._reader.stamp_ns if is_first and not self._simulated else now_ns
-        age_s = max(0.0, (now_ns - self._seen_ns) * 1e-9)
+        age_s = max(0.0, (now_ns - self._seen_ns) * 1e-9) if self._ages else 0.0
         found: dict[str, Any] = {"age": round(age_s, 1), "gone": bool(self._reader.gone)}
         for name, encode in self._fields:
             found[name] = encode()
@@ -69,8 +74,12 @@ class RecordSource:
             self._subscriber.close()
 
 
-def _encoder(cell: np.ndarray[Any, Any]) -> Callable[[], Any]:
-    """How a field becomes JSON: what is not finite null, bytes as text."""
+def _encoder(cell: np.ndarray[Any, Any], cut: Any = None) -> Callable[[], Any]:
+    """How a field, or what of it is at `cut`, becomes JSON: what is not finite null, bytes as text."""
+    if isinstance(cut, np.ndarray):
+        return lambda: cell[cut]
+    if cut is not None:
+        cell = cell[cut, ...] if isinstance(cut, int) else cell[cut]
     if cell.dtype.kind == "S":
         if cell.shape:
             return lambda: [word.decode(errors="replace") for word in cell.tolist()]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 from fastapi import FastAPI
 from nicegui import app, ui
@@ -12,7 +13,9 @@ from procs.gui.catalogue import MESSAGES, PROCESSES
 from procs.gui.pages.assets import STATIC, assets
 from procs.gui.pages.frame import page
 from procs.gui.pages.processes import processes_page
+from procs.gui.pages.robot_io import io_page
 from procs.gui.pages.system import system_page
+from procs.gui.robots import robots_of
 
 
 def application(document: SystemConfig) -> FastAPI:
@@ -22,6 +25,11 @@ def application(document: SystemConfig) -> FastAPI:
         ("/", (MESSAGES,), lambda: system_page(document)),
         ("/processes", (PROCESSES,), processes_page),
     ]
+    robots = robots_of(document)
+    for section, content_of in (("io", io_page),):
+        found = [robot for robot in robots if robot.robot.actuators]
+        made += [(path, (), partial(content_of, found, robot)) for robot in found for path in
+                 ((robot.path(section), f"/{section}") if robot is found[0] else (robot.path(section),))]
     for path, wants, content in made:
         _add(document, path, wants, content)
     outer = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)

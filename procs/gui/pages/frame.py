@@ -6,8 +6,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Final
 
-from nicegui import ui
-
 from procs.document.system import WALL, SystemConfig
 from procs.gui.pages.assets import script, style
 from procs.gui.pages.parts import Call, Part, box, button
@@ -51,6 +49,8 @@ def pages_of(document: SystemConfig) -> list[tuple[str, str]]:
     found += [(arm.name, f"/arm/{arm.name}") for arm in document.arms]
     if document.consoles:
         found.append(("Teleoperation", "/teleop"))
+    if any(io.robots for io in document.ios):
+        found.append(("IO", "/io"))
     return [*found, ("Processes", "/processes")]
 
 
@@ -59,13 +59,12 @@ def page(document: SystemConfig, here: str, wants: Sequence[str] = ()) -> Iterat
     """A page of this path; what is made inside is its content."""
     style("style.css")
     script("live.js")
-    ui.query(".nicegui-content").classes("whole")
     with Part("header", "bar"):
         Part("a", "brand", "Trocar", href="/")
         Part("span", "system", document.name, title=document.source)
         with Part("nav"):
             for name, path in pages_of(document):
-                Part("a", "here" if path == here else "", name, href=path)
+                Part("a", "here" if here == path or here.startswith(f"{path}/") else "", name, href=path)
         box("spacer")
         if document.clock != WALL:
             Part("span", "badge", "simulated time", title="Boards are emulated, or arms have no robot")

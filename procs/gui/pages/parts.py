@@ -3,6 +3,7 @@
 `data-live`: what is shown, `SOURCE.field.index`, `data-format`: how. `data-show`, `data-on`: shown, or lit, while that
 holds (`PSM1/state.state=FAULT`, `!…`, `…>3`). `data-source`: grey, with its age in `.age`, while that source is old.
 `data-steps`: commands of a button, steps one after the other; `data-free`: without control, `data-confirm`: asks first.
+With `forms.js` on the page: switches and forms.
 """
 
 from __future__ import annotations
@@ -47,3 +48,23 @@ def button(text: str, steps: Sequence[Sequence[Call]], classes: str = "", *, is_
         attributes["data_confirm"] = confirm
     classes = classes if is_free else f"{classes} commands".strip()
     return Part("button", classes, text, type="button", data_steps=json.dumps(steps), **attributes)
+
+
+def switch(text: str, path: str, on: Sequence[Sequence[Call]], off: Sequence[Sequence[Call]], *, confirm: str = "",
+           **attributes: Any) -> Part:
+    """A button that shows whether something is on, and commands the other; `confirm` asks before it goes on."""
+    return Part("button", "switch commands", text, type="button", data_on=path, data_switch=path,
+                data_steps_on=json.dumps(on), data_steps_off=json.dumps(off), data_confirm_on=confirm, **attributes)
+
+
+def form(to: str, command: str, text: str, classes: str = "", **attributes: Any) -> Part:
+    """Inputs (`arg`) and a button (`data-submit`) that sends their values with a command."""
+    return box(classes, data_form=json.dumps([to, command, text]), **attributes)
+
+
+def arg(tag: str, kind: str, **attributes: Any) -> Part:
+    """A value of a form: "choice" of a select, "num", "deg", "mm", or "joint": as what is chosen moves.
+
+    `data_low`, `data_high`: what is allowed, as it is typed.
+    """
+    return Part(tag, "", data_arg=kind, **attributes)

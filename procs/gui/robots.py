@@ -1,0 +1,113 @@
+"""The robots of all ios: where their actuators and brakes are in records, and how pages call them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.document.gains import PidAxis
+from procs.document.system import IoConfig, PidConfig, Robot, SystemConfig
+from procs.faults import fault_of
+from procs.gui.sources import RecordSource
+from shm.topics import IO_GAINS, IO_STATE
+
+Place = int | slice | NDArray[np.intp]
+
+
+@dataclass(frozen=True, slots=True)
+class IoRobot:
+    """One robot of an io."""
+
+    io: IoConfig
+    place: int
+    robot: Robot
+    axes: slice
+    """Of the io's actuators."""
+    brakes: slice
+    """Of its drives."""
+    pid: PidConfig | None
+
+    @property
+    def source(self) -> str:
+        """What of the io's state is its own."""
+        return f"{self.io.name}/robot{self.place}"
+
+    @property
+    def gains(self) -> str:
+        """Its gains."""
+        return f"{self.io.name}/gains{self.place}"
+
+    def path(self, section: str) -> str:
+        """Its page."""
+        return f"/{section}/{quote(self.io.name)}/{quote(self.robot.name)}"
+
+    @property
+    def is_kinematic(self) -> bool:
+        """There are no boards."""
+        return not self.io.port
+
+    @property
+    def axis_names(self) -> list[str]:
+        """Of its actuators, for people."""
+        names = [axis.name.replace("_", " ") for axis in self.pid.axes] if self.pid else []
+        return [names[i] if i < len(names) else f"actuator {i}" for i in range(len(self.robot.actuators))]
+
+    def cuts(self, rows: tuple[Any, ...]) -> dict[str, Place]:
+        """Where in the fields of a topic its own values are; of what is not about a robot nothing."""
+        drives = np.concatenate([np.arange(self.axes.start, self.axes.stop),
+                                 np.arange(self.brakes.start, self.brakes.stop)])
+        places: dict[str, Place] = {"(axes,)": self.axes, "(drives,)": drives, "(robots,)": self.place}
+        return {row.name: place for row in rows for size, place in places.items() if row.dtype.startswith(size)}
+
+
+def robots_of(document: SystemConfig) -> list[IoRobot]:
+    """All robots of a system."""
+    found = []
+    for io in document.ios:
+        first, brake = 0, sum(len(robot.actuators) for robot in io.robots)
+        for place, robot in enumerate(io.robots):
+            last, end = first + len(robot.actuators), brake + len(robot.brakes)
+            pid = next((pid for pid in io.pids if pid.robot == robot.name), None)
+            found.append(IoRobot(io, place, robot, slice(first, last), slice(brake, end), pid))
+            first, brake = last, end
+    return found
+
+
+def slides(robot: Robot, pid: PidConfig | None) -> list[bool]:
+    """Which actuators slide; the joint controller knows it where the IO file does not."""
+    kinds = [actuator.joint_type for actuator in robot.actuators]
+    axes: tuple[PidAxis, ...] = pid.axes if pid else ()
+    for i, axis in enumerate(axes[: len(kinds)]):
+        kinds[i] = axis.joint_type if kinds[i] not in ("REVOLUTE", "PRISMATIC") else kinds[i]
+    return [kind == "PRISMATIC" for kind in kinds]
+
+
+class RobotSource:
+    """The state of one robot: its share of the io's record, and its fault in words."""
+
+    def __init__(self, system: str, robot: IoRobot, *, simulated: bool) -> None:
+        """Attach; SegmentError when it cannot be read."""
+        self._record = RecordSource(system, robot.io.name, IO_STATE.name, simulated=simulated,
+                                    cuts=robot.cuts(IO_STATE.fields))
+
+    def read(self, now_ns: int) -> dict[str, Any]:
+        """Its fields; `cause` and `remedy` of a latched fault."""
+        found = self._record.read(now_ns)
+        fault = fault_of(found.get("fault") or 0)
+        if fault is not None:
+            found["cause"], found["remedy"] = fault.cause, fault.remedy
+        return found
+
+    def close(self) -> None:
+        """Unmap."""
+        self._record.close()
+
+
+def gains_source(system: str, robot: IoRobot) -> RecordSource:
+    """The gains of one robot."""
+    return RecordSource(system, robot.io.name, IO_GAINS.name, simulated=False, cuts=robot.cuts(IO_GAINS.fields),
+                        ages=False)

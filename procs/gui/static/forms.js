@@ -1,0 +1,59 @@
+// Switches, which show whether something is on, and forms: inputs whose values go out with a command.
+import { asked, confirmed, hasControl, note, onTick, perform, typed, unit, units, value } from "./live.js";
+
+// What a person typed, as the number that is sent; null where it is none, or too much.
+function number(input, slides) {
+  const v = typed(input.value);
+  const { low, high } = input.dataset;
+  if (v === null || (low !== undefined && v < +low) || (high !== undefined && v > +high)) return null;
+  let kind = input.dataset.arg;
+  if (kind === "joint") kind = units() !== "deg" ? "num" : slides ? "mm" : "deg";
+  return kind === "deg" ? (v * Math.PI) / 180 : kind === "mm" ? v / 1000 : v;
+}
+
+function allowed(input) {
+  const { low, high } = input.dataset;
+  return low === undefined && high === undefined ? "a number" : `from ${low} to ${high}`;
+}
+
+const chosen = (form) => form.querySelector("select")?.selectedOptions[0]?.dataset.slides === "p";
+
+// The values of a form; null, and said beside the button, where one is wrong.
+export function values(form, button) {
+  const found = [];
+  for (const input of form.querySelectorAll("[data-arg]")) {
+    const v = input.dataset.arg === "choice" ? +input.value : number(input, chosen(form));
+    input.classList.toggle("wrong", v === null);
+    if (v === null) {
+      note(button, "bad", `${input.getAttribute("aria-label") || "This"}: ${allowed(input)} is needed.`);
+      return null;
+    }
+    found.push(v);
+  }
+  return found;
+}
+
+async function flip(button) {
+  const on = value(button.dataset.switch);
+  if (!hasControl()) return note(button, "bad", "Take control first: this page only looks.");
+  if (!on && button.dataset.confirmOn && !(await confirmed(button.dataset.confirmOn))) return;
+  perform(button, JSON.parse(on ? button.dataset.stepsOff : button.dataset.stepsOn));
+}
+
+document.addEventListener("click", (event) => {
+  const button = event.target.closest("button");
+  if (button?.dataset.switch) return flip(button);
+  if (button?.dataset.submit === undefined) return;
+  const form = button.closest("[data-form]");
+  const [to, command, text] = JSON.parse(form.dataset.form);
+  const found = values(form, button);
+  const word = form.querySelector("[data-word]")?.value || "";
+  if (found) asked(button, [[[to, command, found, [text, word].filter(Boolean).join(" ")]]], button.dataset.free !== undefined);
+});
+
+onTick(() => {
+  for (const label of document.querySelectorAll(".unit.chosen")) {
+    const text = unit(chosen(label.closest("[data-form]")));
+    if (label.textContent !== text) label.textContent = text;
+  }
+});

@@ -1,0 +1,62 @@
+"""The console's pages of robots, buttons, setup joints and focus in a real browser, on emulated boards."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from tests.gui.chromium import BrowserPage, chromium
+from tests.system.conftest import systems
+from tests.system.robot import Robot
+from tests.system.robot_pages import OPTIONS, system_file
+from tests.system.test_socket_bridge import free
+
+pytestmark = [pytest.mark.peers, pytest.mark.slow, pytest.mark.simulated]
+
+
+@pytest.fixture(scope="module")
+def console(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Robot, BrowserPage]]:
+    """A robot that is on, and a browser that has control of it."""
+    place = tmp_path_factory.mktemp("pages")
+    with systems(place, "paced") as make:
+        robot, port = make(), free()
+        robot.up(system_file(place), *OPTIONS, "--set", f"gui.listen=127.0.0.1:{port}")
+        with chromium(f"http://127.0.0.1:{port}") as page:
+            yield robot, page
+
+
+def opened(console: tuple[Robot, BrowserPage], path: str) -> BrowserPage:
+    """A page, with control."""
+    page = console[1]
+    page.open(path)
+    page.take_control()
+    return page
+
+
+def shown(path: str) -> str:
+    """What a value is in the page, as JavaScript."""
+    return f"window.trocar.value('{path}')"
+
+
+def test_a_page_shows_power_and_brakes_change(console: tuple[Robot, BrowserPage]) -> None:
+    page = console[1]
+    page.open("/io")
+    page.until("document.querySelectorAll('.actuators tbody tr').length === 7")
+    page.click("#io-power-on")
+    assert "Take control" in page.note()
+    page.take_control()
+    page.click("#io-power-on", yes=False)
+    page.click("#brakes-release")
+    page.until("document.querySelector('.note.bad')?.textContent.includes('amplifiers are not on')")
+    console[0].trocar("home", "ECM")
+    page.until(shown("IO1/robot0.brakes_released"))
+    page.until("[...document.querySelectorAll('.actuators .light.on')].length >= 11")
+    assert "°" in page.find(".actuators").text
+    page.click("#brakes-engage")
+    page.until(f"!{shown('IO1/robot0.brakes_released')}")
+    page.js("document.getElementById('control').click()")
+    page.until("document.body.dataset.control === 'nobody'")
+    page.click("#io-power-off")
+    page.until(f"!{shown('IO1/robot0.amps_on')}")
+    assert page.wrongs() == []
