@@ -8,11 +8,12 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
+from procs.requests import Answer
 from shm.clock import pause
 from shm.commands import ENDINGS
 from tools.client.callbacks import Callbacks
 from tools.client.values import numbers
-from tools.client.ways import CommandWay, ReplyText
+from tools.client.ways import CommandWay
 from tools.deadline import Deadline
 from tools.errors import Clipped, Refused
 
@@ -43,7 +44,7 @@ class Waits:
 class MoveHandle:
     """A move under way."""
 
-    def __init__(self, waits: Waits, remote: CommandWay, first: ReplyText, what: str) -> None:
+    def __init__(self, waits: Waits, remote: CommandWay, first: Answer, what: str) -> None:
         """`first` is the first answer to its command."""
         self._waits, self._remote, self._number, self._what = waits, remote, first.id, what
         self._end = first if first.outcome in ENDINGS else None

@@ -40,29 +40,15 @@ if TYPE_CHECKING:
     from tools.client.aio import Aio
 
 if TYPE_CHECKING or _has_shared_memory():
-    from tools.client.here import (
-        Handler,
-        Process,
-        Provider,
-        System,
-        arm_here,
-        operated_here,
-        provide,
-        suj_here,
-        system_here,
-    )
+    from tools.client import here
 else:
-    from tools.client.elsewhere import (
-        Handler,
-        Process,
-        Provider,
-        System,
-        arm_here,
-        operated_here,
-        provide,
-        suj_here,
-        system_here,
-    )
+    from tools.client import elsewhere as here
+
+Handler = here.Handler
+Process = here.Process
+Provider = here.Provider
+System = here.System
+provide = here.provide
 
 __all__ = [
     "Arm",
@@ -116,7 +102,7 @@ def arm(name: str, system: str | None = None, timeout: float = 5.0, *, at: str =
     what ssl.create_default_context() gives.
     """
     if not at:
-        return arm_here(name, system, timeout)
+        return here.arm_here(name, system, timeout)
 
     def made(ways: DistantWays) -> Arm:
         row = ARM_TYPES.get(ways.instances.get(name, ""))
@@ -148,14 +134,16 @@ def mtm(name: str, system: str | None = None, timeout: float = 5.0, *, at: str =
 def suj(name: str = "SUJ", system: str | None = None, timeout: float = 5.0, *, at: str = "", token: str | Path = "",
         tls: ssl.SSLContext | None = None) -> Suj:
     """The setup joints `name`, once they are connected; TimeoutError after `timeout` s."""
-    return suj_here(name, system, timeout) if not at else _at(at, token, tls, timeout, lambda ways: Suj(ways, name))
+    if not at:
+        return here.suj_here(name, system, timeout)
+    return _at(at, token, tls, timeout, lambda ways: Suj(ways, name))
 
 
 def console(name: str = "console", system: str | None = None, timeout: float = 5.0, *, at: str = "",
             token: str | Path = "", tls: ssl.SSLContext | None = None) -> ConsoleHandle:
     """The console `name`, once it is connected; TimeoutError after `timeout` s."""
     if not at:
-        return operated_here(ConsoleHandle, name, system, timeout)
+        return here.operated_here(ConsoleHandle, name, system, timeout)
     return _at(at, token, tls, timeout, lambda ways: _shown(ConsoleHandle(ways, name)))
 
 
@@ -163,7 +151,7 @@ def teleop(name: str, system: str | None = None, timeout: float = 5.0, *, at: st
            tls: ssl.SSLContext | None = None) -> TeleopHandle:
     """The teleoperation `name`; the same."""
     if not at:
-        return operated_here(TeleopHandle, name, system, timeout)
+        return here.operated_here(TeleopHandle, name, system, timeout)
     return _at(at, token, tls, timeout, lambda ways: _shown(TeleopHandle(ways, name)))
 
 
@@ -182,7 +170,7 @@ def system(name: str | None = None, timeout: float = 5.0, *, at: str, token: str
 def system(name: str | None = None, timeout: float = 5.0, *, at: str = "", token: str | Path = "",
            tls: ssl.SSLContext | None = None) -> System | DistantSystem:
     """A running system, default as of `arm`; TimeoutError when there is none within `timeout` s."""
-    return system_here(name, timeout) if not at else _at(at, token, tls, timeout, DistantSystem)
+    return here.system_here(name, timeout) if not at else _at(at, token, tls, timeout, DistantSystem)
 
 
 def aio(make: Callable[..., Any], *given: Any, **named: Any) -> Aio:

@@ -10,23 +10,8 @@ from typing import Any, Protocol
 
 from numpy.typing import ArrayLike
 
+from procs.requests import Answer
 from tools.client.values import JointState, Stamped
-
-
-class ReplyText(Protocol):
-    """What became of a command: outcome is accepted, refused, done or failed."""
-
-    @property
-    def id(self) -> int:
-        """Number of the command."""
-
-    @property
-    def outcome(self) -> str:
-        """One of four."""
-
-    @property
-    def text(self) -> str:
-        """The reason, or what there is to say."""
 
 
 class Shown(Protocol):
@@ -94,10 +79,10 @@ class CommandWay(Protocol):
 
     instance: str
 
-    def ask(self, command: str, values: ArrayLike = (), text: str = "", timeout: float = 2.0) -> ReplyText:
+    def ask(self, command: str, values: ArrayLike = (), text: str = "", timeout: float = 2.0) -> Answer:
         """Send and make sure that it was accepted: Refused carries the reason. Returns the first answer."""
 
-    def settled(self, command: str, values: ArrayLike = (), text: str = "", timeout: float = 60.0) -> ReplyText:
+    def settled(self, command: str, values: ArrayLike = (), text: str = "", timeout: float = 60.0) -> Answer:
         """Send and wait for the end: refused, done or failed; Problem when it does not come in time."""
 
     def replies_to(self, number: int) -> Any:
