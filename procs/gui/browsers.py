@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import itertools
+import json
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -57,6 +58,7 @@ class ConsoleService:
     owners: Mapping[str, CommandOwner]
     sources: Sources
     is_over: Callable[[], bool]
+    preview: Callable[[str, list[float]], dict[str, Any]]
     run: str
     """A name of this run of the server: pages of an earlier one load anew."""
     control: BrowserControl = field(default_factory=BrowserControl)
@@ -79,7 +81,8 @@ class Browser:
         self._is_over = False
         self._end: asyncio.Future[None] | None = None
         self._ops: dict[str, Callable[[Message, int], None]] = {
-            "want": self._want, "beat": self._beat, "control": self._control, "call": self._call}
+            "want": self._want, "beat": self._beat, "control": self._control, "call": self._call,
+            "preview": self._preview}
         self._say("hello", run=served.run, name=name, system=served.system)
 
     # what it says
@@ -136,6 +139,11 @@ class Browser:
             raise WrongMessage("take control first: this page only looks")
         self._calls.send(asked.id, to, command, values, text)
         served.counts.commands += 1
+
+    def _preview(self, asked: Message, now_ns: int) -> None:
+        """Where the links of an arm would be at these joints; nothing is asked of the arm."""
+        found = self._served.preview(asked.parts["arm"], asked.parts["position"])
+        self._say("reply", asked.id, outcome="done", text=json.dumps(found))
 
     # what it hears
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+from functools import partial
 from typing import Final
 
 from procs import runtime
@@ -15,6 +16,7 @@ from procs.crtk.calls import owners_of
 from procs.gui.browsers import Browsers, ConsoleService
 from procs.gui.catalogue import sources_of
 from procs.gui.pages.application import application
+from procs.gui.scene_source import preview
 from procs.gui.server import WebServer
 from procs.pauses import Pauses, duration
 from shm.clock import monotonic_ns
@@ -42,7 +44,7 @@ class GuiLoop(runtime.Loop):
         run = f"{os.getpid()}-{monotonic_ns()}"
         self._sources = sources_of(document)
         self._browsers = Browsers(ConsoleService(document.name, owners_of(document), self._sources,
-                                                 self._pauses.is_over, run))
+                                                 self._pauses.is_over, partial(preview, document), run))
         self._server = WebServer(application(document), document.gui, self._browsers, node.log)
         sockets = [listening.dup() for listening in node.listening]  # the server closes those it is given
         self._events.run_until_complete(self._server.listen(sockets))

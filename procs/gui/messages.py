@@ -27,5 +27,6 @@ OPS: Final[Ops] = {
     "want": {"sources": MessagePart(f"a list of up to {MAX_SOURCES} names", _names)},
     "beat": {},
     "control": {"take": MessagePart("true or false", _flag), "over": MessagePart("true or false", _flag, False)},
+    "preview": {"arm": WORD, "position": SOME_NUMBERS},
     "call": {"to": WORD, "command": WORD, "values": SOME_NUMBERS, "text": NO_WORD},
 }

@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.arm_types import ARM_TYPES
+from procs.crtk.names import none_such
 from procs.document.arms import ArmConfig
 from procs.document.system import SystemConfig
 from procs.kinematics.carrying import carrying
@@ -19,6 +19,9 @@ from shm.segment import SegmentError
 
 Array = NDArray[np.float64]
 LATE_NS: Final = 500_000_000
+NEAR: Final = 0.03
+"""Share of its range that a joint may come near to a limit without notice."""
+SLACK: Final = 1e-6
 
 
 class SceneArm:
@@ -31,34 +34,47 @@ class SceneArm:
         self._cells = {name: self._reader.field(name) for name in (
             "position", "count", "tool", "base_frame", "reference_frame", "state", "valid", "has_jaw", "jaw_position",
             "setpoint_position", "gripper_position", "reference_valid")}
-        self._tool, self._kinematics = "", carrying(arm, arm.endoscope)
-        self._lower, self._upper = self._kinematics.lower, self._kinematics.upper
+        self._tool, self.kinematics = "", carrying(arm, arm.endoscope)
         self._sequence, self._seen_ns = 0, 0
         self._base = np.eye(4)
-        self._frames: list[float] = []
 
     def read(self, now_ns: int) -> dict[str, Any]:
         """`frames`: x y z and quaternion x y z w of the base, of each joint and of the tip, one after the other."""
-        if not self._reader.newest():
+        if not self.look():
             return {"frames": [], "late": True}
         if self._reader.sequence != self._sequence:
             self._sequence, self._seen_ns = self._reader.sequence, now_ns
-        cells = self._cells
-        tool = cells["tool"].item().decode(errors="replace") or self._arm.endoscope
-        if tool != self._tool:
-            self._tool, self._kinematics = tool, carrying(self._arm, tool)
-        count = min(self._kinematics.n, int(cells["count"]))
-        q = np.nan_to_num(cells["position"][:self._kinematics.n])
+        cells, count = self._cells, min(self.kinematics.n, int(self._cells["count"]))
+        q = np.nan_to_num(cells["position"][:self.kinematics.n])
         q[count:] = 0.0
-        base = cells["base_frame"]
-        self._base = matrix_from_pose(base) if np.isfinite(base).all() and base[3:].any() else np.eye(4)
-        lower, upper = self._kinematics.lower[:count], self._kinematics.upper[:count]
-        near = np.minimum(q[:count] - lower, upper - q[:count]) < 0.03 * (upper - lower)
-        return {"frames": frames_of(self._kinematics, q, self._base), "near": near.tolist(),
+        return {"frames": frames_of(self.kinematics, q, self._base), "near": self.near(q, NEAR).tolist(),
                 "state": cells["state"].item().decode(errors="replace"),
                 "jaw": float(cells["jaw_position"]) if cells["has_jaw"] else None,
                 "frame": cells["reference_frame"].item().decode(errors="replace"),
                 "late": now_ns - self._seen_ns > LATE_NS}
+
+    def look(self) -> bool:
+        """Take base and instrument of the newest record; whether there is one."""
+        if not self._reader.newest():
+            return False
+        tool = self._cells["tool"].item().decode(errors="replace") or self._arm.endoscope
+        if tool != self._tool:
+            self._tool, self.kinematics = tool, carrying(self._arm, tool)
+        base = self._cells["base_frame"]
+        self._base = matrix_from_pose(base) if np.isfinite(base).all() and base[3:].any() else np.eye(4)
+        return True
+
+    def near(self, q: Array, share: float) -> NDArray[np.bool_]:
+        """Which joints are so near to a limit, as a share of their range, or beyond one."""
+        lower, upper = self.kinematics.lower, self.kinematics.upper
+        found: NDArray[np.bool_] = np.minimum(q - lower, upper - q) < share * (upper - lower)
+        return found
+
+    def at(self, q: Array) -> dict[str, Any]:
+        """Where its links would be at these joints, and which of those are beyond their limits."""
+        if len(q) != self.kinematics.n:
+            raise ValueError(f"{self._arm.name} has {self.kinematics.n} joints now, not {len(q)}")
+        return {"frames": frames_of(self.kinematics, q, self._base), "beyond": self.near(q, -SLACK).tolist()}
 
     def close(self) -> None:
         """Unmap."""
@@ -95,7 +111,14 @@ class SceneSource:
             arm.close()
 
 
-def drawn(arm: ArmConfig) -> dict[str, Any]:
-    """What a page has to know of an arm to draw it: which of its joints slide."""
-    return {"type": arm.type, "slides": [link.joint_type == "prismatic" for link in arm.chain.links],
-            "endoscope": ARM_TYPES[arm.type].has_endoscope}
+def preview(document: SystemConfig, name: str, position: list[float]) -> dict[str, Any]:
+    """Where the links of an arm would be at these joints; ValueError where that makes no sense."""
+    arm = next((row for row in document.arms if row.name == name), None)
+    if arm is None:
+        raise ValueError(none_such("arm", name[:80], [row.name for row in document.arms]))
+    seen = SceneArm(document, arm)
+    try:
+        seen.look()
+        return seen.at(np.array(position))
+    finally:
+        seen.close()

@@ -48,4 +48,5 @@ def test_who_may_take_control_from_elsewhere_is_said(home: Home) -> None:
     attach(home, "{listen: 0.0.0.0:8080, token_file: ../gui.token}")
     loaded = home.load()
     assert loaded.system is not None, loaded.errors
+    assert "gui: the robot in a browser: http://0.0.0.0:8080" in loaded.system.notes
     assert "gui: who has the token may take control at 0.0.0.0:8080" in loaded.system.notes

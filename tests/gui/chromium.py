@@ -65,6 +65,11 @@ class BrowserPage:
         if self.js("return document.getElementById('confirm').open"):
             self.find("#confirm button.primary" if yes else "#confirm button.quiet").click()
 
+    def answer_yes(self) -> None:
+        """To a question that comes after a while."""
+        self.until("document.getElementById('confirm').open")
+        self.find("#confirm button.primary").click()
+
     def take_control(self) -> None:
         """Press Take control."""
         self.click("#control")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import pytest
@@ -13,6 +14,7 @@ from procs.crtk.calls import owners_of
 from procs.document.system import from_json
 from procs.gui.browsers import Browser, Browsers, ConsoleService
 from procs.gui.catalogue import sources_of
+from procs.gui.scene_source import preview
 from shm import directory
 from shm.clock import monotonic_ns
 from tests.conftest import World
@@ -43,7 +45,8 @@ class Console:
         document = from_json(directory.document(scripted.name))
         self.robot, self.is_over = scripted, False
         self.sources = sources_of(document)
-        self.all = Browsers(ConsoleService(scripted.name, owners_of(document), self.sources, lambda: self.is_over, "r"))
+        self.all = Browsers(ConsoleService(scripted.name, owners_of(document), self.sources, lambda: self.is_over,
+                                            partial(preview, document), "r"))
         self.control = self.all.served.control
         self._tasks: list[asyncio.Task[None]] = []
         self.made = 0

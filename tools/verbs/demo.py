@@ -20,6 +20,7 @@ from tools.errors import Problem
 from tools.examples.hand import Hand, figure_eight
 from tools.examples.operator_sim import OperatorSim, SimTeleop
 from tools.following import beats
+from tools.free_port import reserved_port
 from tools.inspect.health import HealthWatch
 from tools.inspect.processes import statuses
 from tools.inspect.tracing import Trace
@@ -31,6 +32,7 @@ from tools.systems import ROOT
 
 SYSTEM = ROOT / "configs" / "systems" / "demo-teleop.yaml"
 NAME = "demo"
+GUI_PORT = 8080  # of the web console, or one of the next
 SIZE_M = 0.04
 TURN_S = 8.0
 RATE_HZ = 100.0  # poses of the hand
@@ -51,6 +53,7 @@ def demo(
     system: Annotated[str, typer.Option("--system", envvar="TROCAR_SYSTEM", metavar="NAME", help="Its name.")] = NAME,
 ) -> int:
     """Start emulated boards, home a master and a PSM, draw on the master: the PSM follows. No hardware; Ctrl-C ends it.
+    It prints the address of its web console, in which it is seen.
 
     Seconds are those of the system: a busy machine takes longer, but all ends after 5 times as long and a minute.
 
@@ -60,8 +63,10 @@ def demo(
     begin = monotonic_ns()
     end = begin + round((SLOWEST * seconds + AROUND_S) * 1e9) if seconds else None
     summary: dict[str, Any] = {"problems": []}
-    with up_meanwhile(StartRequest(SYSTEM, system, "emulated", sets=sets)) as background:
+    with reserved_port(GUI_PORT) as port, up_meanwhile(
+            StartRequest(SYSTEM, system, "emulated", sets=(*sets, f"gui.listen=127.0.0.1:{port}"))) as background:
         try:
+            note(f"see it, and run it: http://127.0.0.1:{port}")
             _bring_up(system, begin, end)
             summary = _operate(system, begin, seconds, end)
         except KeyboardInterrupt:

@@ -26,7 +26,10 @@ def load_gui(context: Context, source: SourceFile, keys: GuiKeys | None) -> WebC
     """None without one. The same holds for whom it is served to."""
     if keys is None:
         return None
-    if outside := _outside(context, source, "gui", keys):
+    outside = _outside(context, source, "gui", keys)
+    links = [f"{'https' if keys.tls else 'http'}://{address}" for address in keys.listen]
+    context.notes.append(f"gui: the robot in a browser: {', '.join(links)}")
+    if outside:
         context.notes.append(f"gui: who has the token may take control at {', '.join(outside)}")
     return WebConsole(keys.listen, _file(context, source, ("gui", "token_file"), keys.token_file),
                       *_tls(context, source, "gui", keys.tls), keys.max_clients)

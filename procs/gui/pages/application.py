@@ -9,12 +9,15 @@ from fastapi import FastAPI
 from nicegui import app, ui
 
 from procs.document.system import SystemConfig
-from procs.gui.catalogue import MESSAGES, PROCESSES
+from procs.gui.catalogue import MESSAGES, PROCESSES, SCENE
+from procs.gui.pages.arm import arm_page
 from procs.gui.pages.assets import STATIC, assets
 from procs.gui.pages.frame import page
 from procs.gui.pages.processes import processes_page
 from procs.gui.pages.robot_io import io_page
+from procs.gui.pages.scene import scene_page
 from procs.gui.pages.system import system_page
+from procs.gui.pages.teleop import teleop_page
 from procs.gui.robots import robots_of
 
 
@@ -23,8 +26,11 @@ def application(document: SystemConfig) -> FastAPI:
     app.add_static_files(assets(), str(STATIC), max_cache_age=86400)
     made: list[tuple[str, tuple[str, ...], Callable[[], None]]] = [
         ("/", (MESSAGES,), lambda: system_page(document)),
+        ("/3d", (SCENE,), lambda: scene_page(document)),
+        ("/teleop", (), lambda: teleop_page(document)),
         ("/processes", (PROCESSES,), processes_page),
     ]
+    made += [(f"/arm/{arm.name}", (MESSAGES, SCENE), partial(arm_page, document, arm)) for arm in document.arms]
     robots = robots_of(document)
     for section, content_of in (("io", io_page),):
         found = [robot for robot in robots if robot.robot.actuators]

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from procs.document.arms import ArmConfig
 from procs.document.system import SystemConfig
 from procs.gui.catalogue import MESSAGES, record
 from procs.gui.pages.frame import home, power_on
 from procs.gui.pages.parts import Part, box, button, live
+
+SAID_ALREADY: Final = "HOMED|DISABLED|ENABLED|FAULT"
+"""Sub-states that chip and light say as well."""
 
 
 def system_page(document: SystemConfig) -> None:
@@ -38,7 +43,7 @@ def arm_card(arm: ArmConfig) -> None:
         with box("row facts"):
             Part("span", "light", "homed", data_on=f"{state}.is_homed")
             Part("span", "light", "busy", data_on=f"{state}.is_busy")
-            live(f"{state}.sub_state", classes="quiet")
+            live(f"{state}.sub_state", classes="quiet", data_show=f"!{state}.sub_state={SAID_ALREADY}")
             live(f"{state}.tool", classes="quiet tool", data_show=f"{state}.tool")
         with box("fault", data_show=f"{state}.state=FAULT"):
             live(f"{state}.reason", tag="p")

@@ -172,7 +172,8 @@ function shown() {
 
 // --- commands
 
-export function call(to, command, values, text, told = () => {}) {
+// A message that is answered; resolves with outcome and text of the last answer.
+export function ask(message, told = () => {}) {
   const id = ++number;
   return new Promise((resolve) => {
     const heardOf = (outcome, reason) => {
@@ -181,9 +182,11 @@ export function call(to, command, values, text, told = () => {}) {
     };
     if (socket?.readyState !== 1) return heardOf("lost", "not connected");
     waiting.set(id, heardOf);
-    say({ op: "call", id, to, command, values: values || [], text: text || "" });
+    say({ ...message, id });
   });
 }
+
+export const call = (to, command, values, text, told) => ask({ op: "call", to, command, values: values || [], text: text || "" }, told);
 
 export function send(to, command, values) {
   say({ op: "call", to, command, values }); // of a stream: nobody waits for the answer
@@ -252,6 +255,7 @@ document.addEventListener("click", (event) => {
   if (!button) return;
   if (button.id === "control") control(button);
   else if (button.dataset.steps) asked(button, JSON.parse(button.dataset.steps), button.dataset.free !== undefined);
+  else if (button.dataset.view) document.querySelector(".stage").stage.look(button.dataset.view);
   else if (button.dataset.opens) document.getElementById(button.dataset.opens).showModal();
   else if (button.dataset.does === "units") {
     localStorage.setItem("units", units() === "deg" ? "si" : "deg");
@@ -377,5 +381,5 @@ export function start() {
   setInterval(() => say({ op: "beat" }), 500);
   setInterval(() => (want(), shown()), 250);
 }
-window.trocar = { value, data, hasControl, call, say, isConnected };
+window.trocar = { value, data, hasControl, call, say, isConnected, onTick };
 start();

@@ -1,0 +1,174 @@
+"""The page of an arm: joints and tip, jog, moves with a preview, jaw, instrument or endoscope."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from procs.arm_types import ARM_TYPES
+from procs.document.arms import ArmConfig
+from procs.document.system import SystemConfig
+from procs.gui.catalogue import record
+from procs.gui.pages.assets import assets
+from procs.gui.pages.parts import Part, box, button, live
+from procs.gui.pages.scene import ArmScene
+from procs.kinematics.endoscopes import NAMES
+
+ROOM: Final = 8
+"""Joints that a record has room for."""
+
+
+def arm_page(document: SystemConfig, arm: ArmConfig) -> None:
+    """Its content."""
+    state = record(arm.name)
+    slides = [link.joint_type == "prismatic" for link in arm.chain.links]
+    slides += [False] * (ROOM - len(slides))
+    Part("script", type="module", src=f"{assets()}/arm.js")
+    with box("armpage", data_arm=arm.name, data_slides="".join("1" if slide else "0" for slide in slides)):
+        with box():
+            _head(arm, state)
+            _joints(state, slides)
+            if arm.type == "PSM":
+                _jaw(state)
+            if arm.type == "MTM":
+                _gripper(state)
+        with box():
+            with box("card"):
+                ArmScene(document, arm.name)
+            _tip(state)
+            _carried(arm, state)
+
+
+def _head(arm: ArmConfig, state: str) -> None:
+    with box("card", data_source=state, id=f"arm-{arm.name}"):
+        with box("row head"):
+            Part("span", "title", arm.name)
+            Part("span", "kind", f"{arm.type} {arm.generation}, {arm.serial or 'no serial number'}")
+            box("spacer")
+            Part("span", "age")
+            Part("span", "light", "homed", data_on=f"{state}.is_homed")
+            Part("span", "light", "busy", data_on=f"{state}.is_busy")
+            live(f"{state}.state", classes="chip", data_tone="")
+        with box("row quiet"):
+            live(f"{state}.sub_state")
+            Part("span", "", "wanted:")
+            live(f"{state}.desired_state")
+        with box("fault", data_show=f"{state}.state=FAULT"):
+            live(f"{state}.reason", tag="p")
+            Part("p", "remedy", data_remedy=arm.name)
+        with box("reason", data_show=f"!{state}.state=FAULT"):
+            live(f"{state}.reason", tag="p", data_show=f"{state}.reason")
+        with box("row buttons"):
+            for text, word in (("Enable", "enable"), ("Home", "home"), ("Resume", "resume"), ("Unhome", "unhome")):
+                button(text, [[(arm.name, "state_command", [], word)]],
+                       confirm="Home this arm? It moves." if word == "home" else "")
+            box("spacer")
+            button("Hold", [[(arm.name, "hold", [], "")]], "quiet", is_free=True, title="Stay where it is")
+            for text, word in (("Pause", "pause"), ("Disable", "disable")):
+                button(text, [[(arm.name, "state_command", [], word)]], "quiet", is_free=True)
+
+
+def _joints(state: str, slides: list[bool]) -> None:
+    with box("card", data_source=state):
+        with box("row head"):
+            Part("h2", "", "Joints")
+            box("spacer")
+            Part("label", "quiet", "Jog", for_="jog-speed")
+            Part("input", type="range", id="jog-speed", min="2", max="100", value="20", aria_label="Speed of a jog")
+            Part("span", "quiet", id="jog-shown")
+            Part("button", "", "deg, mm / rad, m", type="button", data_does="units")
+        with box("scroll"), Part("table", "joints"):
+            with Part("thead"), Part("tr"):
+                for text in ("joint", "measured", "setpoint", "velocity", "effort", "hold to jog", "goal", ""):
+                    Part("th", "", text)
+            with Part("tbody"):
+                for i, slide in enumerate(slides):
+                    _joint(state, i, "p" if slide else "r")
+        with box("row"):
+            Part("button", "", "Read", type="button", data_does="read", title="Take the measured positions as goal")
+            Part("button", "primary commands", "Move", type="button", data_does="move")
+            Part("span", "reason", id="preview-says")
+            box("spacer")
+            Part("label", "quiet", "Speed of moves", for_="ratio")
+            Part("input", type="range", id="ratio", min="1", max="100", value="100")
+            live(f"{state}.trajectory_ratio", "pct:0")
+            Part("span", "quiet", "%")
+
+
+def _joint(state: str, i: int, kind: str) -> None:
+    form = f"joint:{kind}"
+    with Part("tr", data_show=f"{state}.count>{i}"):
+        live(f"{state}.names.{i}", tag="td")
+        for field in ("position", "setpoint_position", "velocity"):
+            live(f"{state}.{field}.{i}", form, tag="td")
+        live(f"{state}.effort.{i}", "num:3", tag="td")
+        with Part("td"):
+            for text, sign in (("−", -1), ("+", 1)):
+                Part("button", "jog commands", text, type="button", data_joint=str(i), data_sign=str(sign),
+                     aria_label=f"Jog joint {i + 1} {text}")
+        with Part("td"):
+            Part("input", type="text", inputmode="decimal", data_goal=str(i), autocomplete="off",
+                 aria_label=f"Goal of joint {i + 1}")
+        Part("td", "quiet", data_unit=kind)
+
+
+def _jaw(state: str) -> None:
+    with box("card", data_source=state, data_show=f"{state}.has_jaw"), box("row"):
+        Part("h2", "", "Jaw")
+        live(f"{state}.jaw_position", "joint:r")
+        Part("span", "quiet", data_unit="r")
+        Part("span", "quiet", "setpoint")
+        live(f"{state}.jaw_setpoint_position", "joint:r")
+        Part("span", "quiet", "effort")
+        live(f"{state}.jaw_effort", "num:3")
+        box("spacer")
+        Part("input", type="text", inputmode="decimal", id="jaw-goal", value="0", size="6", aria_label="Jaw goal")
+        Part("button", "commands", "Move jaw", type="button", data_does="jaw")
+
+
+def _gripper(state: str) -> None:
+    with box("card", data_source=state), box("row"):
+        Part("h2", "", "Gripper")
+        live(f"{state}.gripper_position", "joint:r")
+        Part("span", "quiet", data_unit="r")
+
+
+def _tip(state: str) -> None:
+    with box("card", data_source=state):
+        with box("row head"):
+            Part("h2", "", "Tip")
+            box("spacer")
+            Part("span", "quiet", "in")
+            live(f"{state}.reference_frame", classes="quiet")
+        with box("numbers"):
+            for text in ("", "x", "y", "z"):
+                Part("b", "quiet", text)
+            for text, field, form, first in (
+                    ("measured, mm", "measured_cp", "mm:2", 0), ("setpoint, mm", "setpoint_cp", "mm:2", 0),
+                    ("in its base, mm", "local_measured_cp", "mm:2", 0),
+                    ("quaternion x y z", "measured_cp", "num:4", 3),
+                    ("velocity, mm/s", "measured_cv", "mm:1", 0), ("turning, °/s", "measured_cv", "deg:1", 3)):
+                Part("span", "", text)
+                for i in range(first, first + 3):
+                    live(f"{state}.{field}.{i}", form)
+
+
+def _carried(arm: ArmConfig, state: str) -> None:
+    if ARM_TYPES[arm.type].has_endoscope:
+        _chosen("Endoscope", "endoscope", NAMES, "set_endoscope_type", state)
+    elif arm.type == "PSM":
+        tools = tuple(dict.fromkeys(tool.name for tool in arm.tools))
+        _chosen("Instrument", "instrument", tools, "set_tool_type", state)
+
+
+def _chosen(title: str, name: str, choices: tuple[str, ...], command: str, state: str) -> None:
+    with box("card", data_source=state):
+        with box("row"):
+            Part("h2", "", title)
+            live(f"{state}.tool", classes="tool")
+        if choices:
+            with box("row"):
+                with Part("select", id=name, aria_label=title):
+                    for choice in choices:
+                        Part("option", "", choice, value=choice)
+                Part("button", "commands", "Set", type="button", data_says=command, data_with=name,
+                     data_confirm=f"Tell the arm that this {name} is on?")

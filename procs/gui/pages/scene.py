@@ -1,0 +1,47 @@
+"""The page 3D: all arms, as they stand and move."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Final
+
+import nicegui
+from nicegui import ui
+
+from procs.document.arms import ArmConfig
+from procs.document.system import SystemConfig
+from procs.gui.catalogue import SCENE
+from procs.gui.pages.parts import Part, box
+
+THREE: Final = Path(nicegui.__file__).parent / "elements" / "scene" / "dist"
+"""three.js, as it comes with NiceGUI."""
+STAGE: Final = Path(__file__).resolve().parent.parent / "static" / "stage.js"
+VIEWS: Final = (("all", "All"), ("operator", "Operator's view"), ("front", "Front"), ("side", "Side"), ("top", "Top"))
+
+
+class ArmScene(ui.element, component=STAGE, esm={"nicegui-scene": str(THREE)}):
+    """Arms in 3D, moved by the source `scene`."""
+
+    def __init__(self, document: SystemConfig, only: str = "") -> None:
+        """`only` one arm, or all."""
+        super().__init__()
+        self.props["arms"] = {arm.name: _drawn(arm) for arm in document.arms}
+        self.props["only"] = only
+
+
+def _drawn(arm: ArmConfig) -> dict[str, Any]:
+    """What a page has to know of an arm to draw it."""
+    return {"type": arm.type}
+
+
+def scene_page(document: SystemConfig) -> None:
+    """Its content."""
+    with box("card wide", data_source=SCENE):
+        with box("row head"):
+            for view, text in VIEWS:
+                Part("button", "", text, type="button", data_view=view)
+            if any(arm.type == "MTM" for arm in document.arms):
+                Part("button", "", "Masters", type="button", data_view="masters")
+            box("spacer")
+            Part("span", "quiet", "Drag to turn, wheel to zoom, right button to shift. Orange: a joint near its limit.")
+        ArmScene(document)

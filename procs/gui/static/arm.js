@@ -1,0 +1,114 @@
+// The page of an arm: jog while held, goals as people type them, a preview in 3D before anything moves.
+import { ask, asked, data, jogBegins, note, onTick, typed, unit, units, value } from "./live.js";
+
+const page = document.querySelector("[data-arm]");
+const arm = page.dataset.arm;
+const state = `${arm}/state`;
+const slides = (i) => page.dataset.slides.split("")[i] === "1";
+const count = () => value(`${state}.count`) || 0;
+const measured = () => (value(`${state}.position`) || []).slice(0, count());
+const goals = () => [...page.querySelectorAll("input[data-goal]")].slice(0, count());
+const factor = (i) => (units() === "deg" ? (slides(i) ? 1000 : 180 / Math.PI) : 1);
+const speed = () => Number(document.getElementById("jog-speed").value) / 100;
+const FULL = { slides: 0.03, turns: 0.5 }; // m/s, rad/s of a jog at 100 %
+
+const shownSpeed = () => {
+  document.getElementById("jog-shown").textContent = units() === "deg" ? `${(speed() * FULL.turns * 57.2958).toFixed(1)} °/s, ${(speed() * FULL.slides * 1000).toFixed(1)} mm/s` : `${(speed() * FULL.turns).toFixed(2)} rad/s, ${(speed() * FULL.slides).toFixed(3)} m/s`;
+};
+
+function read() {
+  measured().forEach((q, i) => {
+    const input = goals()[i];
+    input.value = (q * factor(i)).toFixed(units() === "deg" ? 2 : 4);
+    input.classList.remove("wrong");
+  });
+  preview();
+}
+
+// The goal in rad and m; null where something is no number.
+function goal() {
+  let isRight = true;
+  const found = goals().map((input, i) => {
+    const number = typed(input.value);
+    input.classList.toggle("wrong", number === null);
+    isRight &&= number !== null;
+    return number === null ? 0 : number / factor(i);
+  });
+  return isRight && found.length ? found : null;
+}
+
+const stage = () => document.querySelector(".stage")?.stage;
+async function preview() {
+  const wanted = goal();
+  if (!wanted) return false;
+  const [outcome, answer] = await ask({ op: "preview", arm, position: wanted });
+  const says = document.getElementById("preview-says");
+  if (outcome !== "done") {
+    says.textContent = answer;
+    stage()?.preview(null);
+    return false;
+  }
+  const found = JSON.parse(answer);
+  found.beyond.forEach((beyond, i) => goals()[i]?.classList.toggle("wrong", beyond));
+  stage()?.preview(found.frames, value(`${state}.jaw_position`));
+  says.textContent = found.beyond.some(Boolean) ? "Beyond the limits of a joint: red." : "";
+  return !found.beyond.some(Boolean);
+}
+
+page.addEventListener("input", (event) => {
+  if (event.target.dataset.goal !== undefined) preview();
+  if (event.target.id === "jog-speed") shownSpeed();
+});
+page.addEventListener("change", (event) => {
+  if (event.target.id === "ratio") asked(event.target, [[[arm, "trajectory_j/set_ratio", [Number(event.target.value) / 100], ""]]]);
+});
+
+page.addEventListener("click", async (event) => {
+  const button = event.target.closest("button");
+  if (!button) return;
+  if (button.dataset.does === "read") read();
+  else if (button.dataset.does === "units") setTimeout(() => (read(), shownSpeed()));
+  else if (button.dataset.does === "move") {
+    if (!(await preview())) return note(button, "bad", goal() ? document.getElementById("preview-says").textContent : "A number is missing, or is none.");
+    button.dataset.confirm = `Move ${arm} to this place? The green shape shows where.`;
+    if (await asked(button, [[[arm, "move_jp", goal(), ""]]])) stage()?.preview(null);
+  } else if (button.dataset.does === "jaw") {
+    const degrees = typed(document.getElementById("jaw-goal").value);
+    if (degrees === null) return note(button, "bad", "This is no number.");
+    asked(button, [[[arm, "jaw/move_jp", [units() === "deg" ? (degrees * Math.PI) / 180 : degrees], ""]]]);
+  } else if (button.dataset.says) {
+    const chosen = document.getElementById(button.dataset.with);
+    asked(button, [[[arm, button.dataset.says, [], chosen.value]]]);
+  }
+});
+
+page.addEventListener("pointerdown", (event) => {
+  const button = event.target.closest("button.jog");
+  if (!button || event.button) return;
+  event.preventDefault();
+  const i = Number(button.dataset.joint);
+  const sign = Number(button.dataset.sign);
+  jogBegins(button, () => {
+    const n = count();
+    if (i >= n) return null;
+    const velocity = new Array(n).fill(0);
+    velocity[i] = sign * speed() * (slides(i) ? FULL.slides : FULL.turns);
+    return [arm, "servo_jv", velocity];
+  });
+});
+page.addEventListener("contextmenu", (event) => event.target.closest("button.jog") && event.preventDefault());
+
+let isRead = false;
+let ratioSet = false;
+onTick(() => {
+  if (!isRead && count() && data(state)?.valid) {
+    isRead = true;
+    read();
+  }
+  const ratio = value(`${state}.trajectory_ratio`);
+  if (!ratioSet && typeof ratio === "number") {
+    ratioSet = true;
+    document.getElementById("ratio").value = Math.round(ratio * 100);
+  }
+});
+shownSpeed();

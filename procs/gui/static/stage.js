@@ -1,0 +1,293 @@
+// The robot in 3D: one object per arm, moved by one message a tick with the frames of all links (scene_source.py).
+import { OrbitControls, THREE } from "nicegui-scene";
+
+const COLOURS = { PSM: ["#4f9cf0", "#3fbf8f", "#b98cf0", "#5cc6d0"], MTM: ["#e8a33d", "#d9793f"], ECM: ["#e36a8d"] };
+const GREY = "#8a939c";
+const FAULT = "#e5484d";
+const NEAR = "#ff9f1c";
+const TRAIL = 200;
+const UP = new THREE.Vector3(0, 1, 0);
+
+const pose = (frames, i, position, turn) => {
+  position.set(frames[7 * i], frames[7 * i + 1], frames[7 * i + 2]);
+  turn.set(frames[7 * i + 3], frames[7 * i + 4], frames[7 * i + 5], frames[7 * i + 6]);
+};
+
+class ArmModel {
+  constructor(name, drawn, colour, ghost) {
+    this.name = name;
+    this.isRemote = drawn.type !== "MTM"; // turns about a point in the patient's wall
+    this.colour = new THREE.Color(colour);
+    this.group = new THREE.Group();
+    const look = ghost ? { transparent: true, opacity: 0.35, depthWrite: false } : {};
+    this.body = new THREE.MeshStandardMaterial({ color: colour, roughness: 0.55, metalness: 0.1, ...look });
+    this.steel = new THREE.MeshStandardMaterial({ color: ghost ? colour : "#b9c2cb", roughness: 0.35, metalness: 0.4, ...look });
+    this.warn = new THREE.MeshStandardMaterial({ color: NEAR, roughness: 0.5, ...look });
+    this.links = [];
+    this.joints = [];
+    this.at = [];
+    this.turn = new THREE.Quaternion();
+    this.size = 0;
+    this.tip = new THREE.Group();
+    if (!ghost) this.tip.add(new THREE.AxesHelper(0.03));
+    this.fingers = [-1, 1].map((side) => {
+      const finger = new THREE.Mesh(new THREE.ConeGeometry(0.0022, 0.012, 8).rotateX(Math.PI / 2).translate(0, 0, 0.006), this.steel);
+      finger.userData.side = side;
+      return finger;
+    });
+    this.jaw = new THREE.Group();
+    this.jaw.add(...this.fingers);
+    this.rail = new THREE.Group();
+    this.carriage = new THREE.Group();
+    if (this.isRemote) {
+      this.rail.add(this.box(0.035, 0.03, 0.4, 0, 0.065, -0.28), this.box(0.03, 0.065, 0.03, 0, 0.032, -0.09));
+      this.rail.add(new THREE.Mesh(new THREE.CylinderGeometry(0.0065, 0.0065, 0.08, 20, 1, true).rotateX(Math.PI / 2).translate(0, 0, -0.03), this.steel));
+      this.rail.add(new THREE.Mesh(new THREE.TorusGeometry(0.012, 0.0022, 8, 28), this.warn));
+      this.carriage.add(this.box(0.055, 0.085, 0.07, 0, 0.025, -0.02));
+    } else this.carriage.add(this.box(0.09, 0.09, 0.03, 0, 0, 0));
+    this.group.add(this.tip, this.jaw, this.rail, this.carriage);
+    if (!ghost) {
+      this.trail = new THREE.Line(new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ color: colour, transparent: true, opacity: 0.6 }));
+      this.trail.geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(3 * TRAIL), 3));
+      this.trail.frustumCulled = false;
+      this.count = 0;
+      this.group.add(this.trail);
+    }
+  }
+
+  box(x, y, z, atX, atY, atZ) {
+    return new THREE.Mesh(new THREE.BoxGeometry(x, y, z).translate(atX, atY, atZ), this.body);
+  }
+
+  resize(size) {
+    this.group.remove(...this.links, ...this.joints);
+    this.size = size;
+    this.at = Array.from({ length: size }, () => new THREE.Vector3());
+    const radius = (i) => (this.isRemote ? (i <= 3 ? 0.0042 : 0.003) : 0.017 - 0.0012 * i);
+    this.links = Array.from({ length: size - 1 }, (_, i) => new THREE.Mesh(new THREE.CylinderGeometry(radius(i), radius(i + 1), 1, 18), this.isRemote ? this.steel : this.body));
+    this.joints = Array.from({ length: size - 2 }, (_, i) => new THREE.Mesh(new THREE.SphereGeometry(this.isRemote ? 0.0052 : 0.022 - 0.0014 * i, 18, 12), this.isRemote ? this.steel : this.body));
+    this.group.add(...this.links, ...this.joints);
+  }
+
+  show(arm) {
+    const { frames } = arm;
+    const size = frames.length / 7;
+    this.group.visible = size > 1 && !this.isHidden;
+    if (size < 2) return;
+    if (size !== this.size) this.resize(size);
+    const along = new THREE.Vector3();
+    for (let i = 0; i < size; i++) pose(frames, i, this.at[i], this.turn);
+    for (let i = 0; i + 1 < size; i++) {
+      const link = this.links[i];
+      along.subVectors(this.at[i + 1], this.at[i]);
+      const length = along.length();
+      link.visible = length > 0.001 && !(this.isRemote && i === 2); // from the centre to the carriage there is the shaft
+      link.position.addVectors(this.at[i], this.at[i + 1]).multiplyScalar(0.5);
+      link.scale.set(1, length, 1);
+      if (length > 0.001) link.quaternion.setFromUnitVectors(UP, along.divideScalar(length));
+    }
+    this.joints.forEach((joint, i) => {
+      joint.position.copy(this.at[i + 1]);
+      joint.material = arm.near?.[i] ? this.warn : this.isRemote ? this.steel : this.body;
+      joint.scale.setScalar(arm.near?.[i] ? 1.5 : 1);
+      joint.visible = !this.isRemote || i > 2 || Boolean(arm.near?.[i]);
+    });
+    pose(frames, size - 1, this.tip.position, this.tip.quaternion);
+    this.jaw.visible = arm.jaw !== null && arm.jaw !== undefined;
+    if (this.jaw.visible) {
+      this.jaw.position.copy(this.at[size - 2]);
+      this.jaw.quaternion.copy(this.tip.quaternion);
+      for (const finger of this.fingers) finger.rotation.x = (finger.userData.side * arm.jaw) / 2;
+    }
+    const carried = this.isRemote ? Math.min(3, size - 2) : 0;
+    pose(frames, carried, this.carriage.position, this.carriage.quaternion);
+    if (this.isRemote) {
+      this.rail.quaternion.copy(this.carriage.quaternion);
+      this.rail.position.copy(this.at[0]);
+    }
+    this.body.color.set(arm.late ? GREY : arm.state === "FAULT" ? FAULT : arm.state === "DISABLED" ? GREY : this.colour);
+    if (this.trail) this.draw(this.tip.position);
+  }
+
+  draw(tip) {
+    const points = this.trail.geometry.attributes.position;
+    const last = this.count && Math.hypot(points.array[3 * this.count - 3] - tip.x, points.array[3 * this.count - 2] - tip.y, points.array[3 * this.count - 1] - tip.z);
+    if (this.count && last < 0.0005) return;
+    if (this.count === TRAIL) points.array.copyWithin(0, 3);
+    else this.count += 1;
+    points.setXYZ(this.count - 1, tip.x, tip.y, tip.z);
+    points.needsUpdate = true;
+    this.trail.geometry.setDrawRange(0, this.count);
+  }
+}
+
+// How the frame that poses are told in stands in the room, z up: that of an endoscope looks down, the operator's ahead.
+function rooted(frame) {
+  const matrix = new THREE.Matrix4();
+  if (frame === "HRSV") return matrix.makeRotationX(Math.PI / 2);
+  if (frame === "ECM") return matrix.makeRotationX(Math.PI);
+  return matrix;
+}
+
+export default {
+  template: `<div class="stage" :class="{small: only}"><canvas></canvas><div class="names"></div></div>`,
+  props: { arms: Object, only: String },
+  mounted() {
+    const canvas = this.$el.querySelector("canvas");
+    this.names = this.$el.querySelector(".names");
+    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true, preserveDrawingBuffer: true });
+    this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
+    this.scene = new THREE.Scene();
+    this.scene.add(new THREE.HemisphereLight("#ffffff", "#8896a4", 2.2));
+    const sun = new THREE.DirectionalLight("#ffffff", 1.8);
+    sun.position.set(1, -2, 3);
+    this.scene.add(sun);
+    this.grid = new THREE.GridHelper(4, 40).rotateX(Math.PI / 2);
+    this.scene.add(this.grid);
+    this.camera = new THREE.PerspectiveCamera(40, 1, 0.01, 50);
+    this.camera.up.set(0, 0, 1);
+    this.controls = new OrbitControls(this.camera, canvas);
+    this.controls.addEventListener("change", () => this.later());
+    const used = {};
+    this.models = {};
+    for (const [name, drawn] of Object.entries(this.arms)) {
+      if (this.only && name !== this.only) continue;
+      const colours = COLOURS[drawn.type] || COLOURS.PSM;
+      used[drawn.type] = (used[drawn.type] ?? -1) + 1;
+      const model = new ArmModel(name, drawn, colours[used[drawn.type] % colours.length], false);
+      model.type = drawn.type;
+      model.label = Object.assign(document.createElement("span"), { textContent: name });
+      this.names.append(model.label);
+      this.scene.add(model.group);
+      this.models[name] = model;
+      if (this.only) {
+        this.ghost = new ArmModel(name, drawn, "#2dd4bf", true);
+        this.ghost.group.visible = false;
+        model.group.add(this.ghost.group);
+      }
+    }
+    this.resized = new ResizeObserver(() => this.fit());
+    this.resized.observe(this.$el);
+    this.$el.stage = this;
+    this.fit();
+    this.update = () => this.refresh();
+    window.trocar.onTick(this.update);
+  },
+  unmounted() {
+    this.resized.disconnect();
+    this.renderer.dispose();
+  },
+  methods: {
+    fit() {
+      const { clientWidth: width, clientHeight: height } = this.$el;
+      if (!width || !height) return;
+      this.renderer.setSize(width, height, false);
+      this.camera.aspect = width / height;
+      this.camera.updateProjectionMatrix();
+      this.later();
+    },
+    refresh() {
+      const found = window.trocar.data("scene")?.arms;
+      if (!found) return;
+      let apart = 0;
+      for (const [name, model] of Object.entries(this.models)) {
+        const arm = found[name];
+        if (!arm) continue;
+        model.show(arm);
+        const parent = this.only ? null : this.models[arm.frame];
+        if (parent && parent !== model) {
+          parent.tip.updateWorldMatrix(true, false);
+          model.group.matrix.copy(parent.tip.matrixWorld);
+        } else {
+          model.group.matrix.copy(rooted(arm.frame));
+          if (arm.frame === "HRSV" && this.beside) model.group.matrix.setPosition(this.beside);
+          else if (!["HRSV", "ECM", "Cart"].includes(arm.frame)) model.group.matrix.setPosition(0.45 * apart++, 0, 0);
+        }
+        model.group.matrixAutoUpdate = false;
+        model.group.matrixWorldNeedsUpdate = true;
+      }
+      this.shown = (this.shown || 0) + 1;
+      if (this.shown === 3) { // by then each arm stands on the one that carries its frame
+        this.place();
+        this.look("all");
+        this.isPlaced = true;
+      }
+      this.later();
+    },
+    around(wanted) {
+      const box = new THREE.Box3();
+      this.scene.updateMatrixWorld(true);
+      for (const model of Object.values(this.models).filter(wanted))
+        for (const at of model.at) box.expandByPoint(at.clone().applyMatrix4(model.group.matrixWorld));
+      return box;
+    },
+    // Masters stand beside the patient's side: nobody says where the console is in the room.
+    place() {
+      const [masters, others] = [true, false].map((are) => this.around((model) => (model.type === "MTM") === are));
+      if (masters.isEmpty() || others.isEmpty()) return;
+      this.beside = new THREE.Vector3(others.min.x - masters.max.x - 0.25, 0, 0);
+      this.beside.y = others.getCenter(new THREE.Vector3()).y - masters.getCenter(new THREE.Vector3()).y;
+      this.beside.z = others.getCenter(new THREE.Vector3()).z - masters.getCenter(new THREE.Vector3()).z;
+      this.refresh();
+    },
+    look(view) {
+      const box = this.around((model) => (view === "masters" ? model.type === "MTM" : view === "all" || model.type !== "MTM" || this.only));
+      if (box.isEmpty()) return;
+      const centre = box.getCenter(new THREE.Vector3());
+      const radius = Math.max(0.18, box.getSize(new THREE.Vector3()).length() / 2);
+      this.grid.position.z = box.min.z - 0.03;
+      const from = { all: [0.35, -1.2, 0.45], masters: [-0.9, -1.1, 0.6], side: [1, 0, 0.05], top: [0, -0.02, 1], front: [0, -1, 0.15] };
+      const distance = (1.15 * radius) / Math.sin((this.camera.fov * Math.PI) / 360) / Math.min(1, this.camera.aspect);
+      const ecm = Object.values(this.models).find((model) => model.type === "ECM") || Object.values(this.models).find((model) => model.type === "PSM");
+      // What the endoscope sees, from a little behind: neither itself nor the masters.
+      for (const model of Object.values(this.models)) model.isHidden = view === "operator" && ["ECM", "MTM"].includes(model.type);
+      const tips = Object.values(this.models).filter((model) => model.type === "PSM" && model.size).map((model) => model.tip.getWorldPosition(new THREE.Vector3()));
+      if (view === "operator" && ecm && tips.length) {
+        const matrix = ecm.type === "ECM" ? ecm.tip.matrixWorld : ecm.group.matrixWorld;
+        this.controls.target.set(0, 0, 0);
+        for (const tip of tips) this.controls.target.addScaledVector(tip, 1 / tips.length);
+        const ahead = new THREE.Vector3(0, 0, 1).transformDirection(matrix);
+        this.camera.position.copy(this.controls.target).addScaledVector(ahead, -0.3);
+      } else {
+        this.controls.target.copy(centre);
+        this.camera.position.set(...(from[view] || from.all)).normalize().multiplyScalar(distance).add(centre);
+      }
+      this.controls.update();
+      this.later();
+    },
+    preview(frames, jaw) {
+      if (!this.ghost) return;
+      this.ghost.group.visible = Boolean(frames);
+      if (frames) this.ghost.show({ frames, jaw, state: "ENABLED" });
+      const own = this.models[this.only];
+      if (frames && own.size === this.ghost.size && own.at.every((at, i) => at.distanceTo(this.ghost.at[i]) < 0.0005)) this.ghost.group.visible = false; // there already
+      this.later();
+    },
+    later() {
+      if (this.planned) return;
+      this.planned = true;
+      requestAnimationFrame(() => {
+        this.planned = false;
+        this.draw();
+      });
+    },
+    draw() {
+      const dark = document.documentElement.dataset.theme === "dark";
+      if (this.isDark !== dark) {
+        this.isDark = dark;
+        this.scene.background = new THREE.Color(dark ? "#151c24" : "#e9eef3");
+        this.grid.material.color.set(dark ? "#33404d" : "#c3ccd5");
+        this.grid.material.vertexColors = false;
+        this.grid.material.needsUpdate = true;
+      }
+      this.renderer.render(this.scene, this.camera);
+      const { clientWidth: width, clientHeight: height } = this.$el;
+      const at = new THREE.Vector3();
+      for (const model of Object.values(this.models)) {
+        at.copy(model.carriage.position).applyMatrix4(model.group.matrixWorld).project(this.camera);
+        model.label.hidden = at.z > 1 || !model.group.visible;
+        model.label.style.transform = `translate(${((at.x + 1) / 2) * width + 12}px, ${((1 - at.y) / 2) * height - 24}px)`;
+      }
+    },
+  },
+};

@@ -1,0 +1,157 @@
+"""The web console in real browsers: what people see and press. With Chromium and its driver."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+
+import pytest
+from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.keys import Keys
+
+from shm.ring import RingReader
+from tests.gui.chromium import BrowserPage, chromium
+from tests.system.conftest import records as records
+from tests.system.conftest import robot as robot
+from tests.system.conftest import robots as robots
+from tests.system.robot import ROOT, Robot
+from tests.system.test_socket_bridge import free
+
+pytestmark = [pytest.mark.slow, pytest.mark.peers, pytest.mark.simulated]
+KINEMATIC = ROOT / "configs" / "systems" / "kinematic-teleop.yaml"
+DEMO = ROOT / "configs" / "systems" / "demo-teleop.yaml"
+Records = Callable[[Robot, str, str], RingReader]
+COLOURS = """const stage = document.querySelector('.stage').stage; stage.draw();
+const gl = stage.renderer.getContext(), w = gl.drawingBufferWidth, h = gl.drawingBufferHeight;
+const pixels = new Uint8Array(4 * w * h); gl.readPixels(0, 0, w, h, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
+const found = new Set(); for (let i = 0; i < pixels.length; i += 4)
+  found.add((pixels[i] >> 3) << 10 | (pixels[i + 1] >> 3) << 5 | pixels[i + 2] >> 3); return found.size"""
+
+
+@contextlib.contextmanager
+def served(robot: Robot, file: object = KINEMATIC, *options: str) -> Iterator[str]:
+    """A system with a console; its address."""
+    port = free()
+    robot.up(file, "--set", f"gui.listen=127.0.0.1:{port}", *options)  # type: ignore[arg-type]
+    try:
+        yield f"http://127.0.0.1:{port}"
+    finally:
+        robot.pids.add(robot.pid("gui"))
+
+
+def homed(page: BrowserPage) -> None:
+    """All arms, by the buttons of the page."""
+    page.click("#power-on")
+    page.until("trocar.value('PSM1/state.state') === 'ENABLED'", 90)
+    page.click("#home")
+    page.until("trocar.value('PSM1/state.is_homed') && trocar.value('MTMR/state.is_homed')", 120)
+
+
+def test_the_demo_is_powered_homed_and_seen_in_a_browser(robot: Robot) -> None:
+    with served(robot, DEMO) as address, chromium(address) as page:
+        page.open()
+        page.click("#power-on")
+        assert "Take control first" in page.note()
+        assert page.value("PSM1/state.state") == "DISABLED"
+        page.take_control()
+        page.click("#power-on", yes=False)
+        homed(page)
+        assert page.find("#arm-PSM1 .chip").text == "ENABLED"
+        page.open("/3d")
+        page.until("document.querySelector('.stage')?.stage?.isPlaced")
+        assert page.js(COLOURS) > 60, "an empty picture"
+        assert page.js("return Object.values(document.querySelector('.stage').stage.models)"
+                       ".every((model) => model.size > 6 && model.group.visible)")
+        page.find("body").send_keys(Keys.CONTROL, "o")  # from any page, and this one has no control any more
+        page.until("document.querySelector('#power-off').dataset.outcome === 'done'")
+        page.open()
+        page.until("trocar.value('PSM1/state.state') === 'DISABLED'", 60)
+        page.open("/processes")
+        page.until("document.querySelectorAll('#processes tr').length > 5")
+        assert page.wrongs() == []
+        ours = (address, address.replace("http", "ws"), "data:", "blob:", "chrome", "about:")
+        assert [url for url in page.addresses() if not url.startswith(ours)] == []
+
+
+def test_one_of_two_browsers_has_control_and_loses_it(robot: Robot) -> None:
+    with served(robot) as address, chromium(address) as one, chromium(address, 820, 1180) as other:
+        one.open()
+        other.open()
+        one.take_control()
+        other.until("document.body.dataset.control === 'other'")
+        other.click("#arm-PSM1 button.commands")
+        assert "Take control first" in other.note()
+        other.js("trocar.call('PSM1', 'state_command', [], 'enable', (...answer) => (window.answer = answer))")
+        assert "take control first" in other.until("window.answer")[1]  # forged: no button says this
+        other.click("#control", yes=False)
+        assert one.js("return document.body.dataset.control") == "you"
+        other.click("#control")
+        other.until("document.body.dataset.control === 'you'")
+        one.until("document.body.dataset.control === 'other'")
+        other.driver.get("about:blank")
+        one.until("document.body.dataset.control === 'nobody'")
+        one.take_control()
+        one.js("setInterval = null; for (let i = 0; i < 10000; i++) clearInterval(i)")  # it is silent
+        one.until("document.body.dataset.control !== 'you'", 10)
+
+
+def test_a_refused_command_says_why_where_it_was_pressed(robot: Robot) -> None:
+    with served(robot) as address, chromium(address) as page:
+        page.open()
+        page.take_control()
+        page.click("#arm-PSM1 button.commands:nth-child(2)")  # Home, of an arm without power
+        page.until("document.querySelector('#arm-PSM1 button.commands:nth-child(2)').dataset.outcome === 'refused'")
+        assert "PSM1" in page.note() and "refused" in page.note()
+
+
+def test_the_console_is_killed_and_the_page_comes_back(robot: Robot, records: Records) -> None:
+    with served(robot) as address, chromium(address) as page:
+        page.open()
+        page.take_control()
+        homed(page)
+        state = records(robot, "PSM1", "state")
+        cell = state.field("is_homed")
+        robot.pids.add(robot.kill("gui"))
+        page.until("document.body.dataset.connection === 'lost'", 20)
+        assert "not connected" in page.find(".bar").text
+        page.until("document.body.dataset.connection === 'live' && document.body.dataset.control === 'nobody'", 60)
+        page.until("trocar.value('PSM1/state.is_homed')")
+        assert state.newest() and bool(cell)
+
+
+def test_what_is_old_turns_grey(robot: Robot) -> None:
+    with served(robot) as address, chromium(address) as page:
+        page.open()
+        page.until("!document.querySelector('#arm-PSM1').classList.contains('stale')")
+        robot.trocar("stop", "PSM1", "--yes")
+        page.until("document.querySelector('#arm-PSM1').classList.contains('stale')")
+        page.until("/s old/.test(document.querySelector('#arm-PSM1 .age').textContent)")
+
+
+def test_an_arm_is_jogged_while_held_and_moved_after_a_preview(robot: Robot) -> None:
+    with served(robot) as address, chromium(address) as page:
+        page.open()
+        page.take_control()
+        homed(page)
+        page.open("/arm/PSM1")
+        page.take_control()
+        page.until("document.querySelector('[data-goal=\"2\"]').value === '120.00'")
+        jog = page.find(".jog[data-joint='0'][data-sign='1']")
+        before = page.value("PSM1/state.position")[0]
+        ActionChains(page.driver).move_to_element(jog).click_and_hold().perform()
+        page.until(f"trocar.value('PSM1/state.position')[0] > {before} + 0.02")
+        ActionChains(page.driver).release().perform()
+        page.until("Math.abs(trocar.value('PSM1/state.velocity')[0]) < 1e-4 && !document.querySelector('.jog.on')")
+        stands = page.value("PSM1/state.position")[0]
+        page.js("const goal = document.querySelector('[data-goal=\"0\"]'); goal.value = '11,5';"
+                "goal.dispatchEvent(new Event('input', {bubbles: true}))")
+        page.until("document.querySelector('.stage')?.stage?.ghost?.group.visible")
+        assert page.value("PSM1/state.position")[0] == pytest.approx(stands, abs=1e-3), "a preview moves nothing"
+        page.click("[data-does=move]")
+        page.answer_yes()
+        page.until("Math.abs(trocar.value('PSM1/state.position')[0] - 11.5 * Math.PI / 180) < 1e-3")
+        page.js("const goal = document.querySelector('[data-goal=\"0\"]'); goal.value = '170';"
+                "goal.dispatchEvent(new Event('input', {bubbles: true}))")
+        page.until("document.querySelector('[data-goal=\"0\"]').classList.contains('wrong')")
+        page.click("[data-does=move]")
+        assert "limits" in page.note() and page.wrongs() == []

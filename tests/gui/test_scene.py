@@ -1,0 +1,51 @@
+"""Where pages draw arms: by the chain that the arm itself goes by."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from procs.config import PROJECT_CONFIGS, load_system
+from procs.document.system import SystemConfig
+from procs.gui.scene_source import frames_of
+from procs.kinematics.carrying import carrying
+from procs.kinematics.poses import matrix_from_pose
+from tests.conftest import World
+from tests.gui.test_browsers import Console, play
+
+
+@pytest.fixture(scope="module")
+def full() -> SystemConfig:
+    loaded = load_system(PROJECT_CONFIGS / "systems" / "kinematic-full.yaml")
+    assert loaded.system is not None
+    return loaded.system
+
+
+def test_the_last_frame_is_the_tip_and_the_first_the_base(full: SystemConfig) -> None:
+    base = matrix_from_pose(np.array((0.1, 0.2, 0.3, 0.0, 0.6, 0.0, 0.8)))
+    for arm in full.arms:
+        kinematics = carrying(arm, arm.tool.name if arm.tool is not None else arm.endoscope)
+        q = 0.5 * (kinematics.lower + kinematics.upper) + 0.1 * (kinematics.upper - kinematics.lower)
+        frames = np.reshape(frames_of(kinematics, q, base), (-1, 7))
+        assert len(frames) == kinematics.n + 2
+        assert np.allclose(matrix_from_pose(frames[0]), base, atol=1e-4)
+        assert np.allclose(matrix_from_pose(frames[-1]), base @ kinematics.fk(q), atol=1e-4), arm.name
+
+
+def test_a_preview_says_what_is_beyond_a_limit_and_asks_the_arm_for_nothing(world: World) -> None:
+    async def story(console: Console) -> None:
+        console.robot.show_arm(0.1)
+        console.robot.arm.field("tool")[...] = b"TEST:1"
+        console.robot.arm.publish(1)
+        browser, page = console.page()
+        answer = await console.ask(browser, page, "preview", arm="PSM1", position=[0.0, 0.0, 0.0, 0.0, 2.0, 0.0])
+        found = json.loads(answer["text"])
+        assert found["beyond"] == [False] * 4 + [True, False] and len(found["frames"]) == 8 * 7
+        answer = await console.ask(browser, page, "preview", arm="PSM1", position=[0.0])
+        assert answer["outcome"] == "refused" and "6 joints" in answer["text"]
+        assert "no arm PSM7" in (await console.ask(browser, page, "preview", arm="PSM7", position=[]))["text"]
+        assert not list(console.robot.mailbox.drain())
+
+    play(world.name, story)
