@@ -133,7 +133,7 @@ class Participant:
             self._participant = DomainParticipant(domain, Qos(Policy.Userdata(b"enclave=/;")))
         except DDSException as error:
             raise DdsError(f"ROS domain {domain} on interface {interface}: {error.msg}") from error
-        self._waitset = WaitSet(self._participant)
+        self._waitset, self._matches = WaitSet(self._participant), WaitSet(self._participant)
         self.writers: list[TopicWriter[Any]] = []
         self.readers: list[TopicReader[Any]] = []
         self._graph: TopicWriter[ParticipantEntitiesInfo] = self._writer(
@@ -173,7 +173,10 @@ class Participant:
     def _writer(self, name: str, message: type[IdlStruct], policies: tuple[Any, ...],
                 hashed: type[IdlStruct] | None = None, user_data: str = "") -> TopicWriter[Any]:
         qos = self._qos((*policies, Policy.WriterDataLifecycle(autodispose=False)), hashed or message, user_data)
-        return TopicWriter(DataWriter(self._participant, Topic(self._participant, name, message), qos), name)
+        entity: DataWriter[Any] = DataWriter(self._participant, Topic(self._participant, name, message), qos)
+        entity.set_status_mask(DDSStatus.PublicationMatched)
+        self._matches.attach(entity)
+        return TopicWriter(entity, name)
 
     def write_as(self, name: str, message: type[IdlStruct], hashed: type[IdlStruct],
                  user_data: str) -> TopicWriter[Any]:
@@ -193,9 +196,10 @@ class Participant:
         return bool(self._waitset.wait(max(0, timeout_ns)))
 
     def look(self) -> None:
-        """See who reads what, for `TopicWriter.is_read`."""
-        for writer in self.writers:
-            writer.look()
+        """See who reads what, for `TopicWriter.is_read`; each writer is asked only where something has changed."""
+        if self._matches.wait(0):
+            for writer in (self._graph, *self.writers):
+                writer.look()
 
     def announce(self) -> None:
         """Tell ROS which node has which endpoints; once all are there."""
@@ -207,7 +211,7 @@ class Participant:
         """Leave the domain; others see it at once."""
         self.writers.clear()
         self.readers.clear()
-        for part in ("_graph", "_waitset", "_participant", "_domain"):
+        for part in ("_graph", "_waitset", "_matches", "_participant", "_domain"):
             delattr(self, part)
 
 

@@ -35,6 +35,11 @@ class ToldState:
     stamp_ns: int = 0
     due_ns: int = 0
 
+    @property
+    def is_read(self) -> bool:
+        """Somebody hears it."""
+        return any(writer.is_read for writer in self.writers)
+
     def tell(self, ros_ns: int, now_ns: int) -> None:
         """Once more, or anew. The time of day may be set back: stamps are not, nor does anybody wait for it."""
         self.stamp_ns = max(ros_ns, self.stamp_ns + 1)
@@ -82,7 +87,7 @@ class EventTopics:
             self._tell(event, stamps.ns(ring.stamp_ns), now_ns)
             if event["severity"]:
                 self._log(event, stamps.ns(ring.stamp_ns))
-        if self.state is not None and now_ns >= self.state.due_ns:
+        if self.state is not None and now_ns >= self.state.due_ns and self.state.is_read:
             self.state.tell(stamps.ns(now_ns), now_ns)
 
     def _tell(self, event: dict[str, Any], ros_ns: int, now_ns: int) -> None:

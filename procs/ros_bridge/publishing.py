@@ -66,6 +66,7 @@ class RecordTopics:
         self._system, self._ring = system, ring
         self._subscriber: Subscriber | None = None
         self.views = [self._view(participant, entry, name) for entry, name in views]
+        self._wanted: list[PublishedView] = []
         self._told = [(row, _cell(ring, row.field, place), participant.writer(ros_topic(name), row.message, LATCHED))
                       for row, name, place in told]
         self._seen = [b""] * len(self._told)
@@ -81,6 +82,7 @@ class RecordTopics:
         for view in self.views:
             if view.writer.is_read is not view.is_wanted:
                 view.is_wanted = view.writer.is_read
+                self._wanted = [each for each in self.views if each.is_wanted]
                 self._want(view)
 
     def _want(self, view: PublishedView) -> None:
@@ -91,18 +93,17 @@ class RecordTopics:
             self._subscriber.want(entry.ring, *view.source.groups)
         elif view.source.groups:
             self._subscriber.drop(entry.ring, *view.source.groups)
-        if not any(other.is_wanted for other in self.views):
+        if not self._wanted:
             self._subscriber.drop(entry.ring)
 
     def step(self, stamps: Stamps) -> None:
         """The newest record to whoever reads it; what was told before only where it has changed."""
-        wanted = [view for view in self.views if view.is_wanted]
-        if not wanted and not self._told:
+        if not self._wanted and not self._told:
             return
         is_there = self._ring.newest()
         if self._selections is not None and is_there:
             self._selections.step()
-        for view in wanted:
+        for view in self._wanted:
             view.publish(stamps)
         for place, (row, cell, writer) in enumerate(self._told if is_there else ()):
             value = cell.tobytes()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import Iterator
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -92,3 +93,17 @@ def test_operating_states_go_on_with_newer_stamps_when_the_time_of_day_is_set_ba
         now = state.due_ns
     told = [(stamp.sec, stamp.nanosec) for stamp in stamps]
     assert told == sorted(set(told))
+
+
+def test_writers_are_asked_who_reads_them_only_where_something_has_changed(participant: Participant) -> None:
+    writers = [participant.writer(f"x{k}", JointStates) for k in range(3)]
+    participant.look()
+    assert not any(writer.is_read for writer in writers)
+    reader = participant.reader("x1", JointStates)
+    participant.look()
+    assert [writer.is_read for writer in writers] == [False, True, False]
+    asked: list[str] = []
+    for writer in participant.writers:
+        writer.look = partial(asked.append, writer.name)  # type: ignore[method-assign]
+    participant.look()
+    assert not asked and reader.take() == []
