@@ -1,6 +1,6 @@
 """The web console: the robot in a browser. docs/gui.md.
 
-Between two cycles it serves browsers, once a cycle it sends to each page what it wants. Held up for half a second it
+Between two cycles it serves browsers, once a cycle it sends to each page what it wants. Held up for a second it
 disconnects all: what they asked meanwhile is about the past.
 """
 
@@ -22,7 +22,7 @@ from procs.pauses import Pauses, duration
 from shm.clock import monotonic_ns
 
 SHOW_NS: Final = 1_000_000_000
-HELD_UP_NS: Final = 500_000_000
+HELD_UP_NS: Final = 1_000_000_000
 
 
 class GuiLoop(runtime.Loop):
