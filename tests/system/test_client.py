@@ -86,6 +86,7 @@ def test_every_word_of_a_psm(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def states(psm: trocar.Psm) -> None:
+    psm.check_connections(SECONDS)
     assert psm.connected() and psm.is_disabled() and not psm.is_enabled()
     with refused("not ready"):
         psm.move_jp(HOME)
@@ -166,7 +167,8 @@ def reads(psm: trocar.Psm) -> None:
     assert [part.shape for part in state] == [(6,)] * 3 and stamp > 0
     assert psm.joint_names()[:3] == ["yaw", "pitch", "insertion"]
     for read in (psm.measured_jv, psm.measured_jf, psm.setpoint_jp, psm.setpoint_jv, psm.setpoint_jf, psm.measured_cv,
-                 psm.setpoint_cv, psm.local.measured_cv, psm.body.measured_cf, psm.spatial.measured_cf):
+                 psm.setpoint_cv, psm.local.measured_cv, psm.measured_cf, psm.body.measured_cf,
+                 psm.spatial.measured_cf):
         assert read()[0].shape == (6,)
     assert psm.setpoint_js()[0].position.shape == (6,)
     assert psm.body.jacobian()[0].shape == psm.spatial.jacobian()[0].shape == (6, 6)
@@ -278,6 +280,7 @@ def test_every_word_of_a_cart_and_its_endoscope(robot: Robot, monkeypatch: pytes
         with refused("no endoscope"):
             ecm.set_endoscope_type("Classic_4D")
         ecm.use_gravity_compensation()
+        ecm.insert_jp(0.1).wait(SECONDS)
         assert suj.arms() == ["ECM", "PSM1", "PSM2", "PSM3"]
         with pytest.raises(trocar.Problem, match="no setup arm PSM4"):
             suj.arm("PSM4")

@@ -11,7 +11,7 @@ import pytest
 
 import trocar
 from tests.system.robot import ROOT, Robot, wait_for
-from tests.system.test_socket_bridge import free
+from tests.system.test_socket_bridge import PATIENT, free
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 TELEOP = ROOT / "configs" / "systems" / "kinematic-teleop.yaml"
@@ -23,7 +23,7 @@ MASTER = ROOT / "configs" / "systems" / "kinematic-mtm.yaml"
 def up(robot: Robot, file: Any) -> str:
     """A system with a bridge; where it is."""
     at = f"127.0.0.1:{free()}"
-    robot.up(file, "--clock", "lockstep", "--set", f"socket.listen={at}")
+    robot.up(file, "--clock", "lockstep", "--set", f"socket.listen={at}", *PATIENT)
     return at
 
 
@@ -220,12 +220,14 @@ def test_words_are_awaited_here_and_elsewhere(robot: Robot) -> None:
                 await psm.move_jp([0.1, 0, 0.12, 0, 0, 0])
                 await psm.move_jp([0.0, 0, 0.12, 0, 0, 0])
             assert (await psm.measured_jp())[0][2] == pytest.approx(0.12)
+            await psm.trajectory_j_set_ratio(0.02)
             moving = asyncio.ensure_future(psm.move_jp([0.5, 0, 0.2, 0, 0, 0]))
             while not await psm.is_busy():
                 await asyncio.sleep(0.001)
             await psm.hold()
             with pytest.raises(trocar.Refused):
                 await moving
+            await psm.trajectory_j_set_ratio(1.0)
             await psm.disable()
         return states
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.system.robot import ROOT, Robot
-from tests.system.test_socket_bridge import free, has_octave, started
+from tests.system.test_socket_bridge import PATIENT, free, has_octave, started
 
 pytestmark = [pytest.mark.peers, pytest.mark.slow, pytest.mark.simulated,
               pytest.mark.skipif(not has_octave(), reason="no Octave with instrument-control: tools/peers installs it")]
@@ -39,7 +39,7 @@ def said(robot: Robot, code: str) -> str:
 @pytest.mark.parametrize(("file", "code"), EXAMPLES, ids=[Path(file).stem for file, _ in EXAMPLES])
 def test_an_example_of_the_page_runs(robot: Robot, file: str, code: str) -> None:
     port = free()
-    robot.up(ROOT / file, "--set", f"socket.listen=127.0.0.1:{port}")
+    robot.up(ROOT / file, "--set", f"socket.listen=127.0.0.1:{port}", *PATIENT)
     out = said(robot, code.replace("7380", str(port)))
     assert "trocar:refused" in out or "full" in file
     assert robot.down() == 0
@@ -51,7 +51,7 @@ def test_both_systems_of_the_page_have_an_example() -> None:
 
 def test_every_word_does_what_it_says_on_emulated_boards(robot: Robot) -> None:
     at = f"127.0.0.1:{free()}"
-    robot.up(CONSOLE, "--set", f"socket.listen={at}")
+    robot.up(CONSOLE, "--set", f"socket.listen={at}", *PATIENT)
     with octave(robot, f"at = '{at}';\nsource('{SCRIPT}');") as running:
         assert running.stdout is not None and running.stderr is not None
         lines = iter(running.stdout.readline, "")
@@ -68,7 +68,7 @@ def test_a_client_without_the_token_is_refused(robot: Robot, tmp_path: Path) -> 
     token = tmp_path / "token"
     token.write_text("0123456789abcdef0123\n")
     token.chmod(0o600)
-    port = started(robot, "--set", f"socket.token_file={token}", address=f"0.0.0.0:{free()}")
+    port = started(robot, "--set", f"socket.token_file={token}", *PATIENT, address=f"0.0.0.0:{free()}")
     out = said(robot, f"""
         try, trocar.psm('PSM1', '127.0.0.1:{port}', 'another'); catch reason, disp(reason.identifier), end
         psm = trocar.psm('PSM1', '127.0.0.1:{port}', strtrim(fileread('{token}')));
@@ -81,7 +81,7 @@ def test_a_client_without_the_token_is_refused(robot: Robot, tmp_path: Path) -> 
 
 
 def test_a_wait_counts_the_robot_s_time_where_that_is_slower(robot: Robot) -> None:
-    port = started(robot)
+    port = started(robot, *PATIENT)
     out = said(robot, f"""
         psm = trocar.psm('PSM1', '127.0.0.1:{port}');
         limit = trocar.deadline(psm.bridge, 'PSM1', 0.2);
