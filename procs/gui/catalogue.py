@@ -8,9 +8,10 @@ from typing import Final
 from procs.document.system import WALL, SystemConfig
 from procs.gui.messages_source import MessagesSource
 from procs.gui.processes_source import ProcessesSource
-from procs.gui.robots import RobotSource, robots_of
+from procs.gui.robots import RobotSource, gains_source, robots_of
 from procs.gui.scene_source import SceneSource
 from procs.gui.sources import Maker, RecordSource, Sources
+from procs.gui.trace_source import TraceSource
 
 KINDS: Final = frozenset({"arm", "third_party", "suj", "teleop", "console", "system", "focus", "io"})
 """Whose state pages show."""
@@ -29,6 +30,10 @@ def sources_of(document: SystemConfig) -> Sources:
         for row in document.processes if row.kind in KINDS}
     for robot in robots_of(document):
         makers[robot.source] = partial(RobotSource, document.name, robot, simulated=document.clock != WALL)
+        if robot.pid is not None:
+            makers[robot.gains] = partial(gains_source, document.name, robot)
+            for axis in range(len(robot.robot.actuators)):
+                makers[f"{robot.io.name}/trace{robot.place}-{axis}"] = partial(TraceSource, document.name, robot, axis)
     makers[MESSAGES] = partial(MessagesSource, document)
     makers[PROCESSES] = partial(ProcessesSource, document)
     makers[SCENE] = partial(SceneSource, document)

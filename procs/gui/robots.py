@@ -77,6 +77,16 @@ def robots_of(document: SystemConfig) -> list[IoRobot]:
     return found
 
 
+def with_actuators(robots: list[IoRobot]) -> list[IoRobot]:
+    """Those that have any: others only have inputs or outputs."""
+    return [robot for robot in robots if robot.robot.actuators]
+
+
+def with_gains(robots: list[IoRobot]) -> list[IoRobot]:
+    """Those with a joint controller that drives motors."""
+    return [robot for robot in with_actuators(robots) if robot.pid is not None and not robot.is_kinematic]
+
+
 def slides(robot: Robot, pid: PidConfig | None) -> list[bool]:
     """Which actuators slide; the joint controller knows it where the IO file does not."""
     kinds = [actuator.joint_type for actuator in robot.actuators]

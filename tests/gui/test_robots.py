@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 import dataclasses
 import json
+from pathlib import Path
 
 import pytest
 
@@ -11,7 +13,9 @@ from procs.codes import FAULTS
 from procs.document.system import Actuator, Brake, IoConfig, Linear, Robot, from_json
 from procs.gui.browsers import FOR_ALL
 from procs.gui.catalogue import sources_of
+from procs.gui.pid_file import PidFiles
 from procs.gui.robots import IoRobot, robots_of, slides
+from procs.gui.trace_source import SIGNALS, TraceSource
 from shm import directory
 from shm.clock import monotonic_ns
 from shm.commands import COMMANDS
@@ -63,3 +67,59 @@ def test_without_control_a_robot_can_be_switched_off_and_not_on() -> None:
     rows = {row.name: row for row in COMMANDS["io"]}
     free = {name for name, row in rows.items() if ("io", name) in FOR_ALL and row.is_stop("PSM1", [])}
     assert free == {"power_off"}
+
+
+def test_a_page_is_sent_the_gains_of_its_robot_however_old(world: World) -> None:
+    with robot(world.name) as scripted:
+        sources = sources_of(from_json(directory.document(scripted.name)))
+        gains = directory.writer(scripted.name, "IO1", "gains", "io")
+        gains.field("p_gain")[:] = range(7)
+        gains.publish(monotonic_ns() - 60_000_000_000)
+        sources.take("IO1/gains0")
+        sources.begin(monotonic_ns())
+        shown = json.loads(b"{" + sources.part("IO1/gains0") + b"}")["IO1/gains0"]
+        assert shown["p_gain"] == list(range(7)) and shown["age"] == 0.0
+        sources.close()
+        gains.close()
+
+
+def test_a_plot_is_sent_each_sample_once(world: World) -> None:
+    with robot(world.name) as scripted:
+        document = from_json(directory.document(scripted.name))
+        trace = TraceSource(scripted.name, robots_of(document)[0], 2)  # io at 1500 Hz: every third
+        first = 1_000_000_000_000
+
+        def publish(count: int, start: int) -> None:
+            for i in range(start, start + count):
+                scripted.io.field("position")[2] = i
+                scripted.io.publish(first + i * 1_000_000)
+
+        assert trace.read(0) == {"age": None}
+        publish(12, 0)
+        shown = trace.read(0)
+        assert shown["t"] == [1000.002, 1000.005, 1000.008, 1000.011]  # numbers of records that 3 divides
+        assert shown["v"][SIGNALS.index("position")].tolist() == [2, 5, 8, 11]
+        assert trace.read(2_500_000_000) == {"age": 2.5, "t": [], "v": []}
+        publish(3, 12)
+        assert trace.read(0)["v"][0].tolist() == [14]
+        trace.close()
+
+
+@pytest.mark.parametrize(("code", "writes", "status"), [(0, True, 200), (1, False, 409), (0, False, 409)])
+def test_a_pid_file_is_that_of_the_command_line_or_its_reason(code: int, writes: bool, status: int,
+                                                              monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[str] = []
+
+    async def run(self: PidFiles, *words: str) -> tuple[int, str]:
+        asked.extend(words)
+        if writes:
+            Path(words[3]).write_text("{}")
+        return code, f"{words[3]}: said"
+
+    monkeypatch.setattr(PidFiles, "_run", run)
+    answer = asyncio.run(PidFiles("robot").file(two_robots()[0]))
+    assert asked[:3] == ["pid", "save", "A"] and asked[4:] == ["--system", "robot"]
+    assert answer.status_code == status and answer.body == (b"{}" if writes else f"{asked[3]}: said".encode())
+    if writes:
+        assert answer.headers["content-disposition"] == 'attachment; filename="PID-A.json"'
+        assert answer.headers["x-notes"] == "PID-A.json: said" and not Path(asked[3]).exists()

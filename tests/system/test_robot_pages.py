@@ -60,3 +60,35 @@ def test_a_page_shows_power_and_brakes_change(console: tuple[Robot, BrowserPage]
     page.click("#io-power-off")
     page.until(f"!{shown('IO1/robot0.amps_on')}")
     assert page.wrongs() == []
+
+
+def test_a_gain_is_edited_applied_and_saved_and_a_step_is_seen(console: tuple[Robot, BrowserPage]) -> None:
+    console[0].home("ECM")
+    page = opened(console, "/pid")
+    page.until("document.querySelector('[aria-label=\"p_gain pitch\"]')?.value === '1000'")
+
+    def edit(text: str) -> None:
+        page.js("const i = document.querySelector('[aria-label=\"p_gain pitch\"]'); i.focus(); i.value = arguments[0];"
+                "i.dispatchEvent(new Event('input', {bubbles: true}))", text)
+
+    edit("-3")
+    page.click("#apply")
+    page.until("document.querySelector('.note.bad')?.textContent.includes('from 0 up to')")
+    edit("1010,5")
+    page.click("#apply")
+    page.until(f"{shown('IO1/gains0.p_gain.1')} === 1010.5")
+    page.until("document.getElementById('edited').textContent === 'nothing changed'")
+    edit("99000")
+    page.click("#apply")
+    page.until("document.querySelector('.note.bad')?.textContent.includes('more than 10 times')")
+    page.click("#discard")
+    saved = page.js("return fetch(document.getElementById('save').href).then((answer) => answer.json())")
+    assert [axis["p_gain"] for axis in saved["pid"]][:2] == [400, 1010.5]
+    before = page.value("IO1/robot0.setpoint_position.0")
+    page.until("document.getElementById('trace').getContext('2d').getImageData(60, 20, 200, 300).data.some((v) => v)")
+    page.js("document.getElementById('step-time').value = '4'")
+    page.click("#step")
+    page.until(f"{shown('IO1/robot0.setpoint_position.0')} > {before + 0.017}")
+    page.until(f"Math.abs({shown('IO1/robot0.setpoint_position.0')} - {before}) < 1e-4")
+    page.until("document.getElementById('pause').textContent === 'Go on'")
+    assert page.wrongs() == []

@@ -13,12 +13,14 @@ from procs.gui.catalogue import MESSAGES, PROCESSES, SCENE
 from procs.gui.pages.arm import arm_page
 from procs.gui.pages.assets import STATIC, assets
 from procs.gui.pages.frame import page
+from procs.gui.pages.pid import pid_page
 from procs.gui.pages.processes import processes_page
 from procs.gui.pages.robot_io import io_page
 from procs.gui.pages.scene import scene_page
 from procs.gui.pages.system import system_page
 from procs.gui.pages.teleop import teleop_page
-from procs.gui.robots import robots_of
+from procs.gui.pid_file import PidFiles
+from procs.gui.robots import robots_of, with_actuators, with_gains
 
 
 def application(document: SystemConfig) -> FastAPI:
@@ -32,13 +34,15 @@ def application(document: SystemConfig) -> FastAPI:
     ]
     made += [(f"/arm/{arm.name}", (MESSAGES, SCENE), partial(arm_page, document, arm)) for arm in document.arms]
     robots = robots_of(document)
-    for section, content_of in (("io", io_page),):
-        found = [robot for robot in robots if robot.robot.actuators]
+    for section, content_of, found in (("io", io_page, with_actuators(robots)), ("pid", pid_page, with_gains(robots))):
         made += [(path, (), partial(content_of, found, robot)) for robot in found for path in
                  ((robot.path(section), f"/{section}") if robot is found[0] else (robot.path(section),))]
     for path, wants, content in made:
         _add(document, path, wants, content)
     outer = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
+    files = PidFiles(document.name)
+    for robot in with_gains(robots):
+        outer.add_api_route(f"/files{robot.path('pid')}.json", partial(files.file, robot), response_model=None)
     ui.run_with(outer, title=f"Trocar {document.name}", dark=None, tailwind=False, show_welcome_message=False,
                 binding_refresh_interval=None, reconnect_timeout=5.0, message_history_length=0)
     return outer

@@ -9,6 +9,7 @@ from typing import Final
 from procs.document.system import WALL, SystemConfig
 from procs.gui.pages.assets import script, style
 from procs.gui.pages.parts import Call, Part, box, button
+from procs.gui.robots import robots_of, with_actuators, with_gains
 
 KEYS: Final = (("Ctrl + O", "power off"), ("Ctrl + P", "power on"), ("Ctrl + H", "home"), ("?", "this list"))
 STEPS: Final = ("Take control, top right: until then this page only looks.",
@@ -49,8 +50,10 @@ def pages_of(document: SystemConfig) -> list[tuple[str, str]]:
     found += [(arm.name, f"/arm/{arm.name}") for arm in document.arms]
     if document.consoles:
         found.append(("Teleoperation", "/teleop"))
-    if any(io.robots for io in document.ios):
-        found.append(("IO", "/io"))
+    robots = robots_of(document)
+    for name, path, rows in (("IO", "/io", with_actuators(robots)), ("PID", "/pid", with_gains(robots))):
+        if rows:
+            found.append((name, path))
     return [*found, ("Processes", "/processes")]
 
 

@@ -37,7 +37,7 @@ def io_page(robots: Sequence[IoRobot], robot: IoRobot) -> None:
         with box("row head"):
             Part("h2", "title", name)
             Part("span", "kind", _about(robot))
-            if robot.pid:
+            if robot.pid and not robot.is_kinematic:
                 Part("a", "", "Joint controller", href=robot.path("pid"))
             box("spacer")
             Part("span", "age")

@@ -102,7 +102,7 @@ const isConnected = () => socket?.readyState === 1 && performance.now() - lastTi
 
 function wants() {
   if (document.hidden) return [];
-  const found = new Set((document.querySelector("[data-wants]")?.dataset.wants || "").split(" ").filter(Boolean));
+  const found = new Set([...document.querySelectorAll("[data-wants]")].flatMap((part) => part.dataset.wants.split(" ").filter(Boolean)));
   for (const name of ["live", "show", "on", "source"])
     for (const element of document.querySelectorAll(`[data-${name}]`)) found.add(sourceOf(element.dataset[name]));
   return [...found].sort();

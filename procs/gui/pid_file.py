@@ -1,0 +1,49 @@
+"""The gains in use as a PID file, to be kept by whoever looks: what `trocar pid save` makes."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+import tempfile
+from pathlib import Path
+from typing import Final
+
+from fastapi import Response
+
+from procs.gui.robots import IoRobot
+
+DUE_S: Final = 30.0
+NOTES: Final = 400
+"""Letters of them that fit beside a file."""
+
+
+class PidFiles:
+    """Makes them one at a time, each by a process of its own: reading and checking files holds nobody up."""
+
+    def __init__(self, system: str) -> None:
+        self._system, self._one = system, asyncio.Lock()
+
+    async def file(self, robot: IoRobot) -> Response:
+        """The file of a robot, or why there is none."""
+        async with self._one:
+            with tempfile.TemporaryDirectory(prefix="trocar-") as place:
+                made = Path(place) / f"PID-{robot.robot.name}.json"
+                code, said = await self._run("pid", "save", robot.robot.name, str(made), "--system", self._system)
+                if code or not made.is_file():
+                    return Response(said or "no file was made", 409, media_type="text/plain")
+                notes = said.replace(str(made), made.name).encode("ascii", "replace").decode()[:NOTES]
+                return Response(made.read_bytes(), media_type="application/json", headers={
+                    "content-disposition": f'attachment; filename="{made.name}"', "cache-control": "no-store",
+                    "x-notes": "; ".join(notes.splitlines())})
+
+    async def _run(self, *words: str) -> tuple[int, str]:
+        running = await asyncio.create_subprocess_exec(
+            sys.executable, "-m", "tools", *words, stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.STDOUT)
+        try:
+            said, _ = await asyncio.wait_for(running.communicate(), DUE_S)
+        except TimeoutError:
+            running.kill()
+            await running.wait()
+            return 1, f"it took longer than {DUE_S:g} s"
+        return running.returncode or 0, said.decode(errors="replace").strip()

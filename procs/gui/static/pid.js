@@ -1,0 +1,194 @@
+// The page PID: gains that are edited and applied, the plot of one joint, and a step to try them.
+import { confirmed, data, hasControl, note, onTick, perform, typed, unit, units, value } from "./live.js";
+import { made } from "./forms.js";
+import { Trace } from "./trace.js";
+
+const TEXT = 64; // letters of a command's text
+const page = await made("pid");
+const { io, robot, arm, gains, traces } = page.dataset;
+const inputs = [...page.querySelectorAll("[data-gain]")];
+const at = (id) => document.getElementById(id);
+const shownAs = (v) => String(+v.toPrecision(9));
+const inUse = (input) => value(`${gains}.${input.dataset.gain}.${input.dataset.axis}`);
+const axisName = (input) => at("axis").options[+input.dataset.axis].textContent;
+
+// --- gains
+
+function wanted(input) {
+  const v = typed(input.value);
+  const { low, high, above } = input.dataset;
+  return v === null || v < +low || v > +high || (above !== undefined && v === +low) ? null : v;
+}
+
+function changed() {
+  return inputs.filter((input) => input.dataset.edited !== undefined);
+}
+
+function follow() {
+  for (const input of inputs) {
+    let v = inUse(input);
+    if (v === undefined || v === null) continue;
+    v = Number(v);
+    if (input.dataset.edited === undefined && document.activeElement !== input) {
+      const text = shownAs(v);
+      if (input.value !== text) input.value = text;
+    }
+    input.classList.toggle("other", v !== +input.dataset.file && input.dataset.edited === undefined);
+  }
+}
+
+function edited(input) {
+  const v = wanted(input);
+  const same = v !== null && shownAs(v) === shownAs(Number(inUse(input)));
+  if (same) delete input.dataset.edited;
+  else input.dataset.edited = "";
+  input.classList.toggle("wrong", v === null);
+  input.classList.toggle("edited", !same);
+  const count = changed().length;
+  at("edited").textContent = count ? `${count} changed, not applied` : "nothing changed";
+}
+
+function discard() {
+  for (const input of changed()) {
+    delete input.dataset.edited;
+    input.classList.remove("edited", "wrong");
+  }
+  at("edited").textContent = "nothing changed";
+  follow();
+}
+
+async function apply(button) {
+  const found = changed();
+  if (!hasControl()) return note(button, "bad", "Take control first: this page only looks.");
+  if (!found.length) return note(button, "bad", "Nothing was changed.");
+  const wrong = found.find((input) => wanted(input) === null);
+  if (wrong) return note(button, "bad", wrong.title);
+  const words = found.map((input) => `${input.dataset.gain} of ${axisName(input)}: ${shownAs(Number(inUse(input)))} → ${shownAs(wanted(input))}`);
+  const on = value(`${page.querySelector("[data-switch]").dataset.switch}`);
+  if (!(await confirmed(`${on ? "The joint controller is on: the arm may move.\n" : ""}${words.join("\n")}`))) return;
+  const steps = [];
+  for (const input of found) {
+    const { gain, axis } = input.dataset;
+    const last = steps.at(-1)?.[0];
+    // Of one axis as many at once as have room in a command.
+    if (last && last[2][0] === +axis && `${last[3]} ${gain}`.length <= TEXT) {
+      last[2].push(wanted(input));
+      last[3] = `${last[3]} ${gain}`;
+    } else steps.push([[io, "set_gains", [+axis, wanted(input)], `${robot} @gui ${gain}`]]);
+  }
+  if (await perform(button, steps)) discard();
+}
+
+for (const input of inputs)
+  for (const name of ["input", "change"]) input.addEventListener(name, () => edited(input));
+inputs.forEach((input) => input.addEventListener("keydown", (event) => event.key === "Enter" && apply(at("apply"))));
+at("apply").addEventListener("click", (event) => apply(event.currentTarget));
+at("discard").addEventListener("click", discard);
+at("all-gains").addEventListener("click", () => page.classList.toggle("all"));
+
+// A file that cannot be made says why, instead of a page that is none.
+at("save").addEventListener("click", async (event) => {
+  event.preventDefault();
+  const link = event.currentTarget;
+  if (link.dataset.waits !== undefined) return;
+  link.dataset.waits = "";
+  try {
+    const answer = await fetch(link.href);
+    if (!answer.ok) return note(link, "bad", await answer.text());
+    const saved = Object.assign(document.createElement("a"), { href: URL.createObjectURL(await answer.blob()), download: `PID-${robot}.json` });
+    saved.click();
+    URL.revokeObjectURL(saved.href);
+    note(link, "good", answer.headers.get("x-notes") || `PID-${robot}.json`);
+  } catch {
+    note(link, "bad", "not connected");
+  } finally {
+    delete link.dataset.waits;
+  }
+});
+
+// --- plot
+
+const trace = new Trace(at("trace"));
+let taken = null;
+let paused = false;
+let first = 0;
+const slides = () => at("axis").selectedOptions[0].dataset.slides === "p";
+
+function choose() {
+  page.dataset.wants = `${arm}/state ${gains} ${traces}${at("axis").value}`;
+  trace.clear();
+}
+
+const DRAW_MS = 100;
+let drawn = 0;
+let isDue = false;
+function draw() {
+  if (isDue) return;
+  isDue = true;
+  requestAnimationFrame((now) => {
+    isDue = false;
+    if (now - drawn >= DRAW_MS) {
+      drawn = now;
+      paint();
+    }
+  });
+}
+
+function paint() {
+  const chosen = [...page.querySelectorAll(".legend input:checked")].map((box) => +box.value);
+  const factor = units() !== "deg" ? 1 : slides() ? 1000 : 180 / Math.PI;
+  trace.draw(chosen, +at("span").value, factor, unit(slides()), slides() ? "N" : "N·m");
+}
+
+function take() {
+  const found = data(`${traces}${at("axis").value}`);
+  if (!found?.t || found === taken) return;
+  taken = found;
+  if (paused) return;
+  first ||= found.t[0];
+  trace.add(found.t.map((t) => t - first), found.v);
+}
+
+function pause(on) {
+  paused = on;
+  at("pause").textContent = on ? "Go on" : "Pause";
+  if (!on) trace.clear();
+}
+
+at("axis").addEventListener("change", () => (choose(), pause(false)));
+at("pause").addEventListener("click", () => pause(!paused));
+page.addEventListener("change", () => ((drawn = 0), draw()));
+
+// --- a step, and back
+
+async function step(button) {
+  const [size, time] = [typed(at("step-size").value), typed(at("step-time").value)];
+  const most = +at("step-size").dataset.most;
+  const word = slides() ? "mm" : "°";
+  const axis = +at("axis").value;
+  const joints = value(`${arm}/state.count`);
+  if (!hasControl()) return note(button, "bad", "Take control first: this page only looks.");
+  if (size === null || !size || Math.abs(size) > most) return note(button, "bad", `A step of up to ${most} ${word}, not 0, is needed.`);
+  if (time === null || time < 0.1 || time > 5) return note(button, "bad", "A time from 0.1 to 5 s is needed.");
+  if (!(axis < joints)) return note(button, "bad", `${arm} has no joint of that number now.`);
+  if (!(await confirmed(`${arm}, ${at("axis").selectedOptions[0].textContent} jumps by ${size} ${word}, and back after ${time} s. Go on?`))) return;
+  const change = slides() ? size / 1000 : (size * Math.PI) / 180;
+  const by = (v) => [[arm, "servo_jr", Array.from({ length: joints }, (_, i) => (i === axis ? v : 0)), ""]];
+  pause(false);
+  const done = await perform(button, [by(change)]);
+  if (!done) return;
+  await new Promise((go) => setTimeout(go, time * 1000));
+  await perform(button, [by(-change)]);
+  await new Promise((go) => setTimeout(go, 1000));
+  pause(true); // it stays to be looked at
+}
+at("step").addEventListener("click", (event) => step(event.currentTarget));
+
+choose();
+onTick(() => {
+  follow();
+  take();
+  if (!paused) draw();
+  const word = slides() ? "mm" : "°";
+  if (at("step-unit").textContent !== word) at("step-unit").textContent = word;
+});
