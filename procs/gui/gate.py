@@ -30,7 +30,7 @@ HEADERS: Final = (
                                  b"frame-ancestors 'none'; form-action 'self'; base-uri 'none'"),
     (b"x-frame-options", b"DENY"),
     (b"x-content-type-options", b"nosniff"),
-    (b"referrer-policy", b"no-referrer"),
+    (b"referrer-policy", b"same-origin"),
 )
 FORM: Final = """<!doctype html><meta charset="utf-8"><meta name="viewport" content="width=device-width">
 <title>Trocar</title><style>body{{font:16px sans-serif;max-width:26rem;margin:20vh auto;padding:0 1rem}}

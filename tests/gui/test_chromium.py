@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import socket
 from collections.abc import Callable, Iterator
 
 import pytest
@@ -84,9 +85,8 @@ def test_one_of_two_browsers_has_control_and_loses_it(robot: Robot) -> None:
         other.js("trocar.call('PSM1', 'state_command', [], 'enable', (...answer) => (window.answer = answer))")
         assert "take control first" in other.until("window.answer")[1]  # forged: no button says this
         other.click("#control", yes=False)
-        assert one.js("return document.body.dataset.control") == "you"
-        other.click("#control")
-        other.until("document.body.dataset.control === 'you'")
+        assert other.js("return document.body.dataset.control") != "you"
+        other.take_control()
         one.until("document.body.dataset.control === 'other'")
         other.driver.get("about:blank")
         one.until("document.body.dataset.control === 'nobody'")
@@ -154,4 +154,65 @@ def test_an_arm_is_jogged_while_held_and_moved_after_a_preview(robot: Robot) -> 
                 "goal.dispatchEvent(new Event('input', {bubbles: true}))")
         page.until("document.querySelector('[data-goal=\"0\"]').classList.contains('wrong')")
         page.click("[data-does=move]")
-        assert "limits" in page.note() and page.wrongs() == []
+        page.until("/limits/.test(document.querySelector('.note')?.textContent)")
+        assert page.wrongs() == []
+
+
+def test_the_slave_that_follows_is_seen_following(robot: Robot) -> None:
+    with served(robot) as address, chromium(address) as page:
+        page.open()
+        page.take_control()
+        homed(page)
+        page.open("/teleop")
+        page.take_control()
+        teleop, stage = "MTMR_PSM1/state", "document.querySelector('.stage')?.stage"
+        page.click("#teleop-start")
+        page.until("trocar.value('console/state.teleop_enabled')")
+        assert page.until(f"trocar.value('{teleop}.reason')"), "it says what it waits for"
+        page.click("#operator-press")
+        page.until(f"trocar.value('{teleop}.following')", 90)
+        page.open("/3d")
+        page.until(f"{stage}?.isPlaced")
+        where = f"{stage}.models.PSM1.tip.position.toArray()"
+        before = page.js(f"return {where}")
+        robot.trocar("send", "MTMR", "move_cr", "0.04", "0", "0", "0", "0", "0", "1", code=None)
+        page.until(f"Math.hypot(...{where}.map((v, i) => v - {before}[i])) > 0.003", 60)
+
+
+def test_a_board_that_is_gone_is_a_fault_with_its_remedy(robot: Robot) -> None:
+    with served(robot, DEMO) as address, chromium(address) as page:
+        page.open()
+        page.take_control()
+        page.click("#power-on")
+        page.until("trocar.value('PSM1/state.state') === 'ENABLED'", 90)
+        robot.trocar("send", "boards", "unplug_board", "6")
+        page.until("trocar.value('PSM1/state.state') === 'FAULT' || trocar.value('MTMR/state.state') === 'FAULT'", 60)
+        page.until("[...document.querySelectorAll('.fault:not([hidden])')].some((fault) => fault.innerText.length > 20"
+                   " && fault.querySelector('.remedy').textContent)")
+        assert page.js("return [...document.querySelectorAll('.message.error')].length") > 0
+
+
+def test_from_elsewhere_a_token_opens_the_console_and_nothing_else_does(robot: Robot) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(("192.0.2.1", 9))  # sends nothing; says which address we have to others
+        except OSError:
+            pytest.skip("this machine has no address but loopback")
+        host = probe.getsockname()[0]
+    token = robot.logs / "gui.token"
+    token.write_text("0123456789abcdef")
+    token.chmod(0o600)
+    port = free()
+    robot.up(KINEMATIC, "--set", f"gui.listen={host}:{port}", "--set", f"gui.token_file={token}")
+    with chromium(f"http://{host}:{port}") as page:
+        page.driver.get(page.address)
+        robot.pids.add(robot.pid("gui"))
+        page.until("document.querySelector('form')")
+        page.find("input").send_keys("a wrong one, surely", Keys.ENTER)
+        page.until("document.body.innerText.includes('This is not the token')")
+        assert "PSM1" not in page.driver.page_source
+        page.find("input").send_keys("0123456789abcdef", Keys.ENTER)
+        page.until("document.body.dataset.connection === 'live'")
+        page.take_control()
+        page.open("/processes")
+        assert "0123456789abcdef" not in page.driver.page_source + page.driver.current_url

@@ -37,12 +37,12 @@ def _console(console: Console) -> None:
         with box("row"):
             for text, field, command in PEDALS:
                 Part("span", "light", text, data_on=f"{state}.{field}")
-                button("press", [[(console.name, command, [1], "")]], "small",
+                button("press", [[(console.name, command, [1], "")]], "small", id=f"{text}-press",
                        confirm=f"Act as if the {text} pedal or sensor were pressed, until it is released?")
                 button("release", [[(console.name, command, [0], "")]], "small")
             Part("span", "quiet", "press and release act as if, where there are no pedals")
         with box("row buttons"):
-            button("Start teleoperation", [[(console.name, "teleop_enable", [1], "")]],
+            button("Start teleoperation", [[(console.name, "teleop_enable", [1], "")]], id="teleop-start",
                    confirm="Start teleoperation? Masters move to align.")
             button("Stop", [[(console.name, "teleop_enable", [0], "")]], "quiet", is_free=True)
             box("spacer")
