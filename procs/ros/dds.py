@@ -134,6 +134,8 @@ class Participant:
         except DDSException as error:
             raise DdsError(f"ROS domain {domain} on interface {interface}: {error.msg}") from error
         self._waitset, self._matches = WaitSet(self._participant), WaitSet(self._participant)
+        self.is_read = False
+        """Somebody reads one of our topics."""
         self.writers: list[TopicWriter[Any]] = []
         self.readers: list[TopicReader[Any]] = []
         self._graph: TopicWriter[ParticipantEntitiesInfo] = self._writer(
@@ -195,11 +197,14 @@ class Participant:
         """Until something has come, for so long at most; whether it has."""
         return bool(self._waitset.wait(max(0, timeout_ns)))
 
-    def look(self) -> None:
-        """See who reads what, for `TopicWriter.is_read`; each writer is asked only where something has changed."""
-        if self._matches.wait(0):
-            for writer in (self._graph, *self.writers):
-                writer.look()
+    def look(self) -> bool:
+        """See who reads what, for `TopicWriter.is_read`; whether that has changed. Only then each writer is asked."""
+        if not self._matches.wait(0):
+            return False
+        for writer in (self._graph, *self.writers):
+            writer.look()
+        self.is_read = any(writer.is_read for writer in self.writers)
+        return True
 
     def announce(self) -> None:
         """Tell ROS which node has which endpoints; once all are there."""

@@ -37,7 +37,7 @@ from shm import directory
 from shm.clock import boottime_ns
 from shm.origins import ACTING
 
-LOOK_NS: Final = 100_000_000
+IDLE_NS: Final = 100_000_000
 FRAMES_NS: Final = 20_000_000
 STATISTICS_NS: Final = 200_000_000
 STREAM_NS: Final = 100_000_000
@@ -105,10 +105,9 @@ class RosLoop(OwnProcess):
         self._questions = Services(participant, self.system, arms, states, refusals, self.time.now_ns)
         self._parts += [self._incoming, self._questions]
         self._clock = participant.writer("/clock", Clock) if self.time.simulated else None
-        self._seldom = [Seldom(LOOK_NS, self._look)]
         descriptions = Descriptions(participant, self.system, document.arms)
         self._parts.append(descriptions)
-        self._seldom.append(Seldom(LOOK_NS, lambda now_ns: descriptions.step()))
+        self._seldom = [Seldom(IDLE_NS, lambda now_ns: descriptions.step())]
         if row.tf:
             frames = TipFrames(participant, self.system, [arm.name for arm in arms])
             self._parts.append(frames)
@@ -118,6 +117,7 @@ class RosLoop(OwnProcess):
             self._parts.append(statistics)
             self._seldom.append(Seldom(STATISTICS_NS, lambda now_ns: statistics.step(self._stamps.ns(now_ns))))
         self._awake_ns, self._deaf_until_ns, self._forgets_all = boottime_ns(), 0, False
+        self._idle_until_ns = 0
         participant.announce()
 
     def _publish_all(self, shown: ShownTopics) -> None:
@@ -192,8 +192,17 @@ class RosLoop(OwnProcess):
             self._questions.forget()
 
     def update(self) -> None:
-        """All that ROS hears."""
+        """All that ROS hears. While nobody reads anything, only what late comers are to get, and less often.
+
+        Who has just come hears of it in the same period: clients ask for values as soon as they are connected.
+        """
         now, stamps = self.time.now_ns(), self._stamps
+        if self.participant.look():
+            for record in self.records:
+                record.look()
+        if now < self._idle_until_ns and not self.participant.is_read:
+            return
+        self._idle_until_ns = now + IDLE_NS
         stamps.look()
         if self._clock is not None:
             self._clock.write(Clock(time_of(now)))
@@ -203,12 +212,6 @@ class RosLoop(OwnProcess):
             events.step(stamps, now)
         for record in self.records:
             record.step(stamps)
-
-    def _look(self, now_ns: int) -> None:
-        """See who reads what, and ask for that alone."""
-        self.participant.look()
-        for record in self.records:
-            record.look()
 
     def quit(self) -> None:
         """Leave the domain, and give everything back."""

@@ -23,7 +23,7 @@ from tests.system.robot import Robot, wait_for
 from tests.system.test_ros_bridge import Client, bridged, echo_position
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
-NUMBERS = (math.nan, math.inf, -math.inf, 1e300, -1e300, 5e-324, 0.0, 9.0)
+NUMBERS = (math.nan, math.inf, -math.inf, 1e300, -1e300, 0.0)
 EFFECTIVE = (Empty, Bool, Float64, Joy, WrenchStamped)
 """Messages of which many a one does what it may do."""
 EFFORTS = ("servo_jf", "jaw/servo_jf", "servo_jv")
