@@ -150,6 +150,9 @@ def _tip(state: str) -> None:
                 Part("span", "", text)
                 for i in range(first, first + 3):
                     live(f"{state}.{field}.{i}", form)
+        with box("row"):
+            Part("span", "quiet", "quaternion w")
+            live(f"{state}.measured_cp.6", "num:4")
 
 
 def _carried(arm: ArmConfig, state: str) -> None:

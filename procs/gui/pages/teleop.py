@@ -12,6 +12,10 @@ from procs.gui.pages.parts import Part, box, button, live
 PEDALS: Final = (("operator", "operator_present", "emulate_operator_present"), ("clutch", "clutch", "emulate_clutch"),
                  ("camera", "camera", "emulate_camera"))
 """What is shown, its field in the record of a console, and the command that acts as if."""
+LOCKS: Final = (("Lock rotation", "Rotation locked", "rotation_locked", "lock_rotation"),
+                ("Lock translation", "Translation locked", "translation_locked", "lock_translation"),
+                ("Align master", "Aligns master", "align_mtm", "set_align_MTM"))
+"""What a button does, and has done; the field that says whether, and the command."""
 SCALES: Final = (0.1, 0.2, 0.3, 0.5, 1.0)
 
 
@@ -78,11 +82,9 @@ def _teleop(row: TeleopPsmConfig | TeleopEcmConfig) -> None:
                 Part("span", "", "°")
         if isinstance(row, TeleopPsmConfig):
             with box("row buttons"):
-                for text, field, command in (("Rotation locked", "rotation_locked", "lock_rotation"),
-                                             ("Translation locked", "translation_locked", "lock_translation"),
-                                             ("Align master", "align_mtm", "set_align_MTM")):
+                for text, done, field, command in LOCKS:
                     button(text, [[(row.name, command, [1], "")]], data_show=f"!{state}.{field}")
-                    button(f"✓ {text}", [[(row.name, command, [0], "")]], "on", data_show=f"{state}.{field}")
+                    button(f"✓ {done}", [[(row.name, command, [0], "")]], "on", data_show=f"{state}.{field}")
         with box("row buttons"):
             button("Enable", [[(row.name, "state_command", [], "enable")]],
                    confirm="Enable it? The master moves to align.")

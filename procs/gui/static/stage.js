@@ -31,7 +31,7 @@ class ArmModel {
     this.tip = new THREE.Group();
     if (!ghost) this.tip.add(new THREE.AxesHelper(0.03));
     this.fingers = [-1, 1].map((side) => {
-      const finger = new THREE.Mesh(new THREE.ConeGeometry(0.0022, 0.012, 8).rotateX(Math.PI / 2).translate(0, 0, 0.006), this.steel);
+      const finger = new THREE.Mesh(new THREE.ConeGeometry(0.0028, 0.017, 8).rotateX(Math.PI / 2).translate(0, 0, 0.0085), this.steel);
       finger.userData.side = side;
       return finger;
     });
@@ -65,7 +65,7 @@ class ArmModel {
     this.at = Array.from({ length: size }, () => new THREE.Vector3());
     const radius = (i) => (this.isRemote ? (i <= 3 ? 0.0042 : 0.003) : 0.017 - 0.0012 * i);
     this.links = Array.from({ length: size - 1 }, (_, i) => new THREE.Mesh(new THREE.CylinderGeometry(radius(i), radius(i + 1), 1, 18), this.isRemote ? this.steel : this.body));
-    this.joints = Array.from({ length: size - 2 }, (_, i) => new THREE.Mesh(new THREE.SphereGeometry(this.isRemote ? 0.0052 : 0.022 - 0.0014 * i, 18, 12), this.isRemote ? this.steel : this.body));
+    this.joints = Array.from({ length: size - 2 }, (_, i) => new THREE.Mesh(new THREE.SphereGeometry(this.isRemote ? 0.0042 : 0.022 - 0.0014 * i, 18, 12), this.isRemote ? this.steel : this.body));
     this.group.add(...this.links, ...this.joints);
   }
 
