@@ -37,6 +37,7 @@ const FORMATS = {
   deg: (v, digits = 1) => fixed((v * 180) / Math.PI, +digits),
   mm: (v, digits = 1) => fixed(v * 1000, +digits),
   pct: (v, digits = 0) => fixed(v * 100, +digits),
+  time: (v) => new Date(v).toLocaleTimeString("en-GB"),
   yes: (v, yes = "yes", no = "no") => (v ? yes : no),
   joint: (v, slides) =>
     slides === "p" ? (units() === "deg" ? fixed(v * 1000, 2) : fixed(v, 5)) : units() === "deg" ? fixed((v * 180) / Math.PI, 2) : fixed(v, 4),
@@ -284,7 +285,8 @@ export function jogBegins(button, make) {
   if (first) call(first[0], first[1], first[2], "", (outcome, text) => GOOD.includes(outcome) || (jogEnds(), note(button, "bad", `${outcome}: ${text}`)));
   jogging = setInterval(push, 50);
 }
-for (const name of ["pointerup", "pointercancel", "blur", "visibilitychange"]) window.addEventListener(name, jogEnds, true);
+for (const name of ["pointerup", "pointercancel", "visibilitychange"]) window.addEventListener(name, jogEnds, true);
+window.addEventListener("blur", jogEnds); // of the window: what had the focus before the button loses it, too
 document.addEventListener("visibilitychange", () => (jogEnds(), want()));
 
 // --- keys, theme
