@@ -6,6 +6,7 @@ from functools import partial
 from typing import Final
 
 from procs.document.system import WALL, SystemConfig
+from procs.gui.buttons_source import ButtonsSource
 from procs.gui.messages_source import MessagesSource
 from procs.gui.processes_source import ProcessesSource
 from procs.gui.robots import RobotSource, gains_source, robots_of
@@ -15,12 +16,18 @@ from procs.gui.trace_source import TraceSource
 
 KINDS: Final = frozenset({"arm", "third_party", "suj", "teleop", "console", "system", "focus", "io"})
 """Whose state pages show."""
-MESSAGES, PROCESSES, SCENE = "messages", "processes", "scene"
+PINS: Final = {"input": slice(None), "output": slice(None)}
+MESSAGES, PROCESSES, SCENE, BUTTONS = "messages", "processes", "scene", "buttons"
 
 
 def record(instance: str, ring: str = "state") -> str:
     """What the source of a record is called."""
     return f"{instance}/{ring}"
+
+
+def pins(io: str) -> str:
+    """What the source of the inputs and outputs of an io is called."""
+    return f"{io}/pins"
 
 
 def sources_of(document: SystemConfig) -> Sources:
@@ -34,6 +41,12 @@ def sources_of(document: SystemConfig) -> Sources:
             makers[robot.gains] = partial(gains_source, document.name, robot)
             for axis in range(len(robot.robot.actuators)):
                 makers[f"{robot.io.name}/trace{robot.place}-{axis}"] = partial(TraceSource, document.name, robot, axis)
+    for io in document.ios:
+        makers[pins(io.name)] = partial(RecordSource, document.name, io.name, "state", cuts=PINS,
+                                        simulated=document.clock != WALL)
+        makers[record(io.name, "instruments")] = partial(RecordSource, document.name, io.name, "instruments",
+                                                         simulated=False, ages=False)
+    makers[BUTTONS] = partial(ButtonsSource, document)
     makers[MESSAGES] = partial(MessagesSource, document)
     makers[PROCESSES] = partial(ProcessesSource, document)
     makers[SCENE] = partial(SceneSource, document)

@@ -1,4 +1,4 @@
-"""A system with something for every page of robots: an endoscope arm, its focus, pedals, and a cart that is played."""
+"""A system with something for every page of robots: an endoscope arm, its focus, pedals, and a KINEMATIC cart."""
 
 from __future__ import annotations
 

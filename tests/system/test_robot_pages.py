@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
+from selenium.webdriver.common.action_chains import ActionChains
 
 from tests.gui.chromium import BrowserPage, chromium
 from tests.system.conftest import systems
@@ -91,4 +92,46 @@ def test_a_gain_is_edited_applied_and_saved_and_a_step_is_seen(console: tuple[Ro
     page.until(f"{shown('IO1/robot0.setpoint_position.0')} > {before + 0.017}")
     page.until(f"Math.abs({shown('IO1/robot0.setpoint_position.0')} - {before}) < 1e-4")
     page.until("document.getElementById('pause').textContent === 'Go on'")
+    assert page.wrongs() == []
+
+
+def test_a_pedal_that_is_pressed_is_seen(console: tuple[Robot, BrowserPage]) -> None:
+    page = opened(console, "/buttons")
+    row = "document.querySelector('[data-input=coag]').closest('tr')"
+    page.until(f"{row}.innerText.includes('operator is present')")
+    page.click("[data-input=coag]")
+    page.until(f"{row}.querySelector('.light.on') && {row}.innerText.includes('pressed')")
+    page.until(shown("console/state.operator_present"))
+    page.click("[data-input=coag]")
+    page.until(f"!{row}.querySelector('.light.on') && {row}.innerText.includes('released')")
+    assert page.wrongs() == []
+
+
+def test_kinematic_setup_arms_are_put_where_one_says(console: tuple[Robot, BrowserPage]) -> None:
+    page = opened(console, "/suj")
+    page.until(shown("SUJ/state.setup_valid.2"))
+    card = "#setup-PSM2"
+    page.click(f"{card} [data-submit]")
+    page.until("document.querySelector('.note.bad')?.textContent.includes('a number is needed')")
+    page.click(f"{card} [data-reads]")
+    page.js("document.querySelector('#setup-PSM2 [data-arg]').value = '123,5'")
+    before = page.value("SUJ/state.position.2.1")
+    page.click(f"{card} [data-submit]")
+    page.until(f"Math.abs({shown('SUJ/state.position.2.0')} - 0.1235) < 1e-9")
+    assert abs(page.value("SUJ/state.position.2.1") - before) < 1e-3
+    assert page.wrongs() == []
+
+
+def test_the_lens_moves_while_a_button_is_held(console: tuple[Robot, BrowserPage]) -> None:
+    page = opened(console, "/focus")
+    button, hand = page.find("#focus_in"), ActionChains(page.driver)
+    hand.click_and_hold(button).perform()
+    page.until(shown("lens/state.focusing.0"))
+    hand.reset_actions()
+    hand.release().perform()
+    page.until(f"!{shown('lens/state.focusing.0')}")
+    page.click("#lock")
+    page.until(shown("lens/state.locked"))
+    ActionChains(page.driver).click(button).perform()
+    page.until("document.querySelector('.note.bad')?.textContent.includes('lock')")
     assert page.wrongs() == []

@@ -9,14 +9,17 @@ from fastapi import FastAPI
 from nicegui import app, ui
 
 from procs.document.system import SystemConfig
-from procs.gui.catalogue import MESSAGES, PROCESSES, SCENE
+from procs.gui.catalogue import BUTTONS, MESSAGES, PROCESSES, SCENE
 from procs.gui.pages.arm import arm_page
 from procs.gui.pages.assets import STATIC, assets
+from procs.gui.pages.buttons import buttons_page
+from procs.gui.pages.focus import focus_page
 from procs.gui.pages.frame import page
 from procs.gui.pages.pid import pid_page
 from procs.gui.pages.processes import processes_page
 from procs.gui.pages.robot_io import io_page
 from procs.gui.pages.scene import scene_page
+from procs.gui.pages.setup_joints import carts_page
 from procs.gui.pages.system import system_page
 from procs.gui.pages.teleop import teleop_page
 from procs.gui.pid_file import PidFiles
@@ -30,6 +33,9 @@ def application(document: SystemConfig) -> FastAPI:
         ("/", (MESSAGES,), lambda: system_page(document)),
         ("/3d", (SCENE,), lambda: scene_page(document)),
         ("/teleop", (), lambda: teleop_page(document)),
+        ("/buttons", (BUTTONS,), partial(buttons_page, document)),
+        ("/suj", (), partial(carts_page, document)),
+        ("/focus", (), partial(focus_page, document)),
         ("/processes", (PROCESSES,), processes_page),
     ]
     made += [(f"/arm/{arm.name}", (MESSAGES, SCENE), partial(arm_page, document, arm)) for arm in document.arms]

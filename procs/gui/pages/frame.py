@@ -8,6 +8,7 @@ from typing import Final
 
 from procs.document.system import WALL, SystemConfig
 from procs.gui.pages.assets import script, style
+from procs.gui.pages.buttons import has_buttons
 from procs.gui.pages.parts import Call, Part, box, button
 from procs.gui.robots import robots_of, with_actuators, with_gains
 
@@ -51,7 +52,9 @@ def pages_of(document: SystemConfig) -> list[tuple[str, str]]:
     if document.consoles:
         found.append(("Teleoperation", "/teleop"))
     robots = robots_of(document)
-    for name, path, rows in (("IO", "/io", with_actuators(robots)), ("PID", "/pid", with_gains(robots))):
+    for name, path, rows in (("IO", "/io", with_actuators(robots)), ("PID", "/pid", with_gains(robots)),
+                             ("Buttons", "/buttons", has_buttons(document)), ("SUJ", "/suj", document.carts),
+                             ("Focus", "/focus", document.focuses)):
         if rows:
             found.append((name, path))
     return [*found, ("Processes", "/processes")]

@@ -63,8 +63,17 @@ def form(to: str, command: str, text: str, classes: str = "", **attributes: Any)
 
 
 def arg(tag: str, kind: str, **attributes: Any) -> Part:
-    """A value of a form: "choice" of a select, "num", "deg", "mm", or "joint": as what is chosen moves.
+    """A value of a form: "choice" of a select, "num", "deg", "mm", of a joint that slides ("joint-p") or turns
+    ("joint-r"), or "joint": as what is chosen moves.
 
-    `data_low`, `data_high`: what is allowed, as it is typed.
+    `data_now`: what *Read* (`data-reads`) takes. `data_low`, `data_high`: what is allowed, as it is typed.
     """
     return Part(tag, "", data_arg=kind, **attributes)
+
+
+def hold(text: str, call: Call, release: Call, *, every_ms: int = 0, **attributes: Any) -> Part:
+    """A button that commands while it is held, again after `every_ms`, and `release` when it is let go."""
+    if every_ms:
+        attributes["data_every"] = str(every_ms)
+    return Part("button", "hold commands", text, type="button", data_hold=json.dumps(call),
+                data_release=json.dumps(release), **attributes)

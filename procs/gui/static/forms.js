@@ -1,5 +1,5 @@
 // Switches, which show whether something is on, and forms: inputs whose values go out with a command.
-import { asked, confirmed, hasControl, note, onTick, perform, typed, unit, units, value } from "./live.js";
+import { asked, call, confirmed, hasControl, note, onTick, perform, send, typed, unit, units, value } from "./live.js";
 
 // What a person typed, as the number that is sent; null where it is none, or too much.
 function number(input, slides) {
@@ -7,7 +7,7 @@ function number(input, slides) {
   const { low, high } = input.dataset;
   if (v === null || (low !== undefined && v < +low) || (high !== undefined && v > +high)) return null;
   let kind = input.dataset.arg;
-  if (kind === "joint") kind = units() !== "deg" ? "num" : slides ? "mm" : "deg";
+  if (kind.startsWith("joint")) kind = units() !== "deg" ? "num" : slides || kind === "joint-p" ? "mm" : "deg";
   return kind === "deg" ? (v * Math.PI) / 180 : kind === "mm" ? v / 1000 : v;
 }
 
@@ -46,9 +46,53 @@ async function flip(button) {
   perform(button, JSON.parse(on ? button.dataset.stepsOff : button.dataset.stepsOn));
 }
 
+// What is at `data-now`, as it would be typed.
+function read(form) {
+  for (const input of form.querySelectorAll("[data-now]")) {
+    const v = value(input.dataset.now);
+    const factor = units() !== "deg" ? 1 : input.dataset.arg === "joint-p" ? 1000 : 180 / Math.PI;
+    if (typeof v === "number") input.value = (v * factor).toFixed(units() === "deg" ? 2 : 4);
+    input.classList.remove("wrong");
+  }
+}
+
+// A button that works while it is held. It ends with the pointer, the page, or control.
+let held = null;
+function letGo() {
+  if (!held) return;
+  clearInterval(held.timer);
+  held.button.classList.remove("on");
+  const [to, command, found] = JSON.parse(held.button.dataset.release);
+  send(to, command, found);
+  held = null;
+}
+
+function holdOn(button) {
+  letGo();
+  if (!hasControl()) return note(button, "bad", "Take control first: this page only looks.");
+  const [to, command, found] = JSON.parse(button.dataset.hold);
+  const every = +button.dataset.every || 0;
+  const again = () => (hasControl() ? send(to, command, found) : letGo());
+  held = { button, timer: every ? setInterval(again, every) : 0 };
+  button.classList.add("on");
+  call(to, command, found, "", (outcome, reason) => {
+    if (outcome === "done" || outcome === "accepted") return;
+    letGo();
+    note(button, "bad", `${outcome}: ${reason}`);
+  });
+}
+
+document.addEventListener("pointerdown", (event) => {
+  const button = event.target.closest("button[data-hold]");
+  if (button) holdOn(button);
+});
+for (const name of ["pointerup", "pointercancel", "visibilitychange", "pagehide"]) window.addEventListener(name, letGo, true);
+window.addEventListener("blur", letGo); // of the window, not of what had the focus before
+
 document.addEventListener("click", (event) => {
   const button = event.target.closest("button");
   if (button?.dataset.switch) return flip(button);
+  if (button?.dataset.reads !== undefined) return read(button.closest("[data-form]"));
   if (button?.dataset.submit === undefined) return;
   const form = button.closest("[data-form]");
   const [to, command, text] = JSON.parse(form.dataset.form);

@@ -1,0 +1,169 @@
+"""The page Buttons: pedals, head sensors, switches and buttons of arms; outputs, and instruments that are read."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from procs.document.emulated_names import names_on_boards
+from procs.document.system import DigitalOutput, IoConfig, SystemConfig
+from procs.gui.catalogue import BUTTONS, pins, record
+from procs.gui.pages.assets import script
+from procs.gui.pages.parts import Part, arg, box, button, form, live, switch
+
+ARM_INPUTS: Final = (("clutch", "clutch"), ("adapter", "sterile adapter"), ("tool", "instrument"),
+                     ("suj_clutch", "SUJ clutch"), ("suj_clutch_2", "SUJ clutch 2"))
+
+
+def buttons_page(document: SystemConfig) -> None:
+    """Its content."""
+    script("forms.js")
+    if document.consoles:
+        with box("cards"):
+            for console in document.consoles:
+                _console(console.name)
+    uses = _uses(document)
+    names = names_on_boards((io.name, row.name) for io in document.ios for row in io.digital_inputs)
+    for io in document.ios:
+        if io.digital_inputs:
+            _inputs(io.name, pins(io.name), [row.name for row in io.digital_inputs], uses,
+                    names if document.emulation is not None else {})
+        if io.digital_outputs:
+            _outputs(io)
+        if io.instrument_readers:
+            _readers(io)
+    for row in document.third_parties:
+        if row.inputs:
+            _inputs(row.name, record(row.name), list(row.inputs), uses, {})
+
+
+def has_buttons(document: SystemConfig) -> bool:
+    """Whether there is anything to show."""
+    return bool(document.consoles or any(io.digital_inputs or io.digital_outputs or io.instrument_readers
+                                         for io in document.ios))
+
+
+def _uses(document: SystemConfig) -> dict[tuple[str, str], str]:
+    """What an input of an io is for."""
+    found: dict[tuple[str, str], list[str]] = {}
+    for console in document.consoles:
+        for use, wired in (("clutch", console.clutch), ("camera", console.camera),
+                           *(("operator is present", sensor) for sensor in console.operator_present)):
+            if wired is not None:
+                found.setdefault((wired.io, wired.name), []).append(f"{console.name}: {use}")
+    for arm in document.arms:
+        for field, use in ARM_INPUTS:
+            if name := getattr(arm.inputs, field):
+                found.setdefault((arm.io, name), []).append(f"{arm.name}: {use}")
+    for focus in document.focuses:
+        for way, wired in zip(("in", "out"), focus.pedals, strict=False):
+            found.setdefault((wired.io, wired.name), []).append(f"{focus.name}: {way}")
+    return {key: ", ".join(words) for key, words in found.items()}
+
+
+def _console(name: str) -> None:
+    state = record(name)
+    with box("card", data_source=state):
+        with box("row head"):
+            Part("h2", "title", name)
+            live(f"{state}.input_type", classes="kind")
+            box("spacer")
+            Part("span", "age")
+            Part("a", "", "Act as if pressed", href="/teleop")
+        with box("row facts"):
+            Part("span", "light", "operator is present", data_on=f"{state}.operator_present")
+            Part("span", "light", "clutch", data_on=f"{state}.clutch")
+            Part("span", "light", "camera", data_on=f"{state}.camera")
+            with Part("span", "quiet"):
+                Part("span", "", "inputs that see the operator: ")
+                live(f"{state}.present_inputs", "num:0")
+
+
+def _inputs(owner: str, source: str, names: list[str], uses: dict[tuple[str, str], str],
+            on_boards: dict[tuple[str, str], str]) -> None:
+    with box("card", data_source=source):
+        _head(f"{owner}: inputs")
+        with box("scroll"), Part("table", "words inputs"):
+            with Part("thead"), Part("tr"):
+                for text in ("input", "now", "last", "at", "used as", "emulated" if on_boards else ""):
+                    Part("th", "", text)
+            with Part("tbody"):
+                for i, name in enumerate(names):
+                    last = f"{BUTTONS}.last.{owner}.{i}"
+                    with Part("tr"):
+                        Part("td", "", name)
+                        with Part("td"):
+                            Part("span", "light", "pressed", data_on=f"{source}.input.{i}")
+                        with Part("td"):
+                            live(f"{last}.what")
+                        with Part("td"):
+                            live(f"{last}.at_ms", "time")
+                        Part("td", "quiet", uses.get((owner, name), ""))
+                        with Part("td"):
+                            if on_boards:
+                                there = on_boards[owner, name]
+                                switch("Press", f"{source}.input.{i}", [[("boards", "press", [1], there)]],
+                                       [[("boards", "press", [0], there)]], data_input=name)
+
+
+def _outputs(io: IoConfig) -> None:
+    source = pins(io.name)
+    with box("card", data_source=source):
+        _head(f"{io.name}: outputs")
+        with box("scroll"), Part("table", "words"):
+            with Part("thead"), Part("tr"):
+                for text in ("output", "now", "", ""):
+                    Part("th", "", text)
+            with Part("tbody"):
+                for i, row in enumerate(io.digital_outputs):
+                    with Part("tr"):
+                        Part("td", "", row.name)
+                        with Part("td"):
+                            Part("span", "light", "high", data_on=f"{source}.output.{i}")
+                        with Part("td"):
+                            _output(io.name, row, f"{source}.output.{i}")
+                        Part("td", "quiet", _about(row))
+
+
+def _about(row: DigitalOutput) -> str:
+    if row.is_pwm:
+        return f"PWM at {row.pwm_hz:g} Hz"
+    ends = [f"stays {level} for {time:g} s" for level, time in (("high", row.high_s), ("low", row.low_s)) if time]
+    return ", ".join([*ends, *([f"high when {row.high_when_idle} is idle"] if row.high_when_idle else [])])
+
+
+def _output(io: str, row: DigitalOutput, path: str) -> None:
+    if not row.is_pwm:
+        switch("High", path, [[(io, "set_output", [1], row.name)]], [[(io, "set_output", [0], row.name)]],
+               confirm=f"Set {row.name} high?")
+        return
+    with form(io, "set_pwm", row.name, "row"):
+        arg("input", "num", data_low="0", data_high="1", size="4", inputmode="decimal",
+            aria_label="Share of the time that it is high")
+        Part("button", "commands", "Set", type="button", data_submit="", data_confirm=f"Set {row.name}?")
+
+
+def _readers(io: IoConfig) -> None:
+    source = record(io.name, "instruments")
+    with box("card", data_source=source):
+        _head(f"{io.name}: instruments")
+        with box("scroll"), Part("table", "words"):
+            with Part("thead"), Part("tr"):
+                for text in ("reader", "status", "instrument", ""):
+                    Part("th", "", text)
+            with Part("tbody"):
+                for i, row in enumerate(io.instrument_readers):
+                    with Part("tr"):
+                        Part("td", "", row.name)
+                        with Part("td"):
+                            live(f"{source}.status.{i}")
+                        with Part("td"):
+                            live(f"{source}.tool.{i}")
+                        with Part("td"):
+                            button("Read", [[(io.name, "trigger_read", [], row.name)]], "quiet")
+
+
+def _head(text: str) -> None:
+    with box("row head"):
+        Part("h2", "", text)
+        box("spacer")
+        Part("span", "age")

@@ -1,0 +1,36 @@
+"""The page Focus: the lens of an endoscope."""
+
+from __future__ import annotations
+
+from procs.document.system import SystemConfig
+from procs.gui.catalogue import record
+from procs.gui.pages.assets import script
+from procs.gui.pages.parts import Part, box, hold, switch
+
+
+def focus_page(document: SystemConfig) -> None:
+    """Its content."""
+    script("forms.js")
+    with box("cards"):
+        for focus in document.focuses:
+            state = record(focus.name)
+            with box("card", data_source=state):
+                with box("row head"):
+                    Part("h2", "title", focus.name)
+                    Part("span", "kind", f"focus, moved by {', '.join(focus.outputs)} of {focus.io}")
+                    box("spacer")
+                    Part("span", "age")
+                with box("row facts"):
+                    Part("span", "light", "moves in", data_on=f"{state}.focusing.0")
+                    Part("span", "light", "moves out", data_on=f"{state}.focusing.1")
+                    Part("span", "light busy", "locked", data_on=f"{state}.locked")
+                    with Part("span", "light alarm", data_on=f"!{state}.valid", data_show=f"!{state}.valid"):
+                        Part("span", "", f"{focus.io} is not heard of")
+                with box("row"):
+                    for text, command in (("In", "focus_in"), ("Out", "focus_out")):
+                        hold(text, (focus.name, command, [1], ""), (focus.name, command, [0], ""), id=command)
+                    switch("Lock", f"{state}.locked", [[(focus.name, "lock", [1], "")]],
+                           [[(focus.name, "lock", [0], "")]], id="lock")
+                pedals = ", ".join(wired.name for wired in focus.pedals)
+                Part("p", "quiet", "It moves while a button is held, 10 s at most. "
+                                   + (f"Pedals: {pedals}." if pedals else "There are no pedals for it."))

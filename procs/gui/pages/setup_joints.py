@@ -1,0 +1,136 @@
+"""The page SUJ: setup joints of a patient cart, their brakes, poses and potentiometers; KINEMATIC ones are placed."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from procs.document.cart import FIXED, SI, Cart, CartArm
+from procs.document.system import SystemConfig
+from procs.gui.catalogue import record
+from procs.gui.pages.assets import script
+from procs.gui.pages.parts import Part, arg, box, button, form, hold, live, switch
+
+EXTRA: Final = ("spare 1", "spare 2", "brakes", "ground")
+
+
+def carts_page(document: SystemConfig) -> None:
+    """Its content."""
+    script("forms.js")
+    for cart in document.carts:
+        _cart(cart)
+        with box("cards"):
+            for place, arm in enumerate(cart.arms):
+                _arm(cart, place, arm)
+
+
+def _cart(cart: Cart) -> None:
+    name, state = cart.name, record(cart.name)
+    with box("card", data_source=state):
+        with box("row head"):
+            Part("h2", "title", name)
+            Part("span", "kind", f"setup joints, {cart.kind}{', KINEMATIC' if cart.simulation == 'KINEMATIC' else ''}")
+            box("spacer")
+            Part("span", "age")
+            Part("button", "quiet", "° mm / rad m", type="button", data_does="units", title="Other units")
+            live(f"{state}.state", classes="chip", data_tone="")
+        live(f"{state}.reason", tag="p", classes="reason", data_show=f"{state}.reason")
+        with box("row"):
+            button("Enable", [[(name, "state_command", [], "enable")]])
+            button("Home", [[(name, "state_command", [], "home")]])
+            button("Disable", [[(name, "state_command", [], "disable")]], "quiet", is_free=True)
+            if cart.simulation != "KINEMATIC" and any(arm.lifts for arm in cart.arms):
+                Part("span", "quiet", "Lift, while held:")
+                hold("Up", (name, "set_lift_velocity", [1], ""), (name, "set_lift_velocity", [0], ""), every_ms=250)
+                hold("Down", (name, "set_lift_velocity", [-1], ""), (name, "set_lift_velocity", [0], ""), every_ms=250)
+            box("spacer")
+            Part("span", "quiet", "base frames seen from")
+            live(f"{state}.reference_arm")
+            with form(name, "set_reference_arm", "", "row"):
+                with Part("select", data_word="", aria_label="Reference arm"):
+                    for arm in cart.arms:
+                        Part("option", "", arm.name, value=arm.name)
+                Part("button", "commands", "Set", type="button", data_submit="",
+                     data_confirm="See base frames from another arm? Who follows in them stops.")
+
+
+def _arm(cart: Cart, place: int, arm: CartArm) -> None:
+    state = record(cart.name)
+    with box("card", data_source=state, id=f"setup-{arm.name}"):
+        with box("row head"):
+            Part("h2", "", arm.name)
+            Part("span", "kind", f"carries {arm.carries}" if arm.carries else "carries nothing")
+            box("spacer")
+            Part("span", "age")
+        with box("row facts"):
+            Part("span", "light", "place known", data_on=f"{state}.setup_valid.{place}")
+            Part("span", "light", "base frame known", data_on=f"{state}.base_valid.{place}")
+            Part("span", "light busy", "clutched", data_on=f"{state}.clutched.{place}")
+            if cart.kind != FIXED and cart.simulation != "KINEMATIC":
+                switch("Clutch", f"{state}.clutched.{place}", [[(cart.name, "clutch", [1], arm.name)]],
+                       [[(cart.name, "clutch", [0], arm.name)]],
+                       confirm=f"Let the brakes of setup arm {arm.name} go? Hold it: it may sink.")
+                with Part("span", "quiet"):
+                    Part("span", "", "brakes ")
+                    live(f"{state}.brake_current.{place}", "num:2")
+                    Part("span", "unit", "A")
+        if arm.joints:
+            _joints(cart, place, arm, state)
+        _pose(f"{state}.local_measured_cp.{place}", f"{state}.setup_valid.{place}", "in the cart")
+        _pose(f"{state}.measured_cp.{place}", f"{state}.base_valid.{place}", "", f"{state}.reference_frame.{place}")
+
+
+def _joints(cart: Cart, place: int, arm: CartArm, state: str) -> None:
+    is_kinematic = cart.simulation == "KINEMATIC" and cart.kind != FIXED
+    has_pots = cart.kind != FIXED and cart.simulation != "KINEMATIC"
+    unit = "counts" if cart.kind == SI else "V"
+    kinds = ["p" if i == 0 else "r" for i in range(arm.joints)]
+    columns = ["", "position", *([f"primary {unit}", f"secondary {unit}"] if has_pots else []),
+               *(["put at"] if is_kinematic else [])]
+    with form(cart.name, "servo_jp", arm.name), box("scroll"), Part("table", "joints setup"):
+        with Part("thead"), Part("tr"):
+            for text in columns:
+                Part("th", "", text)
+        with Part("tbody"):
+            for i, kind in enumerate(kinds):
+                with Part("tr"):
+                    Part("td", "", f"joint {i}")
+                    with Part("td"):
+                        live(f"{state}.position.{place}.{i}", f"joint:{kind}")
+                        Part("span", "unit", data_unit=kind)
+                    if has_pots:
+                        for field in ("primary_voltage", "secondary_voltage"):
+                            with Part("td"):
+                                live(f"{state}.{field}.{place}.{i}", "num:3")
+                    if is_kinematic:
+                        with Part("td"):
+                            arg("input", f"joint-{kind}", size="8", inputmode="decimal", aria_label=f"Joint {i}",
+                                data_now=f"{state}.position.{place}.{i}")
+        if is_kinematic:
+            with Part("tfoot"), Part("tr"), Part("td", "", colspan=str(len(columns))):
+                Part("button", "quiet", "Read", type="button", data_reads="", title="Where it is now")
+                Part("button", "commands", "Put there", type="button", data_submit="",
+                     data_confirm=f"Put setup arm {arm.name} there? {arm.carries or 'What it carries'} goes with it.")
+    if has_pots and cart.kind != SI:
+        with box("row quiet"):
+            for i, text in enumerate(EXTRA):
+                with Part("span"):
+                    Part("span", "", f"{text} ")
+                    live(f"{state}.extra_voltage.{place}.{i}", "num:2")
+                    Part("span", "unit", "V")
+
+
+def _pose(path: str, valid: str, text: str, frame: str = "") -> None:
+    with box("pose"):
+        with Part("span", "quiet"):
+            Part("span", "", text or "in ")
+            if frame:
+                live(frame)
+        with Part("span", data_show=valid):
+            for i in range(3):
+                live(f"{path}.{i}", "mm:1", "figure")
+            Part("span", "unit", "mm")
+        with Part("span", data_show=valid):
+            for i in range(3, 7):
+                live(f"{path}.{i}", "num:3", "figure")
+            Part("span", "unit", "xyzw")
+        Part("span", "quiet", "not known", data_show=f"!{valid}")
