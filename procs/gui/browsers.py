@@ -24,6 +24,8 @@ FOR_ALL: Final = frozenset({("system", "power_off"), ("arm", "hold"), ("arm", "s
                             ("third_party", "hold"), ("third_party", "state_command"), ("suj", "state_command"),
                             ("teleop", "state_command"), ("io", "power_off"), ("console", "teleop_enable")})
 """Commands that every browser may give as far as they stop something, without control."""
+PENDING: Final = 5
+"""Ticks that a browser has not taken; then it gets the newest of all instead."""
 WAITING: Final = 256
 """Answers that a browser has not taken."""
 PERSON: Final = Rights(True, True, True)
@@ -76,7 +78,8 @@ class Browser:
         self._calls = Calls(served.system, served.owners, PERSON, served.is_over)
         self._calls.program = "gui"
         self._answers: deque[bytes] = deque()
-        self._tick, self._news = b"", asyncio.Event()
+        self._ticks: deque[bytes] = deque()
+        self._news = asyncio.Event()
         self._shown: dict[str, bytes] = {}
         self._is_over = False
         self._end: asyncio.Future[None] | None = None
@@ -158,10 +161,11 @@ class Browser:
             self._say("reply", call.id, to=call.to, command=call.command, outcome=reply.outcome, text=reply.text)
 
     def show(self, number: int, holder: str) -> None:
-        """What has changed of what it wants; all of it where it has not taken what was sent before."""
+        """What has changed of what it wants; all of it where it does not take what is sent."""
         counts, parts = self._served.counts, []
-        if self._tick:
-            counts.lost += 1
+        if len(self._ticks) == PENDING:
+            counts.lost += PENDING
+            self._ticks.clear()
             self._shown.clear()
         for name in self.wants:
             part = self._served.sources.part(name)
@@ -169,7 +173,7 @@ class Browser:
                 self._shown[name] = part
                 parts.append(part)
         head = said("tick", number, control=holder, you=holder == self.name)[:-1]
-        self._tick = head + b',"data":{' + b",".join(parts) + b"}}"
+        self._ticks.append(head + b',"data":{' + b",".join(parts) + b"}}")
         counts.sent += 1
         self._news.set()
 
@@ -180,9 +184,8 @@ class Browser:
             self._news.clear()
             while self._answers:
                 await self._socket.send_text(self._answers.popleft().decode())
-            tick, self._tick = self._tick, b""
-            if tick:
-                await self._socket.send_text(tick.decode())
+            while self._ticks:
+                await self._socket.send_text(self._ticks.popleft().decode())
 
     def forget(self, why: str) -> None:
         """Disconnect it, and hear no more of what it says."""

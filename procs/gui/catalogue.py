@@ -8,6 +8,7 @@ from typing import Final
 from procs.document.system import WALL, SystemConfig
 from procs.gui.buttons_source import ButtonsSource
 from procs.gui.messages_source import MessagesSource
+from procs.gui.plot_source import plot_of
 from procs.gui.processes_source import ProcessesSource
 from procs.gui.robots import RobotSource, gains_source, robots_of
 from procs.gui.scene_source import SceneSource
@@ -17,7 +18,7 @@ from procs.gui.trace_source import TraceSource
 KINDS: Final = frozenset({"arm", "third_party", "suj", "teleop", "console", "system", "focus", "io"})
 """Whose state pages show."""
 PINS: Final = {"input": slice(None), "output": slice(None)}
-MESSAGES, PROCESSES, SCENE, BUTTONS = "messages", "processes", "scene", "buttons"
+MESSAGES, PROCESSES, SCENE, BUTTONS, PLOT = "messages", "processes", "scene", "buttons", "plot"
 
 
 def record(instance: str, ring: str = "state") -> str:
@@ -50,4 +51,4 @@ def sources_of(document: SystemConfig) -> Sources:
     makers[MESSAGES] = partial(MessagesSource, document)
     makers[PROCESSES] = partial(ProcessesSource, document)
     makers[SCENE] = partial(SceneSource, document)
-    return Sources(makers)
+    return Sources(makers, {PLOT: partial(plot_of, document.name)})

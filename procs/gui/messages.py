@@ -7,7 +7,7 @@ from typing import Any, Final
 from procs.crtk.messages import NO_WORD, SOME_NUMBERS, WORD, MessagePart, Ops
 
 MAX_SOURCES: Final = 64
-MAX_NAME: Final = 80
+MAX_NAME: Final = 160
 
 
 def _names(value: Any) -> Any:

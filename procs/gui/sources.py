@@ -93,8 +93,10 @@ Maker = Callable[[], Source]
 class Sources:
     """All that pages may want, by name; open is what one of them does."""
 
-    def __init__(self, makers: Mapping[str, Maker]) -> None:
-        self._makers = dict(makers)
+    def __init__(self, makers: Mapping[str, Maker],
+                 families: Mapping[str, Callable[[str], Maker]] | None = None) -> None:
+        """`families`: what makes those whose names begin with `FAMILY:`, by the rest of the name, or a ValueError."""
+        self._makers, self._families = dict(makers), dict(families or {})
         self._open: dict[str, Source | None] = {}
         self._users: dict[str, int] = {}
         self._encoded: dict[str, bytes] = {}
@@ -103,6 +105,9 @@ class Sources:
 
     def check(self, name: str) -> None:
         """ValueError unless there is such a source."""
+        family, _, rest = name.partition(":")
+        if name not in self._makers and family in self._families:
+            self._makers[name] = self._families[family](rest)
         if name not in self._makers:
             raise ValueError(none_such("source", name[:80], self._makers))
 

@@ -216,3 +216,17 @@ def test_from_elsewhere_a_token_opens_the_console_and_nothing_else_does(robot: R
         page.take_control()
         page.open("/processes")
         assert "0123456789abcdef" not in page.driver.page_source + page.driver.current_url
+
+
+def test_a_plot_shows_a_move_and_gives_it_as_a_table(robot: Robot) -> None:
+    with served(robot) as address, chromium(address) as page:
+        page.open("/plots#PSM1/state/position/0")
+        page.until("document.querySelector('.plots').plots.signals()[0].t.length > 50")
+        page.js("document.querySelector('.plots').plots.add('PSM1/state/velocity/0')")
+        page.until("document.querySelector('.plots').plots.signals()[1].t.length > 50")
+        assert "velocity" in page.js("return location.hash")
+        page.click("[data-plot=pause]")
+        count = page.js("return document.querySelector('.plots').plots.csv()").splitlines()
+        assert count[0] == "stamp_s,PSM1/state/position/0 rad or m,PSM1/state/velocity/0 rad/s or m/s"
+        assert len(count) > 50
+        assert page.wrongs() == []

@@ -16,6 +16,7 @@ from procs.gui.pages.buttons import buttons_page
 from procs.gui.pages.focus import focus_page
 from procs.gui.pages.frame import page
 from procs.gui.pages.pid import pid_page
+from procs.gui.pages.plots import plots_page
 from procs.gui.pages.processes import processes_page
 from procs.gui.pages.robot_io import io_page
 from procs.gui.pages.scene import scene_page
@@ -36,6 +37,7 @@ def application(document: SystemConfig) -> FastAPI:
         ("/buttons", (BUTTONS,), partial(buttons_page, document)),
         ("/suj", (), partial(carts_page, document)),
         ("/focus", (), partial(focus_page, document)),
+        ("/plots", (), lambda: plots_page(document)),
         ("/processes", (PROCESSES,), processes_page),
     ]
     made += [(f"/arm/{arm.name}", (MESSAGES, SCENE), partial(arm_page, document, arm)) for arm in document.arms]

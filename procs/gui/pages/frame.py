@@ -57,7 +57,7 @@ def pages_of(document: SystemConfig) -> list[tuple[str, str]]:
                              ("Focus", "/focus", document.focuses)):
         if rows:
             found.append((name, path))
-    return [*found, ("Processes", "/processes")]
+    return [*found, ("Plots", "/plots"), ("Processes", "/processes")]
 
 
 @contextmanager

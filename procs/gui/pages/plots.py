@@ -1,0 +1,55 @@
+"""The page Plots: any number of any record, several at once."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from typing import Any, Final
+
+from procs.crtk.topics import RECORD, catalogue
+from procs.document.system import SystemConfig
+from procs.gui.pages.assets import assets
+from procs.gui.pages.parts import Part, box
+
+SPANS: Final = (5, 10, 30, 60)
+SHAPE: Final = re.compile(r"^\(([\d,]*)\)")
+HIDDEN: Final = frozenset({"events", "audit", "setpoint"})
+"""Rings that are no records of values, or repeat them."""
+
+
+def plots_page(document: SystemConfig) -> None:
+    """Its content."""
+    Part("script", type="module", src=f"{assets()}/plots.js")
+    with box("card wide plots", data_topics=json.dumps(topics_of(document.name))):
+        with box("row"):
+            Part("select", id="plot-topic", aria_label="Record")
+            Part("select", id="plot-field", aria_label="Field")
+            Part("select", id="plot-index", aria_label="Number")
+            Part("button", "primary", "Add", type="button", data_plot="add")
+            box("spacer")
+            with Part("select", id="plot-span", aria_label="Seconds"):
+                for span in SPANS:
+                    attributes = {"selected": ""} if span == SPANS[1] else {}
+                    Part("option", "", f"{span} s", value=str(span), **attributes)
+            for text, does in (("Pause", "pause"), ("Whole", "whole"), ("CSV", "csv"), ("PNG", "png")):
+                Part("button", "", text, type="button", data_plot=does)
+        box("row legend", id="plot-legend")
+        Part("canvas", "plot", id="plot")
+        Part("p", "quiet", "Paused: drag to zoom, double click for all. What no page shows is not recorded.")
+
+
+def topics_of(system: str) -> dict[str, list[list[Any]]]:
+    """Records with their numbers: name, unit, how many, what it is."""
+    found: dict[str, list[list[Any]]] = {}
+    for entry in catalogue(system):
+        if entry.kind != RECORD or entry.ring in HIDDEN or entry.problem or not entry.rate_hz:
+            continue
+        rows = []
+        for field in entry.fields:
+            shape = SHAPE.match(field.dtype)
+            count = math.prod(int(size) for size in shape.group(1).split(",") if size) if shape else 1
+            if "S" not in field.dtype and count and field.name not in ("sequence", "stamp_ns"):
+                rows.append([field.name, field.unit, count, field.text])
+        found[entry.name] = rows
+    return found

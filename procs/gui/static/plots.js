@@ -1,0 +1,217 @@
+// Plots of any numbers: lanes by unit, the newest seconds at full rate; paused, they can be zoomed and saved.
+import { data, note, onTick } from "./live.js";
+
+const page = document.querySelector(".plots");
+const topics = JSON.parse(page.dataset.topics);
+const main = document.querySelector("main");
+const canvas = document.getElementById("plot");
+const legend = document.getElementById("plot-legend");
+const pick = (name) => document.getElementById(`plot-${name}`);
+const COLOURS = ["#4f9cf0", "#e8833a", "#3fbf8f", "#d65db1", "#b98cf0", "#c9b23a", "#5cc6d0", "#e5484d"];
+const KEPT_S = 60;
+let signals = []; // { name, unit, t, v, seen }
+let isPaused = false;
+let end = 0;
+let zoom = null; // [from, to] while paused
+let cursor = null;
+let drag = null;
+
+const option = (text, value) => Object.assign(document.createElement("option"), { textContent: text, value });
+const field = () => topics[pick("topic").value]?.find((row) => row[0] === pick("field").value);
+function fillFields() {
+  pick("field").replaceChildren(...(topics[pick("topic").value] || []).map((row) => Object.assign(option(`${row[0]}${row[1] ? ` (${row[1].replace("|", " or ")})` : ""}`, row[0]), { title: row[3] })));
+  fillIndexes();
+}
+function fillIndexes() {
+  const count = field()?.[2] || 0;
+  pick("index").replaceChildren(...Array.from({ length: count }, (_, i) => option(String(i), String(i))));
+  pick("index").hidden = count < 2;
+}
+
+function want() {
+  main.dataset.wants = signals.map((signal) => `plot:${signal.name}`).join(" ");
+  history.replaceState(null, "", `#${signals.map((signal) => signal.name).join(",")}`);
+  legend.replaceChildren(...signals.map((signal, i) => {
+    const chip = Object.assign(document.createElement("button"), { type: "button", className: "chip", title: "Remove" });
+    chip.style.borderColor = chip.style.color = COLOURS[i % COLOURS.length];
+    chip.append(Object.assign(document.createElement("span"), { textContent: `${signal.name}  ` }), (signal.shown = document.createElement("b")), ` ${signal.unit} ×`);
+    chip.onclick = () => ((signals = signals.filter((other) => other !== signal)), want(), draw());
+    return chip;
+  }));
+}
+
+function add(name) {
+  const [instance, ring, what] = name.split("/");
+  const row = topics[`${instance}/${ring}`]?.find((known) => known[0] === what);
+  if (!row || signals.some((signal) => signal.name === name) || signals.length >= COLOURS.length) return false;
+  signals.push({ name, unit: row[1].replace("|", " or "), t: [], v: [] });
+  return true;
+}
+
+function take() {
+  for (const signal of signals) {
+    const found = data(`plot:${signal.name}`);
+    if (!found?.t || found === signal.seen) continue;
+    signal.seen = found;
+    for (let i = 0; i < found.t.length; i++) {
+      signal.t.push(found.t[i]);
+      signal.v.push(found.v[i]);
+    }
+    const last = signal.t.at(-1) || 0;
+    let old = 0;
+    while (signal.t[old] < last - KEPT_S - 2) old++;
+    if (old > 2000 && !isPaused) (signal.t.splice(0, old), signal.v.splice(0, old));
+    if (!isPaused) end = Math.max(end, last);
+  }
+  if (!isPaused) draw();
+}
+
+const range = () => zoom || [end - Number(pick("span").value), end];
+const LEFT = 64;
+const at = (t) => LEFT + ((t - range()[0]) / (range()[1] - range()[0])) * (canvas.clientWidth - LEFT);
+const timeAt = (x) => range()[0] + ((x - LEFT) / (canvas.clientWidth - LEFT)) * (range()[1] - range()[0]);
+function first(list, t) {
+  let [low, high] = [0, list.length];
+  while (low < high) (list[(low + high) >> 1] < t ? (low = ((low + high) >> 1) + 1) : (high = (low + high) >> 1));
+  return low;
+}
+
+function draw() {
+  const ratio = devicePixelRatio || 1;
+  const [width, height] = [canvas.clientWidth, canvas.clientHeight];
+  if (canvas.width !== Math.round(width * ratio)) canvas.width = Math.round(width * ratio);
+  if (canvas.height !== Math.round(height * ratio)) canvas.height = Math.round(height * ratio);
+  const paint = canvas.getContext("2d", { willReadFrequently: true });
+  const look = getComputedStyle(document.documentElement);
+  const colour = (name) => look.getPropertyValue(name).trim();
+  paint.setTransform(ratio, 0, 0, ratio, 0, 0);
+  paint.fillStyle = colour("--card");
+  paint.fillRect(0, 0, width, height);
+  paint.font = "12px system-ui, sans-serif";
+  const [from, to] = range();
+  const units = [...new Set(signals.map((signal) => signal.unit))];
+  const tall = (height - 18) / Math.max(1, units.length);
+  units.forEach((unit, lane) => {
+    const lines = signals.map((signal, i) => [signal, i]).filter(([signal]) => signal.unit === unit);
+    let [low, high] = [Infinity, -Infinity];
+    for (const [signal] of lines)
+      for (let i = first(signal.t, from); i < signal.t.length && signal.t[i] <= to; i++)
+        if (signal.v[i] !== null) [low, high] = [Math.min(low, signal.v[i]), Math.max(high, signal.v[i])];
+    const [top, bottom] = [lane * tall + 18, (lane + 1) * tall - 4];
+    paint.fillStyle = colour("--soft");
+    paint.textAlign = "left";
+    paint.fillText(unit || "no unit", LEFT, top - 5);
+    paint.strokeStyle = colour("--line");
+    paint.lineWidth = 1;
+    paint.strokeRect(LEFT + 0.5, Math.round(top) + 0.5, width - LEFT - 1, Math.round(bottom - top));
+    if (low > high) return;
+    const least = Math.max(1e-6, Math.abs(high) * 1e-4);
+    if (high - low < least) [low, high] = [low - least / 2, high + least / 2];
+    const shown = (v) => v.toFixed(digits).replace(/^-(0\.?0*)$/, "$1");
+    const digits = Math.max(0, Math.min(6, 2 - Math.floor(Math.log10(high - low))));
+    paint.textAlign = "right";
+    paint.fillText(shown(high), LEFT - 5, top + 10);
+    paint.fillText(shown(low), LEFT - 5, bottom);
+    const y = (v) => bottom - 3 - ((v - low) / (high - low)) * (bottom - top - 6);
+    for (const [signal, i] of lines) {
+      paint.strokeStyle = COLOURS[i % COLOURS.length];
+      paint.lineWidth = 1.5;
+      paint.beginPath();
+      let [column, min, max, before] = [-1, 0, 0, null];
+      // Several samples a pixel: a stroke from their least to their greatest.
+      for (let k = Math.max(0, first(signal.t, from) - 1); k < signal.t.length && signal.t[k] <= to; k++) {
+        const v = signal.v[k];
+        if (v === null) { before = null; continue; }
+        const x = Math.round(at(signal.t[k]));
+        if (x < LEFT) { before = null; continue; }
+        if (before === null || signal.t[k] - before > 0.5) (paint.moveTo(x, y(v)), ([min, max] = [v, v]));
+        else if (x !== column) {
+          if (column >= LEFT && max > min) (paint.moveTo(column, y(min)), paint.lineTo(column, y(max)), paint.moveTo(column, y(signal.v[k - 1] ?? v)));
+          paint.lineTo(x, y(v));
+          [min, max] = [v, v];
+        } else [min, max] = [Math.min(min, v), Math.max(max, v)];
+        [column, before] = [x, signal.t[k]];
+      }
+      paint.stroke();
+    }
+  });
+  paint.fillStyle = colour("--soft");
+  paint.textAlign = "left";
+  paint.fillText(signals.length ? `${(to - from).toFixed(2)} s` : "Choose a record and a field above, and add it.", LEFT, height - 4);
+  if (drag) {
+    paint.fillStyle = "#6aa9ff33";
+    paint.fillRect(Math.min(drag[0], drag[1]), 18, Math.abs(drag[1] - drag[0]), height - 36);
+  }
+  if (cursor !== null && cursor > LEFT) {
+    paint.strokeStyle = colour("--soft");
+    paint.beginPath();
+    paint.moveTo(cursor, 18);
+    paint.lineTo(cursor, height - 18);
+    paint.stroke();
+    paint.textAlign = "right";
+    paint.fillText(`${(timeAt(cursor) - to).toFixed(3)} s`, width - 6, height - 4);
+  }
+  for (const signal of signals) {
+    const k = cursor !== null && cursor > LEFT ? Math.min(first(signal.t, timeAt(cursor)), signal.t.length - 1) : signal.t.length - 1;
+    const v = signal.v[k];
+    const text = typeof v === "number" ? v.toPrecision(5) : "–";
+    if (signal.shown && signal.shown.textContent !== text) signal.shown.textContent = text;
+  }
+}
+
+function save(name, url) {
+  Object.assign(document.createElement("a"), { href: url, download: name }).click();
+}
+
+function csv() {
+  const [from, to] = range();
+  const times = [...new Set(signals.flatMap((signal) => signal.t.slice(first(signal.t, from), first(signal.t, to + 1e-9))))].sort((a, b) => a - b);
+  const maps = signals.map((signal) => new Map(signal.t.map((t, i) => [t, signal.v[i]])));
+  const head = ["stamp_s", ...signals.map((signal) => `${signal.name} ${signal.unit}`.trim())].join(",");
+  return [head, ...times.map((t) => [t, ...maps.map((map) => map.get(t) ?? "")].join(","))].join("\n");
+}
+
+const DOES = {
+  add: (button) => add([pick("topic").value, pick("field").value, pick("index").value || 0].join("/")) ? want() : note(button, "bad", `It is there already, or there are ${COLOURS.length}.`),
+  pause: (button) => {
+    isPaused = !isPaused;
+    button.textContent = isPaused ? "Go on" : "Pause";
+    button.classList.toggle("on", isPaused);
+    zoom = null;
+    draw();
+  },
+  whole: () => ((zoom = null), draw()),
+  csv: () => save("plot.csv", URL.createObjectURL(new Blob([csv()], { type: "text/csv" }))),
+  png: () => save("plot.png", canvas.toDataURL("image/png")),
+};
+page.addEventListener("click", (event) => {
+  const button = event.target.closest("button[data-plot]");
+  if (button) DOES[button.dataset.plot](button);
+});
+page.addEventListener("change", (event) => {
+  if (event.target === pick("topic")) fillFields();
+  else if (event.target === pick("field")) fillIndexes();
+  draw();
+});
+const x = (event) => event.clientX - canvas.getBoundingClientRect().left;
+canvas.addEventListener("pointermove", (event) => {
+  cursor = x(event);
+  if (drag) drag[1] = cursor;
+  draw();
+});
+canvas.addEventListener("pointerleave", () => ((cursor = null), draw()));
+canvas.addEventListener("pointerdown", (event) => isPaused && (drag = [x(event), x(event)]));
+window.addEventListener("pointerup", () => {
+  if (drag && Math.abs(drag[1] - drag[0]) > 8) zoom = [Math.min(...drag), Math.max(...drag)].map(timeAt);
+  drag = null;
+  draw();
+});
+canvas.addEventListener("dblclick", () => DOES.whole());
+new ResizeObserver(draw).observe(canvas);
+
+pick("topic").replaceChildren(...Object.keys(topics).map((name) => option(name, name)));
+fillFields();
+for (const name of decodeURIComponent(location.hash.slice(1)).split(",").filter(Boolean)) add(name);
+want();
+onTick(take);
+page.plots = { add: (name) => add(name) && want(), signals: () => signals, csv };

@@ -1,0 +1,51 @@
+"""What plots are made of: every sample once, of what there is."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+from tests.conftest import World
+from tests.gui.test_browsers import Console, play
+
+NAME = "plot:PSM1/state/position/1"
+
+
+def test_every_sample_comes_once_and_those_of_before_first(world: World) -> None:
+    async def story(console: Console) -> None:
+        browser, page = console.page()
+        for k in range(5):
+            console.robot.show_arm(0.1 * k)
+        found: list[float] = []
+
+        async def take() -> dict[str, Any]:
+            await console.tick()
+            data = page.last("tick")["data"].get(NAME, {"t": [], "v": []})
+            found.extend(data["v"])
+            assert len(data["t"]) == len(data["v"])
+            return dict(data)
+
+        browser.handle(json.dumps({"op": "want", "sources": [NAME]}))
+        await take()
+        assert [round(v, 3) for v in found] == [0.0, 0.1, 0.2, 0.3, 0.4]
+        console.robot.show_arm(0.5)
+        console.robot.show_arm(math.nan)
+        await take()
+        assert len(found) == 7 and round(found[5], 3) == 0.5 and found[6] is None
+        assert (await take())["v"] == []
+
+    play(world.name, story)
+
+
+def test_what_is_no_number_cannot_be_plotted(world: World) -> None:
+    async def story(console: Console) -> None:
+        browser, page = console.page()
+        for name in ("PSM1/state/position/8", "PSM1/state/state/0", "PSM1/state/nothing/0", "PSM1/state/position",
+                     "PSM9/state/position/0", "PSM1/state/position/-1", "PSM1/control/pid/0", "../x/y/0"):
+            browser.handle(json.dumps({"op": "want", "id": 1, "sources": [f"plot:{name}"]}))
+            await console.tick()
+            assert page.last("reply")["outcome"] == "refused", name
+        assert browser.wants == () and console.sources.are_open == 0
+
+    play(world.name, story)
