@@ -10,11 +10,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final, Protocol
 
+import numpy as np
+
 from procs.crtk.calls import Calls, CommandOwner
 from procs.crtk.messages import MAX_BYTES, Message, WrongMessage, parsed, said
 from procs.document.bridges import Rights
 from procs.gui.control import BrowserControl
 from procs.gui.messages import OPS
+from procs.gui.scene_source import ArmModels
 from procs.gui.sources import Sources
 from shm.clock import monotonic_ns
 from shm.ring import RingError
@@ -60,7 +63,7 @@ class ConsoleService:
     owners: Mapping[str, CommandOwner]
     sources: Sources
     is_over: Callable[[], bool]
-    preview: Callable[[str, list[float]], dict[str, Any]]
+    models: ArmModels
     run: str
     """A name of this run of the server: pages of an earlier one load anew."""
     control: BrowserControl = field(default_factory=BrowserControl)
@@ -85,7 +88,7 @@ class Browser:
         self._end: asyncio.Future[None] | None = None
         self._ops: dict[str, Callable[[Message, int], None]] = {
             "want": self._want, "beat": self._beat, "control": self._control, "call": self._call,
-            "preview": self._preview}
+            "preview": self._preview, "jog": self._jog}
         self._say("hello", run=served.run, name=name, system=served.system)
 
     # what it says
@@ -138,15 +141,30 @@ class Browser:
         owner = self._calls.owner(to)
         row = owner.rows.get(command)
         only_stops = row is not None and (owner.kind, command) in FOR_ALL and row.is_stop(text, values)
-        if served.control.holder(now_ns) != self.name and not only_stops:
-            raise WrongMessage("take control first: this page only looks")
+        if not only_stops:
+            self._need_control(now_ns)
         self._calls.send(asked.id, to, command, values, text)
         served.counts.commands += 1
 
     def _preview(self, asked: Message, now_ns: int) -> None:
         """Where the links of an arm would be at these joints; nothing is asked of the arm."""
-        found = self._served.preview(asked.parts["arm"], asked.parts["position"])
+        found = self._served.models.arm(asked.parts["arm"]).at(np.array(asked.parts["position"]))
         self._say("reply", asked.id, outcome="done", text=json.dumps(found))
+
+    def _jog(self, asked: Message, now_ns: int) -> None:
+        """Joint velocities for a motion of the tip; the arm ends it 0.1 s after the last one."""
+        parts = asked.parts
+        self._need_control(now_ns)
+        twist = np.array(parts["twist"])
+        if twist.shape != (6,):
+            raise WrongMessage("a twist has 6 numbers")
+        velocity = self._served.models.arm(parts["arm"]).velocity(twist, parts["in_tip"])
+        self._calls.send(asked.id, parts["arm"], "servo_jv", velocity.tolist(), "")
+        self._served.counts.commands += 1
+
+    def _need_control(self, now_ns: int) -> None:
+        if self._served.control.holder(now_ns) != self.name:
+            raise WrongMessage("take control first: this page only looks")
 
     # what it hears
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import os
-from functools import partial
 from typing import Final
 
 from procs import runtime
@@ -16,7 +15,7 @@ from procs.crtk.calls import owners_of
 from procs.gui.browsers import Browsers, ConsoleService
 from procs.gui.catalogue import sources_of
 from procs.gui.pages.application import application
-from procs.gui.scene_source import preview
+from procs.gui.scene_source import ArmModels
 from procs.gui.server import WebServer
 from procs.pauses import Pauses, duration
 from shm.clock import monotonic_ns
@@ -42,9 +41,9 @@ class GuiLoop(runtime.Loop):
         self._events = asyncio.new_event_loop()
         asyncio.set_event_loop(self._events)
         run = f"{os.getpid()}-{monotonic_ns()}"
-        self._sources = sources_of(document)
+        self._sources, self._models = sources_of(document), ArmModels(document)
         self._browsers = Browsers(ConsoleService(document.name, owners_of(document), self._sources,
-                                                 self._pauses.is_over, partial(preview, document), run))
+                                                 self._pauses.is_over, self._models, run))
         self._server = WebServer(application(document), document.gui, self._browsers, node.log)
         sockets = [listening.dup() for listening in node.listening]  # the server closes those it is given
         self._events.run_until_complete(self._server.listen(sockets))
@@ -78,6 +77,7 @@ class GuiLoop(runtime.Loop):
         """Disconnect everybody."""
         self._events.run_until_complete(self._server.close())
         self._sources.close()
+        self._models.close()
         self._events.close()
 
 

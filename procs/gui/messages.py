@@ -28,5 +28,6 @@ OPS: Final[Ops] = {
     "beat": {},
     "control": {"take": MessagePart("true or false", _flag), "over": MessagePart("true or false", _flag, False)},
     "preview": {"arm": WORD, "position": SOME_NUMBERS},
+    "jog": {"arm": WORD, "twist": SOME_NUMBERS, "in_tip": MessagePart("true or false", _flag, False)},
     "call": {"to": WORD, "command": WORD, "values": SOME_NUMBERS, "text": NO_WORD},
 }

@@ -22,6 +22,8 @@ LATE_NS: Final = 500_000_000
 NEAR: Final = 0.03
 """Share of its range that a joint may come near to a limit without notice."""
 SLACK: Final = 1e-6
+DAMPING: Final = 1e-5
+"""Where a chain is singular its joints do not race."""
 
 
 class SceneArm:
@@ -76,6 +78,14 @@ class SceneArm:
             raise ValueError(f"{self._arm.name} has {self.kinematics.n} joints now, not {len(q)}")
         return {"frames": frames_of(self.kinematics, q, self._base), "beyond": self.near(q, -SLACK).tolist()}
 
+    def velocity(self, twist: Array, in_tip: bool) -> Array:
+        """Joint velocities that move the tip so, m/s and rad/s in axes of the tip or of the frame of its poses."""
+        n = self.kinematics.n
+        if int(self._cells["count"]) != n:
+            raise ValueError(f"{self._arm.name}: its tip is not known")
+        q = np.nan_to_num(self._cells["position"][:n])
+        return joint_velocity(self.kinematics, q, twist, None if in_tip else self._base[:3, :3])
+
     def close(self) -> None:
         """Unmap."""
         self._reader.close()
@@ -90,6 +100,21 @@ def frames_of(kinematics: Kinematics, q: Array, base: Array) -> list[float]:
         poses.append(pose_from_matrix(base @ matrix))
     poses.append(pose_from_matrix(base @ kinematics.fk(q)))
     return [round(float(value), 5) for value in np.concatenate(poses)]
+
+
+def joint_velocity(kinematics: Kinematics, q: Array, twist: Array, base: Array | None) -> Array:
+    """Joint velocities that move the tip so; in its own axes, or in those in which its base is turned like `base`.
+
+    Chains with less than six joints carry out turns as near as they come, and shifts whatever turns that makes.
+    """
+    kinematics.update(q)
+    if base is not None:
+        turn = base @ kinematics.tip[:3, :3]
+        twist = np.concatenate((turn.T @ twist[:3], turn.T @ twist[3:]))
+    rows = 6 if kinematics.n >= 6 or twist[3:].any() else 3
+    jacobian = kinematics.body[:rows]
+    found: Array = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + DAMPING * np.eye(rows), twist[:rows])
+    return found
 
 
 class SceneSource:
@@ -111,14 +136,25 @@ class SceneSource:
             arm.close()
 
 
-def preview(document: SystemConfig, name: str, position: list[float]) -> dict[str, Any]:
-    """Where the links of an arm would be at these joints; ValueError where that makes no sense."""
-    arm = next((row for row in document.arms if row.name == name), None)
-    if arm is None:
-        raise ValueError(none_such("arm", name[:80], [row.name for row in document.arms]))
-    seen = SceneArm(document, arm)
-    try:
-        seen.look()
-        return seen.at(np.array(position))
-    finally:
-        seen.close()
+class ArmModels:
+    """What pages ask of arms without asking the arms: a preview of a move, joint velocities for a motion of the tip."""
+
+    def __init__(self, document: SystemConfig) -> None:
+        self._document = document
+        self._arms: dict[str, SceneArm] = {}
+
+    def arm(self, name: str) -> SceneArm:
+        """The arm as it is now; ValueError when there is none such."""
+        if name not in self._arms:
+            arm = next((row for row in self._document.arms if row.name == name), None)
+            if arm is None:
+                raise ValueError(none_such("arm", name[:80], [row.name for row in self._document.arms]))
+            self._arms[name] = SceneArm(self._document, arm)
+        self._arms[name].look()
+        return self._arms[name]
+
+    def close(self) -> None:
+        """Unmap."""
+        for arm in self._arms.values():
+            arm.close()
+        self._arms.clear()

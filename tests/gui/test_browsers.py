@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import json
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import pytest
@@ -14,7 +13,7 @@ from procs.crtk.calls import owners_of
 from procs.document.system import from_json
 from procs.gui.browsers import PENDING, Browser, Browsers, ConsoleService
 from procs.gui.catalogue import sources_of
-from procs.gui.scene_source import preview
+from procs.gui.scene_source import ArmModels
 from shm import directory
 from shm.clock import monotonic_ns
 from tests.conftest import World
@@ -44,9 +43,9 @@ class Console:
     def __init__(self, scripted: ScriptedRobot) -> None:
         document = from_json(directory.document(scripted.name))
         self.robot, self.is_over = scripted, False
-        self.sources = sources_of(document)
+        self.sources, self.models = sources_of(document), ArmModels(document)
         self.all = Browsers(ConsoleService(scripted.name, owners_of(document), self.sources, lambda: self.is_over,
-                                            partial(preview, document), "r"))
+                                            self.models, "r"))
         self.control = self.all.served.control
         self._tasks: list[asyncio.Task[None]] = []
         self.made = 0
@@ -74,6 +73,7 @@ class Console:
         for task in self._tasks:
             task.cancel()
         self.sources.close()
+        self.models.close()
 
 
 Story = Callable[[Console], Any]
@@ -159,6 +159,8 @@ def test_only_the_page_that_has_control_commands(world: World) -> None:
                        {"to": "supervisor", "command": "stop"}):
             answer = await console.ask(first, one, "call", **forged)
             assert answer["outcome"] == "refused" and "take control" in answer["text"]
+        answer = await console.ask(first, one, "jog", arm="PSM1", twist=[0.01, 0, 0, 0, 0, 0])
+        assert answer["outcome"] == "refused" and "take control" in answer["text"]
         assert executed(console.robot) == []
         first.handle('{"op": "control", "take": true}')
         await console.ask(first, one, "call", **enable)

@@ -147,9 +147,17 @@ def test_an_arm_is_jogged_while_held_and_moved_after_a_preview(robot: Robot) -> 
                 "goal.dispatchEvent(new Event('input', {bubbles: true}))")
         page.until("document.querySelector('.stage')?.stage?.ghost?.group.visible")
         assert page.value("PSM1/state.position")[0] == pytest.approx(stands, abs=1e-3), "a preview moves nothing"
-        page.click("[data-does=move]")
+        page.find("[data-does=move]").click()
         page.answer_yes()
         page.until("Math.abs(trocar.value('PSM1/state.position')[0] - 11.5 * Math.PI / 180) < 1e-3")
+        tip = page.value("PSM1/state.measured_cp")
+        along = page.find(".jog[data-twist=linear][data-axis='0'][data-sign='1']")
+        page.js("arguments[0].scrollIntoView({block: 'center'})", along)
+        ActionChains(page.driver).move_to_element(along).click_and_hold().perform()
+        page.until(f"trocar.value('PSM1/state.measured_cp')[0] > {tip[0]} + 0.002")
+        ActionChains(page.driver).release().perform()
+        after = page.value("PSM1/state.measured_cp")
+        assert after[1:3] == pytest.approx(tip[1:3], abs=1e-3), "only along x"
         page.js("const goal = document.querySelector('[data-goal=\"0\"]'); goal.value = '170';"
                 "goal.dispatchEvent(new Event('input', {bubbles: true}))")
         page.until("document.querySelector('[data-goal=\"0\"]').classList.contains('wrong')")

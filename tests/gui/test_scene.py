@@ -9,7 +9,7 @@ import pytest
 
 from procs.config import PROJECT_CONFIGS, load_system
 from procs.document.system import SystemConfig
-from procs.gui.scene_source import frames_of
+from procs.gui.scene_source import frames_of, joint_velocity
 from procs.kinematics.carrying import carrying
 from procs.kinematics.poses import matrix_from_pose
 from tests.conftest import World
@@ -49,3 +49,23 @@ def test_a_preview_says_what_is_beyond_a_limit_and_asks_the_arm_for_nothing(worl
         assert not list(console.robot.mailbox.drain())
 
     play(world.name, story)
+
+
+@pytest.mark.parametrize("axis", range(6))
+def test_a_jog_of_the_tip_goes_along_its_axis(full: SystemConfig, axis: int) -> None:
+    base = matrix_from_pose(np.array((0.1, 0.2, 0.3, 0.0, 0.6, 0.0, 0.8)))
+    twist = np.zeros(6)
+    twist[axis] = 0.01
+    for arm in full.arms:
+        kinematics = carrying(arm, arm.tool.name if arm.tool is not None else arm.endoscope)
+        if kinematics.n < 6 and axis >= 3:
+            continue
+        q = 0.5 * (kinematics.lower + kinematics.upper) + 0.1 * (kinematics.upper - kinematics.lower)
+        velocity = joint_velocity(kinematics, q, twist, base[:3, :3])
+        begin, end = (base @ kinematics.fk(at).copy() for at in (q, q + 0.01 * velocity))
+        moved = (end - begin)[:3, 3] / 0.01
+        assert np.allclose(moved, twist[:3], atol=1e-3), (arm.name, moved)
+        if kinematics.n >= 6:
+            turned = (end @ np.linalg.inv(begin))[:3, :3] / 0.01
+            assert np.allclose((turned[2, 1], turned[0, 2], turned[1, 0]), twist[3:], atol=1e-3), (arm.name, turned)
+        assert np.abs(joint_velocity(kinematics, q, twist, None) - velocity).max() > 1e-6

@@ -34,7 +34,7 @@ def arm_page(document: SystemConfig, arm: ArmConfig) -> None:
         with box():
             with box("card"):
                 ArmScene(document, arm.name)
-            _tip(state)
+            _tip(arm, state)
             _carried(arm, state)
 
 
@@ -76,7 +76,7 @@ def _joints(state: str, slides: list[bool]) -> None:
             Part("input", type="range", id="jog-speed", min="2", max="100", value="20", aria_label="Speed of a jog")
             Part("span", "quiet", id="jog-shown")
             Part("button", "", "deg, mm / rad, m", type="button", data_does="units")
-        with box("scroll"), Part("table", "joints"):
+        with box("scroll"), Part("table", "joints", data_valid=f"{state}.valid"):
             with Part("thead"), Part("tr"):
                 for text in ("joint", "measured", "setpoint", "velocity", "effort", "hold to jog", "goal", ""):
                     Part("th", "", text)
@@ -132,14 +132,14 @@ def _gripper(state: str) -> None:
         Part("span", "quiet", data_unit="r")
 
 
-def _tip(state: str) -> None:
+def _tip(arm: ArmConfig, state: str) -> None:
     with box("card", data_source=state):
         with box("row head"):
             Part("h2", "", "Tip")
             box("spacer")
             Part("span", "quiet", "in")
             live(f"{state}.reference_frame", classes="quiet")
-        with box("numbers"):
+        with box("numbers", data_valid=f"{state}.reference_valid"):
             for text in ("", "x", "y", "z"):
                 Part("b", "quiet", text)
             for text, field, form, first in (
@@ -150,9 +150,23 @@ def _tip(state: str) -> None:
                 Part("span", "", text)
                 for i in range(first, first + 3):
                     live(f"{state}.{field}.{i}", form)
-        with box("row"):
+        with box("row", data_valid=f"{state}.reference_valid"):
             Part("span", "quiet", "quaternion w")
             live(f"{state}.measured_cp.6", "num:4")
+            box("spacer")
+            wrench = ",".join(f"{arm.name}/state/body_measured_cf/{i}" for i in range(6))
+            Part("a", "", "Plot the wrench", href=f"/plots#{wrench}")
+        with box("row"):
+            Part("span", "quiet", "Hold to jog in axes of")
+            with Part("select", id="jog-axes", aria_label="Axes of a jog"):
+                Part("option", "", "the frame of its poses", value="")
+                Part("option", "", "the tip", value="tip")
+        with box("row jogs"):
+            for kind, names in (("linear", "x y z"), ("angular", "turn x, turn y, turn z")):
+                for axis, text in enumerate(names.split(", ") if "," in names else names.split()):
+                    for sign, word in ((-1, "−"), (1, "+")):
+                        Part("button", "jog commands", f"{text} {word}", type="button", data_twist=kind,
+                             data_axis=str(axis), data_sign=str(sign))
 
 
 def _carried(arm: ArmConfig, state: str) -> None:

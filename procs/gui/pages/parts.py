@@ -2,6 +2,7 @@
 
 `data-live`: what is shown, `SOURCE.field.index`, `data-format`: how. `data-show`, `data-on`: shown, or lit, while that
 holds (`PSM1/state.state=FAULT`, `!…`, `…>3`). `data-source`: grey, with its age in `.age`, while that source is old.
+`data-valid`: numbers in it are shown while that is true.
 `data-steps`: commands of a button, steps one after the other; `data-free`: without control, `data-confirm`: asks first.
 With `forms.js` on the page: switches and forms.
 """

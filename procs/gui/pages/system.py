@@ -14,6 +14,9 @@ SAID_ALREADY: Final = "HOMED|DISABLED|ENABLED|FAULT"
 """Sub-states that chip and light say as well."""
 
 
+VOLUMES: Final = (0.0, 0.25, 0.5, 1.0)
+
+
 def system_page(document: SystemConfig) -> None:
     """Its content."""
     with box("columns"):
@@ -23,6 +26,7 @@ def system_page(document: SystemConfig) -> None:
             for cart in document.carts:
                 cart_card(cart.name)
         with Part("aside"):
+            _first_steps(document)
             _power(document)
             for console in document.consoles:
                 _console(console.name, [row.name for rows in (document.teleop_psms, document.teleop_ecms)
@@ -75,6 +79,31 @@ def cart_card(name: str) -> None:
             button("Disable", [[(name, "state_command", [], "disable")]], "quiet", is_free=True)
 
 
+def _first_steps(document: SystemConfig) -> None:
+    """What to do first, done steps in green; gone once a slave follows, or when it is closed."""
+    arm = record(document.arms[0].name) if document.arms else ""
+    steps = [("Take control, top right", "first-control", ""), ("Power on all arms", "", f"{arm}.state=ENABLED"),
+             ("Home them: they move", "", f"{arm}.is_homed")]
+    psm = next((record(row.name) for row in document.arms if row.type == "PSM"), "")
+    if psm:
+        steps.append(("Put an instrument on", "", f"{psm}.tool"))
+    over = ""
+    if document.consoles and document.teleop_psms:
+        console, teleop = record(document.consoles[0].name), record(document.teleop_psms[0].name)
+        steps += [("Start teleoperation", "", f"{console}.teleop_enabled"),
+                  ("Sit down: operator present", "", f"{console}.operator_present"),
+                  ("Move the master: the slave follows", "", f"{teleop}.following")]
+        over = f"!{teleop}.following"
+    with box("card first", id="first-steps", **({"data_show": over} if over else {})):
+        with box("row head"):
+            Part("h2", "", "First steps")
+            box("spacer")
+            Part("button", "quiet", "×", type="button", data_does="dismiss", aria_label="Close")
+        with Part("ol"):
+            for text, classes, condition in steps:
+                Part("li", classes, text, **({"data_on": condition} if condition else {}))
+
+
 def _power(document: SystemConfig) -> None:
     with box("card"):
         Part("h2", "", "All arms")
@@ -86,6 +115,11 @@ def _power(document: SystemConfig) -> None:
         if document.consoles:
             state = record("system")
             live(f"{state}.waiting", tag="p", classes="reason", data_show=f"{state}.waiting")
+            with box("row"):
+                Part("span", "quiet", "Volume")
+                for volume in VOLUMES:
+                    button(f"{volume:.0%}", [[("system", "set_volume", [volume], "")]], "small",
+                           data_on=f"{state}.volume={volume:g}")
 
 
 def _console(name: str, teleops: list[str]) -> None:

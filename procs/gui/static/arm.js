@@ -88,12 +88,20 @@ page.addEventListener("pointerdown", (event) => {
   event.preventDefault();
   const i = Number(button.dataset.joint);
   const sign = Number(button.dataset.sign);
+  if (button.dataset.twist) {
+    const isTurn = button.dataset.twist === "angular";
+    const twist = new Array(6).fill(0);
+    return jogBegins(button, () => {
+      twist[Number(button.dataset.axis) + (isTurn ? 3 : 0)] = sign * speed() * (isTurn ? FULL.turns : FULL.slides);
+      return { op: "jog", arm, twist, in_tip: document.getElementById("jog-axes").value === "tip" };
+    });
+  }
   jogBegins(button, () => {
     const n = count();
     if (i >= n) return null;
     const velocity = new Array(n).fill(0);
     velocity[i] = sign * speed() * (slides(i) ? FULL.slides : FULL.turns);
-    return [arm, "servo_jv", velocity];
+    return { op: "call", to: arm, command: "servo_jv", values: velocity };
   });
 });
 page.addEventListener("contextmenu", (event) => event.target.closest("button.jog") && event.preventDefault());

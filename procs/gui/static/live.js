@@ -81,7 +81,9 @@ function put(element, text) {
 export function render() {
   const connected = isConnected();
   for (const element of document.querySelectorAll("[data-live]")) {
-    const v = value(element.dataset.live);
+    const known = element.closest("[data-valid]");
+    const isUnknown = known && (element.dataset.format || "text") !== "text" && !value(known.dataset.valid);
+    const v = isUnknown ? null : value(element.dataset.live);
     put(element, formatted(v, element.dataset.format));
     if (element.dataset.tone !== undefined) element.dataset.tone = v === undefined || v === null ? "" : String(v);
   }
@@ -104,7 +106,7 @@ const isConnected = () => socket?.readyState === 1 && performance.now() - lastTi
 function wants() {
   if (document.hidden) return [];
   const found = new Set([...document.querySelectorAll("[data-wants]")].flatMap((part) => part.dataset.wants.split(" ").filter(Boolean)));
-  for (const name of ["live", "show", "on", "source"])
+  for (const name of ["live", "show", "on", "source", "valid"])
     for (const element of document.querySelectorAll(`[data-${name}]`)) found.add(sourceOf(element.dataset[name]));
   return [...found].sort();
 }
@@ -164,6 +166,7 @@ function shown() {
   document.body.dataset.connection = isConnected() ? "live" : "lost";
   document.body.dataset.control = you ? "you" : holder ? "other" : "nobody";
   const button = document.getElementById("control");
+  if (localStorage.getItem("first-steps") === "closed") document.getElementById("first-steps")?.remove();
   if (button) {
     put(button, you ? "You have control" : holder ? "Take over control" : "Take control");
     button.title = you ? "Give control back" : holder ? `${holder} has control` : "This page only looks until then";
@@ -189,9 +192,7 @@ export function ask(message, told = () => {}) {
 
 export const call = (to, command, values, text, told) => ask({ op: "call", to, command, values: values || [], text: text || "" }, told);
 
-export function send(to, command, values) {
-  say({ op: "call", to, command, values }); // of a stream: nobody waits for the answer
-}
+export const send = (to, command, values) => say({ op: "call", to, command, values }); // of a stream, as above
 
 let noted = null;
 export function note(element, kind, text) {
@@ -258,7 +259,10 @@ document.addEventListener("click", (event) => {
   else if (button.dataset.steps) asked(button, JSON.parse(button.dataset.steps), button.dataset.free !== undefined);
   else if (button.dataset.view) document.querySelector(".stage").stage.look(button.dataset.view);
   else if (button.dataset.opens) document.getElementById(button.dataset.opens).showModal();
-  else if (button.dataset.does === "units") {
+  else if (button.dataset.does === "dismiss") {
+    localStorage.setItem("first-steps", "closed");
+    document.getElementById("first-steps").remove();
+  } else if (button.dataset.does === "units") {
     localStorage.setItem("units", units() === "deg" ? "si" : "deg");
     render();
   } else if (button.dataset.does === "theme") theme(document.documentElement.dataset.theme === "dark" ? "light" : "dark");
@@ -277,12 +281,12 @@ export function jogBegins(button, make) {
   const push = () => {
     const found = make();
     if (!found || !you || document.hidden) return jogEnds();
-    send(...found);
+    say(found); // of a stream: nobody waits for the answer
   };
   button.classList.add("on");
   // The first goes with an answer, so that a refusal is seen.
   const first = make();
-  if (first) call(first[0], first[1], first[2], "", (outcome, text) => GOOD.includes(outcome) || (jogEnds(), note(button, "bad", `${outcome}: ${text}`)));
+  if (first) ask(first, (outcome, text) => GOOD.includes(outcome) || (jogEnds(), note(button, "bad", `${outcome}: ${text}`)));
   jogging = setInterval(push, 50);
 }
 for (const name of ["pointerup", "pointercancel", "visibilitychange"]) window.addEventListener(name, jogEnds, true);
