@@ -25,8 +25,10 @@ from shm.segment import SegmentError
 
 FOR_ALL: Final = frozenset({("system", "power_off"), ("arm", "hold"), ("arm", "state_command"),
                             ("third_party", "hold"), ("third_party", "state_command"), ("suj", "state_command"),
-                            ("teleop", "state_command"), ("io", "power_off"), ("console", "teleop_enable")})
-"""Commands that every browser may give as far as they stop something, without control."""
+                            ("teleop", "state_command"), ("io", "power_off"), ("console", "teleop_enable"),
+                            ("focus", "focus_in"), ("focus", "focus_out"), ("suj", "set_lift_velocity"),
+                            ("suj", "clutch")})
+"""Commands that every browser may give as far as they stop something, without control: also who has just lost it."""
 PENDING: Final = 5
 """Ticks that a browser has not taken; then it gets the newest of all instead."""
 WAITING: Final = 256

@@ -10,14 +10,13 @@ from procs.gui.buttons_source import ButtonsSource
 from procs.gui.messages_source import MessagesSource
 from procs.gui.plot_source import plot_of
 from procs.gui.processes_source import ProcessesSource
-from procs.gui.robots import RobotSource, gains_source, robots_of
+from procs.gui.robots import PinsSource, RobotSource, gains_source, robots_of
 from procs.gui.scene_source import SceneSource
 from procs.gui.sources import Maker, RecordSource, Sources
 from procs.gui.trace_source import TraceSource
 
 KINDS: Final = frozenset({"arm", "third_party", "suj", "teleop", "console", "system", "focus", "io"})
 """Whose state pages show."""
-PINS: Final = {"input": slice(None), "output": slice(None)}
 MESSAGES, PROCESSES, SCENE, BUTTONS, PLOT = "messages", "processes", "scene", "buttons", "plot"
 
 
@@ -43,8 +42,7 @@ def sources_of(document: SystemConfig) -> Sources:
             for axis in range(len(robot.robot.actuators)):
                 makers[f"{robot.io.name}/trace{robot.place}-{axis}"] = partial(TraceSource, document.name, robot, axis)
     for io in document.ios:
-        makers[pins(io.name)] = partial(RecordSource, document.name, io.name, "state", cuts=PINS,
-                                        simulated=document.clock != WALL)
+        makers[pins(io.name)] = partial(PinsSource, document.name, io.name, simulated=document.clock != WALL)
         makers[record(io.name, "instruments")] = partial(RecordSource, document.name, io.name, "instruments",
                                                          simulated=False, ages=False)
     makers[BUTTONS] = partial(ButtonsSource, document)

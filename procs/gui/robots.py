@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 from urllib.parse import quote
 
 import numpy as np
@@ -15,6 +15,9 @@ from procs.faults import fault_of
 from procs.gui.sources import RecordSource
 from shm.topics import IO_GAINS, IO_STATE
 
+NEVER_S: Final = 1e6
+PINS: Final = ("input", "output", "age_ns")
+WHOLE: Final = ...
 Place = int | slice | NDArray[np.intp]
 
 
@@ -105,8 +108,9 @@ class RobotSource:
                                     cuts=robot.cuts(IO_STATE.fields))
 
     def read(self, now_ns: int) -> dict[str, Any]:
-        """Its fields; `cause` and `remedy` of a latched fault."""
+        """Its fields; `cause` and `remedy` of a latched fault. Its age is that of its boards' last good sample."""
         found = self._record.read(now_ns)
+        _as_old_as(found, "sample_age_ns")
         fault = fault_of(found.get("fault") or 0)
         if fault is not None:
             found["cause"], found["remedy"] = fault.cause, fault.remedy
@@ -115,6 +119,31 @@ class RobotSource:
     def close(self) -> None:
         """Unmap."""
         self._record.close()
+
+
+class PinsSource:
+    """Inputs and outputs of an io, as old as the oldest sample of a board: whoever shows them cannot tell which."""
+
+    def __init__(self, system: str, io: str, *, simulated: bool) -> None:
+        """Attach; SegmentError when it cannot be read."""
+        self._record = RecordSource(system, io, IO_STATE.name, simulated=simulated, cuts=dict.fromkeys(PINS, WHOLE))
+
+    def read(self, now_ns: int) -> dict[str, Any]:
+        """`input` and `output`."""
+        found = self._record.read(now_ns)
+        _as_old_as(found, "age_ns")
+        return found
+
+    def close(self) -> None:
+        """Unmap."""
+        self._record.close()
+
+
+def _as_old_as(found: dict[str, Any], field: str) -> None:
+    """Boards that are away do not keep an io from publishing; what it shows of them is the last that was good."""
+    if found["age"] is not None:
+        sampled_s = round(float(found.pop(field)) * 1e-9, 1)
+        found["age"] = max(found["age"], sampled_s) if sampled_s < NEVER_S else None
 
 
 def gains_source(system: str, robot: IoRobot) -> RecordSource:

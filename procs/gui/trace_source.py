@@ -33,7 +33,7 @@ class TraceSource:
         except BaseException:
             self.close()
             raise
-        self._axis = robot.axes.start + axis
+        self._axis, self._robot = robot.axes.start + axis, robot.place
         self._each = max(1, round(CLOSEST_S / robot.io.period_s))
         self._stamp_ns, self._seen_ns = 0, 0
 
@@ -48,6 +48,8 @@ class TraceSource:
             self._stamp_ns, self._seen_ns = int(rows["stamp_ns"][-1]), now_ns
         rows = rows[rows["sequence"] % self._each == 0]
         columns = [rows[name][:, self._axis].astype(np.float32) for name in SIGNALS]
+        for column in columns:  # no line while its boards are away: that is the last good value
+            column[~rows["robot_valid"][:, self._robot]] = np.nan
         return {"age": 0.0, "t": [round(stamp * 1e-9, 4) for stamp in rows["stamp_ns"].tolist()], "v": columns}
 
     def close(self) -> None:

@@ -7,6 +7,7 @@ import dataclasses
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from procs.codes import FAULTS
@@ -60,13 +61,26 @@ def test_a_page_is_sent_its_robot_and_its_fault_in_words(world: World) -> None:
         shown = json.loads(b"{" + sources.part("IO1/robot0") + b"}")["IO1/robot0"]
         assert shown["position"] == pytest.approx([0.1 * i for i in range(7)])
         assert (shown["powered"], shown["cause"], shown["remedy"]) == (True, fault.cause, fault.remedy)
+        assert shown["age"] < 1.0
+        scripted.io.field("sample_age_ns")[0] = 3_210_000_000  # its board is away, io goes on
+        scripted.io.publish(monotonic_ns())
+        sources.begin(monotonic_ns())
+        assert json.loads(b"{" + sources.part("IO1/robot0") + b"}")["IO1/robot0"]["age"] == 3.2
         sources.close()
 
 
+def free(kind: str, values: list[float]) -> set[str]:
+    """Commands of a kind that need no control, with these values."""
+    return {row.name for row in COMMANDS[kind] if (kind, row.name) in FOR_ALL and row.is_stop("", values)}
+
+
 def test_without_control_a_robot_can_be_switched_off_and_not_on() -> None:
-    rows = {row.name: row for row in COMMANDS["io"]}
-    free = {name for name, row in rows.items() if ("io", name) in FOR_ALL and row.is_stop("PSM1", [])}
-    assert free == {"power_off"}
+    assert free("io", []) == free("io", [1.0]) == {"power_off"}
+
+
+def test_what_moves_while_a_button_is_held_can_be_stopped_when_control_is_lost() -> None:
+    assert free("focus", [0.0]) == {"focus_in", "focus_out"} and free("focus", [1.0]) == set()
+    assert free("suj", [0.0]) == {"set_lift_velocity", "clutch"} and free("suj", [-1.0]) == set()
 
 
 def test_a_page_is_sent_the_gains_of_its_robot_however_old(world: World) -> None:
@@ -91,7 +105,7 @@ def test_a_plot_is_sent_each_sample_once(world: World) -> None:
 
         def publish(count: int, start: int) -> None:
             for i in range(start, start + count):
-                scripted.io.field("position")[2] = i
+                scripted.io.field("position")[2], scripted.io.field("robot_valid")[0] = i, i != 14
                 scripted.io.publish(first + i * 1_000_000)
 
         assert trace.read(0) == {"age": None}
@@ -101,7 +115,7 @@ def test_a_plot_is_sent_each_sample_once(world: World) -> None:
         assert shown["v"][SIGNALS.index("position")].tolist() == [2, 5, 8, 11]
         assert trace.read(2_500_000_000) == {"age": 2.5, "t": [], "v": []}
         publish(3, 12)
-        assert trace.read(0)["v"][0].tolist() == [14]
+        assert np.isnan(trace.read(0)["v"][0]).tolist() == [True]  # its boards were away
         trace.close()
 
 

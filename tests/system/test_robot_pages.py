@@ -60,6 +60,14 @@ def test_a_page_shows_power_and_brakes_change(console: tuple[Robot, BrowserPage]
     page.until("document.body.dataset.control === 'nobody'")
     page.click("#io-power-off")
     page.until(f"!{shown('IO1/robot0.amps_on')}")
+    stale = "document.getElementById('robot').classList.contains('stale')"
+    assert not page.js(f"return {stale}")
+    console[0].trocar("send", "boards", "unplug_board", "4")
+    page.until(f"{stale} && document.querySelector('#robot .age').textContent.includes('s old')")
+    console[0].trocar("send", "boards", "plug_board", "4")
+    page.until(f"!{stale}")
+    page.open("/io/io/PSM1")
+    page.until(f"document.getElementById('robot')?.innerText.includes('KINEMATIC') && !{stale}")
     assert page.wrongs() == []
 
 
