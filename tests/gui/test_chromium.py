@@ -134,7 +134,7 @@ def test_an_arm_is_jogged_while_held_and_moved_after_a_preview(robot: Robot) -> 
         page.take_control()
         homed(page)
         page.open("/arm/PSM1")
-        page.take_control()
+        page.until("document.body.dataset.control === 'you'")  # the same tab
         page.until("document.querySelector('[data-goal=\"2\"]').value === '120.00'")
         jog = page.find(".jog[data-joint='0'][data-sign='1']")
         before = page.value("PSM1/state.position")[0]

@@ -143,6 +143,10 @@ function heed(message) {
   if (message.op === "hello") {
     if (run && run !== message.run) location.reload(); // another server: this page is none of its own
     run = message.run;
+    // Who goes from page to page in one tab keeps control, unless somebody else has taken it meanwhile.
+    const left = Number(sessionStorage.getItem("control") || 0);
+    sessionStorage.removeItem("control");
+    if (Date.now() - left < 5000) say({ op: "control", take: true });
   } else if (message.op === "tick") {
     lastTick = performance.now();
     for (const [name, found] of Object.entries(message.data)) {
@@ -292,6 +296,8 @@ export function jogBegins(button, make) {
 for (const name of ["pointerup", "pointercancel", "visibilitychange"]) window.addEventListener(name, jogEnds, true);
 window.addEventListener("blur", jogEnds); // of the window: what had the focus before the button loses it, too
 document.addEventListener("visibilitychange", () => (jogEnds(), want()));
+
+window.addEventListener("pagehide", () => you && sessionStorage.setItem("control", String(Date.now())));
 
 // --- keys, theme
 
