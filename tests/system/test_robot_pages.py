@@ -54,6 +54,7 @@ def test_a_page_shows_power_and_brakes_change(console: tuple[Robot, BrowserPage]
     page.until(shown("IO1/robot0.brakes_released"))
     page.until("[...document.querySelectorAll('.actuators .light.on')].length >= 11")
     assert "°" in page.find(".actuators").text
+    page.take_control()  # a busy machine may have held the console up meanwhile
     page.click("#brakes-engage")
     page.until(f"!{shown('IO1/robot0.brakes_released')}")
     page.js("document.getElementById('control').click()")
