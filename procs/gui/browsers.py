@@ -7,6 +7,7 @@ import itertools
 import json
 from collections import deque
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, Final, Protocol
 
@@ -29,6 +30,8 @@ FOR_ALL: Final = frozenset({("system", "power_off"), ("arm", "hold"), ("arm", "s
                             ("focus", "focus_in"), ("focus", "focus_out"), ("suj", "set_lift_velocity"),
                             ("suj", "clutch")})
 """Commands that every browser may give as far as they stop something, without control: also who has just lost it."""
+HAND: Final = "pull_tip", "release_tip"
+"""Orders to emulated boards: a page that has gone pulls at nothing any more."""
 PENDING: Final = 5
 """Ticks that a browser has not taken; then it gets the newest of all instead."""
 WAITING: Final = 256
@@ -87,6 +90,7 @@ class Browser:
         self._news = asyncio.Event()
         self._shown: dict[str, bytes] = {}
         self._is_over = False
+        self._pulled: set[str] = set()
         self._end: asyncio.Future[None] | None = None
         self._ops: dict[str, Callable[[Message, int], None]] = {
             "want": self._want, "beat": self._beat, "control": self._control, "call": self._call,
@@ -147,6 +151,8 @@ class Browser:
             self._need_control(now_ns)
         self._calls.send(asked.id, to, command, values, text)
         served.counts.commands += 1
+        if owner.kind == "boards" and command in HAND:
+            (self._pulled.add if command == HAND[0] else self._pulled.discard)(text)
 
     def _preview(self, asked: Message, now_ns: int) -> None:
         """Where the links of an arm would be at these joints; nothing is asked of the arm."""
@@ -218,6 +224,9 @@ class Browser:
         for name in self.wants:
             self._served.sources.leave(name)
         self.wants = ()
+        for robot in self._pulled:
+            with suppress(WrongMessage):
+                self._calls.send(None, "boards", HAND[1], [], robot)
         self._calls.close()
 
 

@@ -249,3 +249,26 @@ def test_a_plot_shows_a_move_and_gives_it_as_a_table(robot: Robot) -> None:
         assert count[0] == "stamp_s,PSM1/state/position/0 rad or m,PSM1/state/velocity/0 rad/s or m/s"
         assert len(count) > 50
         assert page.wrongs() == []
+
+
+def test_a_tip_of_an_emulated_master_is_pulled_in_3d(robot: Robot) -> None:
+    with served(robot, DEMO) as address, chromium(address) as page:
+        page.open()
+        page.take_control()
+        homed(page)
+        robot.trocar("send", "MTMR", "free")
+        page.open("/3d")
+        page.until("document.querySelector('.stage')?.stage?.isPlaced")
+        page.click("[data-view=masters]")
+        page.take_control()
+        where = page.js("""const stage = document.querySelector('.stage').stage; stage.draw();
+            const at = stage.models.MTMR.handle.getWorldPosition(stage.camera.position.clone()).project(stage.camera);
+            return [Math.round(at.x * stage.$el.clientWidth / 2), Math.round(-at.y * stage.$el.clientHeight / 2)]""")
+        tip = "document.querySelector('.stage').stage.models.MTMR.tip.position.toArray()"
+        before = page.js(f"return {tip}")
+        canvas = page.find(".stage canvas")
+        drag = ActionChains(page.driver).move_to_element_with_offset(canvas, *where).click_and_hold()
+        drag.move_by_offset(60, -60).perform()
+        page.until(f"Math.hypot(...{tip}.map((v, i) => v - {before}[i])) > 0.01", 60)
+        ActionChains(page.driver).release().perform()
+        assert page.wrongs() == []

@@ -117,3 +117,27 @@ def test_the_console_is_there_for_its_pages_and_its_death_ends_what_is_held(robo
         assert again.call("PSM1", "move_jp", 0.1, 0, 0.12, 0, 0, 0)["outcome"] == "done"
     wait_for(lambda: row(robot, "gui")["lifecycle"] == "STOPPED", 20, "it ends when no page is there")
     assert robot.down() == 0
+
+
+def test_what_was_asked_while_the_console_stood_still_is_not_done(robot: Robot, records: Records) -> None:
+    port = free()
+    robot.up(KINEMATIC, "--set", f"gui.listen=127.0.0.1:{port}")
+    joint = (state := records(robot, "PSM1", "state")).field("position")
+    with page(robot, port) as one:
+        one.say("control", take=True)
+        for text in ("enable", "home"):
+            assert one.call("PSM1", "state_command", text=text)["outcome"] == "done"
+        pid = robot.pid("gui")
+        os.kill(pid, signal.SIGSTOP)
+        end = time.monotonic() + 1.6
+        while time.monotonic() < end:  # lies in the socket
+            one.say("call", to="PSM1", command="servo_jv", values=[0.05, 0, 0, 0, 0, 0])
+            time.sleep(0.05)
+        one.say("call", to="PSM1", command="move_jp", values=[0.3, 0, 0.12, 0, 0, 0])
+        os.kill(pid, signal.SIGCONT)
+        with pytest.raises(ConnectionClosed):
+            one.hear("nothing")
+    assert state.newest()
+    begin = state.stamp_ns
+    wait_for(lambda: state.newest() and state.stamp_ns > begin + 300_000_000, 30, "0.3 s of the system")
+    assert abs(joint[0]) < 1e-9 and robot.pid("gui") == pid

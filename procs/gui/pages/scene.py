@@ -25,13 +25,21 @@ class ArmScene(ui.element, component=STAGE, esm={"nicegui-scene": str(THREE)}):
     def __init__(self, document: SystemConfig, only: str = "") -> None:
         """`only` one arm, or all."""
         super().__init__()
-        self.props["arms"] = {arm.name: _drawn(arm) for arm in document.arms}
+        self.props["arms"] = {arm.name: _drawn(document, arm) for arm in document.arms}
         self.props["only"] = only
 
 
-def _drawn(arm: ArmConfig) -> dict[str, Any]:
-    """What a page has to know of an arm to draw it."""
-    return {"type": arm.type}
+def _drawn(document: SystemConfig, arm: ArmConfig) -> dict[str, Any]:
+    """What a page has to know of an arm to draw it, and of its emulated robot to pull at it."""
+    return {"type": arm.type, "robot": _emulated(document, arm)}
+
+
+def _emulated(document: SystemConfig, arm: ArmConfig) -> str:
+    """The robot on emulated boards that is this arm's; empty where there is none."""
+    if document.emulation is None or arm.simulation == "KINEMATIC":
+        return ""
+    robots = [robot.name for io in document.emulated().ios for robot in io.robots]
+    return next((name for name in (arm.robot, f"{arm.io}/{arm.robot}") if name in robots), "")
 
 
 def scene_page(document: SystemConfig) -> None:
@@ -44,4 +52,6 @@ def scene_page(document: SystemConfig) -> None:
                 Part("button", "", "Masters", type="button", data_view="masters")
             box("spacer")
             Part("span", "quiet", "Drag to turn, wheel to zoom, right button to shift. Orange: a joint near its limit.")
+        if any(_emulated(document, arm) for arm in document.arms):
+            Part("p", "quiet", "These robots are emulated: drag a tip, and a hand pulls at it. Masters follow easily.")
         ArmScene(document)

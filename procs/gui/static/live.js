@@ -393,5 +393,5 @@ export function start() {
   setInterval(() => say({ op: "beat" }), 500);
   setInterval(() => (want(), shown()), 250);
 }
-window.trocar = { value, data, hasControl, call, say, isConnected, onTick };
+window.trocar = { value, data, hasControl, call, say, isConnected, onTick, note };
 start();

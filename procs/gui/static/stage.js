@@ -27,6 +27,7 @@ class ArmModel {
     this.joints = [];
     this.at = [];
     this.turn = new THREE.Quaternion();
+    this.base = new THREE.Quaternion();
     this.size = 0;
     this.tip = new THREE.Group();
     if (!ghost) this.tip.add(new THREE.AxesHelper(0.03));
@@ -76,7 +77,10 @@ class ArmModel {
     if (size < 2) return;
     if (size !== this.size) this.resize(size);
     const along = new THREE.Vector3();
-    for (let i = 0; i < size; i++) pose(frames, i, this.at[i], this.turn);
+    for (let i = 0; i < size; i++) {
+      pose(frames, i, this.at[i], this.turn);
+      if (!i) this.base.copy(this.turn);
+    }
     for (let i = 0; i + 1 < size; i++) {
       const link = this.links[i];
       along.subVectors(this.at[i + 1], this.at[i]);
@@ -129,6 +133,62 @@ function rooted(frame) {
   return matrix;
 }
 
+const HANDLE = new THREE.SphereGeometry(0.018, 20, 14);
+
+// A virtual hand: it pulls at the tip of an emulated robot, to where the pointer is, twenty times a second.
+class Hand {
+  constructor(stage) {
+    this.stage = stage;
+    this.ray = new THREE.Raycaster();
+    this.plane = new THREE.Plane();
+    this.goal = new THREE.Vector3();
+  }
+
+  aim(event) {
+    const box = this.stage.renderer.domElement.getBoundingClientRect();
+    this.ray.setFromCamera(new THREE.Vector2(((event.clientX - box.left) / box.width) * 2 - 1, 1 - ((event.clientY - box.top) / box.height) * 2), this.stage.camera);
+  }
+
+  take(event) {
+    if (event.button) return;
+    this.aim(event);
+    const models = Object.values(this.stage.models).filter((model) => model.handle);
+    const hit = this.ray.intersectObjects(models.map((model) => model.handle), false)[0];
+    if (!hit) return;
+    event.stopImmediatePropagation();
+    event.preventDefault();
+    if (!window.trocar.hasControl()) return window.trocar.note(this.stage.$el, "bad", "Take control first: this page only looks.");
+    this.model = models.find((model) => model.handle === hit.object);
+    this.model.handle.getWorldPosition(this.goal);
+    this.plane.setFromNormalAndCoplanarPoint(this.stage.camera.getWorldDirection(new THREE.Vector3()), this.goal);
+    this.timer = setInterval(() => this.pull(), 50);
+  }
+
+  move(event) {
+    if (!this.model) return;
+    this.aim(event);
+    this.ray.ray.intersectPlane(this.plane, this.goal);
+  }
+
+  pull() {
+    const { model } = this;
+    if (!window.trocar.hasControl()) return this.release();
+    model.group.updateWorldMatrix(true, true);
+    const base = new THREE.Matrix4().compose(model.at[0], model.base, new THREE.Vector3(1, 1, 1)).premultiply(model.group.matrixWorld);
+    const goal = new THREE.Matrix4().compose(this.goal, model.tip.getWorldQuaternion(new THREE.Quaternion()), new THREE.Vector3(1, 1, 1)).premultiply(base.invert());
+    const [position, turn] = [new THREE.Vector3(), new THREE.Quaternion()];
+    goal.decompose(position, turn, new THREE.Vector3());
+    window.trocar.say({ op: "call", to: "boards", command: "pull_tip", values: [...position.toArray(), ...turn.toArray()], text: model.robot });
+  }
+
+  release() {
+    if (!this.model) return;
+    clearInterval(this.timer);
+    window.trocar.say({ op: "call", to: "boards", command: "release_tip", values: [], text: this.model.robot });
+    this.model = null;
+  }
+}
+
 export default {
   template: `<div class="stage" :class="{small: only}"><canvas></canvas><div class="names"></div></div>`,
   props: { arms: Object, only: String },
@@ -156,6 +216,11 @@ export default {
       used[drawn.type] = (used[drawn.type] ?? -1) + 1;
       const model = new ArmModel(name, drawn, colours[used[drawn.type] % colours.length], false);
       model.type = drawn.type;
+      if (drawn.robot && !this.only) {
+        model.robot = drawn.robot;
+        model.handle = new THREE.Mesh(HANDLE, new THREE.MeshStandardMaterial({ color: "#ffffff", transparent: true, opacity: 0.35 }));
+        model.tip.add(model.handle);
+      }
       model.label = Object.assign(document.createElement("span"), { textContent: name });
       this.names.append(model.label);
       this.scene.add(model.group);
@@ -166,6 +231,10 @@ export default {
         model.group.add(this.ghost.group);
       }
     }
+    const hand = new Hand(this);
+    canvas.addEventListener("pointerdown", (event) => hand.take(event), true); // before the camera's controls
+    window.addEventListener("pointermove", (event) => hand.move(event));
+    for (const name of ["pointerup", "pointercancel", "blur", "pagehide"]) window.addEventListener(name, () => hand.release());
     this.resized = new ResizeObserver(() => this.fit());
     this.resized.observe(this.$el);
     this.$el.stage = this;
