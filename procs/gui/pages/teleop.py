@@ -22,14 +22,16 @@ SCALES: Final = (0.1, 0.2, 0.3, 0.5, 1.0)
 def teleop_page(document: SystemConfig) -> None:
     """Its content."""
     rows: tuple[TeleopPsmConfig | TeleopEcmConfig, ...] = (*document.teleop_psms, *document.teleop_ecms)
+    in_record: tuple[TeleopPsmConfig | TeleopEcmConfig, ...] = (*document.teleop_ecms, *document.teleop_psms)
     for console in document.consoles:
-        _console(console)
+        _console(console, [row.name for row in in_record if row.console == console.name])
     with box("teleops"):
         for row in rows:
             _teleop(row)
 
 
-def _console(console: Console) -> None:
+def _console(console: Console, teleops: list[str]) -> None:
+    """`teleops`: in the order of its record."""
     state = record(console.name)
     with box("card", data_source=state):
         with box("row head"):
@@ -45,6 +47,13 @@ def _console(console: Console) -> None:
                        confirm=f"Act as if the {text} pedal or sensor were pressed, until it is released?")
                 button("release", [[(console.name, command, [0], "")]], "small")
             Part("span", "quiet", "press and release act as if, where there are no pedals")
+        with box("row"):
+            Part("span", "quiet", "selected")
+            for i, name in enumerate(teleops):
+                selected = f"{state}.selected.{i}"
+                button(name, [[(console.name, "select_teleop", [], name)]], "small", data_show=f"!{selected}")
+                button(f"✓ {name}", [[(console.name, "unselect_teleop", [], name)]], "small on", data_show=selected)
+            Part("span", "quiet", "those that share an arm take turns")
         with box("row buttons"):
             button("Start teleoperation", [[(console.name, "teleop_enable", [1], "")]], id="teleop-start",
                    confirm="Start teleoperation? Masters move to align.")
@@ -76,8 +85,10 @@ def _teleop(row: TeleopPsmConfig | TeleopEcmConfig) -> None:
         with box("row quiet"):
             Part("span", "", "scale")
             live(f"{state}.scale", "num:2")
+            for scale in SCALES:
+                button(f"{scale:g}", [[(row.name, "set_scale", [scale], "")]], "small")
             if isinstance(row, TeleopPsmConfig):
-                Part("span", "", "· off in orientation by")
+                Part("span", "", "off in orientation by")
                 live(f"{state}.angle_error", "deg:1")
                 Part("span", "", "°")
         if isinstance(row, TeleopPsmConfig):
@@ -94,7 +105,7 @@ def _teleop(row: TeleopPsmConfig | TeleopEcmConfig) -> None:
 
 
 def _frames(state: str) -> None:
-    with box("numbers"):
+    with box("numbers", data_valid=f"{state}.valid"):
         for text in ("", "x", "y", "z"):
             Part("b", "quiet", text)
         for text, field in (("master", "mtm_measured_cp"), ("slave", "psm_setpoint_cp"), ("goal", "goal_cp")):
