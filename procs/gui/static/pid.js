@@ -150,9 +150,9 @@ function take() {
 }
 
 function pause(on) {
+  if (paused && !on) trace.clear();
   paused = on;
   at("pause").textContent = on ? "Go on" : "Pause";
-  if (!on) trace.clear();
 }
 
 at("axis").addEventListener("change", () => (choose(), pause(false)));
