@@ -52,10 +52,11 @@ def button(text: str, steps: Sequence[Sequence[Call]], classes: str = "", *, is_
 
 
 def switch(text: str, path: str, on: Sequence[Sequence[Call]], off: Sequence[Sequence[Call]], *, confirm: str = "",
-           **attributes: Any) -> Part:
+           confirm_off: str = "", **attributes: Any) -> Part:
     """A button that shows whether something is on, and commands the other; `confirm` asks before it goes on."""
     return Part("button", "switch commands", text, type="button", data_on=path, data_switch=path,
-                data_steps_on=json.dumps(on), data_steps_off=json.dumps(off), data_confirm_on=confirm, **attributes)
+                data_steps_on=json.dumps(on), data_steps_off=json.dumps(off), data_confirm_on=confirm,
+                data_confirm_off=confirm_off, **attributes)
 
 
 def form(to: str, command: str, text: str, classes: str = "", **attributes: Any) -> Part:

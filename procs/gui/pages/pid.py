@@ -58,13 +58,13 @@ def _head(robot: IoRobot) -> None:
         Part("span", "age")
         Part("button", "quiet", "° mm / rad m", type="button", data_does="units", title="Other units")
     with box("row"):
-        for text, field, command, confirm in (
-                ("On", "pid_enabled", "pid_enable", f"Switch the joint controller of {name} on? It drives the motors."),
-                ("Error trips", "tracking_check", "tracking_check", ""),
-                ("Velocity feed", "use_setpoint_velocity", "use_setpoint_v", ""),
-                ("Position limits", "limits_enforced", "enforce_limits", "")):
-            switch(text, f"{source}.{field}", [[(io, command, [1], name)]], [[(io, command, [0], name)]],
-                   confirm=confirm, id=f"switch-{command}")
+        switch("On", f"{source}.pid_enabled", [[(io, "pid_enable", [1], name)]], [[(io, "pid_enable", [0], name)]],
+               confirm=f"Switch the joint controller of {name} on? It drives the motors.", id="switch-pid",
+               confirm_off=f"Switch the joint controller of {name} off? What no brake holds sinks.")
+        for text, field, command in (("Error trips", "tracking_check", "tracking_check"),
+                                     ("Velocity feed", "use_setpoint_velocity", "use_setpoint_v"),
+                                     ("Position limits", "limits_enforced", "enforce_limits")):
+            switch(text, f"{source}.{field}", [[(io, command, [1], name)]], [[(io, command, [0], name)]])
     with box("fault", data_show=f"{source}.fault"):
         live(f"{source}.cause", tag="p")
         live(f"{source}.remedy", tag="p", classes="remedy")

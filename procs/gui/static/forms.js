@@ -42,7 +42,8 @@ export function values(form, button) {
 async function flip(button) {
   const on = value(button.dataset.switch);
   if (!hasControl()) return note(button, "bad", "Take control first: this page only looks.");
-  if (!on && button.dataset.confirmOn && !(await confirmed(button.dataset.confirmOn))) return;
+  const question = on ? button.dataset.confirmOff : button.dataset.confirmOn;
+  if (question && !(await confirmed(question))) return;
   perform(button, JSON.parse(on ? button.dataset.stepsOff : button.dataset.stepsOn));
 }
 
