@@ -214,13 +214,21 @@ export function note(element, kind, text) {
   setTimeout(() => mine.remove(), kind === "bad" ? 9000 : 3000);
 }
 
+// One question at a time: a new one answers the one before with no.
+let pending = null;
 export function confirmed(text) {
+  pending?.(false);
   const dialog = document.getElementById("confirm");
   document.getElementById("confirm-text").textContent = text;
   dialog.returnValue = "";
-  dialog.showModal();
-  return new Promise((resolve) => dialog.addEventListener("close", () => resolve(dialog.returnValue === "yes"), { once: true }));
+  if (!dialog.open) dialog.showModal();
+  return new Promise((resolve) => (pending = resolve));
 }
+document.addEventListener("close", ({ target }) => {
+  if (target.id !== "confirm" || target.open) return; // open: the end of the question before
+  pending?.(target.returnValue === "yes");
+  pending = null;
+}, true);
 
 const GOOD = ["done", "accepted"];
 
