@@ -53,7 +53,7 @@ class SceneArm:
                 "state": cells["state"].item().decode(errors="replace"),
                 "jaw": float(cells["jaw_position"]) if cells["has_jaw"] else None,
                 "frame": cells["reference_frame"].item().decode(errors="replace"),
-                "late": now_ns - self._seen_ns > LATE_NS}
+                "valid": bool(cells["valid"]), "late": now_ns - self._seen_ns > LATE_NS}
 
     def look(self) -> bool:
         """Take base and instrument of the newest record; whether there is one."""

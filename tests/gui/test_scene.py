@@ -69,3 +69,16 @@ def test_a_jog_of_the_tip_goes_along_its_axis(full: SystemConfig, axis: int) -> 
             turned = (end @ np.linalg.inv(begin))[:3, :3] / 0.01
             assert np.allclose((turned[2, 1], turned[0, 2], turned[1, 0]), twist[3:], atol=1e-3), (arm.name, turned)
         assert np.abs(joint_velocity(kinematics, q, twist, None) - velocity).max() > 1e-6
+
+
+def test_an_arm_whose_joints_are_not_known_says_so(world: World) -> None:
+    async def story(console: Console) -> None:
+        browser, page = console.page()
+        console.robot.show_arm(0.1)
+        browser.handle(json.dumps({"op": "want", "sources": ["scene"]}))
+        for known in (True, False):
+            console.robot.show_arm(0.1, valid=known)
+            await console.tick()
+            assert page.last("tick")["data"]["scene"]["arms"]["PSM1"]["valid"] is known
+
+    play(world.name, story)

@@ -109,7 +109,8 @@ class ArmModel {
       this.rail.quaternion.copy(this.carriage.quaternion);
       this.rail.position.copy(this.at[0]);
     }
-    this.body.color.set(arm.late ? GREY : arm.state === "FAULT" ? FAULT : arm.state === "DISABLED" ? GREY : this.colour);
+    const isKnown = arm.valid !== false && arm.state !== "DISABLED"; // else it may stand elsewhere
+    this.body.color.set(arm.late ? GREY : arm.state === "FAULT" ? FAULT : isKnown ? this.colour : GREY);
     if (this.trail) this.draw(this.tip.position);
   }
 
