@@ -28,10 +28,15 @@ def dds_name(message: type[IdlStruct]) -> str:
 
 def type_hash(message: type[IdlStruct]) -> str:
     """RIHS01 of a message: the hash of its description and of all that it is made of."""
+    own, parts = described(message)
+    text = {"type_description": own, "referenced_type_descriptions": [parts[name] for name in sorted(parts)]}
+    return "RIHS01_" + hashlib.sha256(json.dumps(text).encode()).hexdigest()
+
+
+def described(message: type[IdlStruct]) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+    """The description of a message, and those of all that it is made of by their names."""
     parts: dict[str, dict[str, Any]] = {}
-    own = _description(message, parts)
-    described = {"type_description": own, "referenced_type_descriptions": [parts[name] for name in sorted(parts)]}
-    return "RIHS01_" + hashlib.sha256(json.dumps(described).encode()).hexdigest()
+    return _description(message, parts), parts
 
 
 def _description(message: type[IdlStruct], parts: dict[str, dict[str, Any]]) -> dict[str, Any]:

@@ -1,0 +1,1 @@
+"""Recordings: what their files are made of, writing and reading them. docs/recordings.md."""

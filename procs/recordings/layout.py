@@ -1,0 +1,78 @@
+"""Records of rings as messages: as they lie in shared memory, which is how ROS 2 (CDR) writes the same fields.
+
+CDR aligns a number to its own size, as numpy does in our records, both little-endian. So a message is four bytes that
+say "CDR, little-endian" and the record; nothing is packed, nothing lost, and whoever reads ROS 2 messages reads it. Its
+definition is made from the ring's own schema. Texts are bytes filled up with zeros there (`uint8[16]`).
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from shm.layout import Schema
+
+ENCAPSULATION: Final = b"\x00\x01\x00\x00"
+WORDS: Final = {"b1": "bool", "u1": "uint8", "i1": "int8", "u2": "uint16", "i2": "int16", "u4": "uint32", "i4": "int32",
+                "u8": "uint64", "i8": "int64", "f4": "float32", "f8": "float64", "f2": "uint16"}
+MAX_COMMENT: Final = 200
+
+
+@dataclass(frozen=True, slots=True)
+class RecordLayout:
+    """One ring's records as messages: the ROS 2 type with its definition, and how many bytes of a record count."""
+
+    schema: Schema
+    type_name: str
+    definition: str
+    size: int
+
+
+def layout_of(kind: str, schema: Schema) -> RecordLayout:
+    """Of a ring of a kind of process. Its type is named after the schema, too: who has the name has the layout."""
+    words = "".join(word.capitalize() for word in re.findall(r"[A-Za-z0-9]+", f"{kind} {schema.topic}"))
+    name = f"trocar_msgs/msg/{words if words[:1].isalpha() else f'R{words}'}{schema.fingerprint:016X}"
+    lines, at, used = [], 0, set[str]()
+    comments = _comments(schema.text)
+    places: Mapping[str, Any] = schema.dtype.fields or {}
+    for field in schema.dtype.names or ():
+        form, offset = places[field][:2]
+        if not form.itemsize:
+            continue
+        word, size, count = _type(form)
+        at += -at % size
+        if offset > at:  # numpy aligns to fields without any elements, too
+            lines.append(f"uint8[{offset - at}] {_unique(f'padding_{offset}', used)}")
+        many = "" if form.subdtype is None and form.kind != "S" else f"[{count}]"
+        comment = comments.get(field, "")
+        lines.append(f"{word}{many} {_unique(field, used)}" + (f"  # {comment}" if comment else ""))
+        at = offset + form.itemsize
+    return RecordLayout(schema, name, "\n".join(lines) + "\n", at)
+
+
+def _type(form: np.dtype[Any]) -> tuple[str, int, int]:
+    """The ROS type of a field's elements, how many bytes these take, and how many there are."""
+    base = form.base
+    if base.kind == "S":
+        return "uint8", 1, form.itemsize
+    return WORDS[base.str[1:]], base.itemsize, form.itemsize // base.itemsize
+
+
+def _unique(name: str, used: set[str]) -> str:
+    """A field's name as ROS allows it: small letters, digits and single underscores."""
+    plain = re.sub(r"_+", "_", re.sub(r"[^a-z0-9]", "_", name.lower())).strip("_") or "field"
+    plain = plain if plain[0].isalpha() else f"f_{plain}"
+    found = next(each for each in (plain, *(f"{plain}_{n}" for n in range(2, 1000))) if each not in used)
+    used.add(found)
+    return found
+
+
+def _comments(text: bytes) -> dict[str, str]:
+    rows = json.loads(text)["fields"]
+    said = {row["name"]: f"{row.get('unit', '')}: {row.get('text', '')}".strip(": ") for row in rows}
+    return {name: "".join(c if c.isprintable() else " " for c in words)[:MAX_COMMENT] for name, words in said.items()}

@@ -1,0 +1,299 @@
+"""Reading recordings, whole ones and those whose writer was killed: what is wrong with a file is told, not raised.
+
+    with open_recording(path) as recording:
+        recording.is_whole, recording.problems, recording.metadata["trocar"]
+        found = recording.records("PSM1/state")
+        found.rows["position"], found.rows["sequence"], found.rows["stamp_ns"], found.local_ns, found.missing
+
+The file is data from outside: sizes and offsets are checked before they are used.
+"""
+
+from __future__ import annotations
+
+import gzip
+import struct
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from io import BytesIO
+from pathlib import Path
+from typing import Any, BinaryIO, Final
+
+import numpy as np
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, McapRecord, Metadata, Schema
+from numpy.typing import NDArray
+
+from procs.crtk.plain import plain
+from procs.recordings import names
+from procs.recordings.chunks import RECORD, ChunkError, messages, uncompressed
+from procs.recordings.layout import ENCAPSULATION, layout_of
+from procs.recordings.writing import MAGIC
+from shm.layout import LayoutError, schema_from_json
+
+CHUNK: Final = struct.Struct("<QQQII")
+MAX_RECORD: Final = 256 << 20
+MAX_PROBLEMS: Final = 20
+MAX_DOCUMENT: Final = 64 << 20
+READ: Final[dict[int, Callable[[ReadDataStream], McapRecord]]] = {
+    Opcode.SCHEMA: Schema.read, Opcode.CHANNEL: Channel.read, Opcode.METADATA: Metadata.read,
+    Opcode.ATTACHMENT: Attachment.read}
+
+
+class RecordingError(Exception):
+    """A file that is no recording at all; says which and why."""
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedTopic:
+    """A topic of a recording: PSM1/state, or PSM1/measured_js. `dtype`: of records, None of views.
+
+    """
+
+    name: str
+    type_name: str
+    instance: str = ""
+    ring: str = ""
+    kind: str = ""
+    dtype: np.dtype[np.void] | None = None
+    schema: str = ""
+    channels: dict[int, int] = field(default_factory=dict)
+    """Channels, and the epochs of the writer that they stand for."""
+
+
+@dataclass(frozen=True, slots=True)
+class Records:
+    """Records of a topic in their order: `rows` (n,) has a field for each of the ring's, with sequence and stamp_ns.
+
+    `local_ns` (n,): time of day; `epoch` (n,): which process wrote it.
+    """
+
+    rows: NDArray[Any]
+    local_ns: NDArray[np.int64]
+    epoch: NDArray[np.int64]
+
+    @property
+    def missing(self) -> int:
+        """Records between the first and the last that are not there."""
+        numbers = self.rows["sequence"]
+        return int(numbers[-1]) - int(numbers[0]) + 1 - len(numbers) if len(numbers) else 0
+
+
+@dataclass(frozen=True, slots=True)
+class _ChunkPlace:
+    begin_ns: int
+    end_ns: int
+    size: int
+    crc: int
+    compression: str
+    at: int
+    length: int
+
+
+class RecordingReader:
+    """One file; a context manager. Chunks are read when something of them is asked for."""
+
+    def __init__(self, path: Path) -> None:
+        """RecordingError where it is none."""
+        self.path = path
+        self.problems: list[str] = []
+        """What is wrong with it, in words."""
+        self.is_whole = False
+        """It was ended in order."""
+        self.metadata: dict[str, dict[str, str]] = {}
+        self.topics: dict[str, RecordedTopic] = {}
+        self._attachments: dict[str, bytes] = {}
+        self._schemas: dict[int, Schema] = {}
+        self._chunks: list[_ChunkPlace] = []
+        try:
+            self._file: BinaryIO = path.open("rb")
+        except OSError as error:
+            raise RecordingError(f"{path}: {error.strerror}") from None
+        try:
+            self._look()
+        except BaseException:
+            self._file.close()
+            raise
+
+    # what is in it
+
+    @property
+    def begin_ns(self) -> int:
+        """Time of day of its first message; 0: there is none."""
+        return min((chunk.begin_ns for chunk in self._chunks), default=0)
+
+    @property
+    def end_ns(self) -> int:
+        """Time of day of its last one."""
+        return max((chunk.end_ns for chunk in self._chunks), default=0)
+
+    @property
+    def document(self) -> bytes:
+        """The frozen configuration as JSON; empty where it is not in it."""
+        packed = self._attachments.get(names.DOCUMENT, b"")
+        try:
+            with gzip.GzipFile(fileobj=BytesIO(packed)) as file:
+                return file.read(MAX_DOCUMENT) if packed else b""
+        except (OSError, EOFError, ValueError) as error:
+            self._wrong(f"its configuration cannot be read: {error}")
+            return b""
+
+    def records(self, topic: str, begin_ns: int = 0, end_ns: int = 1 << 63) -> Records:
+        """Records of a topic with a time of day from `begin_ns` to before `end_ns`; KeyError when there is none."""
+        row = self.topics[topic]
+        if row.dtype is None:
+            raise KeyError(f"{topic} is a view; records have {', '.join(self.record_topics) or 'none'}")
+        dtype, found, local, epochs = row.dtype, bytearray(), [], []
+        for channel, _, log_ns, _, data in self._messages(row.channels, begin_ns, end_ns):
+            if len(data) > len(ENCAPSULATION) + dtype.itemsize or bytes(data[:4]) != ENCAPSULATION:
+                self._wrong(f"{topic}: a message of {len(data)} bytes is no record")
+                continue
+            found += data[4:]
+            found += bytes(dtype.itemsize + 4 - len(data))
+            local.append(log_ns)
+            epochs.append(row.channels[channel])
+        rows = np.frombuffer(bytes(found), dtype)
+        order = np.argsort(rows["sequence"], kind="stable")
+        rows, times, epoch = rows[order], np.array(local, np.int64)[order], np.array(epochs, np.int64)[order]
+        once = np.concatenate(([True], np.diff(rows["sequence"]) != 0))[: len(rows)]  # of rings kept twice
+        return Records(rows[once], times[once], epoch[once])
+
+    def messages(self, topic: str, begin_ns: int = 0, end_ns: int = 1 << 63) -> Iterator[tuple[int, int, bytes]]:
+        """Local time, stamp and message (CDR) of a topic, a view for instance."""
+        for _, _, log_ns, publish_ns, data in self._messages(self.topics[topic].channels, begin_ns, end_ns):
+            yield log_ns, publish_ns, bytes(data)
+
+    @property
+    def record_topics(self) -> list[str]:
+        """Topics that have records."""
+        return [name for name, row in self.topics.items() if row.dtype is not None]
+
+    def events(self) -> list[dict[str, Any]]:
+        """Events of all instances in their order, each with its `instance`."""
+        return self._all("events")
+
+    def commands(self) -> list[dict[str, Any]]:
+        """What owners were asked for and what became of it, each with its `instance`."""
+        return self._all("audit")
+
+    def _all(self, ring: str) -> list[dict[str, Any]]:
+        found = []
+        for name in self.record_topics:
+            if self.topics[name].ring == ring:
+                for row in self.records(name).rows:
+                    found.append({"instance": self.topics[name].instance}
+                                 | {key: plain(row[key]) for key in row.dtype.names or ()})
+        return sorted(found, key=lambda row: int(row.get("monotonic_ns", 0)))
+
+    # how it is read
+
+    def _wrong(self, text: str) -> None:
+        if len(self.problems) < MAX_PROBLEMS and text not in self.problems:
+            self.problems.append(text)
+
+    def _look(self) -> None:
+        """Go through the records once, without uncompressing anything."""
+        size = self.path.stat().st_size
+        if self._file.read(len(MAGIC)) != MAGIC:
+            raise RecordingError(f"{self.path}: is no MCAP file")
+        at = len(MAGIC)
+        while at + RECORD.size <= size:
+            self._file.seek(at)
+            opcode, length = RECORD.unpack(self._file.read(RECORD.size))
+            at += RECORD.size
+            if opcode == Opcode.DATA_END:
+                self.is_whole = True
+                return
+            if length > min(size - at, MAX_RECORD):
+                self._wrong(f"it ends within a record, at byte {size} of {at + length}" if length <= MAX_RECORD
+                            else f"a record of {length} bytes at byte {at}; allowed are {MAX_RECORD}")
+                return
+            if opcode == Opcode.CHUNK:
+                self._look_at_chunk(at, length)
+            elif opcode in READ:
+                self._take(opcode, self._file.read(length))
+            at += length
+        self._wrong("its writer did not end it: the last messages may be missing")
+
+    def _look_at_chunk(self, at: int, length: int) -> None:
+        if length < CHUNK.size:
+            self._wrong(f"a chunk of {length} bytes at byte {at}")
+            return
+        begin, end, size, crc, letters = CHUNK.unpack(self._file.read(CHUNK.size))
+        skipped = CHUNK.size + letters + 8
+        if letters > 16 or skipped > length:
+            self._wrong(f"a chunk at byte {at} has no readable head")
+            return
+        compression = self._file.read(letters).decode(errors="replace")
+        self._chunks.append(_ChunkPlace(begin, end, size, crc, compression, at + skipped, length - skipped))
+
+    def _take(self, opcode: int, data: bytes) -> None:
+        try:
+            found = READ[opcode](ReadDataStream(BytesIO(data)))
+        except (McapError, ValueError, EOFError, struct.error) as error:
+            self._wrong(f"a record cannot be read: {type(error).__name__} {error}".strip())
+            return
+        if isinstance(found, Schema):
+            self._schemas[found.id] = found
+        elif isinstance(found, Channel):
+            self._add(found)
+        elif isinstance(found, Metadata):
+            self.metadata[found.name] = found.metadata
+        elif isinstance(found, Attachment):
+            self._attachments[found.name] = found.data
+
+    def _add(self, channel: Channel) -> None:
+        """A channel becomes a topic, or another epoch of one."""
+        meta, schema = channel.metadata, self._schemas.get(channel.schema_id)
+        name = meta.get(names.TOPIC, channel.topic.removeprefix("/"))
+        try:
+            epoch = int(meta.get(names.EPOCH, "0"))
+            if name not in self.topics:
+                self.topics[name] = self._topic(name, meta, schema.name if schema else "")
+            elif meta.get(names.SCHEMA, "") != self.topics[name].schema:
+                raise ValueError("it has two layouts")
+        except (LayoutError, ValueError) as error:
+            self._wrong(f"{name}: {error}")
+            return
+        self.topics[name].channels[channel.id] = epoch
+
+    def _topic(self, name: str, meta: dict[str, str], type_name: str) -> RecordedTopic:
+        text = meta.get(names.SCHEMA, "")
+        where = (meta.get(names.INSTANCE, ""), meta.get(names.RING, ""), meta.get(names.KIND, ""))
+        if not text:
+            return RecordedTopic(name, type_name, *where)
+        schema = schema_from_json(text.encode())
+        if layout_of(where[2], schema).type_name != type_name:
+            raise ValueError("its schema is not the one it was recorded with")
+        return RecordedTopic(name, type_name, *where, schema.dtype, text)
+
+    def _messages(self, channels: dict[int, int], begin_ns: int, end_ns: int
+                  ) -> Iterator[tuple[int, int, int, int, memoryview]]:
+        for place in self._chunks:
+            if place.end_ns < begin_ns or place.begin_ns >= end_ns:
+                continue
+            self._file.seek(place.at)
+            try:
+                data = uncompressed(self._file.read(place.length), place.compression, place.size, place.crc)
+                for found in messages(data):
+                    if found[0] in channels and begin_ns <= found[2] < end_ns:
+                        yield found
+            except ChunkError as error:
+                self._wrong(f"byte {place.at}: {error}")
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def __enter__(self) -> RecordingReader:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+
+def open_recording(path: Path) -> RecordingReader:
+    """A recording; RecordingError where the file is none, `problems` where it is not whole."""
+    return RecordingReader(path)
+
