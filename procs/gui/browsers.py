@@ -20,6 +20,7 @@ from procs.gui.control import BrowserControl
 from procs.gui.messages import OPS
 from procs.gui.scene_source import ArmModels
 from procs.gui.sources import Sources
+from procs.kinematics.poses import POSE
 from shm.clock import monotonic_ns
 from shm.ring import RingError
 from shm.segment import SegmentError
@@ -155,8 +156,11 @@ class Browser:
             (self._pulled.add if command == HAND[0] else self._pulled.discard)(text)
 
     def _preview(self, asked: Message, now_ns: int) -> None:
-        """Where the links of an arm would be at these joints; nothing is asked of the arm."""
-        found = self._served.models.arm(asked.parts["arm"]).at(np.array(asked.parts["position"]))
+        """Where the links of an arm would be at these joints, or with its tip there; nothing is asked of the arm."""
+        arm, pose = self._served.models.arm(asked.parts["arm"]), np.array(asked.parts["pose"])
+        if len(pose) not in (0, POSE):
+            raise WrongMessage(f"a pose has {POSE} numbers: x y z and a quaternion x y z w")
+        found = arm.reaching(pose) if len(pose) else arm.at(np.array(asked.parts["position"]))
         self._say("reply", asked.id, outcome="done", text=json.dumps(found))
 
     def _jog(self, asked: Message, now_ns: int) -> None:

@@ -7,6 +7,7 @@ from typing import Final
 
 from procs.document.system import WALL, SystemConfig
 from procs.gui.buttons_source import ButtonsSource
+from procs.gui.log_source import log_of
 from procs.gui.messages_source import MessagesSource
 from procs.gui.plot_source import plot_of
 from procs.gui.processes_source import ProcessesSource
@@ -17,7 +18,7 @@ from procs.gui.trace_source import TraceSource
 
 KINDS: Final = frozenset({"arm", "third_party", "suj", "teleop", "console", "system", "focus", "io"})
 """Whose state pages show."""
-MESSAGES, PROCESSES, SCENE, BUTTONS, PLOT = "messages", "processes", "scene", "buttons", "plot"
+MESSAGES, PROCESSES, SCENE, BUTTONS, PLOT, LOG = "messages", "processes", "scene", "buttons", "plot", "log"
 
 
 def record(instance: str, ring: str = "state") -> str:
@@ -49,4 +50,4 @@ def sources_of(document: SystemConfig) -> Sources:
     makers[MESSAGES] = partial(MessagesSource, document)
     makers[PROCESSES] = partial(ProcessesSource, document)
     makers[SCENE] = partial(SceneSource, document)
-    return Sources(makers, {PLOT: partial(plot_of, document.name)})
+    return Sources(makers, {PLOT: partial(plot_of, document.name), LOG: partial(log_of, document)})

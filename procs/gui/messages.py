@@ -27,7 +27,7 @@ OPS: Final[Ops] = {
     "want": {"sources": MessagePart(f"a list of up to {MAX_SOURCES} names", _names)},
     "beat": {},
     "control": {"take": MessagePart("true or false", _flag), "over": MessagePart("true or false", _flag, False)},
-    "preview": {"arm": WORD, "position": SOME_NUMBERS},
+    "preview": {"arm": WORD, "position": SOME_NUMBERS, "pose": SOME_NUMBERS},
     "jog": {"arm": WORD, "twist": SOME_NUMBERS, "in_tip": MessagePart("true or false", _flag, False)},
     "call": {"to": WORD, "command": WORD, "values": SOME_NUMBERS, "text": NO_WORD},
 }

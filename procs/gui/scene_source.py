@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from procs.crtk.names import none_such
 from procs.document.arms import ArmConfig
 from procs.document.system import SystemConfig
-from procs.kinematics.carrying import carrying
+from procs.kinematics.carrying import carrying, inverse_carrying
 from procs.kinematics.forward import Kinematics
-from procs.kinematics.poses import matrix_from_pose, pose_from_matrix
+from procs.kinematics.inverse.solver import InverseSolver
+from procs.kinematics.poses import given_pose, inverse, matrix_from_pose, pose_from_matrix
 from shm import directory
 from shm.segment import SegmentError
 
@@ -37,6 +38,7 @@ class SceneArm:
             "position", "count", "tool", "base_frame", "reference_frame", "state", "valid", "has_jaw", "jaw_position",
             "setpoint_position", "gripper_position", "reference_valid")}
         self._tool, self.kinematics = "", carrying(arm, arm.endoscope)
+        self._solver: InverseSolver | None = None
         self._sequence, self._seen_ns = 0, 0
         self._base = np.eye(4)
 
@@ -61,7 +63,7 @@ class SceneArm:
             return False
         tool = self._cells["tool"].item().decode(errors="replace") or self._arm.endoscope
         if tool != self._tool:
-            self._tool, self.kinematics = tool, carrying(self._arm, tool)
+            self._tool, self.kinematics, self._solver = tool, carrying(self._arm, tool), None
         base = self._cells["base_frame"]
         self._base = matrix_from_pose(base) if np.isfinite(base).all() and base[3:].any() else np.eye(4)
         return True
@@ -77,6 +79,18 @@ class SceneArm:
         if len(q) != self.kinematics.n:
             raise ValueError(f"{self._arm.name} has {self.kinematics.n} joints now, not {len(q)}")
         return {"frames": frames_of(self.kinematics, q, self._base), "beyond": self.near(q, -SLACK).tolist()}
+
+    def reaching(self, pose: Array) -> dict[str, Any]:
+        """The same for a pose (7,) of its tip in the frame of its poses; ValueError says why it cannot be reached."""
+        cells, name = self._cells, self._arm.name
+        if not cells["reference_valid"]:
+            raise ValueError(f"{name}: its tip is not known")
+        if self._solver is None:
+            self._solver = inverse_carrying(self._arm, self._tool)
+        seed = np.nan_to_num(cells["setpoint_position"][:self.kinematics.n])
+        if not self._solver.solve(inverse(self._base) @ given_pose(pose), seed):
+            raise ValueError(f"{name} cannot go there: {self._solver.reason}")
+        return self.at(self._solver.q)
 
     def velocity(self, twist: Array, in_tip: bool) -> Array:
         """Joint velocities that move the tip so, m/s and rad/s in axes of the tip or of the frame of its poses."""

@@ -2,15 +2,37 @@
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import NDArray
+
 from procs.arm_types import ARM_TYPES
 from procs.document.arms import ArmConfig
+from procs.document.system import Tool
 from procs.kinematics.endoscopes import NAMES, NONE, endoscope
 from procs.kinematics.forward import Kinematics
+from procs.kinematics.inverse.arms import inverse_of
+from procs.kinematics.inverse.solver import InverseSolver
 
 
 def carrying(arm: ArmConfig, carried: str) -> Kinematics:
     """From its base to its tip; without an instrument that we know, to where one would be."""
     if ARM_TYPES[arm.type].has_endoscope:
-        return Kinematics(arm.chain, tip=endoscope(carried if carried in NAMES else NONE).tip)
+        return Kinematics(arm.chain, tip=_tip(carried))
+    return Kinematics(arm.chain, _tool(arm, carried))
+
+
+def inverse_carrying(arm: ArmConfig, carried: str) -> InverseSolver:
+    """Finds joints for a pose of that tip, as the arm itself does; ValueError where no tip is known."""
+    if ARM_TYPES[arm.type].has_endoscope:
+        return inverse_of(arm.type, arm.chain, tip=_tip(carried))
+    return inverse_of(arm.type, arm.chain, _tool(arm, carried))
+
+
+def _tip(carried: str) -> NDArray[np.float64]:
+    """Of an endoscope (4, 4)."""
+    return endoscope(carried if carried in NAMES else NONE).tip
+
+
+def _tool(arm: ArmConfig, carried: str) -> Tool | None:
     tools = (*arm.tools, *((arm.tool,) if arm.tool is not None else ()))
-    return Kinematics(arm.chain, next((tool for tool in tools if carried and tool.name == carried), None))
+    return next((tool for tool in tools if carried and tool.name == carried), None)

@@ -77,7 +77,10 @@ class BrowserPage:
         end = time.monotonic() + DUE_S
         while self.js("return document.body.dataset.control") != "you":
             self.until("document.body.dataset.connection === 'live'")
-            self.click("#control")
+            # In one step: who goes from page to page gets control back by himself, and would now press to give it back.
+            self.js("if (document.body.dataset.control !== 'you') document.getElementById('control').click()")
+            if self.js("return document.getElementById('confirm').open"):
+                self.find("#confirm button.primary").click()
             with contextlib.suppress(TimeoutException):
                 WebDriverWait(self.driver, 3.0, 0.05).until(
                     lambda driver: self.js("return document.body.dataset.control") == "you")

@@ -74,36 +74,6 @@ def test_the_demo_is_powered_homed_and_seen_in_a_browser(robot: Robot) -> None:
         assert [url for url in page.addresses() if not url.startswith(ours)] == []
 
 
-def test_one_of_two_browsers_has_control_and_loses_it(robot: Robot) -> None:
-    with served(robot) as address, chromium(address) as one, chromium(address, 820, 1180) as other:
-        one.open()
-        other.open()
-        one.take_control()
-        other.until("document.body.dataset.control === 'other'")
-        other.click("#arm-PSM1 button.commands")
-        assert "Take control first" in other.note()
-        other.js("trocar.call('PSM1', 'state_command', [], 'enable', (...answer) => (window.answer = answer))")
-        assert "take control first" in other.until("window.answer")[1]  # forged: no button says this
-        other.click("#control", yes=False)
-        assert other.js("return document.body.dataset.control") != "you"
-        other.take_control()
-        one.until("document.body.dataset.control === 'other'")
-        other.driver.get("about:blank")
-        one.until("document.body.dataset.control === 'nobody'")
-        one.take_control()
-        one.js("setInterval = null; for (let i = 0; i < 10000; i++) clearInterval(i)")  # it is silent
-        one.until("document.body.dataset.control !== 'you'", 10)
-
-
-def test_a_refused_command_says_why_where_it_was_pressed(robot: Robot) -> None:
-    with served(robot) as address, chromium(address) as page:
-        page.open()
-        page.take_control()
-        page.click("#arm-PSM1 button.commands:nth-child(2)")  # Home, of an arm without power
-        page.until("document.querySelector('#arm-PSM1 button.commands:nth-child(2)').dataset.outcome === 'refused'")
-        assert "PSM1" in page.note() and "refused" in page.note()
-
-
 def test_the_console_is_killed_and_the_page_comes_back(robot: Robot, records: Records) -> None:
     with served(robot) as address, chromium(address) as page:
         page.open()
@@ -126,55 +96,6 @@ def test_what_is_old_turns_grey(robot: Robot) -> None:
         robot.trocar("stop", "PSM1", "--yes")
         page.until("document.querySelector('#arm-PSM1').classList.contains('stale')")
         page.until("/s old/.test(document.querySelector('#arm-PSM1 .age').textContent)")
-
-
-def held(page: BrowserPage, css: str, condition: str) -> None:
-    """Hold a button until something is so; once more where a busy machine has cost the page its control."""
-    for _ in range(4):
-        page.take_control()
-        button = page.find(css)
-        page.js("arguments[0].scrollIntoView({block: 'center'})", button)
-        ActionChains(page.driver).move_to_element(button).click_and_hold().perform()
-        try:
-            page.until(f"({condition}) || document.body.dataset.control !== 'you'")
-        finally:
-            ActionChains(page.driver).release().perform()
-        if page.js(f"return {condition}"):
-            return
-    pytest.fail(f"held in vain: {css}")
-
-
-def test_an_arm_is_jogged_while_held_and_moved_after_a_preview(robot: Robot) -> None:
-    with served(robot) as address, chromium(address) as page:
-        page.open()
-        page.take_control()
-        homed(page)
-        page.open("/arm/PSM1")
-        page.until("document.body.dataset.control === 'you'")  # the same tab
-        page.until("document.querySelector('[data-goal=\"2\"]').value === '120.00'")
-        before = page.value("PSM1/state.position")[0]
-        held(page, ".jog[data-joint='0'][data-sign='1']", f"trocar.value('PSM1/state.position')[0] > {before} + 0.02")
-        page.until("Math.abs(trocar.value('PSM1/state.velocity')[0]) < 1e-4 && !document.querySelector('.jog.on')")
-        stands = page.value("PSM1/state.position")[0]
-        page.js("const goal = document.querySelector('[data-goal=\"0\"]'); goal.value = '11,5';"
-                "goal.dispatchEvent(new Event('input', {bubbles: true}))")
-        page.until("document.querySelector('.stage')?.stage?.ghost?.group.visible")
-        assert page.value("PSM1/state.position")[0] == pytest.approx(stands, abs=1e-3), "a preview moves nothing"
-        page.take_control()
-        page.find("[data-does=move]").click()
-        page.answer_yes()
-        page.until("Math.abs(trocar.value('PSM1/state.position')[0] - 11.5 * Math.PI / 180) < 1e-3")
-        tip = page.value("PSM1/state.measured_cp")
-        held(page, ".jog[data-twist=linear][data-axis='0'][data-sign='1']",
-             f"trocar.value('PSM1/state.measured_cp')[0] > {tip[0]} + 0.002")
-        after = page.value("PSM1/state.measured_cp")
-        assert after[1:3] == pytest.approx(tip[1:3], abs=1e-3), "only along x"
-        page.js("const goal = document.querySelector('[data-goal=\"0\"]'); goal.value = '170';"
-                "goal.dispatchEvent(new Event('input', {bubbles: true}))")
-        page.until("document.querySelector('[data-goal=\"0\"]').classList.contains('wrong')")
-        page.click("[data-does=move]")
-        page.until("/limits/.test(document.querySelector('.note')?.textContent)")
-        assert page.wrongs() == []
 
 
 def test_the_slave_that_follows_is_seen_following(robot: Robot) -> None:
@@ -235,20 +156,6 @@ def test_from_elsewhere_a_token_opens_the_console_and_nothing_else_does(robot: R
         page.take_control()
         page.open("/processes")
         assert "0123456789abcdef" not in page.driver.page_source + page.driver.current_url
-
-
-def test_a_plot_shows_a_move_and_gives_it_as_a_table(robot: Robot) -> None:
-    with served(robot) as address, chromium(address) as page:
-        page.open("/plots#PSM1/state/position/0")
-        page.until("document.querySelector('.plots').plots.signals()[0].t.length > 50")
-        page.js("document.querySelector('.plots').plots.add('PSM1/state/velocity/0')")
-        page.until("document.querySelector('.plots').plots.signals()[1].t.length > 50")
-        assert "velocity" in page.js("return location.hash")
-        page.click("[data-plot=pause]")
-        count = page.js("return document.querySelector('.plots').plots.csv()").splitlines()
-        assert count[0] == "stamp_s,PSM1/state/position/0 rad or m,PSM1/state/velocity/0 rad/s or m/s"
-        assert len(count) > 50
-        assert page.wrongs() == []
 
 
 def test_a_tip_of_an_emulated_master_is_pulled_in_3d(robot: Robot) -> None:

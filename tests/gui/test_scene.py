@@ -10,7 +10,7 @@ import pytest
 from procs.config import PROJECT_CONFIGS, load_system
 from procs.document.system import SystemConfig
 from procs.gui.scene_source import frames_of, joint_velocity
-from procs.kinematics.carrying import carrying
+from procs.kinematics.carrying import carrying, inverse_carrying
 from procs.kinematics.poses import matrix_from_pose
 from tests.conftest import World
 from tests.gui.test_browsers import Console, play
@@ -80,5 +80,33 @@ def test_an_arm_whose_joints_are_not_known_says_so(world: World) -> None:
             console.robot.show_arm(0.1, valid=known)
             await console.tick()
             assert page.last("tick")["data"]["scene"]["arms"]["PSM1"]["valid"] is known
+
+    play(world.name, story)
+
+
+def test_joints_are_found_for_the_tip_of_every_arm(full: SystemConfig) -> None:
+    for arm in full.arms:
+        carried = arm.tool.name if arm.tool is not None else arm.endoscope
+        kinematics, solver = carrying(arm, carried), inverse_carrying(arm, carried)
+        q = 0.5 * (kinematics.lower + kinematics.upper) + 0.1 * (kinematics.upper - kinematics.lower)
+        goal = kinematics.fk(q).copy()
+        assert solver.solve(goal, q + 0.05), (arm.name, solver.reason)
+        assert np.allclose(kinematics.fk(solver.q), goal, atol=1e-6), arm.name
+
+
+def test_a_preview_of_a_pose_says_why_there_is_none(world: World) -> None:
+    async def story(console: Console) -> None:
+        browser, page = console.page()
+
+        async def answer(*pose: float) -> str:
+            found = await console.ask(browser, page, "preview", arm="PSM1", pose=pose)
+            assert found["outcome"] == "refused"
+            return str(found["text"])
+
+        console.robot.show_arm(0.1, valid=False)
+        assert "tip is not known" in await answer(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+        console.robot.show_arm(0.1)
+        assert "7 numbers" in await answer(0.0, 0.0, 0.0)
+        assert "no inverse kinematics" in await answer(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0), "no instrument"
 
     play(world.name, story)

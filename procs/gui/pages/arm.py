@@ -13,6 +13,7 @@ from procs.gui.pages.parts import Part, box, button, live
 from procs.gui.pages.scene import ArmScene
 from procs.kinematics.endoscopes import NAMES
 
+TURNS: Final = "turned about x, then y, then z: axes that stay as they are"
 ROOM: Final = 8
 """Joints that a record has room for."""
 
@@ -22,7 +23,8 @@ def arm_page(document: SystemConfig, arm: ArmConfig) -> None:
     state = record(arm.name)
     slides = [link.joint_type == "prismatic" for link in arm.chain.links]
     slides += [False] * (ROOM - len(slides))
-    Part("script", type="module", src=f"{assets()}/arm.js")
+    for script in ("arm.js", "tip.js"):
+        Part("script", type="module", src=f"{assets()}/{script}")
     with box("armpage", data_arm=arm.name, data_slides="".join("1" if slide else "0" for slide in slides)):
         with box():
             _head(arm, state)
@@ -31,11 +33,12 @@ def arm_page(document: SystemConfig, arm: ArmConfig) -> None:
                 _jaw(state)
             if arm.type == "MTM":
                 _gripper(state)
+            _carried(arm, state)
+            _base(arm, state)
         with box():
             with box("card"):
                 ArmScene(document, arm.name)
             _tip(arm, state)
-            _carried(arm, state)
 
 
 def _head(arm: ArmConfig, state: str) -> None:
@@ -140,33 +143,95 @@ def _tip(arm: ArmConfig, state: str) -> None:
             Part("span", "quiet", "in")
             live(f"{state}.reference_frame", classes="quiet")
         with box("numbers", data_valid=f"{state}.reference_valid"):
-            for text in ("", "x", "y", "z"):
-                Part("b", "quiet", text)
+            _header()
             for text, field, form, first in (
                     ("measured, mm", "measured_cp", "mm:2", 0), ("setpoint, mm", "setpoint_cp", "mm:2", 0),
                     ("in its base, mm", "local_measured_cp", "mm:2", 0),
-                    ("quaternion x y z", "measured_cp", "num:4", 3),
                     ("velocity, mm/s", "measured_cv", "mm:1", 0), ("turning, °/s", "measured_cv", "deg:1", 3)):
                 Part("span", "", text)
                 for i in range(first, first + 3):
                     live(f"{state}.{field}.{i}", form)
+            _turned(f"{state}.measured_cp")
         with box("row", data_valid=f"{state}.reference_valid"):
-            Part("span", "quiet", "quaternion w")
-            live(f"{state}.measured_cp.6", "num:4")
+            Part("span", "quiet", "quaternion x y z w")
+            for i in range(3, 7):
+                live(f"{state}.measured_cp.{i}", "num:4")
             box("spacer")
             wrench = ",".join(f"{arm.name}/state/body_measured_cf/{i}" for i in range(6))
             Part("a", "", "Plot the wrench", href=f"/plots#{wrench}")
-        with box("row"):
-            Part("span", "quiet", "Hold to jog in axes of")
-            with Part("select", id="jog-axes", aria_label="Axes of a jog"):
-                Part("option", "", "the frame of its poses", value="")
-                Part("option", "", "the tip", value="tip")
-        with box("row jogs"):
-            for kind, names in (("linear", "x y z"), ("angular", "turn x, turn y, turn z")):
-                for axis, text in enumerate(names.split(", ") if "," in names else names.split()):
-                    for sign, word in ((-1, "−"), (1, "+")):
-                        Part("button", "jog commands", f"{text} {word}", type="button", data_twist=kind,
-                             data_axis=str(axis), data_sign=str(sign))
+        with box("part"):
+            with box("numbers"):
+                _inputs("Goal of the tip", "tip", "go to")
+            with box("row"):
+                Part("button", "", "Read", type="button", data_does="read-tip", title="Take the measured pose as goal")
+                Part("button", "primary commands", "Move tip", type="button", data_does="move-tip")
+                Part("span", "reason", id="tip-says")
+        with box("part"):
+            with box("row"):
+                Part("span", "quiet", "Hold to jog in axes of")
+                with Part("select", id="jog-axes", aria_label="Axes of a jog"):
+                    Part("option", "", "the frame of its poses", value="")
+                    Part("option", "", "the tip", value="tip")
+            with box("jogs"):
+                for kind, names in (("linear", ("x", "y", "z")), ("angular", ("turn x", "turn y", "turn z"))):
+                    for axis, text in enumerate(names):
+                        for sign, word in ((-1, "−"), (1, "+")):
+                            Part("button", "jog commands", f"{text} {word}", type="button", data_twist=kind,
+                                 data_axis=str(axis), data_sign=str(sign))
+
+
+def _header() -> None:
+    for text in ("", "x", "y", "z"):
+        Part("b", "quiet", text)
+
+
+def _turned(pose: str) -> None:
+    """A row with the orientation of a pose in degrees."""
+    Part("span", "", "turned about, °", title=TURNS)
+    for i in range(3):
+        live(pose, f"turn:{i}")
+
+
+def _inputs(what: str, pose: str, place: str) -> None:
+    """Two rows of a table of x, y, z: a pose as people type it."""
+    for text, kind, first in ((place, "p", 0), ("turned about", "r", 3)):
+        with Part("span", title=TURNS if first else ""):
+            Part("span", "", f"{text}, ")
+            Part("span", "", data_unit=kind)
+        for i, axis in enumerate("xyz"):
+            Part("input", type="text", inputmode="decimal", autocomplete="off", size="7", data_pose=pose,
+                 data_part=str(first + i), aria_label=f"{what}: {'turn about ' if first else ''}{axis}")
+
+
+def _base(arm: ArmConfig, state: str) -> None:
+    """Where its base stands in the frame that its poses are told in."""
+    with box("card seldom", data_source=state):
+        with box("row head"):
+            Part("h2", "", "Base frame")
+            box("spacer")
+            Part("span", "quiet", "in")
+            live(f"{state}.reference_frame", classes="quiet")
+        with box("numbers", data_valid=f"{state}.reference_valid"):
+            _header()
+            Part("span", "", "place, mm")
+            for i in range(3):
+                live(f"{state}.base_frame.{i}", "mm:2")
+            _turned(f"{state}.base_frame")
+        if arm.base_from:
+            Part("p", "quiet", f"{arm.base_from} gives it.")
+            return
+        with Part("details"):
+            Part("summary", "", "Set another one")
+            with box("numbers"):
+                _inputs("Base", "base", "place")
+            with box("row"):
+                Part("label", "quiet", "in frame", for_="base-in")
+                Part("input", type="text", id="base-in", size="10", maxlength="31", autocomplete="off",
+                     placeholder="as it is", pattern=r"[!-~]*")
+                Part("button", "", "Read", type="button", data_does="read-base", title="Take what is used now")
+                Part("button", "commands", "Set", type="button", data_does="set-base")
+                button("Not known", [[(arm.name, "set_base_frame", [], "")]], "quiet",
+                       confirm=f"Forget where the base of {arm.name} stands? Only poses in its base are left.")
 
 
 def _carried(arm: ArmConfig, state: str) -> None:
@@ -178,7 +243,7 @@ def _carried(arm: ArmConfig, state: str) -> None:
 
 
 def _chosen(title: str, name: str, choices: tuple[str, ...], command: str, state: str) -> None:
-    with box("card", data_source=state):
+    with box("card seldom", data_source=state):
         with box("row"):
             Part("h2", "", title)
             live(f"{state}.tool", classes="tool")

@@ -1,10 +1,11 @@
-"""The page Processes: who runs, how often, how much they use, and how they last ended."""
+"""The page Processes: who runs, how often, how much they use, how they last ended, and what they write."""
 
 from __future__ import annotations
 
 from typing import Final
 
 from procs.gui.catalogue import PROCESSES
+from procs.gui.pages.assets import script
 from procs.gui.pages.parts import Part, box
 
 COLUMNS: Final = ("process", "kind", "state", "Hz", "period p99 ms", "work p99 ms", "missed", "CPU %", "MB", "restarts",
@@ -13,9 +14,11 @@ COLUMNS: Final = ("process", "kind", "state", "Hz", "period p99 ms", "work p99 m
 
 def processes_page() -> None:
     """Its content."""
+    script("processes.js")
     with box("card wide", data_source=PROCESSES):
         with box("row head"):
             Part("h2", "", "Processes")
+            Part("span", "quiet", "Press a name to see its log.")
             box("spacer")
             Part("span", "age")
         with box("scroll"), Part("table", "processes"):
@@ -23,3 +26,10 @@ def processes_page() -> None:
                 for column in COLUMNS:
                     Part("th", "", column)
             Part("tbody", id="processes")
+    with box("card wide", id="log-card", hidden=True):
+        with box("row head"):
+            Part("h2", "", "Log", id="log-of")
+            box("spacer")
+            Part("span", "age")
+            Part("span", "quiet", "the newest 200 lines")
+        box("list log", id="log")

@@ -1,9 +1,9 @@
 // The page of an arm: jog while held, goals as people type them, a preview in 3D before anything moves.
-import { ask, asked, data, jogBegins, note, onTick, typed, unit, units, value } from "./live.js";
+import { ask, asked, data, fixed, jogBegins, note, onTick, typed, unit, units, value } from "./live.js";
 
 const page = document.querySelector("[data-arm]");
-const arm = page.dataset.arm;
-const state = `${arm}/state`;
+export const arm = page.dataset.arm;
+export const state = `${arm}/state`;
 const slides = (i) => page.dataset.slides.split("")[i] === "1";
 const count = () => value(`${state}.count`) || 0;
 const measured = () => (value(`${state}.position`) || []).slice(0, count());
@@ -19,7 +19,7 @@ const shownSpeed = () => {
 function read() {
   measured().forEach((q, i) => {
     const input = goals()[i];
-    input.value = (q * factor(i)).toFixed(units() === "deg" ? 2 : 4);
+    input.value = fixed(q * factor(i), units() === "deg" ? 2 : 4);
     input.classList.remove("wrong");
   });
   preview();
@@ -37,22 +37,27 @@ function goal() {
   return isRight && found.length ? found : null;
 }
 
-const stage = () => document.querySelector(".stage")?.stage;
+export const stage = () => document.querySelector(".stage")?.stage;
+
+// Where the arm would be, as a green shape; null, and said, where it cannot be.
+export async function previewed(wanted, says) {
+  const [outcome, answer] = await ask({ op: "preview", arm, ...wanted });
+  const found = outcome === "done" ? JSON.parse(answer) : null;
+  says.textContent = found ? "" : answer;
+  stage()?.preview(found?.frames, value(`${state}.jaw_position`));
+  return found;
+}
+
 async function preview() {
   const wanted = goal();
   if (!wanted) return false;
-  const [outcome, answer] = await ask({ op: "preview", arm, position: wanted });
   const says = document.getElementById("preview-says");
-  if (outcome !== "done") {
-    says.textContent = answer;
-    stage()?.preview(null);
-    return false;
-  }
-  const found = JSON.parse(answer);
+  const found = await previewed({ position: wanted }, says);
+  if (!found) return false;
   found.beyond.forEach((beyond, i) => goals()[i]?.classList.toggle("wrong", beyond));
-  stage()?.preview(found.frames, value(`${state}.jaw_position`));
-  says.textContent = found.beyond.some(Boolean) ? "Beyond the limits of a joint: red." : "";
-  return !found.beyond.some(Boolean);
+  const isBeyond = found.beyond.some(Boolean);
+  if (isBeyond) says.textContent = "Beyond the limits of a joint: red.";
+  return !isBeyond;
 }
 
 page.addEventListener("input", (event) => {

@@ -1,5 +1,7 @@
 // One connection a page: data come in one message a tick, commands go out, answers are shown where one pressed.
 // Elements say what they show by attributes, see procs/gui/pages/parts.py.
+import { turns } from "./pose.js";
+
 const sources = {}; // newest data by source
 const heard = {}; // when each source last changed, ms
 let socket = null;
@@ -26,7 +28,7 @@ export function value(path) {
 
 export const units = () => localStorage.getItem("units") || "deg";
 
-const fixed = (v, digits) => {
+export const fixed = (v, digits) => {
   const text = v.toFixed(digits);
   return /^-0\.?0*$/.test(text) ? text.slice(1) : text; // no flicker between 0.0 and -0.0
 };
@@ -39,6 +41,7 @@ const FORMATS = {
   pct: (v, digits = 0) => fixed(v * 100, +digits),
   time: (v) => new Date(v).toLocaleTimeString("en-GB"),
   yes: (v, yes = "yes", no = "no") => (v ? yes : no),
+  turn: (v, axis) => (v.every?.((x) => typeof x === "number") ? fixed((turns(v.slice(3))[+axis] * 180) / Math.PI, 1) : "–"), // of a pose
   joint: (v, slides) =>
     slides === "p" ? (units() === "deg" ? fixed(v * 1000, 2) : fixed(v, 5)) : units() === "deg" ? fixed((v * 180) / Math.PI, 2) : fixed(v, 4),
 };
@@ -48,7 +51,7 @@ export const unit = (slides) => (units() === "deg" ? (slides ? "mm" : "°") : sl
 function formatted(v, format) {
   if (v === null || v === undefined || v === "") return "–";
   const [name, ...rest] = (format || "text").split(":");
-  if (name !== "text" && name !== "yes" && typeof v !== "number") return "–";
+  if (name !== "text" && name !== "yes" && name !== "turn" && typeof v !== "number") return "–";
   return FORMATS[name](v, ...rest);
 }
 
@@ -330,9 +333,9 @@ export function typed(text) {
   return text.trim() && Number.isFinite(found) ? found : null;
 }
 
-// --- messages and processes: lists, made anew when they change
+// --- messages: a list, made anew when it changes
 
-const cell = (tag, text, className = "") => Object.assign(document.createElement(tag), { textContent: text, className });
+export const cell = (tag, text, className = "") => Object.assign(document.createElement(tag), { textContent: text, className });
 
 let listed = "";
 function messages() {
@@ -370,29 +373,8 @@ function remedies() {
   }
 }
 
-const shownOr = (v, digits) => (typeof v === "number" && v > 0 ? v.toFixed(digits) : "–");
-function processes() {
-  const body = document.getElementById("processes");
-  const rows = sources.processes?.rows;
-  if (!body || !rows) return;
-  body.replaceChildren(
-    ...rows.map((row) => {
-      const line = document.createElement("tr");
-      line.className = row.state === "RUNNING" ? "" : row.state === "STOPPED" ? "quiet" : "bad";
-      line.append(
-        cell("td", row.name), cell("td", row.kind), cell("td", row.state.toLowerCase()), cell("td", shownOr(row.rate_hz, 0)),
-        cell("td", shownOr(row.period_p99_ms, 2)), cell("td", shownOr(row.work_p99_ms, 2)), cell("td", String(row.missed)),
-        cell("td", row.cpu === null ? "–" : row.cpu.toFixed(0)), cell("td", shownOr(row.memory_mb, 0)),
-        cell("td", String(row.restarts ?? 0)), cell("td", row.exit_reason || row.policy || ""),
-      );
-      return line;
-    }),
-  );
-}
-
 onTick(messages);
 onTick(remedies);
-onTick(processes);
 document.addEventListener("change", messages);
 
 export function start() {

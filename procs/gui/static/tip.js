@@ -1,0 +1,68 @@
+// Poses as people type them: where the tip is to go, seen before it moves; where the base stands.
+import { arm, previewed, stage, state } from "./arm.js";
+import { asked, data, fixed, note, onTick, typed, units, value } from "./live.js";
+import { quaternion, turns } from "./pose.js";
+
+const inputs = (pose) => [...document.querySelectorAll(`input[data-pose="${pose}"]`)];
+const factor = (i) => (units() !== "deg" ? 1 : i < 3 ? 1000 : 180 / Math.PI);
+
+function read(pose, from) {
+  const now = value(from);
+  if (!now?.every((v) => typeof v === "number")) return;
+  [...now.slice(0, 3), ...turns(now.slice(3))].forEach((v, i) => {
+    const input = inputs(pose)[i];
+    input.value = fixed(v * factor(i), units() === "deg" ? 2 : 5);
+    input.classList.remove("wrong");
+  });
+}
+
+// x y z in m and a quaternion x y z w; null where something is no number.
+function wanted(pose) {
+  const found = inputs(pose).map((input, i) => {
+    const v = typed(input.value);
+    input.classList.toggle("wrong", v === null);
+    return v === null ? null : v / factor(i);
+  });
+  return found.includes(null) ? null : [...found.slice(0, 3), ...quaternion(found.slice(3))];
+}
+
+const says = () => document.getElementById("tip-says");
+const preview = (pose) => previewed({ pose }, says());
+const NO_NUMBER = "A number is missing, or is none.";
+
+document.addEventListener("input", (event) => {
+  const pose = event.target.dataset?.pose && wanted(event.target.dataset.pose);
+  if (pose && event.target.dataset.pose === "tip") preview(pose);
+});
+
+document.addEventListener("click", async (event) => {
+  const button = event.target.closest("button");
+  const does = button?.dataset.does;
+  if (does === "read-tip") {
+    read("tip", `${state}.measured_cp`);
+    says().textContent = "";
+    stage()?.preview(null);
+  } else if (does === "read-base") read("base", `${state}.base_frame`);
+  else if (does === "units") setTimeout(() => (read("tip", `${state}.measured_cp`), read("base", `${state}.base_frame`)));
+  else if (does === "move-tip") {
+    const pose = wanted("tip");
+    if (!pose || !(await preview(pose))) return note(button, "bad", pose ? says().textContent : NO_NUMBER);
+    button.dataset.confirm = `Move the tip of ${arm} there? The green shape shows where. Joints go straight, the tip may not.`;
+    if (await asked(button, [[[arm, "move_cp", pose, ""]]])) stage()?.preview(null);
+  } else if (does === "set-base") {
+    const pose = wanted("base");
+    const frame = document.getElementById("base-in");
+    frame.classList.toggle("wrong", !frame.checkValidity());
+    if (!pose || !frame.checkValidity()) return note(button, "bad", pose ? "Names have letters, digits and signs, no blanks." : NO_NUMBER);
+    button.dataset.confirm = `Tell ${arm} that its base stands there? All its poses change; who follows by them stops.`;
+    asked(button, [[[arm, "set_base_frame", pose, frame.value]]]);
+  }
+});
+
+let isRead = false;
+onTick(() => {
+  if (isRead || !data(state)?.reference_valid || !inputs("tip").length) return;
+  isRead = true;
+  read("tip", `${state}.measured_cp`);
+  read("base", `${state}.base_frame`);
+});

@@ -1,0 +1,188 @@
+"""Arms in a real browser: jog, moves with a preview, plots, logs, two browsers. One KINEMATIC system for all."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import pytest
+from selenium.webdriver.common.action_chains import ActionChains
+
+from tests.gui.chromium import BrowserPage, chromium
+from tests.gui.test_chromium import KINEMATIC, homed
+from tests.system.conftest import systems
+from tests.system.test_socket_bridge import free
+
+pytestmark = [pytest.mark.slow, pytest.mark.peers, pytest.mark.simulated]
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[BrowserPage]:
+    """A browser at a system whose arms are homed."""
+    with systems(tmp_path_factory.mktemp("arms"), "paced") as make:
+        robot, port = make(), free()
+        robot.up(KINEMATIC, "--set", f"gui.listen=127.0.0.1:{port}")
+        with chromium(f"http://127.0.0.1:{port}") as page:
+            page.open()
+            robot.pids.add(robot.pid("gui"))
+            page.take_control()
+            homed(page)
+            yield page
+
+
+def held(page: BrowserPage, css: str, condition: str) -> None:
+    """Hold a button until something is so; once more where a busy machine has cost the page its control."""
+    for _ in range(4):
+        page.take_control()
+        button = page.find(css)
+        page.js("arguments[0].scrollIntoView({block: 'center'})", button)
+        ActionChains(page.driver).move_to_element(button).click_and_hold().perform()
+        try:
+            page.until(f"({condition}) || document.body.dataset.control !== 'you'")
+        finally:
+            ActionChains(page.driver).release().perform()
+        if page.js(f"return {condition}"):
+            return
+    pytest.fail(f"held in vain: {css}")
+
+
+def test_an_arm_is_jogged_while_held_and_moved_after_a_preview(page: BrowserPage) -> None:
+    page.open("/arm/PSM1")
+    page.take_control()
+    page.until("document.querySelector('[data-goal=\"2\"]').value === '120.00'")
+    before = page.value("PSM1/state.position")[0]
+    held(page, ".jog[data-joint='0'][data-sign='1']", f"trocar.value('PSM1/state.position')[0] > {before} + 0.02")
+    page.until("Math.abs(trocar.value('PSM1/state.velocity')[0]) < 1e-4 && !document.querySelector('.jog.on')")
+    stands = page.value("PSM1/state.position")[0]
+    page.js("const goal = document.querySelector('[data-goal=\"0\"]'); goal.value = '11,5';"
+            "goal.dispatchEvent(new Event('input', {bubbles: true}))")
+    page.until("document.querySelector('.stage')?.stage?.ghost?.group.visible")
+    assert page.value("PSM1/state.position")[0] == pytest.approx(stands, abs=1e-3), "a preview moves nothing"
+    page.take_control()
+    page.find("[data-does=move]").click()
+    page.answer_yes()
+    page.until("Math.abs(trocar.value('PSM1/state.position')[0] - 11.5 * Math.PI / 180) < 1e-3")
+    tip = page.value("PSM1/state.measured_cp")
+    held(page, ".jog[data-twist=linear][data-axis='0'][data-sign='1']",
+         f"trocar.value('PSM1/state.measured_cp')[0] > {tip[0]} + 0.002")
+    after = page.value("PSM1/state.measured_cp")
+    assert after[1:3] == pytest.approx(tip[1:3], abs=1e-3), "only along x"
+    page.js("const goal = document.querySelector('[data-goal=\"0\"]'); goal.value = '170';"
+            "goal.dispatchEvent(new Event('input', {bubbles: true}))")
+    page.until("document.querySelector('[data-goal=\"0\"]').classList.contains('wrong')")
+    page.click("[data-does=move]")
+    page.until("/limits/.test(document.querySelector('.note')?.textContent)")
+    assert page.wrongs() == []
+
+
+def typed(page: BrowserPage, css: str, text: str) -> None:
+    """Into an input, as a person does."""
+    page.js("const input = document.querySelector(arguments[0]); input.value = arguments[1];"
+            "input.dispatchEvent(new Event('input', {bubbles: true}))", css, text)
+
+
+def test_a_tip_moves_to_a_pose_that_was_seen_before(page: BrowserPage) -> None:
+    page.open("/arm/PSM1")
+    page.take_control()
+    x, z = "[data-pose=tip][data-part='0']", "[data-pose=tip][data-part='5']"
+    page.until(f"document.querySelector(\"{x}\")?.value")
+    before = page.value("PSM1/state.measured_cp")
+    goal, turn = before[0] * 1e3 + 12.5, float(page.find(z).get_attribute("value") or "") - 15.0
+    typed(page, x, f"{goal:.2f}".replace(".", ","))
+    typed(page, z, f"{turn:.2f}".replace(".", ","))
+    page.until("document.querySelector('.stage')?.stage?.ghost?.group.visible")
+    assert page.value("PSM1/state.measured_cp") == pytest.approx(before, abs=1e-4), "a preview moves nothing"
+    page.find("[data-does=move-tip]").click()
+    page.answer_yes()
+    page.until(f"Math.abs(trocar.value('PSM1/state.measured_cp')[0] * 1000 - {goal}) < 0.05")
+    after = page.value("PSM1/state.measured_cp")
+    assert after[1:3] == pytest.approx(before[1:3], abs=1e-4)
+    half = abs(sum(p * q for p, q in zip(before[3:], after[3:], strict=True)))
+    assert half == pytest.approx(math.cos(math.radians(7.5)), abs=1e-4)
+    page.click("[data-does=read-tip]")
+    assert abs(float(page.find(z).get_attribute("value") or "") - turn) < 0.05
+    typed(page, x, "900")
+    page.until("/cannot go there/.test(document.getElementById('tip-says').textContent)")
+    page.click("[data-does=move-tip]")
+    page.until("/cannot go there/.test(document.querySelector('.note.bad')?.textContent)")
+    typed(page, x, "zwölf")
+    page.click("[data-does=move-tip]")
+    page.until("/is none/.test(document.querySelector('.note.bad')?.textContent)")
+
+
+def test_a_base_frame_is_set_and_forgotten(page: BrowserPage) -> None:
+    page.open("/arm/PSM1")
+    page.take_control()
+    page.until("document.querySelector(\"[data-pose=base][data-part='0']\")?.value")
+    page.find("details summary").click()
+    before = page.value("PSM1/state.measured_cp")
+    typed(page, "[data-pose=base][data-part='2']", "100,5")
+    typed(page, "#base-in", "table")
+    page.find("[data-does=set-base]").click()
+    page.answer_yes()
+    page.until(f"Math.abs(trocar.value('PSM1/state.measured_cp')[2] - {before[2]} - 0.1005) < 1e-6")
+    assert page.value("PSM1/state.reference_frame") == "table"
+    typed(page, "[data-pose=base][data-part='2']", "0")
+    page.find("[data-does=set-base]").click()
+    page.answer_yes()
+    page.until(f"Math.abs(trocar.value('PSM1/state.measured_cp')[2] - {before[2]}) < 1e-6")
+    assert page.wrongs() == []
+
+
+def test_the_log_of_a_process_is_seen_while_it_is_written(page: BrowserPage) -> None:
+    page.open("/processes")
+    page.until("document.querySelector('#processes tr[data-name=PSM1]')")
+    page.click("#processes tr[data-name=PSM1] button")
+    page.until("document.getElementById('log-of').textContent === 'Log of PSM1' && !trocar.value('log:PSM1')?.problem")
+    page.take_control()
+    lines = page.js("return document.querySelectorAll('#log .message').length")
+    page.js("trocar.call('PSM1', 'move_jp', [9, 0, 0, 0, 0, 0], '')")  # a warning
+    page.until(f"document.querySelectorAll('#log .message').length > {lines}")
+    page.click("#processes tr[data-name=PSM1] button")
+    page.until("document.getElementById('log-card').hidden")
+    assert page.wrongs() == []
+
+
+def test_a_plot_shows_a_move_and_gives_it_as_a_table(page: BrowserPage) -> None:
+    page.open("/plots#PSM1/state/position/0")
+    page.until("document.querySelector('.plots').plots.signals()[0].t.length > 50")
+    page.js("document.querySelector('.plots').plots.add('PSM1/state/velocity/0')")
+    page.until("document.querySelector('.plots').plots.signals()[1].t.length > 50")
+    assert "velocity" in page.js("return location.hash")
+    page.click("[data-plot=pause]")
+    count = page.js("return document.querySelector('.plots').plots.csv()").splitlines()
+    assert count[0] == "stamp_s,PSM1/state/position/0 rad or m,PSM1/state/velocity/0 rad/s or m/s"
+    assert len(count) > 50
+    assert page.wrongs() == []
+
+
+def test_one_of_two_browsers_has_control_and_loses_it(page: BrowserPage) -> None:
+    one = page
+    with chromium(page.address, 820, 1180) as other:
+        one.open()
+        other.open()
+        one.take_control()
+        other.until("document.body.dataset.control === 'other'")
+        other.click("#arm-PSM1 button.commands")
+        assert "Take control first" in other.note()
+        other.js("trocar.call('PSM1', 'state_command', [], 'enable', (...answer) => (window.answer = answer))")
+        assert "take control first" in other.until("window.answer")[1]  # forged: no button says this
+        other.click("#control", yes=False)
+        assert other.js("return document.body.dataset.control") != "you"
+        other.take_control()
+        one.until("document.body.dataset.control === 'other'")
+        other.driver.get("about:blank")
+        one.until("document.body.dataset.control === 'nobody'")
+        one.take_control()
+        one.js("setInterval = null; for (let i = 0; i < 10000; i++) clearInterval(i)")  # it is silent
+        one.until("document.body.dataset.control !== 'you'", 10)
+
+
+def test_a_refused_command_says_why_where_it_was_pressed(page: BrowserPage) -> None:
+    page.open()
+    page.take_control()
+    page.click("#arm-PSM1 button.quiet:last-child")
+    page.until("trocar.value('PSM1/state.state') === 'DISABLED'")
+    page.click("#arm-PSM1 button.commands:nth-child(2)")  # Home, of an arm without power
+    page.until("document.querySelector('#arm-PSM1 button.commands:nth-child(2)').dataset.outcome === 'refused'")
+    assert "PSM1" in page.note() and "refused" in page.note()
