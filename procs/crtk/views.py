@@ -130,6 +130,11 @@ class OpenTopic:
         return not self.valid or not any(
             np.isnan(self._cut(np.atleast_1d(self._fields[name]))).any() for name in self._on_demand)
 
+    @property
+    def record(self) -> NDArray[Any]:
+        """The record last read as it lies in the ring, (1,), its fields by name; changes with the next one read."""
+        return np.frombuffer(self._reader.record, self._reader.dtype)
+
     def part(self, name: str) -> NDArray[Any]:
         """A part of a view (position, velocity, pose…) as a new array, cut to the joints in use; empty: not there."""
         view = self.entry.view

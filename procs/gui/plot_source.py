@@ -1,4 +1,4 @@
-"""One number of a record, sample by sample, for the page Plots: `plot:INSTANCE/RING/FIELD/INDEX`."""
+"""One number of a topic, sample by sample, for the page Plots: `plot:PSM1/state.position[1]`."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from procs.crtk.field_paths import FieldCells, FieldPath, cells_of, parse_path
+from procs.crtk.topics import TopicEntry, find
 from procs.gui.sources import PROGRAM, Maker
 from shm import directory
 from shm.ring import RingReader
@@ -20,18 +22,18 @@ BEFORE_NS: Final = 60_000_000_000
 class PlotSource:
     """The samples since the last tick."""
 
-    def __init__(self, system: str, instance: str, ring: str, field: str, index: int) -> None:
+    def __init__(self, system: str, entry: TopicEntry, path: FieldPath) -> None:
         """Attach, and want it with the group of the field; SegmentError or ValueError when there is none such."""
-        self._reader: RingReader = directory.reader(system, instance, ring, often=False)
+        self._reader: RingReader = directory.reader(system, entry.instance, entry.ring, often=False)
         self._subscriber: Subscriber | None = None
         try:
-            cell = _cell(self._reader, field, index)
-            self._subscriber = Subscriber(system, instance, PROGRAM)
-            self._subscriber.want(ring, *_groups(instance, ring, field, self._reader))
+            self._cells = _number(self._reader, entry, path)
+            self._subscriber = Subscriber(system, entry.instance, PROGRAM)
+            group = self._cells.field.group
+            self._subscriber.want(entry.ring, *([group] if group else []))
         except BaseException:
             self.close()
             raise
-        self._field, self._index, self._size = field, index, max(1, cell.size)
         self._stamp_ns, self._seen_ns = 0, 0
 
     def read(self, now_ns: int) -> dict[str, Any]:
@@ -44,7 +46,7 @@ class PlotSource:
         if not len(rows):
             return {"age": 0.0, "t": [], "v": []}
         self._stamp_ns, self._seen_ns = int(rows["stamp_ns"][-1]), now_ns
-        values = rows[self._field].reshape(len(rows), -1)[:, self._index].astype(np.float64)
+        values = self._cells.numbers(rows)[:, 0]
         return {"age": 0.0, "t": np.round(rows["stamp_ns"] * 1e-9, 5), "v": np.round(values, 9)}
 
     def close(self) -> None:
@@ -54,36 +56,24 @@ class PlotSource:
             self._subscriber.close()
 
 
-def _cell(reader: RingReader, field: str, index: int) -> np.ndarray[Any, Any]:
-    if field not in (reader.dtype.names or ()):
-        raise ValueError(f"there is no field {field[:40]}")
-    cell = reader.field(field)
-    if cell.dtype.kind not in "fiub" or not 0 <= index < max(1, cell.size):
-        raise ValueError(f"{field} has no number {index}")
-    return cell
-
-
-def _groups(instance: str, ring: str, field: str, reader: RingReader) -> tuple[str, ...]:
-    kind = str(reader.info.get("kind", ""))
-    try:
-        row = next(row for row in directory.topic_of(kind, ring).fields if row.name == field)
-    except (KeyError, StopIteration):
-        return ()
-    return (row.group,) if row.group else ()
+def _number(reader: RingReader, entry: TopicEntry, path: FieldPath) -> FieldCells:
+    reader.newest()
+    cells = cells_of(entry, path, np.frombuffer(reader.record, reader.dtype))
+    if cells.is_text or len(cells.labels) != 1:
+        raise ValueError(f"{path.text} is not one number")
+    return cells
 
 
 def plot_of(system: str, name: str) -> Maker:
-    """What makes `INSTANCE/RING/FIELD/INDEX`; ValueError when that is none."""
-    parts = name.split("/")
-    if len(parts) != 4 or not (parts[3].isascii() and parts[3].isdecimal()):
-        raise ValueError(f"{name[:80]}: a plot is INSTANCE/RING/FIELD/INDEX")
-    instance, ring, field, index = parts
+    """What makes the source of a field path; ValueError when that is none, or not one number."""
+    path = parse_path(name)
     try:
-        reader = directory.reader(system, instance, ring, often=False)
+        entry = find(system, path.topic)
+        reader = directory.reader(system, entry.instance, entry.ring, often=False)
     except SegmentError as error:
         raise ValueError(str(error)) from None
     try:
-        _cell(reader, field, int(index))
+        _number(reader, entry, path)
     finally:
         reader.close()
-    return partial(PlotSource, system, instance, ring, field, int(index))
+    return partial(PlotSource, system, entry, path)

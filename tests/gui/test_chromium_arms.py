@@ -144,14 +144,14 @@ def test_the_log_of_a_process_is_seen_while_it_is_written(page: BrowserPage) -> 
 
 
 def test_a_plot_shows_a_move_and_gives_it_as_a_table(page: BrowserPage) -> None:
-    page.open("/plots#PSM1/state/position/0")
+    page.open("/plots#PSM1/state.position[0]")
     page.until("document.querySelector('.plots').plots.signals()[0].t.length > 50")
-    page.js("document.querySelector('.plots').plots.add('PSM1/state/velocity/0')")
+    page.js("document.querySelector('.plots').plots.add('PSM1/state.velocity[0]')")
     page.until("document.querySelector('.plots').plots.signals()[1].t.length > 50")
     assert "velocity" in page.js("return location.hash")
     page.click("[data-plot=pause]")
     count = page.js("return document.querySelector('.plots').plots.csv()").splitlines()
-    assert count[0] == "stamp_s,PSM1/state/position/0 rad or m,PSM1/state/velocity/0 rad/s or m/s"
+    assert count[0] == "stamp_s,PSM1/state.position[0] rad or m,PSM1/state.velocity[0] rad/s or m/s"
     assert len(count) > 50
     assert page.wrongs() == []
 

@@ -9,7 +9,7 @@ from typing import Any
 from tests.conftest import World
 from tests.gui.test_browsers import Console, play
 
-NAME = "plot:PSM1/state/position/1"
+NAME = "plot:PSM1/state.position[1]"
 
 
 def test_every_sample_comes_once_and_those_of_before_first(world: World) -> None:
@@ -41,8 +41,9 @@ def test_every_sample_comes_once_and_those_of_before_first(world: World) -> None
 def test_what_is_no_number_cannot_be_plotted(world: World) -> None:
     async def story(console: Console) -> None:
         browser, page = console.page()
-        for name in ("PSM1/state/position/8", "PSM1/state/state/0", "PSM1/state/nothing/0", "PSM1/state/position",
-                     "PSM9/state/position/0", "PSM1/state/position/-1", "PSM1/control/pid/0", "../x/y/0"):
+        for name in ("PSM1/state.position[8]", "PSM1/state.state", "PSM1/state.nothing[0]", "PSM1/state.position",
+                     "PSM9/state.position[0]", "PSM1/state.position[-9]", "PSM1/control.pid", "../x.y[0]",
+                     "PSM1/state", "PSM1/state.position[0:2]"):
             browser.handle(json.dumps({"op": "want", "id": 1, "sources": [f"plot:{name}"]}))
             await console.tick()
             assert page.last("reply")["outcome"] == "refused", name

@@ -1,18 +1,22 @@
-"""`trocar echo TOPIC`: what a topic says."""
+"""`trocar echo TOPIC`: what a topic, or a field of it, says."""
 
 from __future__ import annotations
 
+import contextlib
+import dataclasses
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Annotated, Any
 
 import typer
 
 from procs.crtk.demand import OnDemand, wait_until_computed
-from procs.crtk.topics import RECORD, find
-from procs.crtk.views import OpenTopic, event_as_dict, open_topic, state_as_event
+from procs.crtk.field_paths import BadPath, FieldCells, FieldPath, all_cells, cells_of
+from procs.crtk.topics import EVENT, RECORD, find
+from procs.crtk.views import OpenTopic, event_as_dict, state_as_event
 from shm.clock import monotonic_ns, pause
 from shm.segment import SegmentError
+from tools.columns import columns_file, path_of, shaped, values_of
 from tools.errors import Misuse, Problem
 from tools.inspect.enumerations import in_words
 from tools.inspect.messages import line
@@ -27,16 +31,17 @@ HISTORY = 100  # events shown of those from before
 
 
 def echo(
-    topic: Annotated[str, typer.Argument(help="INSTANCE/NAME, as in trocar list.")],
+    topic: Annotated[str, typer.Argument(help="INSTANCE/NAME, as in trocar list, or a field: PSM1/state.position[0].")],
     once: Annotated[bool, typer.Option("--once", help="Print the newest and leave.")] = False,
     count: Annotated[int, typer.Option("-n", "--count", min=0, help="Leave after so many; 0: go on.")] = 0,
     rate: Annotated[float, typer.Option("--rate", min=0.0, help="At most so many a second; 0: every record.")] = 10.0,
     timeout: Annotated[float | None, typer.Option(
         "--timeout", min=0.0, help="Leave when nothing came for so many seconds.")] = None,
+    csv: Annotated[str, typer.Option("--csv", metavar="FILE", help="As CSV, a row a record; -: on the output.")] = "",
     as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:
-    """Print the values of a topic: a whole record, a CRTK view, or events, with the last ones from before.
+    """Print the values of a topic: a whole record, a CRTK view, a field of these, or events with those from before.
 
     What is computed on demand is wanted while this runs, and empty (null) where it is not to be had.
 
@@ -45,26 +50,67 @@ def echo(
     Example: trocar echo PSM1/measured_js --once --json
 
     Example: trocar echo PSM1/status -n 1
+
+    Example: trocar echo 'PSM1/measured_js.position[0:3]' --csv - -n 5
     """
     if once and count:
         raise Misuse("--once and --count say different things")
+    if csv and as_json:
+        raise Misuse("--csv and --json say different things")
+    path = path_of(topic)
     name, most = chosen_system(system), 1 if once else count
-    with open_topic(name, topic) as source, OnDemand(name, source.entry.instance) as demand:
+    source = _open(name, path)
+    with source, OnDemand(name, source.entry.instance) as demand, contextlib.suppress(KeyboardInterrupt):
         try:
             demand.want(source)
         except SegmentError as error:
             note(f"{topic}: what is computed on demand may be missing ({error})")
-        try:
-            if source.entry.ring == "events":
-                return _events(name, source, most, timeout, as_json)
-            rows = _records(source, most, rate, timeout)
-            for shown, row in enumerate(rows, 1):
-                _show(source, row, as_json)
+        if source.entry.ring == "events" and not path.field and not csv:
+            return _events(name, source, most, timeout, as_json)
+        limit_s = FIRST_S if timeout is None else timeout
+        _first(source, limit_s)
+        with _showing(source, path, csv, as_json) as show:
+            for shown, _ in enumerate(_records(source, most, rate, timeout), 1):
+                show()
                 if shown == most:
                     break
-        except KeyboardInterrupt:
-            return 0
     return 0
+
+
+def _open(system: str, path: FieldPath) -> OpenTopic:
+    """The topic; of its fields only the one wanted, so that no other is computed for us."""
+    entry = find(system, path.topic)
+    if not path.field:
+        return OpenTopic(system, entry)
+    if entry.kind == EVENT:
+        raise Misuse(f"{path.text}: an event has no fields of its own; take {entry.instance}/events.{path.field}")
+    with OpenTopic(system, entry) as source:
+        source.newest()
+        field = _cells(source, path).field
+    return OpenTopic(system, dataclasses.replace(entry, fields=(field,) if field in entry.fields else ()))
+
+
+def _cells(source: OpenTopic, path: FieldPath) -> FieldCells:
+    try:
+        return cells_of(source.entry, path, source.record)
+    except BadPath as error:
+        raise Misuse(str(error)) from None
+
+
+@contextlib.contextmanager
+def _showing(source: OpenTopic, path: FieldPath, csv: str, as_json: bool) -> Iterator[Callable[[], None]]:
+    """What shows the record last read, in the way that was asked for."""
+    cells = [_cells(source, path)] if path.field else []
+    if csv:
+        entry = source.entry if source.entry.kind != EVENT else dataclasses.replace(source.entry, kind=RECORD)
+        cells = cells or all_cells(entry, source.record)
+        labels = [label for each in cells for label in each.labels]
+        with columns_file(csv, ["stamp_ns", "sequence", *labels]) as file:
+            yield lambda: file.row([source.stamp_ns, source.sequence, *values_of(cells, source.record)])
+    elif cells:
+        yield lambda: _show_field(source, path, cells[0], as_json)
+    else:
+        yield lambda: _show(source, source.as_dict(), as_json)
 
 
 # events
@@ -108,9 +154,10 @@ def _report(source: OpenTopic, row: dict[str, Any], as_json: bool) -> None:
 # records
 
 
-def _records(source: OpenTopic, most: int, rate: float, timeout: float | None) -> Iterator[dict[str, Any]]:
+def _records(source: OpenTopic, most: int, rate: float, timeout: float | None) -> Iterator[None]:
+    """The one that has been read, and each one after it once it is read."""
     limit_s = FIRST_S if timeout is None else timeout
-    yield _first(source, limit_s)
+    yield
     if timeout is None and not most:
         limit_s = math.inf
     seen, since_ns = source.sequence, monotonic_ns()
@@ -123,13 +170,13 @@ def _records(source: OpenTopic, most: int, rate: float, timeout: float | None) -
             found = source.newest() and source.sequence != seen
         if found:
             seen, since_ns = source.sequence, monotonic_ns()
-            yield source.as_dict()
+            yield
         elif monotonic_ns() - since_ns >= limit_s * 1e9:
             problem = _reported(source)
             raise Problem(f"{source.entry.name}: nothing new for {limit_s:g} s" + (f" ({problem})" if problem else ""))
 
 
-def _first(source: OpenTopic, timeout: float) -> dict[str, Any]:
+def _first(source: OpenTopic, timeout: float) -> None:
     end = monotonic_ns() + round(timeout * 1e9)
     while not source.newest():
         if monotonic_ns() >= end:
@@ -138,13 +185,23 @@ def _first(source: OpenTopic, timeout: float) -> dict[str, Any]:
                           + (f" ({printed})" if printed else ""))
         pause(POLL_S)
     wait_until_computed(source, min(COMPUTED_S, timeout))
-    return source.as_dict()
 
 
 def _reported(source: OpenTopic) -> str:
     """What is wrong with the ring, and what we missed of it."""
     lost = f"{source.lost} records were overwritten before they were read" if source.lost else ""
     return "; ".join(part for part in (source.problem(), lost) if part)
+
+
+def _show_field(source: OpenTopic, path: FieldPath, cells: FieldCells, as_json: bool) -> None:
+    problem, value = _reported(source), shaped(cells, values_of([cells], source.record))
+    if as_json:
+        emit({"stamp_ns": source.stamp_ns, "sequence": source.sequence, "field": path.text, "value": value,
+              "unit": cells.field.unit} | ({"problem": problem} if problem else {}))
+        return
+    shown = _text(in_words(cells.field, value))
+    unit = f"  {cells.field.unit}" if cells.field.unit and value is not None else ""
+    print(f"{source.stamp_ns * 1e-9:.6f}  {shown}{unit}" + (f"  problem: {problem}" if problem else ""), flush=True)
 
 
 def _show(source: OpenTopic, row: dict[str, Any], as_json: bool) -> None:

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
+from collections.abc import Sequence
 from typing import Annotated, Any
 
 import numpy as np
 import typer
+from numpy.typing import NDArray
 
+from procs.crtk.field_paths import BadPath, FieldPath, cells_of
 from procs.crtk.topics import RECORD, TopicEntry, catalogue, find, writer_gone
 from shm import directory
 from shm.clock import pause
 from shm.ring import RingReader
 from shm.segment import SegmentError
+from tools.columns import columns_file, path_of
+from tools.errors import Misuse
 from tools.options import JsonOption, SystemOption
 from tools.printing import emit, number, table
 from tools.systems import chosen_system
@@ -62,33 +68,50 @@ def _described(entry: TopicEntry) -> dict[str, Any]:
 
 
 def hz(
-    topics: Annotated[list[str] | None, typer.Argument(help="Topics; none: every record.")] = None,
+    topics: Annotated[list[str] | None, typer.Argument(help="Topics, or fields of topics; none: every record.")] = None,
     window: Annotated[float, typer.Option("--window", min=0.05, help="Seconds to count.")] = WINDOW_S,
+    csv: Annotated[str, typer.Option("--csv", metavar="FILE", help="As CSV; -: on the output.")] = "",
     as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:
     """Measure the rates of topics by their sequence numbers, and the spacing of their stamps.
 
+    Of a field also how often its value changed.
+
     Example: trocar hz PSM1/state IO1/state
+
+    Example: trocar hz 'PSM1/measured_js.position[0]' --json
     """
+    if csv and as_json:
+        raise Misuse("--csv and --json say different things")
+    paths = [path_of(text) for text in topics or []]
     name = chosen_system(system)
-    entries = [find(name, t) for t in topics] if topics else [e for e in catalogue(name) if e.kind == RECORD]
-    rows = measured(name, entries, window)
+    entries = [find(name, path.topic) for path in paths] if paths else [e for e in catalogue(name) if e.kind == RECORD]
+    rows = measured(name, entries, window, paths)
     if as_json:
         for row in rows:
             emit(row)
+    elif csv:
+        with columns_file(csv, list(rows[0]) if rows else []) as file:
+            for row in rows:
+                file.row(list(row.values()))
     else:
-        figures = ("hz", "nominal_hz", "period_ms", "std_ms", "max_ms")
+        of_fields = any(path.field for path in paths)
+        figures = ["hz", "nominal_hz", "period_ms", "std_ms", "max_ms"] + ["changes_hz"] * of_fields
+        titles = ["Hz", "nominal", "period ms", "std ms", "max ms"] + ["changes Hz"] * of_fields
         cells = [(row["topic"], *(number(row[key], ".2f") for key in figures), row["problem"]) for row in rows]
-        table("", ("topic", "Hz", "nominal", "period ms", "std ms", "max ms", "problem"), cells,
-              right=("Hz", "nominal", "period ms", "std ms", "max ms"))
+        table("", ("topic", *titles, "problem"), cells, right=titles)
     silent = [r for r in rows if r["nominal_hz"] and not r["records"]]
     return 1 if topics and silent else 0
 
 
-def measured(system: str, entries: list[TopicEntry], window_s: float) -> list[dict[str, Any]]:
-    """Rates of topics over a window; the spacing is that of the stamps, None where fewer than two records came."""
-    watched = [_Rate(system, entry) for entry in entries]
+def measured(system: str, entries: list[TopicEntry], window_s: float, paths: Sequence[FieldPath] = ()
+             ) -> list[dict[str, Any]]:
+    """Rates of topics over a window; the spacing is that of the stamps, None where fewer than two records came.
+
+    Misuse where one of the `paths`, those of the entries, has no such field.
+    """
+    watched = [_Rate(system, entry, path) for entry, path in itertools.zip_longest(entries, paths)]
     try:
         pause(window_s)
         return [rate.row(window_s) for rate in watched]
@@ -100,8 +123,8 @@ def measured(system: str, entries: list[TopicEntry], window_s: float) -> list[di
 class _Rate:
     """One topic over a window; what cannot be read is a row too, with its problem."""
 
-    def __init__(self, system: str, entry: TopicEntry) -> None:
-        self._entry, self._before, self._problem = entry, 0, entry.problem
+    def __init__(self, system: str, entry: TopicEntry, path: FieldPath | None = None) -> None:
+        self._entry, self._path, self._before, self._problem = entry, path, 0, entry.problem
         self._reader: RingReader | None = None
         try:
             self._reader = directory.reader(system, entry.instance, entry.ring)
@@ -110,21 +133,35 @@ class _Rate:
             self._problem = str(error)
 
     def row(self, window_s: float) -> dict[str, Any]:
-        count, gaps = 0, np.zeros(0)
+        count, gaps, changes = 0, np.zeros(0), None
         reader = self._reader
         if reader is not None:
             count = reader.head - self._before
-            gaps = np.diff(reader.last(count)["stamp_ns"]) * 1e-6 if count > 0 else gaps
+            if count > 0:
+                rows = reader.last(count)
+                gaps, changes = np.diff(rows["stamp_ns"]) * 1e-6, self._changes(rows)
             reader.newest()
             reported = [writer_gone(reader.gone), "the head went backwards" if count < 0 else "", reader.problem]
             self._problem = "; ".join(part for part in reported if part)
         some, steady = len(gaps) > 0, len(gaps) > 0 and gaps.mean() > 0
         return {
-            "topic": self._entry.name, "records": max(0, count), "nominal_hz": self._entry.rate_hz or None,
+            "topic": self._path.text if self._path else self._entry.name, "records": max(0, count),
+            "nominal_hz": self._entry.rate_hz or None,
             "hz": float(1e3 / gaps.mean()) if steady else max(0, count) / window_s,
             "period_ms": float(gaps.mean()) if some else None, "std_ms": float(gaps.std()) if some else None,
-            "max_ms": float(gaps.max()) if some else None, "problem": self._problem,
+            "max_ms": float(gaps.max()) if some else None,
+            "changes_hz": None if changes is None else changes / window_s, "problem": self._problem,
         }
+
+    def _changes(self, rows: NDArray[Any]) -> int | None:
+        """How often the value of the field was another than in the record before."""
+        if self._path is None or not self._path.field or not len(rows):
+            return None
+        try:
+            values = cells_of(self._entry, self._path, rows[-1:]).raw(rows)
+        except BadPath as error:
+            raise Misuse(str(error)) from None
+        return int(np.any(values[1:] != values[:-1], axis=1).sum())
 
     def close(self) -> None:
         if self._reader is not None:

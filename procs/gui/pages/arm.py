@@ -157,7 +157,7 @@ def _tip(arm: ArmConfig, state: str) -> None:
             for i in range(3, 7):
                 live(f"{state}.measured_cp.{i}", "num:4")
             box("spacer")
-            wrench = ",".join(f"{arm.name}/state/body_measured_cf/{i}" for i in range(6))
+            wrench = ",".join(f"{arm.name}/state.body_measured_cf[{i}]" for i in range(6))
             Part("a", "", "Plot the wrench", href=f"/plots#{wrench}")
         with box("part"):
             with box("numbers"):

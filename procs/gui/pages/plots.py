@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 import json
-import math
 import re
 from typing import Any, Final
 
+from procs.crtk.field_paths import indices_text
 from procs.crtk.topics import RECORD, catalogue
 from procs.document.system import SystemConfig
 from procs.gui.pages.assets import assets
@@ -40,7 +41,7 @@ def plots_page(document: SystemConfig) -> None:
 
 
 def topics_of(system: str) -> dict[str, list[list[Any]]]:
-    """Records with their numbers: name, unit, how many, what it is."""
+    """Records with their numbers: name, unit, the indices of each as a field path has them, what it is."""
     found: dict[str, list[list[Any]]] = {}
     for entry in catalogue(system):
         if entry.kind != RECORD or entry.ring in HIDDEN or entry.problem or not entry.rate_hz:
@@ -48,8 +49,9 @@ def topics_of(system: str) -> dict[str, list[list[Any]]]:
         rows = []
         for field in entry.fields:
             shape = SHAPE.match(field.dtype)
-            count = math.prod(int(size) for size in shape.group(1).split(",") if size) if shape else 1
-            if "S" not in field.dtype and count and field.name not in ("sequence", "stamp_ns"):
-                rows.append([field.name, field.unit, count, field.text])
+            sizes = [int(size) for size in shape.group(1).split(",") if size] if shape else []
+            indices = [indices_text(place) for place in itertools.product(*map(range, sizes))]
+            if "S" not in field.dtype and indices and field.name not in ("sequence", "stamp_ns"):
+                rows.append([field.name, field.unit, indices, field.text])
         found[entry.name] = rows
     return found

@@ -23,9 +23,9 @@ function fillFields() {
   fillIndexes();
 }
 function fillIndexes() {
-  const count = field()?.[2] || 0;
-  pick("index").replaceChildren(...Array.from({ length: count }, (_, i) => option(String(i), String(i))));
-  pick("index").hidden = count < 2;
+  const indices = field()?.[2] || [];
+  pick("index").replaceChildren(...indices.map((index) => option(index.replace(/^\[|\]$/g, "").replaceAll("][", ", "), index)));
+  pick("index").hidden = indices.length < 2;
 }
 
 function want() {
@@ -41,9 +41,9 @@ function want() {
 }
 
 function add(name) {
-  const [instance, ring, what] = name.split("/");
-  const row = topics[`${instance}/${ring}`]?.find((known) => known[0] === what);
-  if (!row || signals.some((signal) => signal.name === name) || signals.length >= COLOURS.length) return false;
+  const [topic, what] = name.split(".");
+  const row = topics[topic]?.find((known) => known[0] === what?.replace(/\[.*$/, ""));
+  if (!row || !row[2].includes(what.slice(row[0].length)) || signals.some((signal) => signal.name === name) || signals.length >= COLOURS.length) return false;
   signals.push({ name, unit: row[1].replace("|", " or "), t: [], v: [] });
   return true;
 }
@@ -172,7 +172,7 @@ function csv() {
 }
 
 const DOES = {
-  add: (button) => add([pick("topic").value, pick("field").value, pick("index").value || 0].join("/")) ? want() : note(button, "bad", `It is there already, or there are ${COLOURS.length}.`),
+  add: (button) => add(`${pick("topic").value}.${pick("field").value}${pick("index").value}`) ? want() : note(button, "bad", `It is there already, or there are ${COLOURS.length}.`),
   pause: (button) => {
     isPaused = !isPaused;
     button.textContent = isPaused ? "Go on" : "Pause";

@@ -1,0 +1,195 @@
+"""Paths of fields in topics, as verbs and the web console's plots take them: `PSM1/measured_js.position[0:3]`.
+
+A path is a topic as `trocar list` shows it, a dot, a field, and as many indices in brackets as the field has
+dimensions, or fewer: `[2]`, `[0:3]`, `[-1]`, `[0][4]`, `[0,4]`. Without the dot it is the whole topic.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.crtk.names import none_such
+from procs.crtk.topics import EVENT, TopicEntry
+from shm.rows import Field
+
+MAX_LENGTH: Final = 200
+PATH: Final = re.compile(r"(?P<topic>[\w-]+(?:/[\w-]+)+)"
+                         r"(?:\.(?P<field>[A-Za-z_][\w/-]*)(?P<indices>(?:\[[^\[\]]*\])*))?", re.ASCII)
+INDEX: Final = re.compile(r"(?P<one>-?\d{1,6})|(?P<first>-?\d{0,6}):(?P<end>-?\d{0,6})", re.ASCII)
+MEANT: Final = "a field is written as PSM1/measured_js.position[0] or [0:3]; trocar list -v shows what there is"
+PIECES: Final = {
+    "cp": {"position": ("pose", slice(0, 3)), "orientation": ("pose", slice(3, 7))},
+    "cv": {"linear": ("twist", slice(0, 3)), "angular": ("twist", slice(3, 6))},
+    "cf": {"force": ("wrench", slice(0, 3)), "torque": ("wrench", slice(3, 6))},
+}
+"""Parts of payloads, as `echo` shows them, in the parts that views name."""
+STAMPS: Final = (Field("stamp_ns", "<i8", "ns", "monotonic stamp of the record"),
+                 Field("sequence", "<u8", "", "number of the record"))
+
+Index = int | slice
+
+
+class BadPath(ValueError):
+    """What was written is no path, or not one of this topic; the message says what is allowed."""
+
+
+@dataclass(frozen=True, slots=True)
+class FieldPath:
+    """A path taken apart; `field` is empty for the whole topic."""
+
+    text: str
+    topic: str
+    field: str = ""
+    indices: tuple[Index, ...] = ()
+
+
+def parse_path(text: str) -> FieldPath:
+    """A path as a person wrote it; BadPath."""
+    found = PATH.fullmatch(text) if len(text) <= MAX_LENGTH else None
+    if found is None:
+        raise BadPath(f"{text[:80]!r} is no field: {MEANT}")
+    indices = tuple(_index(word.strip(), text) for part in re.findall(r"\[([^\[\]]*)\]", found["indices"] or "")
+                    for word in part.split(","))
+    return FieldPath(text, found["topic"], found["field"] or "", indices)
+
+
+def _index(word: str, text: str) -> Index:
+    found = INDEX.fullmatch(word)
+    if found is None:
+        raise BadPath(f"{text[:80]}: [{word[:20]}] is no index; allowed are [2], [-1], [0:3] and [:]")
+    if found["one"] is not None:
+        return int(found["one"])
+    first, end = (int(part) if part not in ("", "-") else None for part in (found["first"], found["end"]))
+    return slice(first, end)
+
+
+@dataclass(frozen=True, slots=True)
+class FieldCells:
+    """The cells of a ring's records that a path means.
+
+    `flat`: their places in the field; `labels`: a path for each of them; `flag`, `flag_row`: the field, and of a
+    list of flags the place in it, that says whether a record's values may be used, empty: always.
+    """
+
+    field: Field
+    flat: NDArray[np.intp]
+    labels: tuple[str, ...]
+    shape: tuple[int, ...]
+    is_text: bool
+    flag: str = ""
+    flag_row: int = -1
+
+    def numbers(self, rows: NDArray[Any]) -> NDArray[np.float64]:
+        """(records, cells) of structured records; NaN where a record is not valid."""
+        if self.is_text:
+            raise BadPath(f"{self.labels[0]} is text, no number")
+        found: NDArray[np.float64] = rows[self.field.name].reshape(len(rows), -1)[:, self.flat].astype(np.float64)
+        found[~self.valid(rows)] = np.nan
+        return found
+
+    def raw(self, rows: NDArray[Any]) -> NDArray[Any]:
+        """The same as they are recorded, texts too, whether valid or not."""
+        found: NDArray[Any] = rows[self.field.name].reshape(len(rows), -1)[:, self.flat]
+        return found
+
+    def valid(self, rows: NDArray[Any]) -> NDArray[np.bool_]:
+        """Which records may be used."""
+        if not self.flag:
+            return np.ones(len(rows), np.bool_)
+        flags = rows[self.flag]
+        return np.asarray(flags if self.flag_row < 0 else flags[:, self.flag_row], np.bool_)
+
+
+def cells_of(entry: TopicEntry, path: FieldPath, record: NDArray[Any]) -> FieldCells:
+    """The cells of `path` in the records of a topic; BadPath names what there is.
+
+    `record`: one of its records (1,), the newest: an arm's views have as many joints as it says.
+    """
+    if entry.kind == EVENT:
+        raise BadPath(f"{path.text}: {entry.name} is an event, without fields of its own; take "
+                      f"{entry.instance}/events.{path.field or 'value'}")
+    name, cut = _named(entry, path)
+    field = next(each for each in (*entry.fields, *STAMPS) if each.name == name)
+    column = record[name]
+    places = np.arange(column[0].size, dtype=np.intp).reshape(column.shape[1:])
+    if entry.view is not None:
+        places = _joints(entry, places, record)[cut]
+    numbered = np.arange(places.size, dtype=np.intp).reshape(places.shape)
+    try:
+        chosen = numbered[path.indices] if path.indices else numbered
+    except IndexError:
+        raise BadPath(f"{path.text}: {path.field} has {_sized(places.shape)}") from None
+    chosen = np.asarray(chosen, dtype=np.intp)
+    if not chosen.size:
+        raise BadPath(f"{path.text}: nothing is in that range; {path.field} has {_sized(places.shape)}")
+    base = f"{path.topic}.{path.field}"
+    labels = tuple(base + indices_text(np.unravel_index(one, places.shape) if places.shape else ())
+                   for one in chosen.ravel().tolist())
+    flag = entry.view.where if entry.view is not None and entry.view.where in (record.dtype.names or ()) else ""
+    return FieldCells(field, places.ravel()[chosen.ravel()], labels, chosen.shape, column.dtype.kind == "S", flag,
+                      entry.row if flag and record[flag].ndim > 1 else -1)
+
+
+def all_cells(entry: TopicEntry, record: NDArray[Any]) -> list[FieldCells]:
+    """The cells of every field of a topic that has any."""
+    found = []
+    for name in _fields(entry):
+        try:
+            found.append(cells_of(entry, FieldPath(f"{entry.name}.{name}", entry.name, name), record))
+        except BadPath:  # no joints
+            continue
+    return found
+
+
+def indices_text(indices: Sequence[Any]) -> str:
+    """Indices as a path has them."""
+    return "".join(f"[{int(index)}]" for index in indices)
+
+
+def _fields(entry: TopicEntry) -> list[str]:
+    """Fields as people see them."""
+    if entry.view is None:
+        return [field.name for field in entry.fields]
+    pieces = PIECES.get(entry.view.kind, {})
+    return [*pieces] or [part for part, _ in entry.view.fields]
+
+
+def _named(entry: TopicEntry, path: FieldPath) -> tuple[str, Index]:
+    """The field of the record, and what of it."""
+    if path.field in ("stamp_ns", "sequence"):
+        return path.field, slice(None)
+    if entry.view is None:
+        if any(field.name == path.field for field in entry.fields):
+            return path.field, slice(None)
+    else:
+        parts = dict(entry.view.fields)
+        part, cut = PIECES.get(entry.view.kind, {}).get(path.field, (path.field, slice(None)))
+        if part in parts:
+            return parts[part], cut
+    if not path.field:
+        raise BadPath(f"{path.text} is a whole topic; its fields are: {', '.join(_fields(entry))[:300]}")
+    raise BadPath(f"{path.text}: {none_such('field', path.field, _fields(entry))}")
+
+
+def _joints(entry: TopicEntry, places: NDArray[np.intp], record: NDArray[Any]) -> NDArray[np.intp]:
+    """Of a view only what is its robot's, and of an arm the joints that it has."""
+    if not places.ndim:
+        return places.reshape(1)
+    if entry.row >= 0:
+        return places[entry.row, : entry.count if entry.kind == "js" else None]
+    if entry.count:
+        return places[entry.first : entry.first + entry.count]
+    if places.shape[-1] == 8 and "count" in (record.dtype.names or ()):
+        count = int(record["count"][0])
+        return places[..., : count if 0 < count <= 8 else 8]
+    return places
+
+
+def _sized(shape: tuple[int, ...]) -> str:
+    return f"{' × '.join(map(str, shape))} numbers, counted from 0" if shape else "one value and takes no index"

@@ -1,0 +1,89 @@
+"""`trocar echo` and `hz` of fields: on the screen, as JSON, as CSV."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from tests.tools.robot import ScriptedRobot, robot
+from tools import cli
+
+APP = cli.build()
+
+
+@pytest.fixture
+def played(world: Any) -> Iterator[ScriptedRobot]:
+    with robot(world.name) as made:
+        made.show_arm(0.25)
+        yield made
+
+
+def run(played: ScriptedRobot, *words: str) -> Result:
+    return CliRunner().invoke(APP, [*words, "--system", played.name])
+
+
+def test_a_field_is_a_line(played: ScriptedRobot) -> None:
+    shown = run(played, "echo", "PSM1/measured_js.position[0:3]", "--once")
+    assert re.fullmatch(r"\d+\.\d{6}  0\.25 0\.25 0\.25  rad\|m\n", shown.stdout) and shown.exit_code == 0
+    assert run(played, "echo", "PSM1/state.state", "--once").stdout.endswith("  DISABLED\n")
+
+
+def test_a_field_is_data_for_programs(played: ScriptedRobot) -> None:
+    row = json.loads(run(played, "echo", "PSM1/measured_js.position[1]", "--once", "--json").stdout)
+    assert row["value"] == 0.25 and row["field"] == "PSM1/measured_js.position[1]" and row["sequence"] == 1
+    row = json.loads(run(played, "echo", "PSM1/measured_js.velocity[0:2]", "--once", "--json").stdout)
+    assert row["value"] == [None, None]
+    row = json.loads(run(played, "echo", "PSM1/state.jacobian[0:2][0:2]", "--once", "--json").stdout)
+    assert row["value"] == [[1.0, 1.0], [1.0, 1.0]]
+
+
+def test_a_topic_and_a_field_are_tables(played: ScriptedRobot, tmp_path: Path) -> None:
+    shown = list(csv.reader(io.StringIO(run(played, "echo", "PSM1/measured_js", "--once", "--csv", "-").stdout)))
+    assert shown[0][:4] == ["stamp_ns", "sequence", "PSM1/measured_js.name[0]", "PSM1/measured_js.name[1]"]
+    row = dict(zip(*shown, strict=True))
+    assert row["PSM1/measured_js.position[5]"] == "0.25" and row["PSM1/measured_js.velocity[0]"] == ""
+    file = tmp_path / "table.csv"
+    assert run(played, "echo", "PSM1/jaw/measured_js.position", "--once", "--csv", str(file)).exit_code == 0
+    assert file.read_text().splitlines()[1].endswith(",1,0.25")
+
+
+def test_what_is_not_valid_is_empty(played: ScriptedRobot) -> None:
+    played.show_arm(0.5, valid=False)
+    assert run(played, "echo", "PSM1/measured_js.position[0]", "--once", "--csv", "-").stdout.endswith(",2,\n")
+
+
+@pytest.mark.parametrize(("words", "why"), [
+    (("PSM1/measured_js.positon",), "near are: position"), (("PSM1/measured_js.position[",), "is no field"),
+    (("PSM1/measured_js.position[9]",), "has 6 numbers"), (("PSM1/error.value",), "take PSM1/events.value"),
+    (("PSM1/state", "--csv", "-", "--json"), "say different things"),
+])
+def test_what_is_no_field_is_used_wrongly(played: ScriptedRobot, words: tuple[str, ...], why: str) -> None:
+    shown = run(played, "echo", *words, "--once")
+    assert shown.exit_code == 2 and why in shown.stderr
+
+
+def test_a_file_that_cannot_be_written_is_a_problem(played: ScriptedRobot) -> None:
+    shown = run(played, "echo", "PSM1/state", "--once", "--csv", "/nowhere/at/all.csv")
+    assert shown.exit_code == 1 and "/nowhere/at/all.csv: cannot be written: No such file" in shown.stderr
+
+
+def test_hz_of_a_field_counts_its_changes(played: ScriptedRobot, monkeypatch: pytest.MonkeyPatch) -> None:
+    def meanwhile(seconds: float) -> None:
+        for value in (0.1, 0.1, 0.2, 0.3):
+            played.show_arm(value)
+
+    monkeypatch.setattr("tools.verbs.listing.pause", meanwhile)
+    row = json.loads(run(played, "hz", "PSM1/measured_js.position[0]", "--json", "--window", "2").stdout)
+    assert row["topic"] == "PSM1/measured_js.position[0]" and row["records"] == 4 and row["changes_hz"] == 1.0
+    assert "changes Hz" in run(played, "hz", "PSM1/measured_js.position[0]").stdout
+    assert run(played, "hz", "PSM1/measured_js.nothing").exit_code == 2
+    table = run(played, "hz", "PSM1/state", "--csv", "-").stdout.splitlines()
+    assert table[0].startswith("topic,records,") and table[1].startswith("PSM1/state,4,1500.0,")
