@@ -19,6 +19,11 @@ class Field:
     group: str = ""
 
 
+HEAD_FIELDS = (Field("sequence", "<u8", "", "number of the record, from 1"),
+               Field("stamp_ns", "<i8", "ns", "monotonic time of the record"))
+"""What every record begins with, before the fields of its row."""
+
+
 @dataclass(frozen=True, slots=True)
 class View:
     """A CRTK name as a view on fields: `per` says what it is repeated for, `fields` maps parts of it to fields.

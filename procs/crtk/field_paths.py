@@ -6,6 +6,7 @@ dimensions, or fewer: `[2]`, `[0:3]`, `[-1]`, `[0][4]`, `[0,4]`. Without the dot
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from procs.crtk.names import none_such
 from procs.crtk.topics import EVENT, TopicEntry
-from shm.rows import Field
+from shm.rows import HEAD_FIELDS, Field
 
 MAX_LENGTH: Final = 200
 PATH: Final = re.compile(r"(?P<topic>[\w-]+(?:/[\w-]+)+)"
@@ -29,8 +30,6 @@ PIECES: Final = {
     "cf": {"force": ("wrench", slice(0, 3)), "torque": ("wrench", slice(3, 6))},
 }
 """Parts of payloads, as `echo` shows them, in the parts that views name."""
-STAMPS: Final = (Field("stamp_ns", "<i8", "ns", "monotonic stamp of the record"),
-                 Field("sequence", "<u8", "", "number of the record"))
 
 Index = int | slice
 
@@ -89,13 +88,14 @@ class FieldCells:
         """(records, cells) of structured records; NaN where a record is not valid."""
         if self.is_text:
             raise BadPath(f"{self.labels[0]} is text, no number")
-        found: NDArray[np.float64] = rows[self.field.name].reshape(len(rows), -1)[:, self.flat].astype(np.float64)
+        found: NDArray[np.float64] = self.raw(rows).astype(np.float64)
         found[~self.valid(rows)] = np.nan
         return found
 
     def raw(self, rows: NDArray[Any]) -> NDArray[Any]:
         """The same as they are recorded, texts too, whether valid or not."""
-        found: NDArray[Any] = rows[self.field.name].reshape(len(rows), -1)[:, self.flat]
+        column = rows[self.field.name]
+        found: NDArray[Any] = column.reshape(len(rows), math.prod(column.shape[1:]))[:, self.flat]
         return found
 
     def valid(self, rows: NDArray[Any]) -> NDArray[np.bool_]:
@@ -115,7 +115,7 @@ def cells_of(entry: TopicEntry, path: FieldPath, record: NDArray[Any]) -> FieldC
         raise BadPath(f"{path.text}: {entry.name} is an event, without fields of its own; take "
                       f"{entry.instance}/events.{path.field or 'value'}")
     name, cut = _named(entry, path)
-    field = next(each for each in (*entry.fields, *STAMPS) if each.name == name)
+    field = next(each for each in (*entry.fields, *HEAD_FIELDS) if each.name == name)
     column = record[name]
     places = np.arange(column[0].size, dtype=np.intp).reshape(column.shape[1:])
     if entry.view is not None:
@@ -162,7 +162,7 @@ def _fields(entry: TopicEntry) -> list[str]:
 
 def _named(entry: TopicEntry, path: FieldPath) -> tuple[str, Index]:
     """The field of the record, and what of it."""
-    if path.field in ("stamp_ns", "sequence"):
+    if path.field in (field.name for field in HEAD_FIELDS):
         return path.field, slice(None)
     if entry.view is None:
         if any(field.name == path.field for field in entry.fields):

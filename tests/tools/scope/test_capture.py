@@ -1,0 +1,260 @@
+"""What `trocar scope` catches: on rings that the test writes."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+from procs import codes
+from procs.crtk.field_paths import parse_path
+from shm.clock import monotonic_ns
+from tests.tools.robot import ScriptedRobot, robot
+from tools import cli
+from tools.errors import Misuse, Problem
+from tools.scope import capture
+from tools.scope.capture import Capture, Capturing
+from tools.scope.grammar import parse_condition
+from tools.scope.output import as_json, lost, series_of
+
+APP = cli.build()
+FIELD = "PSM1/measured_js.position[0]"
+
+
+@pytest.fixture
+def played(world: Any) -> Iterator[ScriptedRobot]:
+    with robot(world.name) as made:
+        yield made
+
+
+def show(played: ScriptedRobot, position: float, at_s: float, **rest: Any) -> None:
+    """A record of the arm with this stamp, after the begin of the test's own time."""
+    played.show_arm(position, age_s=(monotonic_ns() - 10**9 - BEGIN) * 1e-9 - at_s, **rest)
+
+
+BEGIN = monotonic_ns() - 4_000_000_000
+
+
+def opened(played: ScriptedRobot, when: str = "", *fields: str) -> Capturing:
+    condition = parse_condition(when) if when else None
+    return Capturing(played.name, [parse_path(field) for field in fields or (FIELD,)], condition)
+
+
+def values(found: Capture | None) -> list[float]:
+    assert found is not None
+    return [round(float(value), 3) for value in next(series_of(found)).values]
+
+
+def test_the_last_seconds_are_every_record_once(played: ScriptedRobot) -> None:
+    for k in range(100):
+        show(played, 0.01 * k, 0.001 * k)
+    with opened(played) as capturing:
+        found = capturing.last(0.0505)
+    assert values(found) == [round(0.01 * k, 3) for k in range(49, 100)] and found.gaps == () and found.short == {}
+    assert next(series_of(found)).seconds(found.moment_ns)[-1] == 0.0
+
+
+def test_what_the_ring_keeps_no_more_is_told(played: ScriptedRobot) -> None:
+    for k in range(5000):  # more than it has room for
+        played.arm.publish(BEGIN + k * 1_000_000)
+    with opened(played) as capturing:
+        found = capturing.last(4.999)
+    assert 0.4 < found.short["PSM1/state"] < 0.6 and len(values_of(found)) == 4499
+
+
+def values_of(found: Capture) -> Any:
+    return next(series_of(found)).values
+
+
+def test_records_that_were_overwritten_are_counted(played: ScriptedRobot) -> None:
+    show(played, 0.0, 0.0)
+    with opened(played) as capturing:
+        window = capturing._windows["PSM1/state"]
+        window.collect()
+        for k in range(5000):
+            played.arm.publish(BEGIN + 10_000_000_000 + k * 100_000)
+        found = capturing.last(60.0)
+    assert lost(found) == 5001 - 1 - 4499 and found.gaps[0].topic == "PSM1/state"
+    assert as_json(found, "", 60.0, 0.0)["gaps"][0]["lost"] == 501
+
+
+@pytest.mark.parametrize(("when", "at"), [
+    (f"{FIELD} > 0.5", 0.6), (f"{FIELD} >= 0.5", 0.5), (f"not {FIELD} < 0.5", 0.5), (f"abs({FIELD}) > 0.75", 0.8),
+    (f"{FIELD} > 0.5 and {FIELD} < 0.7", 0.6), (f"{FIELD} > 5 or {FIELD} == 0.25", None),
+    ("PSM1/measured_js.position > 0.85", 0.9), ("PSM1/state.state == ENABLED", 0.3), ("PSM1/state.is_busy", 0.4),
+    ("PSM1/state.is_busy == true", 0.4), ("PSM1/state.state != ENABLED", 0.0),
+    (f"PSM1/state.is_busy and {FIELD} > 0.65", 0.7), (f"PSM1/state.state == ENABLED and not {FIELD} < 0.4", 0.4),
+])
+def test_the_moment_is_where_it_begins_to_hold(played: ScriptedRobot, when: str, at: float | None) -> None:
+    for k in range(10):
+        show(played, 0.1 * k, 0.01 * k, state="ENABLED" if k >= 3 else "DISABLED", busy=k >= 4)
+    with opened(played, when) as capturing:
+        found = capturing.past(0.0, 0.0)
+    assert (None if at is None else [at]) == (None if found is None else values(found))
+
+
+def test_the_last_time_is_taken_of_several(played: ScriptedRobot) -> None:
+    for k, position in enumerate((0.0, 1.0, 1.0, 0.0, 2.0, 2.5, 0.0)):
+        show(played, position, 0.01 * k)
+    with opened(played, f"{FIELD} > 0.5") as capturing:
+        assert values(capturing.past(0.015, 0.015)) == [0.0, 2.0, 2.5]
+
+
+def test_what_is_not_valid_triggers_nothing(played: ScriptedRobot) -> None:
+    show(played, 9.0, 0.0, valid=False)
+    show(played, 0.1, 0.1)
+    for when in (f"{FIELD} > 0.5", f"{FIELD} != 0.1", "PSM1/measured_js.velocity[0] < 1"):
+        with opened(played, when) as capturing:
+            assert capturing.past(0.0, 0.0) is None, when
+
+
+@pytest.mark.parametrize("when", ["event PSM1 error", "event error", "event tracking", 'event PSM1 "cannot"', "fault",
+                                  "fault PSM1", "event PSM1 tracking", "event error or PSM1/state.is_busy"])
+def test_events_and_faults_are_moments(played: ScriptedRobot, when: str) -> None:
+    played.show_arm(0.1)
+    played.events.status("PSM1: HOMED", "PSM1")
+    played.events.report(codes.TRACKING, "PSM1 axis 2: cannot follow", "PSM1", 2, 0.06, 0.05, 6)
+    played.show_arm(0.2)
+    with opened(played, when) as capturing:
+        found = capturing.past(5.0, 5.0)
+    assert found is not None and values(found) == [0.1, 0.2]
+    times = next(series_of(found)).seconds(found.moment_ns)
+    assert times[0] < 0.0 < times[1]
+
+
+@pytest.mark.parametrize("when", ["event IO1", "event PSM1 warning", "event goal_reached", 'event "nothing such"',
+                                  "fault IO1", "event bad-reads"])
+def test_other_events_are_none(played: ScriptedRobot, when: str) -> None:
+    played.events.report(codes.TRACKING, "PSM1 axis 2: cannot follow", "PSM1", 2, 0.06, 0.05, 6)
+    with opened(played, when) as capturing:
+        assert capturing.past(1.0, 1.0) is None
+
+
+def test_a_fault_of_the_state_machine_is_one(played: ScriptedRobot) -> None:
+    played.events.operating_state("ENABLED", "HOMED", True, False)
+    played.show_arm(0.1)
+    played.events.operating_state("FAULT", "FAULT", False, False)
+    with opened(played, "fault PSM1") as capturing:
+        assert values(capturing.past(1.0, 1.0)) == [0.1]
+
+
+def test_it_waits_and_takes_what_comes_after(played: ScriptedRobot, monkeypatch: pytest.MonkeyPatch) -> None:
+    positions = iter([0.1, 0.2, 0.9, 0.3, 0.4, 0.5])
+    show(played, 0.95, 2.0)  # before it began to wait: this is no moment
+
+    def meanwhile(seconds: float) -> None:
+        for position in positions:
+            played.show_arm(position)
+            break
+
+    monkeypatch.setattr(capture, "pause", meanwhile)
+    monkeypatch.setattr(capture, "SILENT_S", 0.05)
+    with opened(played, f"{FIELD} > 0.5") as capturing:
+        found = capturing.wait(60.0, 0.2, 30.0)
+    assert values(found) == [0.95, 0.1, 0.2, 0.9, 0.3, 0.4, 0.5]
+
+
+def test_what_does_not_happen_in_time_is_none(played: ScriptedRobot) -> None:
+    played.show_arm(0.1)
+    with opened(played, f"{FIELD} > 0.5") as capturing:
+        assert capturing.wait(1.0, 1.0, 0.05) is None
+
+
+def test_rings_are_aligned_on_their_stamps(played: ScriptedRobot) -> None:
+    stamp = monotonic_ns() - 10**9
+    for k in range(10):
+        played.io.field("position")[0] = k
+        played.io.field("valid")[...] = True
+        played.io.publish(stamp + k * 1_000_000)
+    show_at = stamp + 4_500_000
+    played.show_arm(0.7, age_s=(monotonic_ns() - show_at) * 1e-9)
+    when = f"{FIELD} > 0.5 and IO1/state.position[0] >= 6"
+    with opened(played, when, "IO1/state.position[0]", FIELD) as capturing:
+        found = capturing.past(1.0, 1.0)
+    assert found is not None and found.moment_ns == stamp + 6_000_000
+    assert [len(rows) for rows in found.rows.values()] == [10, 1]
+
+
+def test_fields_that_do_not_fit_are_used_wrongly(played: ScriptedRobot) -> None:
+    played.show_arm(0.1)
+    for when, why in (("PSM1/state.state > 1", "is text: allowed are == and !="),
+                      ("PSM1/measured_js.position[0] == FAULT", "'FAULT' is none of its words"),
+                      ("PSM1/measured_js.positon > 1", "near are: position")):
+        with pytest.raises(Misuse, match=why):
+            opened(played, when)
+    for when in ("fault PSM9", "event PSM9 error"):
+        with pytest.raises(Problem, match="no process PSM9"):
+            opened(played, when)
+
+
+# the verb
+
+
+def run(played: ScriptedRobot, *words: str) -> Result:
+    return CliRunner().invoke(APP, ["scope", *words, "--system", played.name])
+
+
+def filled(played: ScriptedRobot) -> None:
+    for k in range(200):
+        show(played, float(np.sin(k * 0.1)), 0.01 * k)
+
+
+def test_a_plot_fits_eighty_columns(played: ScriptedRobot) -> None:
+    filled(played)
+    shown = run(played, "PSM1/measured_js.position[0:2]", "PSM1/state.state", "--before", "1.005")
+    lines = shown.stdout.splitlines()
+    assert shown.exit_code == 0 and max(map(len, lines[1:])) <= 80 and "PSM1/measured_js.position[1]  rad|m" in lines
+    assert any(ord(c) > 0x2800 for c in shown.stdout) and "DISABLED" in shown.stdout and "101 records" in shown.stdout
+
+
+def test_tables_and_documents_have_every_record(played: ScriptedRobot, tmp_path: Path) -> None:
+    filled(played)
+    table = list(csv.reader(io.StringIO(run(played, FIELD, "--before", "0.505", "--csv", "-").stdout)))
+    assert table[0] == ["t_s", "stamp_ns", FIELD] and len(table) == 52 and table[-1][0] == "0.000000"
+    document = json.loads(run(played, FIELD, "--when", f"{FIELD} > 0.99", "--past", "--json", "--before", "0.025",
+                              "--after", "0").stdout)
+    (field,) = document["fields"]
+    assert len(field["value"]) == 3 and field["value"][-1] > 0.99 >= field["value"][-2]
+    assert document["lost"] == 0 and document["gaps"] == []
+    file = tmp_path / "table.csv"
+    assert run(played, FIELD, "--csv", str(file)).exit_code == 0 and len(file.read_text().splitlines()) > 100
+
+
+def test_what_did_not_happen_is_exit_code_one(played: ScriptedRobot) -> None:
+    filled(played)
+    shown = run(played, FIELD, "--when", f"{FIELD} > 5", "--timeout", "0.05")
+    assert shown.exit_code == 1 and "did not happen within 0.05 s" in shown.stderr
+    assert run(played, FIELD, "--when", f"{FIELD} > 5", "--past").exit_code == 1
+
+
+@pytest.mark.parametrize("words", [(FIELD, "--when", "what"), ("PSM1",), ("PSM1/state",), (FIELD, "--past"),
+                                   (FIELD, "--json", "--csv", "-"), (FIELD, "--before", "100")])
+def test_what_is_used_wrongly_says_so(played: ScriptedRobot, words: tuple[str, ...]) -> None:
+    played.show_arm(0.1)
+    assert run(played, *words).exit_code == 2
+
+
+def test_an_empty_ring_is_a_problem(played: ScriptedRobot) -> None:
+    shown = run(played, FIELD)
+    assert shown.exit_code == 1 and "nothing was written to PSM1/state yet" in shown.stderr
+
+
+def test_a_picture_is_made_or_says_what_it_needs(played: ScriptedRobot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+                                                 ) -> None:
+    filled(played)
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    shown = run(played, FIELD, "--png", str(tmp_path / "a.png"))
+    assert shown.exit_code == 1 and "pip install 'trocar[plot]'" in shown.stderr
+    monkeypatch.undo()
+    pytest.importorskip("matplotlib")
+    shown = run(played, FIELD, "IO1/state.position[0]", "--png", str(tmp_path / "a.png"))
+    assert shown.exit_code == 0, shown.stderr
+    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")

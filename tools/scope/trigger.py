@@ -1,0 +1,170 @@
+"""When a condition holds: evaluated at every record of the rings that it is about, on their stamps.
+
+Between two records a field has the value of the first; an event is at its stamp alone. Where rings come in at different
+times, no further than to the newest stamp that all of those have which still move.
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.codes import ERROR, FAULTS
+from procs.crtk.field_paths import FieldCells
+from shm.events import SEVERITIES
+from tools.errors import Misuse
+from tools.inspect.enumerations import words_of
+from tools.scope.grammar import Both, Comparison, Condition, Either, EventSeen, FaultSeen, Leaf, Not
+
+Flags = NDArray[np.bool_]
+Stamps = NDArray[np.int64]
+Test = Callable[[NDArray[Any]], Flags]
+
+COMPARE: Final[Mapping[str, Callable[[Any, Any], Any]]] = {
+    ">": operator.gt, ">=": operator.ge, "<": operator.lt, "<=": operator.le, "==": operator.eq, "!=": operator.ne}
+LAGS_NS: Final = 250_000_000
+"""A ring whose newest record is so much older than others' is not waited for."""
+IO_FAULTS: Final = [fault.code.encode() for fault in FAULTS]
+YES: Final = {"true": 1.0, "yes": 1.0, "false": 0.0, "no": 0.0}
+
+
+def field_test(leaf: Comparison, cells: FieldCells) -> Test:
+    """What tells of each record whether a comparison holds; Misuse where field and value do not go together."""
+    if cells.is_text:
+        if leaf.operator not in ("", "==", "!=") or leaf.of_size:
+            raise Misuse(f"{leaf.path.text} is text: allowed are == and !=")
+        word = b"" if not leaf.operator else _as_text(leaf.value).encode()
+        compare = COMPARE[leaf.operator or "!="]
+
+        def says(records: NDArray[Any]) -> Flags:
+            found: Flags = np.any(compare(cells.raw(records), word) & cells.valid(records)[:, None], axis=1)
+            return found
+
+        return says
+    value, compare = _number(leaf, cells), COMPARE[leaf.operator or "!="]
+
+    def holds(records: NDArray[Any]) -> Flags:
+        numbers = cells.numbers(records)
+        found = compare(np.abs(numbers) if leaf.of_size else numbers, value)
+        some: Flags = np.any(found & np.isfinite(numbers), axis=1)
+        return some
+
+    return holds
+
+
+def _as_text(value: float | str) -> str:
+    return value if isinstance(value, str) else f"{value:g}"
+
+
+def _number(leaf: Comparison, cells: FieldCells) -> float:
+    if not isinstance(leaf.value, str):
+        return leaf.value
+    words = {word.partition(" (")[0]: float(number) for number, word in words_of(cells.field.text).items()}
+    words |= YES if cells.field.dtype.endswith("?") else {}
+    if leaf.value not in words:
+        allowed = f"; its words are {', '.join(words)}" if words else ""
+        raise Misuse(f"{leaf.path.text} is a number, {leaf.value!r} is none of its words{allowed}")
+    return words[leaf.value]
+
+
+def event_test(leaf: EventSeen | FaultSeen, words: Sequence[str]) -> Test:
+    """What tells of each event whether it is the one meant; `words` are those but for the name of whose it is."""
+    if isinstance(leaf, FaultSeen):
+        return lambda rows: (((rows["event"] == b"operating_state") & (rows["state"] == b"FAULT"))
+                             | ((rows["severity"] == ERROR) & np.isin(rows["code"], IO_FAULTS)))
+    wanted = [word.encode() for word in words]
+    severities = [SEVERITIES.index(word) if word in SEVERITIES[1:] else -1 for word in words]
+
+    def seen(rows: NDArray[Any]) -> Flags:
+        found = np.ones(len(rows), np.bool_)
+        for word, severity in zip(wanted, severities, strict=True):
+            found &= rows["severity"] == severity if severity > 0 else (
+                (rows["code"] == word) | (rows["event"] == word) | (rows["component"] == word))
+        if leaf.text:
+            found &= np.array([leaf.text.encode() in text for text in rows["text"].tolist()], np.bool_)
+        return found
+
+    return seen
+
+
+@dataclass(slots=True)
+class _LeafState:
+    """What is known of a leaf: stamps at which it was looked at and what it was there, not yet used; and before."""
+
+    is_event: bool
+    tests: dict[str, Test]
+    stamps: list[Stamps] = field(default_factory=list)
+    flags: list[Flags] = field(default_factory=list)
+    before: bool = False
+
+    def take(self, topic: str, records: NDArray[Any]) -> None:
+        if topic in self.tests and len(records):
+            self.stamps.append(records["stamp_ns"].astype(np.int64))
+            self.flags.append(self.tests[topic](records))
+
+    def sorted(self) -> tuple[Stamps, Flags]:
+        if not self.stamps:
+            return np.zeros(0, np.int64), np.zeros(0, np.bool_)
+        stamps, flags = np.concatenate(self.stamps), np.concatenate(self.flags)
+        order = np.argsort(stamps, kind="stable")
+        return stamps[order], flags[order]
+
+
+class Trigger:
+    """One condition, fed with the records of the rings that it is about."""
+
+    def __init__(self, condition: Condition, tests: Sequence[tuple[Leaf, dict[str, Test]]], rates: Mapping[str, float]
+                 ) -> None:
+        """`tests`: of each leaf, as `grammar.leaves` gives them, what tests the records of a topic; `rates`, Hz."""
+        self._condition = condition
+        self._leaves = [_LeafState(not isinstance(leaf, Comparison), dict(made)) for leaf, made in tests]
+        self._newest = {topic: 0 for topic, rate in rates.items() if rate > 0.0}
+
+    def take(self, topic: str, records: NDArray[Any]) -> None:
+        """Records of a ring that came since."""
+        for leaf in self._leaves:
+            leaf.take(topic, records)
+        if len(records) and topic in self._newest:
+            self._newest[topic] = int(records["stamp_ns"][-1])
+
+    def look(self, *, to_end: bool = False) -> tuple[Stamps, Flags]:
+        """Stamps that are new, in order, and whether the condition holds there; `to_end`: nothing more will come."""
+        moving = [stamp for stamp in self._newest.values() if stamp > max(self._newest.values()) - LAGS_NS]
+        horizon = np.iinfo(np.int64).max if to_end or not moving else min(moving)
+        parts = [leaf.sorted() for leaf in self._leaves]
+        grid = np.unique(np.concatenate([stamps[stamps <= horizon] for stamps, _ in parts]))
+        columns = [_on(grid, leaf, *part) for leaf, part in zip(self._leaves, parts, strict=True)]
+        for leaf, (stamps, flags), column in zip(self._leaves, parts, columns, strict=True):
+            later = stamps > horizon
+            leaf.stamps, leaf.flags = [stamps[later]], [flags[later]]
+            if len(column) and not leaf.is_event:
+                leaf.before = bool(column[-1])
+        found, rest = _evaluated(self._condition, columns)
+        assert not rest
+        return grid, found
+
+
+def _on(grid: Stamps, leaf: _LeafState, stamps: Stamps, flags: Flags) -> Flags:
+    """A leaf at the stamps of a grid."""
+    if leaf.is_event:
+        return np.isin(grid, stamps[flags])
+    place = np.searchsorted(stamps, grid, "right") - 1
+    held = np.append(flags, leaf.before)  # the last one stands for -1
+    return np.asarray(held[place], np.bool_)
+
+
+def _evaluated(condition: Condition, columns: Sequence[Flags]) -> tuple[Flags, Sequence[Flags]]:
+    """A tree over its leaves' columns, which it takes from the left; and those that are left."""
+    if isinstance(condition, Not):
+        one, columns = _evaluated(condition.one, columns)
+        return ~one, columns
+    if isinstance(condition, Both | Either):
+        left, columns = _evaluated(condition.left, columns)
+        right, columns = _evaluated(condition.right, columns)
+        return (left & right if isinstance(condition, Both) else left | right), columns
+    return columns[0], columns[1:]

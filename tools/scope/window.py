@@ -1,0 +1,110 @@
+"""What is kept of a ring's records while `scope` waits: chosen cells, every record once, and what is missing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.crtk.field_paths import FieldCells
+from shm.ring import RingReader
+
+Stamps = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """Records that nobody can show any more: how many, behind the one of this stamp."""
+
+    topic: str
+    stamp_ns: int
+    lost: int
+
+
+@dataclass(frozen=True, slots=True)
+class WindowRows:
+    """Records of one ring in order: stamps, numbers, and of each field its cells (records, cells)."""
+
+    stamps: Stamps
+    sequences: NDArray[np.uint64]
+    columns: tuple[NDArray[Any], ...]
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+    def between(self, first_ns: int, last_ns: int) -> WindowRows:
+        """Those with a stamp from `first_ns` to `last_ns`."""
+        chosen = (self.stamps >= first_ns) & (self.stamps <= last_ns)
+        return WindowRows(self.stamps[chosen], self.sequences[chosen], tuple(column[chosen] for column in self.columns))
+
+
+class RingWindow:
+    """The newest records of one ring, as long as they are needed; call `collect` often enough."""
+
+    def __init__(self, topic: str, reader: RingReader, cells: Sequence[FieldCells]) -> None:
+        """`topic` is what the ring is called. Nothing is kept yet."""
+        self.topic, self.cells, self._reader = topic, tuple(cells), reader
+        self._pieces: list[WindowRows] = [self._rows(np.zeros(0, reader.dtype))]
+        self._seen = 0
+        self._is_first = True
+
+    @property
+    def newest_ns(self) -> int:
+        """Stamp of the newest record kept, 0: none."""
+        return max((int(piece.stamps[-1]) for piece in self._pieces if len(piece)), default=0)
+
+    @property
+    def gone(self) -> str:
+        """Its writer, where that is no more."""
+        return self._reader.gone
+
+    @property
+    def rate_hz(self) -> float:
+        """At which it is written; 0: on events."""
+        rate = self._reader.info.get("rate_hz", 0.0)
+        return float(rate) if isinstance(rate, int | float) else 0.0
+
+    def collect(self, from_ns: int = 0) -> NDArray[Any]:
+        """Take in what came since, the first time what was kept from `from_ns` on; these records, whole."""
+        if self._is_first:
+            records, self._is_first = self._reader.since(from_ns), False
+            self._seen = int(records["sequence"][-1]) if len(records) else self._reader.head
+        else:
+            head = self._reader.head
+            if head < self._seen:  # no writer does that: begin anew rather than wait for what was
+                self._seen = head
+            records = self._reader.last(head - self._seen) if head > self._seen else np.zeros(0, self._reader.dtype)
+            if len(records):
+                self._seen = int(records["sequence"][-1])
+        if len(records):
+            self._pieces.append(self._rows(records))
+        return records
+
+    def forget(self, before_ns: int) -> None:
+        """What is older is needed no more."""
+        while len(self._pieces) > 1 and (not len(self._pieces[0]) or int(self._pieces[0].stamps[-1]) < before_ns):
+            del self._pieces[0]
+
+    def rows(self) -> WindowRows:
+        """All that is kept, oldest first."""
+        pieces = self._pieces
+        return WindowRows(np.concatenate([piece.stamps for piece in pieces]),
+                    np.concatenate([piece.sequences for piece in pieces]),
+                    tuple(np.concatenate([piece.columns[k] for piece in pieces]) for k in range(len(self.cells))))
+
+    def _rows(self, records: NDArray[Any]) -> WindowRows:
+        columns = tuple(each.raw(records) if each.is_text else each.numbers(records) for each in self.cells)
+        return WindowRows(records["stamp_ns"].copy(), records["sequence"].copy(), columns)
+
+    def close(self) -> None:
+        """Unmap."""
+        self._reader.close()
+
+
+def gaps_of(topic: str, rows: WindowRows) -> list[Gap]:
+    """Where numbers of records are missing between two that are there."""
+    steps = np.diff(rows.sequences.astype(np.int64))
+    return [Gap(topic, int(rows.stamps[k]), int(steps[k]) - 1) for k in np.flatnonzero(steps > 1)]
