@@ -20,6 +20,11 @@ def log_folder(environ: Mapping[str, str], system: str) -> Path:
     return root / "trocar" / system
 
 
+def token_file(environ: Mapping[str, str], system: str) -> Path:
+    """Where the token of a system's web console is that was made at its start; only its user can read it."""
+    return log_folder(environ, system) / "gui.token"
+
+
 def given_file(path: Path, search: Sequence[Path] = (), configs: Path = PROJECT_CONFIGS) -> Path:
     """A file as a person names it on a command line: as it is, else along `search`, in `configs`, or beside that.
 

@@ -53,6 +53,17 @@ class WebConsole:
     key: str = ""
     authorities: str = ""
     max_clients: int = 16
+    makes_token: bool = False  # at each start: other machines may come, and nothing else says who
+
+    def links(self, token: str = "", here: str = "") -> list[str]:
+        """Addresses for browsers; `token`: with it where one is asked for. `here`: this machine for all of its own."""
+        found = []
+        for address in self.listen:
+            (host, port), scheme = host_and_port(address), "https" if self.certificate else "http"
+            name = here if here and ip_address(host).is_unspecified else f"[{host}]" if ":" in host else host
+            shown = f"/?token={token}" if token and not is_loopback(address) else ""
+            found.append(f"{scheme}://{name}:{port}{shown}")
+        return found
 
 
 @dataclass(frozen=True, slots=True)

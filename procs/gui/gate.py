@@ -22,7 +22,9 @@ from procs.access import is_ours
 
 COOKIE: Final = "trocar"
 GUESS_S: Final = 1.0
-"""That a wrong token has to wait."""
+"""That a wrong token has to wait; meanwhile nobody from that address tries another one."""
+GUESSING: Final = 32
+"""Addresses that may do so at a time."""
 MAX_FORM: Final = 4096
 HEADERS: Final = (
     # Nothing but this server's own files is ever fetched, whatever a library would like: labs are offline.
@@ -47,6 +49,7 @@ class Gate:
         """`has_certificates`: who comes has shown one."""
         self._app, self._token, self._log = app, token, log
         self._has_certificates, self._is_ours = has_certificates, is_ours
+        self._guessing: set[str] = set()
         self._cookie = hmac.new(token, b"trocar gui", hashlib.sha256).hexdigest() if token else ""
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -87,6 +90,10 @@ class Gate:
             return
         form = await _body(receive) if scope["method"] == "POST" else scope["query_string"]
         given = parse_qs(form.decode("latin-1")).get("token", [""])[0]
+        who = _network(scope)
+        if given and (who in self._guessing or len(self._guessing) >= GUESSING):
+            await _answer(scope, send, 429, FORM.format(why="One try at a time: wait a second."), (), b"text/html")
+            return
         if given and hmac.compare_digest(given.encode("latin-1", "replace"), self._token):
             secure = "; Secure" if scope.get("scheme") == "https" else ""
             cookie = f"{COOKIE}={self._cookie}; HttpOnly; SameSite=Strict; Path=/{secure}"
@@ -97,7 +104,11 @@ class Gate:
             return
         if given:
             self._log.warning("%s: a wrong token", scope["client"])
-            await asyncio.sleep(GUESS_S)
+            self._guessing.add(who)
+            try:
+                await asyncio.sleep(GUESS_S)
+            finally:
+                self._guessing.discard(who)
         await _answer(scope, send, 401, FORM.format(why="This is not the token." if given else ""), (), b"text/html")
 
 
@@ -112,6 +123,12 @@ def refusal(headers: dict[str, str], scope: Scope, is_here: bool) -> str:
     if scope["type"] == "http" and scope["method"] not in ("GET", "HEAD") and origin is None:
         return "that is from no page"
     return ""
+
+
+def _network(scope: Scope) -> str:
+    """Whose it is: an address, of the new kind the network that one household has."""
+    client = ip_address(scope["client"][0])
+    return str(client) if client.version == 4 else str(client.exploded[:19])
 
 
 def _is_loopback(name: str) -> bool:

@@ -11,12 +11,15 @@ import os
 from typing import Final
 
 from procs import runtime
+from procs.access import token_in
 from procs.crtk.calls import owners_of
+from procs.document.system import SystemConfig
 from procs.gui.browsers import Browsers, ConsoleService
 from procs.gui.catalogue import sources_of
 from procs.gui.pages.application import application
 from procs.gui.scene_source import ArmModels
 from procs.gui.server import WebServer
+from procs.paths import token_file
 from procs.pauses import Pauses, duration
 from shm.clock import monotonic_ns
 
@@ -44,7 +47,8 @@ class GuiLoop(runtime.Loop):
         self._sources, self._models = sources_of(document), ArmModels(document)
         self._browsers = Browsers(ConsoleService(document.name, owners_of(document), self._sources,
                                                  self._pauses.is_over, self._models, run))
-        self._server = WebServer(application(document), document.gui, self._browsers, node.log)
+        token = token_in(document.gui.token_file or _made_token(document))
+        self._server = WebServer(application(document), document.gui, token, self._browsers, node.log)
         sockets = [listening.dup() for listening in node.listening]  # the server closes those it is given
         self._events.run_until_complete(self._server.listen(sockets))
 
@@ -79,6 +83,12 @@ class GuiLoop(runtime.Loop):
         self._sources.close()
         self._models.close()
         self._events.close()
+
+
+def _made_token(document: SystemConfig) -> str:
+    """The file of the token that was made at start; empty: none was."""
+    is_made = document.gui is not None and document.gui.makes_token
+    return str(token_file(os.environ, document.name)) if is_made else ""
 
 
 def main() -> None:

@@ -12,7 +12,7 @@ from typing import Final
 import uvicorn
 from fastapi import FastAPI, WebSocket, WebSocketDisconnect
 
-from procs.access import tls_of, token_in
+from procs.access import tls_of
 from procs.document.bridges import WebConsole
 from procs.gui.browsers import Browsers
 from procs.gui.gate import Gate
@@ -32,13 +32,14 @@ class _Server(uvicorn.Server):
 class WebServer:
     """It serves the pages of an application, and `/live` to them, to whom the gate lets in."""
 
-    def __init__(self, pages: FastAPI, console: WebConsole, browsers: Browsers, log: logging.Logger) -> None:
-        """AccessError when the token or a certificate cannot be used."""
+    def __init__(self, pages: FastAPI, console: WebConsole, token: bytes, browsers: Browsers,
+                 log: logging.Logger) -> None:
+        """AccessError when a certificate cannot be used."""
         self._browsers, self._most = browsers, console.max_clients
         tls = tls_of(console)
         pages.add_api_websocket_route("/live", self._live)
         pages.router.routes.insert(0, pages.router.routes.pop())  # before the pages, which are mounted at /
-        gate = Gate(pages, token_in(console.token_file), bool(console.authorities), log)
+        gate = Gate(pages, token, bool(console.authorities), log)
         self._server = _Server(uvicorn.Config(
             gate, log_config=None, access_log=False, proxy_headers=False, server_header=False, loop="none", http="h11",
             ws="websockets-sansio", ws_max_size=BYTES, lifespan="on", timeout_graceful_shutdown=1,

@@ -16,6 +16,7 @@ from procs.document.system import LOCKSTEP, PACED, WALL, SystemConfig
 from procs.realtime import cores
 from procs.supervisor.addresses import NoAddress, free_address
 from procs.supervisor.dependencies import Circle
+from procs.supervisor.gui_token import told
 from procs.supervisor.listening import AddressTaken
 from procs.supervisor.supervisor import SetupFailed, Supervisor
 from shm import loglines
@@ -93,6 +94,8 @@ def _run(system: SystemConfig, seconds: float | None) -> int:
                 supervisor.start_all()
                 if not supervisor.stopping:
                     log.info("system %s is up: %s", system.name, ", ".join(c.row.name for c in supervisor.children))
+                    if said := told(system, to_a_terminal=sys.stderr.isatty()):
+                        log.info("%s", said)
                 supervisor.run(seconds)
                 log.log(logging.ERROR if supervisor.lost else logging.INFO, "stopping: %s", supervisor.stopping)
                 failed = supervisor.lost or any(c.given_up for c in supervisor.children)

@@ -24,6 +24,7 @@ from procs.supervisor.clearing import Clearings
 from procs.supervisor.cores import core_time_ns
 from procs.supervisor.demand import Demand
 from procs.supervisor.dependencies import missing, waves
+from procs.supervisor.gui_token import gui_token
 from procs.supervisor.judge import HUNG, LATE, Judge, JudgedProcess
 from procs.supervisor.listening import Listening
 from procs.supervisor.log_keeper import LogKeeper
@@ -66,6 +67,7 @@ class Supervisor:
         self._systemd = Notifier(os.environ)
         with ExitStack() as held:
             held.enter_context(memory.hold_name(system.name))
+            held.enter_context(gui_token(system))
             self._listening = {row.name: held.enter_context(closing(Listening(row))) for row in system.processes}
             self._make(memory.maker(system.group))
             self._log_keeper = held.enter_context(closing(LogKeeper(log_folder(os.environ, system.name), system.logs)))

@@ -32,8 +32,7 @@ def test_a_system_without_it_has_none(home: Home) -> None:
 
 
 @pytest.mark.parametrize(("text", "words"), [
-    ("{listen: 0.0.0.0:8080}", "anybody could come to 0.0.0.0:8080"),
-    ("{listen: '[::]:8080', tls: {certificate: a, key: b}}", "anybody could come to [::]:8080"),
+    ("{listen: '[::]:8080', tls: {certificate: a, key: b}}", "no file a"),
     ("{token_file: nowhere}", "no file nowhere"),
     ("{max_clients: 0}", "out of range"),
     ("{port: 8080}", "port"),
@@ -50,3 +49,15 @@ def test_who_may_take_control_from_elsewhere_is_said(home: Home) -> None:
     assert loaded.system is not None, loaded.errors
     assert "gui: the robot in a browser: http://0.0.0.0:8080" in loaded.system.notes
     assert "gui: who has the token may take control at 0.0.0.0:8080" in loaded.system.notes
+
+
+def test_a_token_is_made_at_start_where_others_may_come_and_nothing_says_who(home: Home) -> None:
+    attach(home, "{listen: ['127.0.0.1:8080', '0.0.0.0:8081', '[::]:8082']}")
+    loaded = home.load()
+    assert loaded.system is not None, loaded.errors
+    gui = loaded.system.gui
+    assert gui is not None and gui.makes_token
+    assert gui.links("abc", "robot.lab") == ["http://127.0.0.1:8080", "http://robot.lab:8081/?token=abc",
+                                             "http://robot.lab:8082/?token=abc"]
+    assert any("made at each start" in note for note in loaded.system.notes)
+    assert from_json(to_json(loaded.system)) == loaded.system

@@ -10,6 +10,7 @@ import pytest
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.keys import Keys
 
+from procs.paths import token_file
 from shm.ring import RingReader
 from tests.gui.chromium import BrowserPage, chromium
 from tests.system.conftest import records as records
@@ -139,11 +140,10 @@ def test_from_elsewhere_a_token_opens_the_console_and_nothing_else_does(robot: R
         except OSError:
             pytest.skip("this machine has no address but loopback")
         host = probe.getsockname()[0]
-    token = robot.logs / "gui.token"
-    token.write_text("0123456789abcdef")
-    token.chmod(0o600)
     port = free()
-    robot.up(KINEMATIC, "--set", f"gui.listen={host}:{port}", "--set", f"gui.token_file={token}")
+    robot.up(KINEMATIC, "--set", f"gui.listen={host}:{port}")
+    token = token_file(robot.environment, robot.name).read_text().strip()
+    assert token not in robot.output(), "that may be somebody else's to read"
     with chromium(f"http://{host}:{port}") as page:
         page.driver.get(page.address)
         robot.pids.add(robot.pid("gui"))
@@ -151,11 +151,11 @@ def test_from_elsewhere_a_token_opens_the_console_and_nothing_else_does(robot: R
         page.find("input").send_keys("a wrong one, surely", Keys.ENTER)
         page.until("document.body.innerText.includes('This is not the token')")
         assert "PSM1" not in page.driver.page_source
-        page.find("input").send_keys("0123456789abcdef", Keys.ENTER)
+        page.find("input").send_keys(token, Keys.ENTER)
         page.until("document.body.dataset.connection === 'live'")
         page.take_control()
         page.open("/processes")
-        assert "0123456789abcdef" not in page.driver.page_source + page.driver.current_url
+        assert token not in page.driver.page_source + page.driver.current_url
 
 
 def test_a_tip_of_an_emulated_master_is_pulled_in_3d(robot: Robot) -> None:

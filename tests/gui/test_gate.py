@@ -98,6 +98,35 @@ def test_the_token_opens_the_pages(ours: bool, client: str, monkeypatch: pytest.
     assert asked({"cookie": cookie, "origin": "https://evil.example"}).status == 403
 
 
+def test_who_guesses_has_to_wait_and_is_in_nobody_elses_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(gate, "GUESS_S", 3600.0)
+    made = Gate(pages, TOKEN, False, logging.getLogger("gate"), lambda peer, port: False)
+
+    async def knock(client: str, token: str) -> Response:
+        heard, scope = Response(), {
+            "type": "http", "method": "GET", "path": "/", "query_string": f"token={token}".encode(), "scheme": "http",
+            "client": (client, 4000), "server": ("10.0.0.1", 8080), "headers": [(b"host", b"robot.lab")]}
+        await made(scope, lambda: asyncio.sleep(0, {}), heard.send)
+        return heard
+
+    async def story() -> None:
+        waiting = [asyncio.ensure_future(knock(client, "wrong")) for client in ("10.0.0.7", "fd00::1:0:0:0:1")]
+        await asyncio.sleep(0)
+        for again in ("10.0.0.7", "fd00::1:0:0:0:2"):
+            assert (await knock(again, TOKEN.decode())).status == 429, "not even the right one"
+        assert "set-cookie" in (await knock("10.0.0.8", TOKEN.decode())).headers
+        waiting += [asyncio.ensure_future(knock(f"10.0.1.{i}", "wrong")) for i in range(gate.GUESSING)]
+        await asyncio.sleep(0)
+        assert (await knock("10.0.0.9", TOKEN.decode())).status == 429, "too many at a time"
+        assert not any(each.done() for each in waiting[:2])
+        for each in waiting:
+            each.cancel()
+        await asyncio.gather(*waiting, return_exceptions=True)
+        assert "set-cookie" in (await knock("10.0.0.7", TOKEN.decode())).headers
+
+    asyncio.run(story())
+
+
 def test_a_connection_needs_the_token_too() -> None:
     assert "token is missing" in ask({"host": "robot.lab"}, token=TOKEN, client="10.0.0.7", kind="websocket").reason
 

@@ -29,6 +29,7 @@ from tools.options import ClockOption, JsonOption, clock_set
 from tools.printing import emit, note, number, progress, table
 from tools.supervising import StartRequest, up_meanwhile
 from tools.systems import ROOT
+from tools.web_address import web_addresses
 
 SYSTEM = ROOT / "configs" / "systems" / "demo-teleop.yaml"
 NAME = "demo"
@@ -49,6 +50,8 @@ UNITS = {"mm": "mm", "deg": "°", "ms": "ms"}
 def demo(
     seconds: Annotated[float, typer.Option("--for", min=0.0, help="Follow so many seconds; 0: until Ctrl-C.")] = 0.0,
     clock: ClockOption = "",
+    listen: Annotated[str, typer.Option("--listen", metavar="ADDRESS", help="Of its web console, as 0.0.0.0:8080: "
+                                        "browsers on other machines need the token that is printed.")] = "",
     as_json: JsonOption = False,
     system: Annotated[str, typer.Option("--system", envvar="TROCAR_SYSTEM", metavar="NAME", help="Its name.")] = NAME,
 ) -> int:
@@ -64,9 +67,10 @@ def demo(
     end = begin + round((SLOWEST * seconds + AROUND_S) * 1e9) if seconds else None
     summary: dict[str, Any] = {"problems": []}
     with reserved_port(GUI_PORT) as port, up_meanwhile(
-            StartRequest(SYSTEM, system, "emulated", sets=(*sets, f"gui.listen=127.0.0.1:{port}"))) as background:
+            StartRequest(SYSTEM, system, "emulated", sets=(*sets, f"gui.listen={listen or f'127.0.0.1:{port}'}"))
+            ) as background:
         try:
-            note(f"see it, and run it: http://127.0.0.1:{port}")
+            note(f"see it, and run it: {', '.join(web_addresses(system))}")
             _bring_up(system, begin, end)
             summary = _operate(system, begin, seconds, end)
         except KeyboardInterrupt:

@@ -15,6 +15,7 @@ from tools.printing import emit, note, progress
 from tools.supervising import Background, StartRequest, refuse_taken
 from tools.systems import ROOT, environment, system_file
 from tools.verbs.logs import tail
+from tools.web_address import web_addresses
 
 DEMO = ROOT / "configs" / "systems" / "demo.yaml"
 NAME = "trocar"
@@ -56,8 +57,11 @@ def up(
             background.stop(say)
             raise
     note(tail(background.log, NOTES))
+    links = web_addresses(system)
     if as_json:
-        emit({"system": system, "pid": background.popen.pid, "log": str(background.log)})
+        emit({"system": system, "pid": background.popen.pid, "log": str(background.log), "web_console": links})
     else:
+        if links:
+            print(f"in a browser: {', '.join(links)}")
         print(f"system {system} is up (pid {background.popen.pid}); trocar status shows it, trocar down stops it")
     return 0

@@ -12,7 +12,7 @@ def load_socket(context: Context, source: SourceFile, keys: SocketKeys | None) -
     """None without one. Who listens to other machines has to know who comes: an error when nothing says so."""
     if keys is None:
         return None
-    outside = _outside(context, source, "socket", keys)
+    outside = _outside(context, source, keys)
     if outside:
         context.notes.append(f"socket_bridge: listens to other machines at {', '.join(outside)}")
     if outside and keys.grants == "command":
@@ -23,16 +23,18 @@ def load_socket(context: Context, source: SourceFile, keys: SocketKeys | None) -
 
 
 def load_gui(context: Context, source: SourceFile, keys: GuiKeys | None) -> WebConsole | None:
-    """None without one. The same holds for whom it is served to."""
+    """None without one. Where nothing says who may come from other machines, a token is made at each start."""
     if keys is None:
         return None
-    outside = _outside(context, source, "gui", keys)
-    links = [f"{'https' if keys.tls else 'http'}://{address}" for address in keys.listen]
-    context.notes.append(f"gui: the robot in a browser: {', '.join(links)}")
+    outside = [address for address in keys.listen if not is_loopback(address)]
+    makes_token = bool(outside) and not _knows_who(keys)
+    made = WebConsole(keys.listen, _file(context, source, ("gui", "token_file"), keys.token_file),
+                      *_tls(context, source, "gui", keys.tls), keys.max_clients, makes_token)
+    context.notes.append(f"gui: the robot in a browser: {', '.join(made.links())}")
     if outside:
-        context.notes.append(f"gui: who has the token may take control at {', '.join(outside)}")
-    return WebConsole(keys.listen, _file(context, source, ("gui", "token_file"), keys.token_file),
-                      *_tls(context, source, "gui", keys.tls), keys.max_clients)
+        token = "the token that is made at each start" if makes_token else "the token"
+        context.notes.append(f"gui: who has {token} may take control at {', '.join(outside)}")
+    return made
 
 
 def load_foxglove(context: Context, source: SourceFile, keys: FoxgloveKeys | None) -> FoxgloveServer | None:
@@ -48,11 +50,16 @@ def load_foxglove(context: Context, source: SourceFile, keys: FoxgloveKeys | Non
     return FoxgloveServer(keys.listen, keys.rate_hz, certificate, key)
 
 
-def _outside(context: Context, source: SourceFile, section: str, keys: SocketKeys | GuiKeys) -> list[str]:
+def _knows_who(keys: SocketKeys | GuiKeys) -> bool:
+    """Whether clients have to show something that was stated."""
+    return bool(keys.token_file or (keys.tls and keys.tls.clients))
+
+
+def _outside(context: Context, source: SourceFile, keys: SocketKeys) -> list[str]:
     """Addresses that are not loopback."""
     outside = [address for address in keys.listen if not is_loopback(address)]
-    if outside and not keys.token_file and not (keys.tls and keys.tls.clients):
-        context.error(source, ("trocar", section, "listen"), f"anybody could come to {', '.join(outside)}",
+    if outside and not _knows_who(keys):
+        context.error(source, ("trocar", "socket", "listen"), f"anybody could come to {', '.join(outside)}",
                       "a token_file, or tls with clients; or an address of this machine alone, "
                       f"{type(keys)().listen[0]}")
     return outside

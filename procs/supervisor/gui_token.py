@@ -1,0 +1,46 @@
+"""The token of the web console, where it is served to other machines and none was stated: made anew at each start.
+
+It is in a file that nobody else may read, and in no log, no argument of a process and no shared memory.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import secrets
+import socket
+from collections.abc import Iterator
+from typing import Final
+
+from procs.document.system import SystemConfig
+from procs.paths import token_file
+
+BYTES: Final = 16
+
+
+@contextlib.contextmanager
+def gui_token(system: SystemConfig) -> Iterator[None]:
+    """Its file is there meanwhile; nothing where none is needed."""
+    if system.gui is None or not system.gui.makes_token:
+        yield
+        return
+    path = token_file(os.environ, system.name)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.unlink(missing_ok=True)  # of a supervisor that was killed
+    with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600), "w") as file:
+        file.write(f"{secrets.token_hex(BYTES)}\n")
+    try:
+        yield
+    finally:
+        path.unlink(missing_ok=True)
+
+
+def told(system: SystemConfig, *, to_a_terminal: bool) -> str:
+    """How browsers from elsewhere come in; the token itself only where just the person who started it reads along."""
+    if system.gui is None or not system.gui.makes_token:
+        return ""
+    path = token_file(os.environ, system.name)
+    if not to_a_terminal:
+        return f"gui: the token of this start is in {path}"
+    links = system.gui.links(path.read_text().strip(), socket.gethostname())
+    return f"gui: from other machines, until it goes down: {', '.join(links)}"
