@@ -67,6 +67,7 @@ VERBS: tuple[Verb, ...] = (
     Verb("hz", "tools.verbs.listing:hz", "Measured rates of topics."),
     Verb("echo", "tools.verbs.echo:echo", "Values of a topic."),
     Verb("scope", "tools.verbs.scope:scope", "Fields at full rate around a moment, as a plot or a table."),
+    Verb("compare", "tools.verbs.compare:compare", "What is different in two recordings."),
     Verb("attach", "tools.verbs.attach:attach", "Live table of processes and topics."),
     Verb("commission", "tools.commission.verb:commission", "The first day on a robot, stage by stage.", moves=True),
     Verb("check", "tools.checking:check", "Validate configuration files."),

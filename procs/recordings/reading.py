@@ -11,7 +11,9 @@ The file is data from outside: sizes and offsets are checked before they are use
 from __future__ import annotations
 
 import gzip
+import json
 import struct
+import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
@@ -36,6 +38,7 @@ CHUNK: Final = struct.Struct("<QQQII")
 MAX_RECORD: Final = 256 << 20
 MAX_PROBLEMS: Final = 20
 MAX_DOCUMENT: Final = 64 << 20
+MAX_RATE_HZ: Final = 1e6
 READ: Final[dict[int, Callable[[ReadDataStream], McapRecord]]] = {
     Opcode.SCHEMA: Schema.read, Opcode.CHANNEL: Channel.read, Opcode.METADATA: Metadata.read,
     Opcode.ATTACHMENT: Attachment.read}
@@ -47,9 +50,7 @@ class RecordingError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class RecordedTopic:
-    """A topic of a recording: PSM1/state, or PSM1/measured_js. `dtype`: of records, None of views.
-
-    """
+    """A topic of a recording: PSM1/state, or PSM1/measured_js. `dtype`: of records, None of views."""
 
     name: str
     type_name: str
@@ -60,6 +61,14 @@ class RecordedTopic:
     schema: str = ""
     channels: dict[int, int] = field(default_factory=dict)
     """Channels, and the epochs of the writer that they stand for."""
+    info: dict[str, Any] = field(default_factory=dict)
+    """Of the ring: `robots`, `dims`, names of inputs; as its header has it."""
+
+    @property
+    def rate_hz(self) -> float:
+        """How often records were to come; 0: on events."""
+        rate = self.info.get("rate_hz", 0)
+        return float(rate) if isinstance(rate, (int, float)) and 0 < rate < MAX_RATE_HZ else 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +144,7 @@ class RecordingReader:
         try:
             with gzip.GzipFile(fileobj=BytesIO(packed)) as file:
                 return file.read(MAX_DOCUMENT) if packed else b""
-        except (OSError, EOFError, ValueError) as error:
+        except (OSError, EOFError, ValueError, zlib.error) as error:
             self._wrong(f"its configuration cannot be read: {error}")
             return b""
 
@@ -266,7 +275,7 @@ class RecordingReader:
         schema = schema_from_json(text.encode())
         if layout_of(where[2], schema).type_name != type_name:
             raise ValueError("its schema is not the one it was recorded with")
-        return RecordedTopic(name, type_name, *where, schema.dtype, text)
+        return RecordedTopic(name, type_name, *where, schema.dtype, text, info=_info(meta.get(names.INFO, "")))
 
     def _messages(self, channels: dict[int, int], begin_ns: int, end_ns: int
                   ) -> Iterator[tuple[int, int, int, int, memoryview]]:
@@ -291,6 +300,15 @@ class RecordingReader:
 
     def __exit__(self, *exception: object) -> None:
         self.close()
+
+
+def _info(text: str) -> dict[str, Any]:
+    """A ring's info; empty where it is none."""
+    try:
+        found = json.loads(text)
+    except (ValueError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}
 
 
 def open_recording(path: Path) -> RecordingReader:

@@ -62,9 +62,9 @@ def written(stream: BinaryIO, rings: Mapping[tuple[str, str], tuple[Schema, NDAr
     return file
 
 
-def a_recording(folder: Path, count: int = 50, **options: Any) -> tuple[Path, NDArray[Any]]:
+def a_recording(folder: Path, count: int = 50, name: str = "one.mcap", **options: Any) -> tuple[Path, NDArray[Any]]:
     """A file with records of one ring."""
-    rows, path = rows_of(STATE, count), folder / "one.mcap"
+    rows, path = rows_of(STATE, count), folder / name
     with path.open("wb", buffering=0) as stream:
         written(stream, {("PSM1", "state"): (STATE, rows)}, **options)
     return path, rows

@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from tests.old import config, three
+from tests.recordings.made import a_recording
 from tests.system.robot import ROOT, Robot
 from tools.cli import VERBS, Verb, examples_of, loaded
 
@@ -90,6 +91,9 @@ def files_of(examples: list[str], folder: Path) -> None:
            "console-PSM1.json": json.dumps({"arms": []}),
            "sawRobotIO1394-PSM1-28007.xml": config(three(attributes='HardwareVersion="QLA1" SN="28007"')).decode()}
     (folder / "new").mkdir()
+    for name in ("monday.mcap", "tuesday.mcap"):
+        assert any(name in example for example in examples), f"no example names {name} any more"
+        a_recording(folder, name=name)
     for name, text in own.items():
         assert any(name in example for example in examples), f"no example names {name} any more"
         (folder / name).write_text(text)
@@ -115,7 +119,7 @@ JSON = {  # of the verbs that print JSON: one that works on the demo, with an ar
     "list": "list", "hz": "hz PSM1/state IO1/state", "echo": "echo PSM1/state --once",
     "get": "get", "check": "check configs/systems/demo.yaml configs/pid/PSM.yaml",
     "convert": "convert {folder}/console-PSM1.json --to {folder}",
-    "doctor": "doctor", "power-off": "power-off PSM1",
+    "compare": "compare {folder}/monday.mcap {folder}/monday.mcap", "doctor": "doctor", "power-off": "power-off PSM1",
     "start": "start PSM1", "restart": "restart PSM1 --yes", "stop": "stop PSM1 --yes",
 }
 
@@ -128,6 +132,7 @@ def prints_json(verb: Verb) -> bool:
 def test_json_is_one_object_a_line_for_every_verb(person: Person) -> None:
     assert [verb.name for verb in VERBS if prints_json(verb) and verb.name not in JSON] == []
     (person.folder / "console-PSM1.json").write_text(json.dumps({"arms": []}))
+    a_recording(person.folder, name="monday.mcap")
     rows = person.types("trocar up demo.yaml --detach --json 2>/dev/null").splitlines()
     person.types("trocar power-on; trocar home")
     robot = Robot(person.environment["TROCAR_SYSTEM"], person.folder / "state")

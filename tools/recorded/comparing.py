@@ -1,0 +1,115 @@
+"""Two recordings side by side: what is different, topic by topic, and what is left out since it is real time."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from procs.manifest import IN_TIME
+from procs.recordings.reading import RecordedTopic, RecordingReader, Records
+from tools.printing import Say
+from tools.recorded.choosing import Stretch, chosen_topics
+from tools.recorded.differences import TopicDifference, compared, in_common
+from tools.recorded.tolerances import AllowedDifference, tolerance_of
+
+REAL_TIME: Final = ("monotonic_ns", "local_ns", "write_ns", "since_ns", "pid", "place", "id")
+"""Fields that are the clock on the wall's, or name a process and its place in a mailbox: no two runs have the same."""
+EQUAL, WITHIN, DIFFERENT = "equal", "within", "different"
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingDifference:
+    """All topics that were compared, those that only one recording has, and what was left out, in words."""
+
+    topics: tuple[TopicDifference, ...]
+    only_a: tuple[str, ...]
+    only_b: tuple[str, ...]
+    left_out: tuple[str, ...]
+    problems: tuple[str, ...]
+
+    @property
+    def outcome(self) -> str:
+        """EQUAL bit for bit, WITHIN the tolerances, or DIFFERENT."""
+        if self.only_a or self.only_b or not self.topics:
+            return DIFFERENT
+        if all(topic.is_equal for topic in self.topics):
+            return EQUAL
+        return WITHIN if all(topic.is_within for topic in self.topics) else DIFFERENT
+
+
+@dataclass(frozen=True, slots=True)
+class Comparing:
+    """How two recordings are compared."""
+
+    how: str
+    topics: Sequence[str] | None = None
+    tolerances: Sequence[AllowedDifference] = ()
+    common: bool = False
+    """Only the time that both have."""
+
+    def of(self, a: RecordingReader, b: RecordingReader, stretches: tuple[Stretch, Stretch] = (Stretch(), Stretch()),
+           say: Say = lambda text, fraction: None) -> RecordingDifference:
+        """All differences; Problem where a topic is named that neither has."""
+        every = list(dict.fromkeys((*a.record_topics, *b.record_topics)))
+        wanted = chosen_topics(every, self.topics)
+        real = [] if self.topics else [name for name in wanted if not _in_time(a, b, name)]
+        wanted = [name for name in wanted if name not in real]
+        both = [name for name in wanted if name in a.record_topics and name in b.record_topics]
+        found = []
+        for done, name in enumerate(both):
+            say(name, done / len(both))
+            found.append(self._topic(a, b, name, stretches))
+        return RecordingDifference(
+            tuple(found), tuple(name for name in wanted if name not in b.record_topics),
+            tuple(name for name in wanted if name not in a.record_topics), _left_out(both, real, a),
+            tuple(f"{one.path.name}: {text}" for one in (a, b) for text in one.problems))
+
+    def _topic(self, a: RecordingReader, b: RecordingReader, name: str, stretches: tuple[Stretch, Stretch]
+               ) -> TopicDifference:
+        records: tuple[Records, Records] = stretches[0].of(a.records(name)), stretches[1].of(b.records(name))
+        if self.common:
+            records = in_common(*records, self.how)
+        return compared(name, *records, self.how, REAL_TIME, units(a.topics[name]),
+                        lambda field, unit: tolerance_of(self.tolerances, name, field, unit))
+
+
+def units(topic: RecordedTopic) -> dict[str, str]:
+    """The units of a topic's fields."""
+    rows = json.loads(topic.schema)["fields"] if topic.schema else []
+    return {str(row["name"]): str(row.get("unit", "")) for row in rows}
+
+
+def _in_time(a: RecordingReader, b: RecordingReader, name: str) -> bool:
+    """A process that simulated time waits for, or that there is no saying of."""
+    topic = a.topics.get(name) or b.topics[name]
+    return topic.kind in IN_TIME or not topic.kind
+
+
+def _left_out(both: Sequence[str], real: Sequence[str], a: RecordingReader) -> tuple[str, ...]:
+    """What was not compared, in words."""
+    there = sorted({field for name in both for field in (_names(a, name)) if field in REAL_TIME}, key=REAL_TIME.index)
+    said = [f"fields that are real time by nature, or name a process: {', '.join(there)}"] if there else []
+    return (*said, *([f"processes that live by real time: {', '.join(real)} (--topics compares them)"] if real else []))
+
+
+def _names(recording: RecordingReader, topic: str) -> tuple[str, ...]:
+    dtype = recording.topics[topic].dtype
+    return (dtype.names or ()) if dtype is not None else ()
+
+
+def as_dict(comparison: RecordingDifference) -> dict[str, Any]:
+    """For programs."""
+    def field(row: Any) -> dict[str, Any]:
+        return {"field": row.name, "unit": row.unit, "differing": row.count, "beyond_tolerance": row.beyond,
+                "tolerance": row.tolerance, "max": row.most, "rms": row.rms, "first": row.first, "worst": row.worst}
+
+    return {
+        "outcome": comparison.outcome, "equal": comparison.outcome == EQUAL,
+        "topics": [{"topic": row.name, "compared": row.compared, "only_a": row.only_a, "only_b": row.only_b,
+                    "first_only_a_ns": row.first_only_a_ns, "first_only_b_ns": row.first_only_b_ns,
+                    "equal": row.is_equal, "within": row.is_within, "other_layout": list(row.unknown),
+                    "fields": [field(each) for each in row.fields]} for row in comparison.topics],
+        "only_a": list(comparison.only_a), "only_b": list(comparison.only_b),
+        "left_out": list(comparison.left_out), "problems": list(comparison.problems)}
