@@ -33,11 +33,12 @@ class Listening:
         for each in self.sockets:
             self._poll.register(each, select.POLLIN)
 
-    def is_wanted(self, now_ns: int, is_up: bool, is_refused: bool = False) -> bool:
+    def is_wanted(self, now_ns: int, is_up: bool, is_refused: bool = False, is_last: bool = False) -> bool:
         """Whether somebody is connected, or waits to be; only a process that is up can have connections.
 
         `is_refused`: it is not going to be there, whoever waits. They are told so by the end of their connections, and
-        count as long as they try again: one who has gone would otherwise wait for ever.
+        count as long as they try again: one who has gone would otherwise wait for ever. `is_last`: the answer is of
+        this moment, else LOOK_NS old at most.
         """
         if self._poll.poll(0):
             if is_refused:
@@ -45,7 +46,7 @@ class Listening:
             return True
         if not is_up:
             self._connected = False
-        elif now_ns >= self._look_at:
+        elif is_last or now_ns >= self._look_at:
             self._look_at, self._connected = now_ns + LOOK_NS, any(map(connections, self._ports))
         return self._connected
 

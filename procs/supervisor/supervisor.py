@@ -124,9 +124,10 @@ class Supervisor:
         subscriptions, children = Subscriptions(self._pages[child.row.name]), {c.row.name: c for c in self.children}
         listening = self._listening[child.row.name]
 
-        def is_wanted(is_refused: bool) -> bool:
+        def is_wanted(is_refused: bool, is_last: bool) -> bool:
             subscriptions.look()
-            return listening.is_wanted(monotonic_ns(), child.is_up, is_refused) or bool(subscriptions.wanted)
+            return (listening.is_wanted(monotonic_ns(), child.is_up, is_refused, is_last)
+                    or bool(subscriptions.wanted))
 
         return Demand(child, is_wanted, lambda: not missing(child, children))
 

@@ -15,13 +15,13 @@ class Wanted:
         self.clock = Clock()
         self.child, self.process = played("force", "arm", self.clock)
         self.child.row = dataclasses.replace(self.child.row, start="on-demand", linger_s=2.0)
-        self.wanted, self.possible, self.refused = False, True, False
+        self.wanted, self.possible, self.refused, self.just_came = False, True, False, False
         self.demand = Demand(self.child, self.is_wanted, lambda: self.possible)
 
-    def is_wanted(self, refused: bool) -> bool:
+    def is_wanted(self, refused: bool, last: bool) -> bool:
         """As the test says."""
-        self.refused = refused
-        return self.wanted
+        self.refused = refused and not last
+        return self.wanted or (last and self.just_came)
 
     def goes_on(self, seconds: float, wanted: bool) -> str:
         """Time in beats of 20 ms; the state after it."""
@@ -43,6 +43,15 @@ def test_the_first_who_wants_it_starts_it_and_it_stops_after_the_last() -> None:
     assert force.goes_on(1.0, True) == "RUNNING" and force.process.begun == 1, "somebody came back"
     assert force.goes_on(2.2, False) == "STOPPED"
     assert force.goes_on(0.1, True) == "RUNNING" and force.process.begun == 2
+
+
+def test_who_has_come_since_the_last_look_keeps_it_up() -> None:
+    force = Wanted()
+    force.goes_on(0.1, True)
+    force.just_came = True
+    assert force.goes_on(10.0, False) == "RUNNING"
+    force.just_came = False
+    assert force.goes_on(2.2, False) == "STOPPED"
 
 
 def test_who_comes_while_it_stops_gets_a_new_one() -> None:

@@ -55,7 +55,15 @@ def test_it_is_wanted_while_somebody_waits_or_is_connected(listening: Listening)
         assert listening.is_wanted(LOOK_NS, True), "somebody is connected"
         accepted.close()
     assert listening.is_wanted(LOOK_NS + 1, True), "the kernel is not asked in every beat"
-    assert not listening.is_wanted(2 * LOOK_NS, True)
+    assert not listening.is_wanted(LOOK_NS + 1, True, is_last=True), "but before it is stopped"
+    assert not listening.is_wanted(LOOK_NS + 2, True)
+    with socket.create_connection(listening.sockets[0].getsockname()) as client:
+        accepted, _ = listening.sockets[0].accept()
+        assert not listening.is_wanted(LOOK_NS + 3, True)
+        assert listening.is_wanted(LOOK_NS + 3, True, is_last=True)
+        client.close()
+        accepted.close()
+    assert not listening.is_wanted(3 * LOOK_NS, True)
 
 
 def test_who_waits_for_one_that_will_not_be_there_is_turned_away(listening: Listening) -> None:

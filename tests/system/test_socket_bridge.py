@@ -94,7 +94,7 @@ def has_octave() -> bool:
 
 
 def test_the_page_s_examples_run_and_the_bridge_is_there_for_them_alone(robot: Robot, records: Records) -> None:
-    port = started(robot, "--set", "processes.socket_bridge.linger_s=0.2", *PATIENT)
+    port = started(robot, "--set", "processes.socket_bridge.linger_s=2", *PATIENT)
     assert row(robot, "socket_bridge")["lifecycle"] == "STOPPED"
     position = (state := records(robot, "PSM1", "state")).field("position")
 
