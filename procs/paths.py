@@ -25,6 +25,11 @@ def token_file(environ: Mapping[str, str], system: str) -> Path:
     return log_folder(environ, system) / "gui.token"
 
 
+def recordings_folder(environ: Mapping[str, str], system: str) -> Path:
+    """Folder of a system's recordings, beside its log files."""
+    return log_folder(environ, system) / "recordings"
+
+
 def given_file(path: Path, search: Sequence[Path] = (), configs: Path = PROJECT_CONFIGS) -> Path:
     """A file as a person names it on a command line: as it is, else along `search`, in `configs`, or beside that.
 

@@ -69,6 +69,7 @@ VERBS: tuple[Verb, ...] = (
     Verb("scope", "tools.verbs.scope:scope", "Fields at full rate around a moment, as a plot or a table."),
     Verb("compare", "tools.verbs.compare:compare", "What is different in two recordings."),
     Verb("attach", "tools.verbs.attach:attach", "Live table of processes and topics."),
+    Verb("dump", "tools.verbs.dump:dump", "Save what shared memory holds of a system, dead or alive."),
     Verb("commission", "tools.commission.verb:commission", "The first day on a robot, stage by stage.", moves=True),
     Verb("check", "tools.checking:check", "Validate configuration files."),
     Verb("kinematics", "", "Kinematics and gravity of files, without a robot: JSON lines in and out.", parts=(

@@ -7,7 +7,7 @@ from typing import Final
 FORMAT: Final = "1"
 SYSTEM: Final = "trocar"
 """Metadata: `format`, what the recording is (`kind`, `name`, `reason`), of which system, by which versions, where."""
-BOX, NAMED, FAULT = "box", "named", "fault"
+BOX, NAMED, FAULT, DUMP = "box", "named", "fault", "dump"
 """Kinds of recordings."""
 LOSSES: Final = "losses"
 """Metadata: how many records of each topic are missing, and how many messages were dropped."""

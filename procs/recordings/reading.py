@@ -148,6 +148,10 @@ class RecordingReader:
             self._wrong(f"its configuration cannot be read: {error}")
             return b""
 
+    def attachment(self, name: str) -> bytes:
+        """What is attached under this name; empty where nothing is."""
+        return self._attachments.get(name, b"")
+
     def records(self, topic: str, begin_ns: int = 0, end_ns: int = 1 << 63) -> Records:
         """Records of a topic with a time of day from `begin_ns` to before `end_ns`; KeyError when there is none."""
         row = self.topics[topic]

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from shm.directory import systems
+from tools.dumping import keep_left_over
 from tools.ending import STOP_S, stop_system
 from tools.options import JsonOption, SystemOption
 from tools.printing import emit, progress
@@ -26,6 +27,7 @@ def down(
     """
     cleared, stopped = {}, None
     for name in left_over(system):
+        keep_left_over(name)
         with progress(f"clearing {name}") as say:
             cleared[name] = stop_system(name, say, timeout)
     if not cleared or those_up(name for name in systems() if system in (None, name)):

@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from tools.dumping import keep_left_over
 from tools.errors import Misuse
 from tools.options import ClockOption, JsonOption, clock_set
 from tools.printing import emit, note, progress
@@ -45,8 +46,9 @@ def up(
         file, boards = DEMO, boards or "emulated"
     values = (*(sets or ()), *clock_set(clock), *(["calibration_mode=true"] if calibration else []))
     request = StartRequest(system_file(file, path or ()), system, boards, tuple(path or ()), values, seconds)
+    refuse_taken(system)
+    keep_left_over(system)
     if not detach:
-        refuse_taken(system)
         sys.stdout.flush()
         os.execve(sys.executable, request.command(), environment())
     with progress(f"starting {system}") as say:

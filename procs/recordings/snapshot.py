@@ -1,0 +1,116 @@
+"""All that the rings of a system hold, as one recording: of a system that is dead, or that something has happened to.
+
+Rings are read as they lie in shared memory and never written; whoever still writes is not held up. Of each ring the
+records that are whole and without a hole are taken, the oldest of them while they are not overwritten meanwhile.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.recordings import names
+from procs.recordings.chunks import ZSTD, Chunk, packed
+from procs.recordings.facts import local_offset_ns
+from procs.recordings.layout import ENCAPSULATION, RecordLayout
+from procs.recordings.writing import ChannelTable, RecordingFile
+from shm import directory
+from shm.layout import Schema
+from shm.ring import LAST_STAMP, RingReader
+from shm.segment import Segment, SegmentError, segment_name
+
+CHUNK_BYTES = 1 << 20
+ALL = 1 << 40
+
+Attachments = Sequence[tuple[str, str, bytes]]
+
+
+@dataclass(frozen=True, slots=True)
+class KeptRing:
+    """What one ring holds: its records, oldest first, how many of them may be there, and who writes it."""
+
+    instance: str
+    ring: str
+    schema: Schema
+    info: Mapping[str, Any]
+    epoch: int
+    depth: int
+    rows: NDArray[Any]
+
+    @property
+    def kind(self) -> str:
+        """The kind of its writer, as its header says."""
+        return str(self.info.get("kind", ""))
+
+
+@dataclass(slots=True)
+class Snapshot:
+    """What was taken: records by topic, and what could not be read, in words."""
+
+    records: dict[str, int] = field(default_factory=dict)
+    problems: list[str] = field(default_factory=list)
+    bytes: int = 0
+
+
+def kept_ring(system: str, instance: str, ring: str) -> KeptRing:
+    """All whole records of one ring; SegmentError where it cannot be read."""
+    segment = Segment(segment_name(system, instance, ring))
+    try:
+        reader = RingReader(segment, often=False)
+        rows = reader.last(ALL)
+        return KeptRing(instance, ring, segment.header.schema, dict(reader.info), reader.epoch, reader.depth, rows)
+    finally:
+        segment.close()
+
+
+def take(system: str, stream: BinaryIO, facts: Mapping[str, Mapping[str, str]], attachments: Attachments,
+         say: Callable[[float], None] = lambda fraction: None) -> Snapshot:
+    """Write all rings of a system into `stream`, which can seek, in the order of their stamps; OSError from writing.
+
+    `say` is told how much of it is done, 0 to 1. What cannot be read is a problem of the snapshot, and left out.
+    """
+    snapshot, rings = Snapshot(), list[KeptRing]()
+    for instance, ring in directory.rings(system):
+        try:
+            rings.append(kept_ring(system, instance, ring))
+        except (SegmentError, ValueError, KeyError, TypeError) as error:  # a header may say anything
+            snapshot.problems.append(f"{instance}/{ring} cannot be read: {error}")
+    snapshot.records = {f"{each.instance}/{each.ring}": len(each.rows) for each in rings}
+    table = ChannelTable()
+    channels = [table.ring(each.instance, each.ring, each.kind, each.schema, each.epoch, each.info) for each in rings]
+    file = RecordingFile(stream, table, facts, attachments)
+    _write(file, rings, channels, local_offset_ns(system), say)
+    file.note(names.LOSSES, {})
+    file.finish()
+    snapshot.bytes = file.size
+    return snapshot
+
+
+def _write(file: RecordingFile, rings: Sequence[KeptRing], channels: Sequence[tuple[int, RecordLayout]],
+           offset_ns: int, say: Callable[[float], None]) -> None:
+    """All records, the oldest first, whatever ring they are of."""
+    counts = [len(each.rows) for each in rings]
+    total = sum(counts)
+    stamps = np.concatenate([each.rows["stamp_ns"].astype(np.int64) for each in rings] or [np.zeros(0, np.int64)])
+    which = np.repeat(np.arange(len(rings)), counts)
+    place = np.concatenate([np.arange(n) for n in counts]) if counts else which
+    raw = [each.rows.view(np.uint8).reshape(-1).data for each in rings]
+    sizes = [each.rows.dtype.itemsize for each in rings]
+    numbers = [each.rows["sequence"] for each in rings]
+    chunk = Chunk()
+    for done, index in enumerate(np.argsort(stamps, kind="stable")):
+        ring, row = int(which[index]), int(place[index])
+        (channel, layout), at = channels[ring], row * sizes[ring]
+        stamp = min(max(int(stamps[index]), 0), LAST_STAMP)
+        chunk.add(channel, int(numbers[ring][row]), max(stamp + offset_ns, 0), stamp, ENCAPSULATION,
+                  raw[ring][at : at + layout.size])
+        if len(chunk.data) >= CHUNK_BYTES:
+            file.put(packed(chunk, ZSTD))
+            chunk = Chunk()
+            say(done / total)
+    if chunk.count:
+        file.put(packed(chunk, ZSTD))

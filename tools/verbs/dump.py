@@ -1,0 +1,41 @@
+"""`trocar dump [FILE]`: what shared memory holds of a system, as a recording."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from tools.dumping import dump as dumped
+from tools.dumping import dump_file
+from tools.options import JsonOption, SystemOption
+from tools.printing import emit, note, progress
+from tools.systems import chosen_system, is_up
+
+
+def dump(
+    file: Annotated[Path | None, typer.Argument(metavar="[FILE]", help="A new .mcap file; none: among the system's "
+                                                "recordings, named after the time.")] = None,
+    as_json: JsonOption = False,
+    system: SystemOption = None,
+) -> int:
+    """Save all rings of a system at full rate, as deep as they are: seconds of every state, all events and commands.
+
+    Also of a system that has died, or whose processes hang; `up` and `down` do it by themselves before they clear what
+    a dead one left. Changes nothing in the system. Exit code 1: something could not be read; the rest is in the file.
+
+    Example: trocar dump before.mcap
+    """
+    name = chosen_system(system)
+    with progress(f"reading {name}") as say:
+        found = dumped(name, file or dump_file(name), "asked for" if is_up(name) else "its supervisor died", say)
+    for problem in found.problems:
+        note(problem)
+    if as_json:
+        emit(dataclasses.asdict(found) | {"file": str(found.file)})
+    else:
+        print(f"{found.file}: {sum(found.records.values())} records of {len(found.records)} rings, "
+              f"{found.bytes / 1e6:.1f} MB")
+    return 1 if found.problems else 0
