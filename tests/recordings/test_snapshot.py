@@ -81,7 +81,7 @@ def test_a_ring_that_makes_no_sense_is_told_and_the_others_are_kept(world: World
 
 
 def test_a_full_disk_is_an_error_of_who_asked(world: World) -> None:
-    class FullDisk(io.BytesIO):
+    class SmallDisk(io.BytesIO):
         """Takes 10 kB."""
 
         def write(self, data: object) -> int:
@@ -91,7 +91,7 @@ def test_a_full_disk_is_an_error_of_who_asked(world: World) -> None:
 
     rings(world, {"PSM1": 3000})
     with pytest.raises(OSError, match="No space left"):
-        take(world.name, FullDisk(), {}, [])
+        take(world.name, SmallDisk(), {}, [])
 
 
 def test_without_a_clock_page_the_time_of_day_is_that_of_now(world: World) -> None:
