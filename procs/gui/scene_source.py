@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from procs.crtk.names import none_such
 from procs.document.arms import ArmConfig
 from procs.document.system import SystemConfig
+from procs.gui.cart_scene import SceneCart
 from procs.kinematics.carrying import carrying, inverse_carrying
 from procs.kinematics.forward import Kinematics
 from procs.kinematics.inverse.solver import InverseSolver
@@ -132,22 +133,29 @@ def joint_velocity(kinematics: Kinematics, q: Array, twist: Array, base: Array |
 
 
 class SceneSource:
-    """All arms, in one message."""
+    """All arms and carts, in one message."""
 
     def __init__(self, document: SystemConfig) -> None:
         self._arms: dict[str, SceneArm] = {}
         for arm in document.arms:
             with contextlib.suppress(SegmentError):
                 self._arms[arm.name] = SceneArm(document, arm)
+        self._carts: dict[str, SceneCart] = {}
+        for cart in document.carts:
+            with contextlib.suppress(SegmentError):
+                self._carts[cart.name] = SceneCart(document.name, cart)
 
     def read(self, now_ns: int) -> dict[str, Any]:
-        """`arms`, by name."""
-        return {"age": 0.0, "arms": {name: arm.read(now_ns) for name, arm in self._arms.items()}}
+        """`arms`, and `carts` with their setup arms, by name."""
+        return {"age": 0.0, "arms": {name: arm.read(now_ns) for name, arm in self._arms.items()},
+                "carts": {name: cart.read(now_ns) for name, cart in self._carts.items()}}
 
     def close(self) -> None:
         """Unmap."""
         for arm in self._arms.values():
             arm.close()
+        for cart in self._carts.values():
+            cart.close()
 
 
 class ArmModels:

@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
+from contextlib import closing
 
 import numpy as np
 import pytest
 
 from procs.config import PROJECT_CONFIGS, load_system
 from procs.document.system import SystemConfig
+from procs.gui.cart_scene import SceneCart, setup_frames
 from procs.gui.scene_source import frames_of, joint_velocity
 from procs.kinematics.carrying import carrying, inverse_carrying
+from procs.kinematics.forward import Kinematics
 from procs.kinematics.poses import matrix_from_pose
+from procs.suj.setups import Setups
+from procs.supervisor import memory
+from shm import directory
+from shm.clock import monotonic_ns
+from shm.segment import names_of, segment_name, unlink
 from tests.conftest import World
 from tests.gui.test_browsers import Console, play
 
@@ -110,3 +119,35 @@ def test_a_preview_of_a_pose_says_why_there_is_none(world: World) -> None:
         assert "no inverse kinematics" in await answer(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0), "no instrument"
 
     play(world.name, story)
+
+
+def test_setup_arms_end_where_the_arms_that_they_carry_begin(full: SystemConfig, world: World) -> None:
+    document = dataclasses.replace(full, name=world.name)
+    memory.create_all(document)
+    try:
+        cart = document.carts[0]
+        record = directory.writer(world.name, cart.name, "state", "suj")
+        setups = Setups(cart, record.field)
+        for place, arm in enumerate(cart.arms):
+            setups.harness(place, np.array(arm.position) + 0.05)
+        setups.lose(1, moved=True)
+        record.publish(monotonic_ns())
+        with closing(SceneCart(world.name, cart)) as scene:
+            shown = scene.read(monotonic_ns())
+            for place, arm in enumerate(cart.arms):
+                ends = matrix_from_pose(np.array(shown[arm.name]["frames"][-7:]))
+                assert np.allclose(ends, setups.local[place], atol=1e-4), arm.name
+                assert shown[arm.name]["valid"] is (place != 1) and not shown[arm.name]["late"]
+            assert all(row["late"] for row in scene.read(monotonic_ns() + 10**9).values())
+        record.close()
+    finally:
+        for part in names_of(world.name):
+            unlink(segment_name(*part))
+
+
+def test_a_setup_arm_begins_where_its_cart_holds_it(full: SystemConfig) -> None:
+    for arm in full.carts[0].arms:
+        assert arm.chain is not None and arm.world is not None
+        frames = np.reshape(setup_frames(arm, Kinematics(arm.chain), np.array(arm.position)), (-1, 7))
+        assert np.allclose(matrix_from_pose(frames[0]), np.array(arm.world), atol=1e-4), arm.name
+        assert len(frames) == len(arm.chain.links) + 2

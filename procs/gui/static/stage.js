@@ -126,6 +126,59 @@ class ArmModel {
   }
 }
 
+const STEEL = "#9fb0c0";
+
+// A setup arm: from the column of its cart to the arm that it carries, in the frame of the cart.
+class SetupModel {
+  constructor() {
+    this.group = new THREE.Group();
+    this.at = [];
+    this.body = new THREE.MeshStandardMaterial({ color: STEEL, roughness: 0.6, metalness: 0.15 });
+    this.links = [];
+  }
+
+  part(radius, end) {
+    return new THREE.Mesh(new THREE.CylinderGeometry(radius, end, 1, 20), this.body);
+  }
+
+  show(arm) {
+    const size = arm.frames.length / 7;
+    if (size !== this.at.length) {
+      this.group.remove(...this.links);
+      this.at = Array.from({ length: size }, () => new THREE.Vector3());
+      this.links = this.at.slice(1).map((_, i) => (i + 2 < size ? this.part(0.038 - 0.003 * i, 0.038 - 0.003 * i) : this.part(0.014, 0.008)));
+      this.joints = this.at.slice(1, -1).map((_, i) => new THREE.Mesh(new THREE.SphereGeometry(0.045 - 0.003 * i, 20, 14), this.body));
+      this.links.push(...this.joints);
+      this.group.add(...this.links);
+    }
+    this.at.forEach((at, i) => at.set(...arm.frames.slice(7 * i, 7 * i + 3)));
+    const along = new THREE.Vector3();
+    for (let i = 0; i + 1 < size; i++) {
+      along.subVectors(this.at[i + 1], this.at[i]);
+      const length = along.length();
+      this.links[i].visible = length > 0.001;
+      this.links[i].position.addVectors(this.at[i], this.at[i + 1]).multiplyScalar(0.5);
+      this.links[i].scale.set(1, length, 1);
+      if (length > 0.001) this.links[i].quaternion.setFromUnitVectors(UP, along.divideScalar(length));
+    }
+    this.joints.forEach((joint, i) => joint.position.copy(this.at[i + 1]));
+    this.isGrey = arm.late || !arm.valid;
+    this.body.color.set(this.isGrey ? GREY : STEEL);
+    this.body.opacity = this.isGrey ? 0.45 : 1;
+    this.body.transparent = this.isGrey;
+  }
+}
+
+// What setup arms hang on: a column with its foot, up to where the highest of them begins.
+function column(setups) {
+  const top = Math.max(...setups.flatMap((setup) => setup.at.slice(0, 3).map((at) => at.z)));
+  const paint = new THREE.MeshStandardMaterial({ color: "#7c8a98", roughness: 0.7 });
+  const made = new THREE.Group();
+  made.add(new THREE.Mesh(new THREE.BoxGeometry(0.16, 0.16, top).translate(0, 0, top / 2), paint));
+  made.add(new THREE.Mesh(new THREE.BoxGeometry(0.6, 0.75, 0.09).translate(0, 0.1, 0.045), paint));
+  return made;
+}
+
 // How the frame that poses are told in stands in the room, z up: that of an endoscope looks down, the operator's ahead.
 function rooted(frame) {
   const matrix = new THREE.Matrix4();
@@ -211,6 +264,7 @@ export default {
     this.controls.addEventListener("change", () => this.later());
     const used = {};
     this.models = {};
+    this.setups = {};
     for (const [name, drawn] of Object.entries(this.arms)) {
       if (this.only && name !== this.only) continue;
       const colours = COLOURS[drawn.type] || COLOURS.PSM;
@@ -259,6 +313,7 @@ export default {
     refresh() {
       const found = window.trocar.data("scene")?.arms;
       if (!found) return;
+      if (!this.only) this.carts(window.trocar.data("scene").carts);
       let apart = 0;
       for (const [name, model] of Object.entries(this.models)) {
         const arm = found[name];
@@ -284,9 +339,25 @@ export default {
       }
       this.later();
     },
-    around(wanted) {
+    // Carts stand in the frame "Cart", which arms that hang on them are told in.
+    carts(found) {
+      for (const [cart, arms] of Object.entries(found || {})) {
+        const isNew = !this.setups[cart] && Object.keys(arms).length;
+        if (isNew) this.setups[cart] = Object.fromEntries(Object.keys(arms).map((name) => [name, new SetupModel()]));
+        for (const [name, arm] of Object.entries(arms)) this.setups[cart][name].show(arm);
+        if (!isNew) continue;
+        const setups = Object.values(this.setups[cart]);
+        this.stands = [...(this.stands || []), ...setups.map((setup) => setup.group), column(setups)];
+        this.scene.add(...this.stands);
+      }
+    },
+    around(wanted, whole) {
       const box = new THREE.Box3();
       this.scene.updateMatrixWorld(true);
+      for (const setups of whole ? Object.values(this.setups) : []) {
+        box.expandByPoint(new THREE.Vector3(0, 0, 0)); // where its column stands
+        for (const setup of Object.values(setups)) for (const at of setup.at) box.expandByPoint(at);
+      }
       for (const model of Object.values(this.models).filter(wanted))
         for (const at of model.at) box.expandByPoint(at.clone().applyMatrix4(model.group.matrixWorld));
       return box;
@@ -295,21 +366,23 @@ export default {
     place() {
       const [masters, others] = [true, false].map((are) => this.around((model) => (model.type === "MTM") === are));
       if (masters.isEmpty() || others.isEmpty()) return;
-      this.beside = new THREE.Vector3(others.min.x - masters.max.x - 0.25, 0, 0);
+      this.beside = new THREE.Vector3(others.min.x - masters.max.x - (Object.keys(this.setups).length ? 0.5 : 0.25), 0, 0);
       this.beside.y = others.getCenter(new THREE.Vector3()).y - masters.getCenter(new THREE.Vector3()).y;
       this.beside.z = others.getCenter(new THREE.Vector3()).z - masters.getCenter(new THREE.Vector3()).z;
       this.refresh();
     },
     look(view) {
-      const box = this.around((model) => (view === "masters" ? model.type === "MTM" : view === "all" || model.type !== "MTM" || this.only));
+      const box = this.around((model) => (view === "masters" ? model.type === "MTM" : view === "all" || model.type !== "MTM" || this.only), view === "all");
       if (box.isEmpty()) return;
       const centre = box.getCenter(new THREE.Vector3());
       const radius = Math.max(0.18, box.getSize(new THREE.Vector3()).length() / 2);
-      this.grid.position.z = box.min.z - 0.03;
-      const from = { all: [0.35, -1.2, 0.45], masters: [-0.9, -1.1, 0.6], side: [1, 0, 0.05], top: [0, -0.02, 1], front: [0, -1, 0.15] };
-      const distance = (1.15 * radius) / Math.sin((this.camera.fov * Math.PI) / 360) / Math.min(1, this.camera.aspect);
+      const facing = Object.keys(this.setups).length ? -1 : 1; // a cart is seen from the patient's side
+      this.grid.position.z = facing < 0 ? -0.002 : box.min.z - 0.03; // the floor, as far as one knows
+      const from = { all: facing < 0 ? [0.7, 1.1, 0.35] : [0.35, -1.2, 0.45], masters: [-0.9, -1.1, 0.6], side: [1, 0, 0.05], top: [0, -0.02, 1], front: [0, -facing, 0.15] };
+      const distance = ((view === "all" && facing < 0 ? 0.85 : 1.15) * radius) / Math.sin((this.camera.fov * Math.PI) / 360) / Math.min(1, this.camera.aspect);
       const ecm = Object.values(this.models).find((model) => model.type === "ECM") || Object.values(this.models).find((model) => model.type === "PSM");
-      // What the endoscope sees, from a little behind: neither itself nor the masters.
+      // What the endoscope sees, from a little behind: neither itself, nor the masters, nor the cart.
+      for (const part of this.stands || []) part.visible = view !== "operator";
       for (const model of Object.values(this.models)) model.isHidden = view === "operator" && ["ECM", "MTM"].includes(model.type);
       const tips = Object.values(this.models).filter((model) => model.type === "PSM" && model.size).map((model) => model.tip.getWorldPosition(new THREE.Vector3()));
       if (view === "operator" && ecm && tips.length) {
