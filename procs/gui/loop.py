@@ -6,9 +6,8 @@ disconnects all: what they asked meanwhile is about the past.
 
 from __future__ import annotations
 
-import asyncio
 import os
-from typing import Final
+from typing import Any, Final
 
 from procs import runtime
 from procs.access import token_in
@@ -21,14 +20,14 @@ from procs.gui.scene_source import ArmModels
 from procs.gui.server import WebServer
 from procs.paths import token_file
 from procs.pauses import Pauses, duration
+from procs.serving import ServingLoop
 from shm.clock import monotonic_ns
 
-SHOW_NS: Final = 1_000_000_000
 HELD_UP_NS: Final = 1_000_000_000
 
 
-class GuiLoop(runtime.Loop):
-    """Serves pages; shows once a second what they do."""
+class GuiLoop(ServingLoop):
+    """Serves pages."""
 
     def __init__(self, node: runtime.Node) -> None:
         """Take the sockets; AccessError when the token or a certificate cannot be used."""
@@ -36,30 +35,14 @@ class GuiLoop(runtime.Loop):
         document = node.document
         if document.gui is None:
             raise ValueError("the system has no web console")
-        self._state = node.writes("state")
-        self._cells = {name: self._state.field(name) for name in
-                       ("browsers", "watching", "controlling", "sent", "lost", "commands", "refused")}
-        self._show_at, self._period_ns = 0, round(node.row.period_s * 1e9)
-        self._pauses = Pauses(HELD_UP_NS)
-        self._events = asyncio.new_event_loop()
-        asyncio.set_event_loop(self._events)
+        self._period_ns, self._pauses = round(node.row.period_s * 1e9), Pauses(HELD_UP_NS)
         run = f"{os.getpid()}-{monotonic_ns()}"
         self._sources, self._models = sources_of(document), ArmModels(document)
         self._browsers = Browsers(ConsoleService(document.name, owners_of(document), self._sources,
                                                  self._pauses.is_over, self._models, run))
         token = token_in(document.gui.token_file or _made_token(document))
         self._server = WebServer(application(document), document.gui, token, self._browsers, node.log)
-        sockets = [listening.dup() for listening in node.listening]  # the server closes those it is given
-        self._events.run_until_complete(self._server.listen(sockets))
-
-    def wait(self) -> bool:
-        """Serve until the next cycle."""
-        return self.node.tick(self._serve)
-
-    def _serve(self, left_ns: int) -> bool:
-        self._events.call_later(left_ns * 1e-9, self._events.stop)
-        self._events.run_forever()
-        return True
+        self.events.run_until_complete(self._server.listen(self.sockets()))
 
     def cycle(self, now_ns: int, wall_ns: int) -> None:
         """Send what pages want, show what they do."""
@@ -67,22 +50,21 @@ class GuiLoop(runtime.Loop):
             self._browsers.forget(f"the web console was held up for {duration(late_ns)}")
             self._pauses.begin()
         self._browsers.tick(now_ns)
-        if now_ns < self._show_at:
-            return
-        self._show_at, cells, counts = now_ns + SHOW_NS, self._cells, self._browsers.served.counts
-        cells["browsers"][...] = len(self._browsers.all)
-        cells["watching"][...] = sum(bool(browser.wants) for browser in self._browsers.all)
-        cells["controlling"][...] = self._browsers.served.control.holder(now_ns).encode()[:40]
-        cells["sent"][...], cells["lost"][...] = counts.sent, counts.lost
-        cells["commands"][...], cells["refused"][...] = counts.commands, counts.refused
-        self._state.publish(now_ns)
+        self.show(now_ns)
+
+    def shown(self, now_ns: int) -> dict[str, Any]:
+        """What pages do."""
+        browsers, counts = self._browsers.all, self._browsers.served.counts
+        return {"browsers": len(browsers), "watching": sum(bool(browser.wants) for browser in browsers),
+                "controlling": self._browsers.served.control.holder(now_ns).encode()[:40], "sent": counts.sent,
+                "lost": counts.lost, "commands": counts.commands, "refused": counts.refused}
 
     def close(self) -> None:
         """Disconnect everybody."""
-        self._events.run_until_complete(self._server.close())
+        self.events.run_until_complete(self._server.close())
         self._sources.close()
         self._models.close()
-        self._events.close()
+        self.events.close()
 
 
 def _made_token(document: SystemConfig) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Final
 
 from procs.document.emulated_names import names_on_boards
@@ -80,48 +82,33 @@ def _console(name: str) -> None:
 
 def _inputs(owner: str, source: str, names: list[str], uses: dict[tuple[str, str], str],
             on_boards: dict[tuple[str, str], str]) -> None:
-    with box("card", data_source=source):
-        _head(f"{owner}: inputs")
-        with box("scroll"), Part("table", "words inputs"):
-            with Part("thead"), Part("tr"):
-                for text in ("input", "now", "last", "at", "used as", "emulated" if on_boards else ""):
-                    Part("th", "", text)
-            with Part("tbody"):
-                for i, name in enumerate(names):
-                    last = f"{BUTTONS}.last.{owner}.{i}"
-                    with Part("tr"):
-                        Part("td", "", name)
-                        with Part("td"):
-                            Part("span", "light", "pressed", data_on=f"{source}.input.{i}")
-                        with Part("td"):
-                            live(f"{last}.what")
-                        with Part("td"):
-                            live(f"{last}.at_ms", "time")
-                        Part("td", "quiet", uses.get((owner, name), ""))
-                        with Part("td"):
-                            if on_boards:
-                                there = on_boards[owner, name]
-                                switch("Press", f"{source}.input.{i}", [[("boards", "press", [1], there)]],
-                                       [[("boards", "press", [0], there)]], data_input=name)
+    columns = ("input", "now", "last", "at", "used as", "emulated" if on_boards else "")
+    with _listed(f"{owner}: inputs", source, columns):
+        for i, name in enumerate(names):
+            last = f"{BUTTONS}.last.{owner}.{i}"
+            with Part("tr"):
+                Part("td", "", name)
+                _light("pressed", f"{source}.input.{i}")
+                _value(f"{last}.what")
+                _value(f"{last}.at_ms", "time")
+                Part("td", "quiet", uses.get((owner, name), ""))
+                with Part("td"):
+                    if on_boards:
+                        there = on_boards[owner, name]
+                        switch("Press", f"{source}.input.{i}", [[("boards", "press", [1], there)]],
+                               [[("boards", "press", [0], there)]], data_input=name)
 
 
 def _outputs(io: IoConfig) -> None:
     source = pins(io.name)
-    with box("card", data_source=source):
-        _head(f"{io.name}: outputs")
-        with box("scroll"), Part("table", "words"):
-            with Part("thead"), Part("tr"):
-                for text in ("output", "now", "", ""):
-                    Part("th", "", text)
-            with Part("tbody"):
-                for i, row in enumerate(io.digital_outputs):
-                    with Part("tr"):
-                        Part("td", "", row.name)
-                        with Part("td"):
-                            Part("span", "light", "high", data_on=f"{source}.output.{i}")
-                        with Part("td"):
-                            _output(io.name, row, f"{source}.output.{i}")
-                        Part("td", "quiet", _about(row))
+    with _listed(f"{io.name}: outputs", source, ("output", "now", "", "")):
+        for i, row in enumerate(io.digital_outputs):
+            with Part("tr"):
+                Part("td", "", row.name)
+                _light("high", f"{source}.output.{i}")
+                with Part("td"):
+                    _output(io.name, row, f"{source}.output.{i}")
+                Part("td", "quiet", _about(row))
 
 
 def _about(row: DigitalOutput) -> str:
@@ -144,26 +131,37 @@ def _output(io: str, row: DigitalOutput, path: str) -> None:
 
 def _readers(io: IoConfig) -> None:
     source = record(io.name, "instruments")
+    with _listed(f"{io.name}: instruments", source, ("reader", "status", "instrument", "")):
+        for i, row in enumerate(io.instrument_readers):
+            with Part("tr"):
+                Part("td", "", row.name)
+                _value(f"{source}.status.{i}")
+                _value(f"{source}.tool.{i}")
+                with Part("td"):
+                    button("Read", [[(io.name, "trigger_read", [], row.name)]], "quiet")
+
+
+@contextmanager
+def _listed(title: str, source: str, columns: tuple[str, ...]) -> Iterator[None]:
+    """A table; its rows are made inside."""
     with box("card", data_source=source):
-        _head(f"{io.name}: instruments")
+        with box("row head"):
+            Part("h2", "", title)
+            box("spacer")
+            Part("span", "age")
         with box("scroll"), Part("table", "words"):
             with Part("thead"), Part("tr"):
-                for text in ("reader", "status", "instrument", ""):
+                for text in columns:
                     Part("th", "", text)
             with Part("tbody"):
-                for i, row in enumerate(io.instrument_readers):
-                    with Part("tr"):
-                        Part("td", "", row.name)
-                        with Part("td"):
-                            live(f"{source}.status.{i}")
-                        with Part("td"):
-                            live(f"{source}.tool.{i}")
-                        with Part("td"):
-                            button("Read", [[(io.name, "trigger_read", [], row.name)]], "quiet")
+                yield
 
 
-def _head(text: str) -> None:
-    with box("row head"):
-        Part("h2", "", text)
-        box("spacer")
-        Part("span", "age")
+def _light(text: str, path: str) -> None:
+    with Part("td"):
+        Part("span", "light", text, data_on=path)
+
+
+def _value(path: str, kind: str = "text") -> None:
+    with Part("td"):
+        live(path, kind)
