@@ -70,6 +70,7 @@ VERBS: tuple[Verb, ...] = (
     Verb("compare", "tools.verbs.compare:compare", "What is different in two recordings."),
     Verb("attach", "tools.verbs.attach:attach", "Live table of processes and topics."),
     Verb("dump", "tools.verbs.dump:dump", "Save what shared memory holds of a system, dead or alive."),
+    Verb("report", "tools.verbs.report:report", "Pack logs, recordings and versions for a bug report."),
     Verb("commission", "tools.commission.verb:commission", "The first day on a robot, stage by stage.", moves=True),
     Verb("check", "tools.checking:check", "Validate configuration files."),
     Verb("kinematics", "", "Kinematics and gravity of files, without a robot: JSON lines in and out.", parts=(

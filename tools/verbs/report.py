@@ -1,0 +1,50 @@
+"""`trocar report`: everything for a bug report in one archive."""
+
+from __future__ import annotations
+
+import dataclasses
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from tools.errors import Problem
+from tools.options import JsonOption, SystemOption
+from tools.printing import emit, note, progress
+
+
+def report(
+    file: Annotated[Path | None, typer.Argument(metavar="[FILE]", help="A new .tar.gz file; none: here, named after "
+                                                "system and time.")] = None,
+    recordings: Annotated[float, typer.Option("--recordings", min=0.0, metavar="MB", help="Of recordings take so much "
+                                              "at most, the newest.")] = 200.0,
+    as_json: JsonOption = False,
+    system: SystemOption = None,
+) -> int:
+    """Pack logs, recordings, configuration, versions and what `doctor` says into one archive, for a bug report.
+
+    Also after the system went down (then with --system). What its rings hold now is in it, too. Tokens are left out;
+    CONTENTS.txt in the archive lists what is in it: look through it before you pass it on.
+
+    Example: trocar report
+    """
+    from tools import reporting
+
+    name = reporting.system_meant(system)
+    file = file or Path(f"trocar-report-{name}-{datetime.now():%Y%m%d-%H%M%S}.tar.gz")
+    try:
+        with progress(f"packing {name}") as say:
+            found = reporting.report(name, file, round(recordings * 1e6), say)
+        size = file.stat().st_size
+    except FileExistsError:
+        raise Problem(f"{file}: is there already; give another name") from None
+    except OSError as error:
+        raise Problem(f"{file}: cannot be written: {error.strerror or error}") from None
+    for problem in found.problems:
+        note(problem)
+    if as_json:
+        emit(dataclasses.asdict(found) | {"file": str(file), "bytes": size})
+    else:
+        print(f"{file}: {len(found.files)} files, {size / 1e6:.1f} MB")
+    return 0
