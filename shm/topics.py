@@ -160,7 +160,7 @@ SETPOINT = Topic(
     "setpoint",
     writer="arm",
     rate_hz=1500,
-    depth_s=1.0,
+    depth_s=3.0,
     fields=(
         Field("mode", "u1", "", "0 alive but asks for nothing, 1 drive the actuators as the rest says"),
         Field("has_velocity", "?", "", "the velocities are meant to be used"),

@@ -60,7 +60,7 @@ def test_a_reader_needs_no_table(system: str) -> None:
 
 def test_the_depth_follows_from_seconds_and_rate(system: str) -> None:
     reader = directory.reader(system, "PSM1", "setpoint", "arm")
-    assert reader._depth == 1500
+    assert reader._depth == 4500
     reader.close()
 
 
