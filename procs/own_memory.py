@@ -9,7 +9,7 @@ from typing import Protocol, TypeVar
 
 from procs import codes
 from procs.document.process import ON_DEMAND
-from procs.document.system import Process, SystemConfig
+from procs.document.system import LOCKSTEP, Process, SystemConfig
 from procs.inputs import LATE_S, Input
 from procs.manifest import late_s, proc
 from procs.pauses import duration
@@ -90,7 +90,7 @@ class OwnMemory:
 
         `guard`: what may power or move needs a person's command, given after the last fault of this cell.
         """
-        audit = Audit(self.writes("audit"), self._time_ns)
+        audit = Audit(self.writes("audit"), self._time_ns, every=self.document.clock == LOCKSTEP)
         self._mailbox = self.hold(Mailbox(self.system, self.name, self.kind, guard=guard, audit=audit,
                                           died=self._begun[1]))
         return self._mailbox

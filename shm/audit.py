@@ -1,6 +1,7 @@
 """What an owner was asked for and what became of it: a ring of its own, so that a motion can be traced to a person.
 
 Of a stream (servo_…) only the first goal is written, and then what changes: another sender, another outcome, a reason.
+In lock-step all goals are that come from a person's program: so a recording has what it takes to repeat a run.
 """
 
 from __future__ import annotations
@@ -9,9 +10,13 @@ from typing import TYPE_CHECKING, Protocol
 
 from shm.clock import local_ns, monotonic_ns
 from shm.layout import shorten
+from shm.origins import is_direct
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    import numpy as np
+    from numpy.typing import NDArray
 
     from shm.commands import CommandRow
     from shm.origins import Origin
@@ -41,20 +46,25 @@ class AuditedCommand(Protocol):
     def origin(self) -> Origin:
         """The person's command it comes from."""
 
+    @property
+    def values(self) -> NDArray[np.float64]:
+        """Its numbers, (n,)."""
+
 
 class Audit:
     """The writing end."""
 
-    def __init__(self, ring: RingWriter, now_ns: Callable[[], int]) -> None:
-        """`now_ns` is the process's clock."""
-        self._ring, self._now_ns = ring, now_ns
+    def __init__(self, ring: RingWriter, now_ns: Callable[[], int], every: bool = False) -> None:
+        """`now_ns` is the process's clock; `every`: each goal of a person's stream is written."""
+        self._ring, self._now_ns, self._every = ring, now_ns, every
+        self._count, self._values = ring.field("count"), ring.field("values")
         self._fields = [ring.field(name) for name in NAMES]
         self._stream: tuple[str, int, str, str] | None = None
 
     def write(self, received: AuditedCommand, outcome: str, reason: str) -> None:
         """One command has got an answer."""
         command = received.command
-        if command.streams:
+        if command.streams and not (self._every and is_direct(received.origin.id, received.pid)):
             stream = command.name, received.place, outcome, reason
             if stream == self._stream:
                 return
@@ -67,4 +77,7 @@ class Audit:
                   monotonic_ns(), local_ns())
         for field, value in zip(self._fields, values, strict=True):
             field[...] = value
+        used = received.values[: len(self._values)]
+        self._count[...] = len(used)
+        self._values[: len(used)], self._values[len(used) :] = used, 0.0
         self._ring.publish(max(self._now_ns(), self._ring.stamp_ns + 1))

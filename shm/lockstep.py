@@ -11,7 +11,8 @@ Finish:  F1 who asks the server wakes it    F2 finished + 1    F3 next := wish
 Serve:   the same, but at its sockets: before F2 and in F5 it answers until nothing waits there
 Advance: A1 is somebody awake or due? then done; remember everybody's `finished`
          A2 take the lock; who has it already does A6 after we have looked, or says A4: done
-         A3 as A1, and `finished` as it was    A4 paced: is it too early? done, it says when another look is worth it
+         A3 as A1, and `finished` as it was    A4 beyond the limit (shm/held_time.py), or paced and
+         too early? done, it says when another look is worth it
          A5 now := the earliest wish    A6 give the lock back, full fence, wake all that are due, from A1
 
 Only who is awake wakes others (but for clients, which come at any time). A1 alone may see A asleep, then B, which woke
@@ -49,25 +50,19 @@ BEHIND_NS: Final = 5_000_000  # so far behind real time counts as lost: there is
 NEVER: Final = 1 << 62
 WORDS: Final = 1 << 64  # their number
 
-PAGE = Topic(
-    "clock",
-    writer="supervisor",
-    rate_hz=0,
-    depth_s=0,
-    depth=1,
-    fields=(
-        Field("now_ns", "<u8", "ns", "simulated time (W: who has the lock)"),
-        Field("monotonic_ns", "<u8", "ns", "CLOCK_MONOTONIC when it was last advanced (W: who has the lock)"),
-        Field("local_ns", "<u8", "ns", "CLOCK_REALTIME at that moment (W: who has the lock)"),
-        Field("advances", "<u8", "", "counts them (W: who has the lock)"),
-        Field("base_ns", "<u8", "ns", "paced: simulated time that belongs to (W: who has the lock)"),
-        Field("base_monotonic_ns", "<u8", "ns", "paced: this real time (W: who has the lock)"),
-        Field("speed", "<f8", "", "simulated over real time in the last second (W: supervisor)"),
-        Field("active", f"({MEMBERS},)<u8", "", "1: time waits for this member (W: supervisor)"),
-        Field("next_ns", f"({MEMBERS},)<u8", "ns", "when it wants to go on (W: member; of a dead one: supervisor)"),
-        Field("finished", f"({MEMBERS},)<u8", "", "how often it has fallen asleep (W: member)"),
-    ),
-)
+PAGE = Topic("clock", writer="supervisor", rate_hz=0, depth_s=0, depth=1, fields=(
+    Field("now_ns", "<u8", "ns", "simulated time (W: who has the lock)"),
+    Field("monotonic_ns", "<u8", "ns", "CLOCK_MONOTONIC when it was last advanced (W: who has the lock)"),
+    Field("local_ns", "<u8", "ns", "CLOCK_REALTIME at that moment (W: who has the lock)"),
+    Field("advances", "<u8", "", "counts them (W: who has the lock)"),
+    Field("base_ns", "<u8", "ns", "paced: simulated time that belongs to (W: who has the lock)"),
+    Field("base_monotonic_ns", "<u8", "ns", "paced: this real time (W: who has the lock)"),
+    Field("speed", "<f8", "", "simulated over real time in the last second (W: supervisor)"),
+    Field("active", f"({MEMBERS},)<u8", "", "1: time waits for this member (W: supervisor)"),
+    Field("next_ns", f"({MEMBERS},)<u8", "ns", "when it wants to go on (W: member; of a dead one: supervisor)"),
+    Field("finished", f"({MEMBERS},)<u8", "", "how often it has fallen asleep (W: member)"),
+    Field("limit_ns", "<u8", "ns", "time does not go beyond; 0: it may (W: supervisor, or who holds it back)"),
+))
 SCHEMA = schema_of(PAGE)
 
 
@@ -126,7 +121,7 @@ class Steps:
 
         self.words = segment.words()
         self._now, self._stamps = at("now_ns"), (at("monotonic_ns"), at("local_ns"), at("advances"))
-        self._base = at("base_ns"), at("base_monotonic_ns")
+        self._base, self._limit = (at("base_ns"), at("base_monotonic_ns")), at("limit_ns")
         places = range(len(table.members))
         self._active, self._next, self._finished = ([at(field) + i for i in places]
                                                     for field in ("active", "next_ns", "finished"))
@@ -141,7 +136,9 @@ class Steps:
         return min(self.words[self._now], NEVER)
 
     def advance(self) -> int:
-        """Go to the next instant if all sleep until then; ns until another try is worth it, 0: others see to it."""
+        """Go to the next instant if all sleep until then; ns until another try is worth it, 0: others see to it,
+        NEVER: all sleep, and it is beyond the limit.
+        """
         seen: list[int] = []
         again: list[int] = []
         while self._wish(seen):  # A1
@@ -179,6 +176,8 @@ class Steps:
         return 0 if wish == NEVER else wish
 
     def _early(self, wish: int) -> int:
+        if 0 < self.words[self._limit] < wish:
+            return NEVER
         if not self.table.paced:
             return 0
         words, (base, base_real), real = self.words, self._base, monotonic_ns()
@@ -288,7 +287,7 @@ class LockstepClock(Member):
             table = Table.of_info(segment.header.info)
             if name not in table.members:
                 raise SegmentError(f"{name} is no member of the simulated time of {system}")
-            super().__init__(segment, _wakeups(system, table, segment), _waker(system, table, segment), name)
+            super().__init__(segment, wakeups_of(system, table, segment), waker_of(system, table, segment), name)
             self.wakeup: socket.socket | None = None
             """What wakes the server, besides its own sockets."""
             if name == table.server:
@@ -307,7 +306,7 @@ class Timekeeper(Steps):
         self.size = create_clock(system, table, make)
         segment = clock_page(system, write=True)
         try:
-            super().__init__(segment, _wakeups(system, table, segment), _waker(system, table, segment))
+            super().__init__(segment, wakeups_of(system, table, segment), waker_of(system, table, segment))
         except BaseException:
             segment.close()
             raise
@@ -316,7 +315,13 @@ class Timekeeper(Steps):
         self._speed = self.segment.view.cast("d")
         self.segment.at_close(self._speed.release)
         self._speed_at = (self.segment.header.first + SCHEMA.offset("speed")) // 8
-        self._before = EPOCH_NS, monotonic_ns()
+        self._before, self._holds = (EPOCH_NS, monotonic_ns()), False
+        self._holder = Places(segment, segment.header.first + SCHEMA.offset("limit_ns"), 1)
+
+    def hold(self, holds: bool) -> None:
+        """Time stands from now on, or goes on again, unless somebody else holds it back."""
+        self._holds = holds
+        self.words[self._limit] = self.now_ns() if holds else self.words[self._limit]
 
     def admit(self, ready: Sequence[str]) -> None:
         """Time waits for these, and for nobody else."""
@@ -331,6 +336,9 @@ class Timekeeper(Steps):
 
     def let_pass(self, seconds: float) -> None:
         """Sleep so long in real time, and see to it that time goes on where somebody died who should have."""
+        if self.words[self._limit] and not self._holds and self._holder.take(0):  # who held it back has died
+            self.words[self._limit] = 0
+            self._holder.give_back(0)
         self.advance()
         self._wake_due()
         pause(seconds)
@@ -355,7 +363,7 @@ def wait_for_wakeup(files: Sequence[int], wakeup: socket.socket | None, timeout_
     return ready
 
 
-def _wakeups(system: str, table: Table, segment: Segment) -> list[Wakeup]:
+def wakeups_of(system: str, table: Table, segment: Segment) -> list[Wakeup]:
     """Those of all members; closed with the segment."""
     pages = []
     for member in table.members:
@@ -364,7 +372,7 @@ def _wakeups(system: str, table: Table, segment: Segment) -> list[Wakeup]:
     return [page.wakeup() for page in pages]
 
 
-def _waker(system: str, table: Table, segment: Segment) -> Callable[[], object]:
+def waker_of(system: str, table: Table, segment: Segment) -> Callable[[], object]:
     """How the server is woken: by a datagram, because it waits at sockets. Closed with the segment."""
     if not table.server:
         return lambda: None

@@ -80,5 +80,7 @@ AUDIT = Topic(
         Field("id", "<u8", "", "number of the command, unique for its place"),
         Field("monotonic_ns", "<i8", "ns", "CLOCK_MONOTONIC: orders rows, events and logs of all processes"),
         Field("local_ns", "<i8", "ns", "time of day, since 1970 UTC"),
+        Field("count", "u1", "", "numbers that it came with"),
+        Field("values", "(64,)<f8", "", "these, in the order the command table gives; the rest is 0"),
     ),
 )

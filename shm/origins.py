@@ -49,6 +49,11 @@ def new_id() -> int:
     return os.getpid() << 32 | next(COUNT) & 0xFFFF_FFFF
 
 
+def is_direct(origin: int, pid: int) -> bool:
+    """Whether a command with this origin was sent by the program that the person gave it with; others pass it on."""
+    return pid > 0 and origin >> 32 == pid
+
+
 def program_name() -> str:
     """What this process was called as: "trocar send", "plan.py", "python"."""
     path = Path(sys.argv[0] if sys.argv else "")

@@ -98,7 +98,9 @@ class Supervisor:
         self._granted = realtime(row, system.clock)
         self.page.field("policy")[...] = in_words(self._granted)
         self.keeper = None if system.clock == WALL else Timekeeper(system.name, memory.simulated(system), make)
-        self.size += self.keeper.size if self.keeper is not None else 0
+        if self.keeper is not None:
+            self.size += self.keeper.size
+            self.keeper.hold(True)  # until all are up: so every run begins at the same instant
         self.beat()
         self.events = Events(self._writes("events"), self.now_ns, loglines.into(log))
         self.mailbox = Mailbox(system.name, "supervisor", "supervisor", audit=Audit(self._writes("audit"), self.now_ns))
@@ -162,6 +164,8 @@ class Supervisor:
                 return
         self.page.show("RUNNING")
         self._show()
+        if self.keeper is not None:
+            self.keeper.hold(False)
         self._systemd.tell("READY=1")
         if self.keeper is None:  # simulated time needs no rights
             shared = lock_shared(self.system.name, [child.process.pid for child in self.children])

@@ -225,6 +225,30 @@ def test_the_audit_ring_keeps_the_first_of_a_stream_and_its_changes(
     assert [row["outcome"] for row in audit.since(0)] == [b"done", b"refused"]
 
 
+def test_the_audit_ring_has_the_numbers_of_commands(box: Mailbox, person: Client, audit: RingReader) -> None:
+    for values in ((0.5,) * 6, tuple(range(8))):
+        person.send("move_jp", values)
+        ran(box)
+    rows = audit.since(0)
+    assert rows["count"].tolist() == [6, 8] and rows["values"][0].tolist() == [0.5] * 6 + [0.0] * 58
+    assert rows["values"][1][:9].tolist() == [*range(8), 0.0]
+
+
+def test_in_lock_step_all_goals_of_a_persons_stream_are_in_the_audit_ring(
+    box: Mailbox, person: Client, loop: LoopClient, audit: RingReader
+) -> None:
+    assert box.audit is not None
+    box.audit._every = True
+    loop.on_behalf(Origin(77, 0, "teleop"))
+    for k in range(5):
+        person.send("servo_jp", (k * 0.1,) * 6)
+        ran(box)
+    for _ in range(5):
+        loop.send("servo_jp", (0.3,) * 6)
+        ran(box)
+    assert audit.since(0)["values"][:, 0].tolist() == [k * 0.1 for k in range(5)] + [0.3], "what is passed on once"
+
+
 def test_every_command_that_may_power_or_move_needs_a_person_unless_it_only_ends_something() -> None:
     free = {(kind, row.name) for kind, rows in COMMANDS.items() for row in rows
             if row.moves and not row.needs_person("", (1.0,))}

@@ -26,12 +26,14 @@ def rows_of(system: str, instance: str | None, most: int) -> list[dict[str, Any]
 
 
 def _plain(row: Any) -> dict[str, Any]:
-    return {name: plain(row[name]) for name in row.dtype.names if name != "sequence"}
+    found = {name: plain(row[name]) for name in row.dtype.names if name not in ("sequence", "count")}
+    return found | ({"values": found["values"][: int(row["count"])]} if "values" in found else {})
 
 
 def in_words(row: dict[str, Any]) -> str:
     """One line: when, who was asked, for what, the outcome, whose command that was."""
-    asked = f"{row['command']} {row['text']}".rstrip()
+    words = (row["command"], row["text"], *(f"{value:.6g}" for value in row.get("values") or ()))
+    asked = " ".join(filter(None, words))
     why = f" ({row['reason']})" if row["reason"] else ""
     whose = f"{row['program'] or 'a program'}, number {row['origin']:x}, generation {row['generation']}"
     through = f" by pid {row['pid']}" if row["pid"] else ""

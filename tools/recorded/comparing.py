@@ -14,8 +14,8 @@ from tools.recorded.choosing import Stretch, chosen_topics
 from tools.recorded.differences import TopicDifference, compared, in_common
 from tools.recorded.tolerances import AllowedDifference, tolerance_of
 
-REAL_TIME: Final = ("monotonic_ns", "local_ns", "write_ns", "since_ns", "pid", "place", "id")
-"""Fields that are the clock on the wall's, or name a process and its place in a mailbox: no two runs have the same."""
+REAL_TIME: Final = ("monotonic_ns", "local_ns", "write_ns", "since_ns", "pid", "place", "id", "origin", "wish_origin")
+"""Fields that are the clock on the wall's, or name a process and what it sent: no two runs have the same."""
 EQUAL, WITHIN, DIFFERENT = "equal", "within", "different"
 
 
