@@ -5,6 +5,9 @@ a browser would be sent, twenty times a second, and draw nothing. `gui_cpu_perce
 one page System open, `gui_cpu_percent_3d` with one page 3D, `gui_cpu_percent_no_browser` while it runs without any
 (100 % is one core); usually there is no process then. `io_period_p99_ratio` is io's period (99 %) with both pages open
 to that without the process, median of pairs by turns.
+
+`--browser`: the same with Chromium in the place of the scripted pages, which draws as far as this machine can; figures
+are apart (`browser_…`), `browser_cpu_percent_…` is what it takes itself.
 """
 
 from __future__ import annotations
@@ -12,9 +15,13 @@ from __future__ import annotations
 import json
 import os
 import platform
+import shutil
 import statistics
+import subprocess
+import tempfile
 import threading
-from contextlib import ExitStack, closing
+from collections.abc import Callable
+from contextlib import AbstractContextManager, ExitStack, closing, suppress
 from typing import Any, Final
 
 import numpy as np
@@ -43,6 +50,9 @@ TAKE_S: Final = 0.02
 TURN_NS: Final = 1_000_000_000
 SETTLE_S: Final = 2.0
 PATIENCE_S: Final = 30.0
+CHROMIUM: Final = ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--use-angle=swiftshader",
+                   "--enable-unsafe-swiftshader", "--disable-background-networking", "--no-first-run")
+LOADS_S: Final = 5.0
 
 
 class MovingArms:
@@ -71,9 +81,11 @@ class MovingArms:
             client.close()
 
 
-def run(seconds: float = 30.0, pairs: int = PAIRS) -> dict[str, Any]:
+def run(seconds: float = 30.0, pairs: int = PAIRS, browser: bool = False) -> dict[str, Any]:
     """Measure; returns the object that `--json` prints. `seconds`: of each part of a pair."""
     name, short_s = f"bench-gui-{os.getpid()}", min(seconds, 10.0)
+    if browser and shutil.which("chromium") is None:
+        raise Problem("--browser needs Chromium: apt-get install chromium")
     with reserved_port(18080) as port, up_meanwhile(StartRequest(FULL, name, sets=(
             "clock=wall", f"gui.listen=127.0.0.1:{port}", "processes.gui.start=always"))):
         home(name)
@@ -81,12 +93,13 @@ def run(seconds: float = 30.0, pairs: int = PAIRS) -> dict[str, Any]:
             figures = {}
             for key, pages in (("no_browser", ()), ("system", (SYSTEM_PAGE,)), ("3d", (SCENE_PAGE,))):
                 with ExitStack() as stack:
-                    opened = [stack.enter_context(closing(ScriptedPage(port, sources))) for sources in pages]
-                    _wait(arms, SETTLE_S)
-                    figures[f"gui_cpu_percent_{key}"] = _cpu_percent(name, arms, short_s)
-                    if not all(page.received for page in opened):
-                        raise Problem("the web console has sent nothing")
-            figures["io_period_p99_ratio"] = _ratio(name, port, arms, seconds, pairs)
+                    for sources in pages:
+                        stack.enter_context(closing(ScriptedPage(port, sources))).wait()
+                    _wait(arms, min(SETTLE_S, seconds))
+                    figures[f"gui_cpu_percent_{key}"] = _cpu_percent(_console(name), arms, short_s)
+            figures["io_period_p99_ratio"] = _ratio(name, arms, seconds, pairs, lambda: _scripted(port))
+            if browser:
+                figures |= _in_browser(name, port, arms, seconds, pairs)
     return {
         "bench": GUI, "figures": figures,
         "conditions": {"seconds": seconds, "pairs": pairs, "arms": len(ARMS), "rate_hz": 20,
@@ -114,10 +127,60 @@ class ScriptedPage:
             except (ConnectionClosed, OSError):
                 pause(TAKE_S)
 
+    def wait(self) -> None:
+        """Until something has come; Problem where nothing comes."""
+        end = monotonic_ns() + round(PATIENCE_S * 1e9)
+        while not self.received:
+            if monotonic_ns() > end:
+                raise Problem("the web console has sent nothing")
+            pause(TAKE_S)
+
     def close(self) -> None:
         """It has gone."""
         self._is_over = True
         self._taker.join(PATIENCE_S)
+
+
+class RealBrowser:
+    """Chromium without a window, with pages open."""
+
+    def __init__(self, *addresses: str) -> None:
+        self._home = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
+        self._popen = subprocess.Popen(["chromium", *CHROMIUM, f"--user-data-dir={self._home.name}", *addresses],
+                                       stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+    def processes(self) -> list[psutil.Process]:
+        """All of it."""
+        own = psutil.Process(self._popen.pid)
+        return [own, *own.children(recursive=True)]
+
+    def close(self) -> None:
+        """End it."""
+        for process in reversed(self.processes()):
+            with suppress(psutil.Error):
+                process.kill()
+        self._popen.wait()
+        self._home.cleanup()
+
+
+def _in_browser(name: str, port: int, arms: MovingArms, seconds: float, pairs: int) -> dict[str, float]:
+    figures, here = {}, f"http://127.0.0.1:{port}"
+    for key, path in (("system", "/"), ("3d", "/3d")):
+        with closing(RealBrowser(here + path)) as chromium:
+            _wait(arms, LOADS_S)
+            figures[f"browser_gui_cpu_percent_{key}"] = _cpu_percent(_console(name), arms, min(seconds, 10.0))
+            figures[f"browser_cpu_percent_{key}"] = _cpu_percent(chromium.processes(), arms, min(seconds, 10.0))
+    figures["browser_io_period_p99_ratio"] = _ratio(name, arms, seconds, pairs,
+                                                    lambda: closing(RealBrowser(here, f"{here}/3d")), LOADS_S)
+    return figures
+
+
+def _scripted(port: int) -> AbstractContextManager[Any]:
+    """A page System and a page 3D."""
+    stack = ExitStack()
+    for sources in (SYSTEM_PAGE, SCENE_PAGE):
+        stack.enter_context(closing(ScriptedPage(port, sources)))
+    return stack
 
 
 def _wait(arms: MovingArms, seconds: float) -> None:
@@ -127,22 +190,29 @@ def _wait(arms: MovingArms, seconds: float) -> None:
         arms.go_on()
 
 
-def _cpu_percent(system: str, arms: MovingArms, seconds: float) -> float:
-    """CPU time of the console in a while in which arms move."""
+def _console(system: str) -> list[psutil.Process]:
     with closing(ControlPage(system, GUI)) as page:
-        process = psutil.Process(int(page.get("pid")))
-    before, begin = process.cpu_times(), monotonic_ns()
+        return [psutil.Process(int(page.get("pid")))]
+
+
+def _cpu_percent(processes: list[psutil.Process], arms: MovingArms, seconds: float) -> float:
+    """CPU time that they take in a while in which arms move."""
+    before, begin = _cpu_s(processes), monotonic_ns()
     _wait(arms, seconds)
-    after = process.cpu_times()
-    return (after.user + after.system - before.user - before.system) / ((monotonic_ns() - begin) * 1e-9) * 100.0
+    return (_cpu_s(processes) - before) / ((monotonic_ns() - begin) * 1e-9) * 100.0
 
 
-def _ratio(system: str, port: int, arms: MovingArms, seconds: float, pairs: int) -> float:
+def _cpu_s(processes: list[psutil.Process]) -> float:
+    return sum(sum(process.cpu_times()[:2]) for process in processes)
+
+
+def _ratio(system: str, arms: MovingArms, seconds: float, pairs: int,
+           pages: Callable[[], AbstractContextManager[Any]], settle_s: float = SETTLE_S) -> float:
     ratios = []
     with Remote(system, "supervisor") as remote:
         for _ in range(pairs):
-            with closing(ScriptedPage(port, SYSTEM_PAGE)), closing(ScriptedPage(port, SCENE_PAGE)):
-                _wait(arms, SETTLE_S)
+            with pages():
+                _wait(arms, min(settle_s, seconds))
                 with_pages = _period_p99(system, arms, seconds)
             _ask(remote, "stop")
             ratios.append(with_pages / _period_p99(system, arms, seconds))

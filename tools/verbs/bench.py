@@ -28,7 +28,7 @@ BENCHES = {
     "arm": Measurement("tools.bench.arm"), "teleop": Measurement("tools.bench.teleop", ("seconds", "sets")),
     "start": Measurement("tools.bench.start"), "lifecycle": Measurement("tools.bench.lifecycle"),
     "deaths": Measurement("tools.bench.deaths"), "bridges": Measurement("tools.bench.bridges", ("seconds",)),
-    "gui": Measurement("tools.bench.gui", ("seconds",)),
+    "gui": Measurement("tools.bench.gui", ("seconds", "browser")),
     "system": Measurement("tools.bench.system", ("file", "paths", "boards", "seconds", "sets")),
 }
 
@@ -40,6 +40,7 @@ def bench(
     boards: Annotated[str, typer.Option("--boards", help="system: `emulated`, no hardware.")] = "",
     seconds: Annotated[float, typer.Option(
         "--seconds", min=0.0, help="teleop, system, bridges, gui: so long; 0: the usual.")] = 0.0,
+    browser: Annotated[bool, typer.Option("--browser", help="gui: also in a real browser, Chromium.")] = False,
     sets: Annotated[list[str] | None, typer.Option(
         "--set", metavar="KEY=VALUE", help="teleop, system: as for up.")] = None,
     as_json: JsonOption = False,
@@ -56,7 +57,7 @@ def bench(
         raise Misuse(f"--boards {boards}: allowed is emulated")
     row = BENCHES[name]
     given = {"file": file, "paths": tuple(path or ()), "boards": boards, "seconds": seconds,
-             "sets": tuple(sets or ())}
+             "browser": browser, "sets": tuple(sets or ())}
     options = {key: value for key, value in given.items() if value}
     if left := [key for key in options if key not in row.takes]:
         raise Misuse(f"bench {name} takes no {' and no '.join(left)}")

@@ -1,0 +1,115 @@
+"""Whether the web console stays as large as it is, while pages are open and others come and go.
+
+    python -m tests.soak.web_console --minutes 120
+
+The full KINEMATIC system, all arms moving. A page System, a page 3D, one with plots and a log stay open; every second
+somebody loads a page, takes control, asks for a preview, jogs an arm, is refused something, and leaves. Prints what the
+processes had at first and in the end; exit code 1 when something grew. The pages are scripted: no browser is needed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+import os
+import sys
+import tempfile
+import urllib.request
+from contextlib import ExitStack, closing, suppress
+from typing import Final
+
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
+
+from shm.clock import monotonic_ns, pause
+from tests.soak.flat import Footprint
+from tools.arms import home
+from tools.bench.gui import SCENE_PAGE, SYSTEM_PAGE, MovingArms, ScriptedPage
+from tools.bench.system import FULL
+from tools.free_port import reserved_port
+from tools.inspect.processes import statuses
+from tools.supervising import StartRequest, up_meanwhile
+
+EVERY_S: Final = 1.0
+WATCHED: Final = "gui", "PSM1", "io", "system"
+GROWTH_KB: Final = 1024
+"""Of memory that is no leak: an allocator takes such pieces at a time."""
+STAYS: Final = (SYSTEM_PAGE, SCENE_PAGE, ("plot:PSM1/state.position[0]", "plot:io/state.position[0]", "log:gui",
+                                          "processes", "buttons", "SUJ/state"))
+PATHS: Final = "/", "/3d", "/arm/PSM1", "/teleop", "/suj", "/plots", "/processes", "/buttons", "/io"
+ASKED: Final = (
+    {"op": "control", "take": True, "over": True},
+    {"op": "want", "sources": ["PSM1/state", "scene", "messages", "plot:ECM/state.position[0]"]},
+    {"op": "preview", "id": 1, "arm": "PSM1", "pose": [0.0, 0.0, -0.11, 1.0, 0.0, 0.0, 0.0]},
+    {"op": "jog", "id": 2, "arm": "PSM1", "twist": [0.001, 0.0, 0.0, 0.0, 0.0, 0.0]},
+    {"op": "call", "id": 3, "to": "PSM2", "command": "no_such", "values": []},
+    {"op": "nonsense"},
+)
+TICKS: Final = 5
+
+
+def visit(port: int, path: str) -> None:
+    """Load a page, be there for a moment, leave; whom a busy machine has held up disconnects all."""
+    with urllib.request.urlopen(f"http://127.0.0.1:{port}{path}", timeout=30.0) as answer:
+        answer.read()
+    with suppress(ConnectionClosed), connect(f"ws://127.0.0.1:{port}/live", max_size=None, compression=None) as link:
+        for message in ASKED:
+            link.send(json.dumps(message))
+        seen = 0
+        while seen < TICKS:
+            seen += '"tick"' in str(link.recv(30.0))[:20]
+
+
+def soak(seconds: float) -> tuple[dict[str, Footprint], int]:
+    """Footprints of the processes of `WATCHED`, and how many visits there were."""
+    name, visits = f"soak-gui-{os.getpid()}", 0
+    with reserved_port(18090) as port, up_meanwhile(StartRequest(FULL, name, sets=(
+            f"gui.listen=127.0.0.1:{port}", "processes.gui.start=always"))), ExitStack() as stack:
+        home(name)
+        arms = stack.enter_context(closing(MovingArms(name)))
+        for sources in STAYS:
+            stack.enter_context(closing(ScriptedPage(port, sources)))
+        found = {row.name: Footprint(row.pid) for row in statuses(name) if row.name in WATCHED}
+        paths, end = itertools.cycle(PATHS), monotonic_ns() + round(seconds * 1e9)
+        while monotonic_ns() < end:
+            visit(port, next(paths))
+            visits += 1
+            arms.go_on()
+            for each in found.values():
+                each.look()
+            pause(EVERY_S)
+    return found, visits
+
+
+def growth(found: dict[str, Footprint]) -> list[str]:
+    """What grew, in words."""
+    problems = []
+    for name, each in found.items():
+        memory_kb, files, threads = each.grown()
+        if memory_kb > GROWTH_KB or files > 0 or threads > 0:
+            way = each.memory_kb[:: max(1, len(each.memory_kb) // 20)]
+            problems.append(f"{name} grew: {memory_kb:+.0f} kB, {files:+.0f} files, {threads:+.0f} threads: {way}")
+    return problems
+
+
+def main() -> None:
+    """By hand."""
+    parser = argparse.ArgumentParser(prog="tests.soak.web_console", description=__doc__)
+    parser.add_argument("--minutes", type=float, default=120.0)
+    minutes = parser.parse_args().minutes
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ["TROCAR_STATE"] = folder
+        found, visits = soak(minutes * 60.0)
+    for name, each in found.items():
+        memory_kb, files, threads = each.grown()
+        print(f"{name}: {each.memory_kb[0]} kB at first, {each.memory_kb[-1]} kB in the end, {memory_kb:+.0f} kB, "
+              f"{files:+.0f} descriptors, {threads:+.0f} threads")
+    print(f"{minutes:g} min, {visits} visits; load {os.getloadavg()[1]:.1f}")
+    problems = growth(found)
+    print("\n".join(problems) or "flat")
+    sys.exit(1 if problems else 0)
+
+
+if __name__ == "__main__":
+    main()
