@@ -20,12 +20,12 @@ from procs.own_memory import Closing
 from procs.pauses import duration
 from procs.ros.dds import EVENT_DEPTH, Participant
 from procs.ros.messages import Clock, Log, OperatingState
+from procs.ros.view_messages import VIEW_MESSAGES
 from procs.ros_bridge.carrying_out import Addressee, Commands
 from procs.ros_bridge.descriptions import Descriptions
 from procs.ros_bridge.events import EventTopics
 from procs.ros_bridge.frames import TipFrames
 from procs.ros_bridge.interval_statistics import LoopStatistics
-from procs.ros_bridge.outgoing import VIEW_MESSAGES
 from procs.ros_bridge.publishing import RecordTopics
 from procs.ros_bridge.refusals import Refusals
 from procs.ros_bridge.services import Services

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any, Final
 
-import numpy as np
 from numpy.typing import NDArray
 
 from procs.crtk.frames import frame_name
@@ -13,11 +12,11 @@ from procs.crtk.plain import plain
 from procs.crtk.stamps import Stamps
 from procs.crtk.topics import TopicEntry
 from procs.crtk.views import OpenTopic
+from procs.packed_view import PackedView
 from procs.ros.dds import LATCHED, Participant, TopicWriter
-from procs.ros.messages import JointStates, String
-from procs.ros_bridge.outgoing import VIEW_MESSAGES, FieldTopic, ViewMessage
-from procs.ros_bridge.packing import PackedMessage
-from procs.ros_bridge.stamps import SECOND_NS
+from procs.ros.messages import String
+from procs.ros.view_messages import VIEW_MESSAGES
+from procs.ros_bridge.outgoing import FieldTopic
 from shm.ring import RingReader
 from shm.subscriptions import Subscriber
 
@@ -32,29 +31,14 @@ def ros_topic(name: str) -> str:
 class PublishedView:
     """One view while somebody reads it."""
 
-    def __init__(self, source: OpenTopic, writer: TopicWriter[Any], row: ViewMessage, frame: Callable[[], str]) -> None:
+    def __init__(self, source: OpenTopic, writer: TopicWriter[Any], frame: Callable[[], str]) -> None:
         self.source, self.writer, self.is_wanted = source, writer, False
-        self._parts, self._frame, self._packed = row.parts, frame, PackedMessage(row.message, row.put)
-        self._has_joints = row.message is JointStates
-        self._texts: tuple[bytes, str] = b"?", ""
+        self._packed = PackedView(source, frame)
 
     def publish(self, stamps: Stamps) -> None:
         """The record last read; a stamp of 0 says that it is not valid."""
-        source, packed = self.source, self._packed
-        texts = source.part("name").tobytes() if self._has_joints else b"", self._frame()
-        if texts != self._texts:
-            self._texts = texts
-            self._name(packed.message)
-        blocks = [np.asarray(source.part(part), dtype=np.float64).ravel() for part in self._parts]
-        stamp_ns = stamps.ns(source.stamp_ns) if source.valid and source.stamp_ns else 0
-        packed.pack(texts, blocks, divmod(stamp_ns, SECOND_NS))
-        self.writer.write(packed.carrier)
-
-    def _name(self, message: Any) -> None:
-        if self._has_joints:
-            message.name = self.source.labels()
-        if hasattr(message, "header"):
-            message.header.frame_id = self._texts[1]
+        self._packed.pack(stamps.ns(self.source.stamp_ns))
+        self.writer.write(self._packed.carrier)
 
 
 class RecordTopics:
@@ -73,9 +57,8 @@ class RecordTopics:
         self._selections = Selections(participant, instance, ring) if "selected" in (ring.dtype.names or ()) else None
 
     def _view(self, participant: Participant, entry: TopicEntry, name: str) -> PublishedView:
-        row = VIEW_MESSAGES[entry.kind]
-        writer: TopicWriter[Any] = participant.writer(ros_topic(name), row.message)
-        return PublishedView(OpenTopic(self._system, entry, self._ring), writer, row, frame_name(entry, self._ring))
+        writer: TopicWriter[Any] = participant.writer(ros_topic(name), VIEW_MESSAGES[entry.kind].message)
+        return PublishedView(OpenTopic(self._system, entry, self._ring), writer, frame_name(entry, self._ring))
 
     def look(self) -> None:
         """Ask for what somebody reads now, and for nothing else."""

@@ -33,9 +33,9 @@ from procs.ros.messages import (
     TriggerRequest,
     TriggerResponse,
 )
+from procs.ros.view_messages import pose_of
 from procs.ros_bridge.carrying_out import Addressee
 from procs.ros_bridge.incoming import pose_numbers
-from procs.ros_bridge.outgoing import pose_of
 from procs.ros_bridge.publishing import ros_topic
 from procs.ros_bridge.refusals import Refusals
 from shm.client import Client, MailboxFull

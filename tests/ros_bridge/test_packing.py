@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from procs.ros.messages import JointStates
-from procs.ros_bridge.outgoing import VIEW_MESSAGES
-from procs.ros_bridge.packing import PackedMessage
+from procs.ros.packing import PackedMessage
+from procs.ros.view_messages import VIEW_MESSAGES
 
 SIZES = {"cp": 7, "cv": 6, "cf": 6, "turn": 4}
 NUMBERS = st.floats(allow_nan=False)

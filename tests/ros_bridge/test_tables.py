@@ -25,10 +25,11 @@ from procs.ros.messages import (
     StringStamped,
     Vector3,
 )
+from procs.ros.view_messages import VIEW_MESSAGES
 from procs.ros_bridge.carrying_out import Addressee, powers, topics_of
 from procs.ros_bridge.incoming import COMMAND_TOPICS, CommandTopic
 from procs.ros_bridge.loop import addressees
-from procs.ros_bridge.outgoing import EVENT_MESSAGES, FIELD_TOPICS, VIEW_MESSAGES
+from procs.ros_bridge.outgoing import EVENT_MESSAGES, FIELD_TOPICS
 from procs.ros_bridge.services import SERVICES
 from shm.commands import COMMANDS
 from shm.directory import topic_of

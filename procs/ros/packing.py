@@ -30,11 +30,12 @@ class PackedMessage:
         self.message: Any = kind()
         self._put, self._is_stamped = put, hasattr(self.message, "header")
         self._shape: tuple[Any, ...] = ()
-        self._data, self._places = bytearray(), list[slice]()
+        self.data, self._places = bytearray(), list[slice]()
+        """What was packed last."""
         self.carrier: Any = type(kind.__name__, (kind,), {"serialize": self._packed})()
 
     def _packed(self, *_: Any, **__: Any) -> bytes:
-        return bytes(self._data)
+        return bytes(self.data)
 
     def pack(self, texts: tuple[Any, ...], blocks: Numbers, stamp: tuple[int, int]) -> None:
         """New numbers; `texts` is what else the message was made of, to be packed anew where that has changed."""
@@ -42,7 +43,7 @@ class PackedMessage:
         if shape != self._shape:
             self._begin(blocks)
             self._shape = shape
-        data = self._data
+        data = self.data
         if self._is_stamped:
             STAMP.pack_into(data, STAMP_AT, *stamp)
         for place, block in zip(self._places, blocks, strict=True):
@@ -53,8 +54,8 @@ class PackedMessage:
         firsts = np.cumsum([0, *map(len, blocks)])
         self._put(self.message, [MARKS[k : k + len(block)].tolist()
                                  for k, block in zip(firsts.tolist(), blocks, strict=False)])
-        self._data = bytearray(self.message.serialize())
+        self.data = bytearray(self.message.serialize())
         self._places = []
         for k, block in zip(firsts.tolist(), blocks, strict=False):
-            at = self._data.find(MARKS[k].tobytes()) if len(block) else 0
+            at = self.data.find(MARKS[k].tobytes()) if len(block) else 0
             self._places.append(slice(at, at + 8 * len(block)))
