@@ -369,5 +369,13 @@ USER_SLOW: Final = Code(
     "user-slow", WARNING, "filters", "a filter took longer than its period, and the others of its process waited",
     "make its update faster, its process's period longer, or give it a process of its own")
 
+# recorder
+RECORDING_DROPPED: Final = Code(
+    "recording-dropped", WARNING, "recorder", "the disk is full or too slow, something was not recorded",
+    "make room where recordings are, or keep less: trocar set recorder.minutes 5")
+FAULT_RECORDED: Final = Code(
+    "fault-recorded", WARNING, "recorder", "there was a fault; what led to it is kept in a file",
+    "look at the file as docs/operating.md says")
+
 CODES: Final = tuple(row for row in globals().values() if isinstance(row, Code))
 FAULTS: Final = tuple(row for row in CODES if row.number)

@@ -160,6 +160,10 @@ PROCS: tuple[Proc, ...] = (
     Proc("ros_bridge", "procs.ros_bridge.loop", 0.01, 1.0, 3.0, "ROS clients hear nothing until the restart", topics=(),
          instances=lambda system: _users(system, {"ros_bridge": (system.ros.period_s, "")} if system.ros else {}),
          pause_ends=False, budget_us=2500, hung_s=5.0, declared=True, in_time=False),
+    # It comes first, and ends last: what begins and what ends is recorded, too. Nobody waits for it to be up.
+    Proc("recorder", "procs.recorder.loop", 0.02, 1.0, 4.0, "nothing is recorded until the restart",
+         instances=lambda system: [ProcessInstance("recorder")] if system.recorder else [],
+         pause_ends=False, budget_us=2000, hung_s=5.0, declared=True, in_time=False),
     Proc("foxglove", "procs.foxglove.loop", 1 / 30, 1.0, 3.0, "its clients see nothing until the restart", topics=(),
          instances=lambda system: _users(system, {"foxglove": (1.0 / system.foxglove.rate_hz, "")})
          if system.foxglove else [],

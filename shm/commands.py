@@ -204,6 +204,14 @@ COMMANDS: dict[str, tuple[CommandRow, ...]] = {
         CommandRow("beep", "s, Hz, volume: 1 to 3 of them", "", "make a beep", moves=False),
         CommandRow("string_to_speech", "", "text", "say it", moves=False),
     ),
+    "recorder": (
+        CommandRow("choose", "", "topic, or instance", "take this into the next recording that the same client begins",
+                   moves=False),
+        CommandRow("record", "s or none", "name", "record what was chosen, or all arms and io; done when it has ended",
+                   moves=False),
+        CommandRow("stop", "", "name or none", "end the recording", moves=False),
+        CommandRow("keep", "", "why", "keep what the black box and all rings have, as after a fault", moves=False),
+    ),
     "boards": (
         CommandRow("press", "on", "input name", "press or release a button or switch", moves=False),
         CommandRow("insert_instrument", "", "arm NAME:MODEL", "put an instrument on", moves=False),

@@ -129,6 +129,31 @@ GUI_STATE = Topic(
     ),
 )
 
+RECORDER_STATE = Topic(
+    "state",
+    writer="recorder",
+    rate_hz=0,
+    depth_s=0,
+    depth=64,
+    fields=(
+        Field("system_ns", "<i8", "ns", "the system's time, monotonic or simulated: that of all stamps"),
+        Field("monotonic_ns", "<i8", "ns", "CLOCK_MONOTONIC at that moment"),
+        Field("local_ns", "<i8", "ns", "time of day at that moment, since 1970 UTC"),
+        Field("box_bytes", "<u8", "", "size of the black box's files since start"),
+        Field("box_messages", "<u8", "", "messages of the black box since start"),
+        Field("dropped", "<u8", "", "of those, that the disk did not take"),
+        Field("waiting_bytes", "<u8", "", "messages that wait for the disk"),
+        Field("name", "S60", "", "recording under way, empty: none"),
+        Field("path", "S300", "", "file of that recording, or of the last one"),
+        Field("passed_s", "<f8", "s", "for how long it has been going on"),
+        Field("bytes", "<u8", "", "its size on the disk"),
+        Field("messages", "<u8", "", "messages in it"),
+        Field("lost", "<u8", "", "records of it that are missing"),
+        Field("fault_path", "S300", "", "file of the last fault since start, empty: there was none"),
+        Field("problem", "S200", "", "what the disk says, empty: all is well"),
+    ),
+)
+
 # What a third-party programs says: a master, a slave or pedals. Fields of an arm are called as in an arm's record.
 THIRD_PARTY_STATE = Topic(
     "state",

@@ -219,6 +219,11 @@ class RingReader:
         """The record's dtype, `sequence` and `stamp_ns` first."""
         return self._dtype
 
+    @property
+    def schema(self) -> Schema:
+        """Its layout, from the header."""
+        return self._segment.header.schema
+
     def field(self, name: str) -> NDArray[Any]:
         """A view on a field of the private copy; resolve before the loop."""
         return self._record.field(name)
@@ -348,6 +353,10 @@ class RingReader:
     def _skip_to(self, n: int) -> None:
         self.lost += n - self._next
         self._go_to(n)
+
+    def rewind(self) -> None:
+        """`next` goes on with the oldest record that is kept."""
+        self._go_to(max(1, int(self._words[HEAD]) - self._depth + 2))
 
     def _go_to(self, n: int) -> None:
         self._next = n

@@ -17,6 +17,7 @@ from shm.messages import REPLY as REPLY
 from shm.operator_topics import CONSOLE_STATE as CONSOLE_STATE
 from shm.operator_topics import FOCUS_STATE as FOCUS_STATE
 from shm.operator_topics import GUI_STATE as GUI_STATE
+from shm.operator_topics import RECORDER_STATE as RECORDER_STATE
 from shm.operator_topics import SYSTEM_STATE as SYSTEM_STATE
 from shm.operator_topics import TELEOP_STATE as TELEOP_STATE
 from shm.operator_topics import THIRD_PARTY_STATE as THIRD_PARTY_STATE
@@ -373,8 +374,8 @@ SOCKET_STATE = Topic(
 
 TOPICS: tuple[Topic, ...] = (
     IO_STATE, IO_GAINS, IO_INSTRUMENTS, SETPOINT, ARM_STATE, SUJ_STATE, SUJ_SETPOINT, BOARDS_STATE, SUPERVISOR_STATE,
-    TELEOP_STATE, CONSOLE_STATE, SYSTEM_STATE, FOCUS_STATE, SOCKET_STATE, GUI_STATE, THIRD_PARTY_STATE, EVENTS,
-    COMMAND, REPLY, AUDIT,
+    TELEOP_STATE, CONSOLE_STATE, SYSTEM_STATE, FOCUS_STATE, SOCKET_STATE, GUI_STATE, RECORDER_STATE,
+    THIRD_PARTY_STATE, EVENTS, COMMAND, REPLY, AUDIT,
 )
 
 # What `trocar bench ring` sends to and fro; no process writes them, so they are not in the table.

@@ -33,8 +33,9 @@ def pytest_configure() -> None:
     """Ctrl-C works in what the tests start, also where we run in the background of a shell, which turns it off.
 
     Bytecode is kept, also where the environment says not to, as container images do: the tests start hundreds of
-    interpreters, and each would compile every module anew.
+    interpreters, and each would compile every module anew. None of their systems has a recorder unless it asks for one.
     """
+    os.environ["TROCAR_RECORDER"] = "0"
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     sys.dont_write_bytecode = False
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:

@@ -49,6 +49,7 @@ VERBS: tuple[Verb, ...] = (
     Verb("get", "tools.verbs.properties:get", "Properties of processes of your own."),
     Verb("set", "tools.verbs.properties:set_property", "Set a property of a process of your own.", moves=True,
          raw=True),
+    Verb("record", "tools.verbs.record:record", "Record topics into a file, every record of them."),
     Verb("stream", "tools.verbs.stream:stream", "Follow joint setpoints from a CSV file.", moves=True),
     Verb("pid", "", "Gains of the joint controllers: show, change and save them.", moves=True, parts=(
         Verb("show", "tools.verbs.pid:show", "Print the gains in use."),

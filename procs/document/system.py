@@ -38,6 +38,8 @@ from procs.document.emulated import Quirks as Quirks
 from procs.document.emulated_names import with_names_on_boards
 from procs.document.gains import PidAxis as PidAxis
 from procs.document.process import Process as Process
+from procs.document.recorder import NAME as RECORDER
+from procs.document.recorder import Recorder as Recorder
 from procs.document.ros import RosBridge as RosBridge
 from procs.document.tasks import TaskRow as TaskRow
 from procs.document.third_party import ThirdParty as ThirdParty
@@ -251,6 +253,7 @@ class SystemConfig:
     socket: SocketBridge | None = None
     foxglove: FoxgloveServer | None = None
     gui: WebConsole | None = None
+    recorder: Recorder | None = None
     audio_volume: float = 0.5
     supervisor_lost_s: float = 1.0
     group: str = ""  # may attach, too
@@ -289,7 +292,9 @@ class SystemConfig:
         return _named(self.focuses, name)
 
     def user(self, name: str) -> UserProcess | None:
-        """What the process `name` declares where it is a user's own; None where it is not."""
+        """What the process `name` declares where it is a user's own, or the recorder; None where it does not."""
+        if name == RECORDER and self.recorder is not None:
+            return self.recorder.declared
         return next((row for row in self.users if row.name == name), None)
 
     def inputs(self, name: str) -> tuple[str, ...]:

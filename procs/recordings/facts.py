@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from procs.recordings import names
+from procs.version import VERSION
 from shm import directory
 from shm.clock import local_ns, monotonic_ns
 from shm.lockstep import SCHEMA as PAGE
@@ -26,7 +27,7 @@ def facts_of(system: str, kind: str, name: str = "", reason: str = "") -> dict[s
         clock = time.clock
     return {names.SYSTEM: {
         "format": names.FORMAT, "kind": kind, "name": name, "reason": reason, "system": system, "clock": clock,
-        "python": platform.python_version(), "numpy": np.__version__, "kernel": platform.release(),
+        "trocar": VERSION, "python": platform.python_version(), "numpy": np.__version__, "kernel": platform.release(),
         "machine": platform.machine(), "host": platform.node()}}
 
 

@@ -57,13 +57,17 @@ class ChannelTable:
         self.schemas: list[Schema] = []
         self.channels: list[Channel] = []
         self._known: dict[str, int] = {}
+        self._numbers: dict[tuple[str, ...], int] = {}
 
     def channel(self, topic: str, type_name: str, definition: str, metadata: Mapping[str, str]) -> int:
-        """A new channel; its number. Schemas of the same name are one."""
+        """A channel; its number. What is the same has one number, schemas of the same name are one."""
+        same = topic, type_name, *(word for pair in sorted(metadata.items()) for word in pair)
+        if same in self._numbers:
+            return self._numbers[same]
         if type_name not in self._known:
             self._known[type_name] = len(self.schemas) + 1
             self.schemas.append(Schema(self._known[type_name], definition.encode(), ROS2, type_name))
-        number = len(self.channels) + 1
+        number = self._numbers[same] = len(self.channels) + 1
         self.channels.append(Channel(number, names.channel_name(topic), CDR, {names.TOPIC: topic, **metadata},
                                      self._known[type_name]))
         return number

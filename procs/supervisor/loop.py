@@ -5,11 +5,13 @@ from __future__ import annotations
 import argparse
 import contextlib
 import logging
+import os
 import signal
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 from types import FrameType
+from typing import Final
 
 from procs.config import load_system
 from procs.document.system import LOCKSTEP, PACED, WALL, SystemConfig
@@ -24,6 +26,8 @@ from shm.segment import SegmentError
 
 CLOCKS = {WALL: "wall, real time", LOCKSTEP: "lockstep, simulated time as fast as the machine allows",
           PACED: "paced, simulated time, never faster than real time: a busy machine only slows it"}
+RECORDER: Final = "TROCAR_RECORDER"
+"""In the environment, 0: no recorder where the system file does not say; for those who start hundreds of systems."""
 log = logging.getLogger("supervisor")
 
 
@@ -71,7 +75,8 @@ def main() -> None:
     name = chosen.system or "trocar"
     try:
         loaded = load_system(chosen.file, search=chosen.path, boards=chosen.boards, sets=chosen.sets, name=name,
-                             bus_address=free_address(name), cores=cores())
+                             bus_address=free_address(name), cores=cores(),
+                             records=os.environ.get(RECORDER) != "0")
     except NoAddress as error:
         log.error("%s", error)
         sys.exit(1)

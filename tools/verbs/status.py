@@ -7,6 +7,7 @@ import dataclasses
 from procs.realtime import lacking
 from shm.system_time import WALL, SystemTime, speed_in_words
 from tools.inspect import standing
+from tools.inspect.fault_file import fault_recording
 from tools.inspect.processes import COLUMNS, RIGHT, cells, remarks, statuses
 from tools.inspect.standing import first_thing, next_step, standings
 from tools.options import JsonOption, SystemOption
@@ -27,13 +28,15 @@ def status(as_json: JsonOption = False, system: SystemOption = None) -> int:
     processes = statuses(name)
     found = standings(name, processes)
     first = first_thing(processes, found)
+    recorded = fault_recording(name) if any(one.is_fault for one in found) else ""
     with SystemTime(name) as time:
         clock, speed, reported = time.clock, time.speed, speed_in_words(time)
     rights = lacking({process.name: process.scheduling for process in processes}) if clock == WALL else ""
     if as_json:
         emit({"system": name, "clock": clock, "speed": speed,
               "processes": [dataclasses.asdict(process) for process in processes],
-              "standings": [dataclasses.asdict(one) for one in found], "rights": rights, "first": first})
+              "standings": [dataclasses.asdict(one) for one in found], "rights": rights, "first": first,
+              "recorded": recorded})
     else:
         table(f"system {name}, clock {reported}", COLUMNS, [cells(process) for process in processes], RIGHT)
         for process in processes:
@@ -42,6 +45,8 @@ def status(as_json: JsonOption = False, system: SystemOption = None) -> int:
         if rights:
             print(rights)
         table("", standing.COLUMNS, [standing.cells(one) for one in found])
+        if recorded:
+            print(f"what led to it was recorded: {recorded}")
         print(f"first: {first}" if first else _well(next_step(found)))
     return 1 if any(process.problem for process in processes) or any(one.is_fault for one in found) else 0
 

@@ -81,10 +81,10 @@ def check_file(
 def _check_system(
     path: Path, search: Sequence[Path], boards: str | None, sets: Sequence[str], configs: Path
 ) -> Checked:
-    loaded = load_system(path, search=search, boards=boards, sets=sets, configs=configs)
+    loaded = load_system(path, search=search, boards=boards, sets=sets, configs=configs, records=True)
     problems, system = [*loaded.errors, *loaded.warnings], loaded.system
     if boards is None and system is not None and system.ios and system.emulation is None:
-        emulated = load_system(path, search=search, boards="emulated", sets=sets, configs=configs)
+        emulated = load_system(path, search=search, boards="emulated", sets=sets, configs=configs, records=True)
         problems += [dataclasses.replace(problem, severity=WARNING, text=f"with --boards emulated: {problem.text}")
                      for problem in (*emulated.errors, *emulated.warnings) if problem not in problems]
     return Checked(path, SYSTEM, tuple(problems), system.notes if system is not None else ())

@@ -29,7 +29,7 @@ from procs.config.build.tasks import with_tasks
 from procs.config.build.third_parties import load_third_parties
 from procs.config.build.user_processes import by_name, load_user_processes
 from procs.config.models.system_file import PERIOD_S, PROTOCOLS, RESERVED, SystemFile
-from procs.config.models.trocar_section import RosOptions, TrocarSection
+from procs.config.models.trocar_section import RecorderKeys, RosOptions, TrocarSection
 from procs.config.read.problem import ERROR, WARNING, FileProblem
 from procs.config.read.search import SearchPath, expanded, search_path
 from procs.config.read.source import SourceFile, read_source
@@ -62,19 +62,21 @@ def load_system(
     configs: Path = PROJECT_CONFIGS,
     bus_address: Callable[[int], str] | None = None,
     cores: Sequence[Core] = (),
+    records: bool = False,
 ) -> Loaded:
     """Load a system file (JSON or YAML) and all files it names; nothing is written.
 
     `search` is what `--path` gives, `boards` "emulated" or None (as the file says), `sets` the `--set` options, `name`
     the system's name (default: the file's), `bus_address` gives the 127/8 address of every emulated bus by its index,
-    `cores` the processors of each core of this machine, where processes are to be placed on them.
+    `cores` the processors of each core of this machine, where processes are to be placed on them; `records`: there is a
+    recorder where the file does not say.
     """
     context = Context(search_path((Path.cwd(), Path(path).parent, *search, configs)))
     source, problems = read_source(Path(path))
     context.problems += problems
     system = None
     if source is not None:
-        system = _load(context, source, boards, sets, name, bus_address, cores)
+        system = _load(context, source, boards, sets, name, bus_address, cores, records)
     unique = tuple(dict.fromkeys(context.problems))
     errors = tuple(problem for problem in unique if problem.severity == ERROR)
     warnings = tuple(problem for problem in unique if problem.severity == WARNING)
@@ -89,6 +91,7 @@ def _load(
     name: str | None,
     bus_address: Callable[[int], str] | None,
     cores: Sequence[Core],
+    records: bool,
 ) -> document.SystemConfig | None:
     if _is_old_console(source):
         text = "this is a console file from before dVRK 2.4, which is not read"
@@ -133,7 +136,7 @@ def _load(
     operation.third_parties = third_parties
     operation.focuses = load_focus(context, source, content, buses, operation.names)
     system = _assemble(context, source, list(buses.values()), arms, carts, operation, options, emulated, name,
-                       bus_address, cores)
+                       bus_address, cores, records)
     system = dataclasses.replace(system, audio_volume=content.settings.audio_volume) if system is not None else None
     return with_setup_joints(context, source, content, system)
 
@@ -221,6 +224,7 @@ def _assemble(
     name: str | None,
     bus_address: Callable[[int], str] | None,
     cores: Sequence[Core],
+    records: bool,
 ) -> document.SystemConfig | None:
     system_name = name or re.sub(r"[^A-Za-z0-9_-]", "_", source.path.stem)[:40]
     if not _NAME.match(system_name):
@@ -271,6 +275,7 @@ def _assemble(
         socket=load_socket(context, source, options.socket),
         foxglove=load_foxglove(context, source, options.foxglove),
         gui=load_gui(context, source, options.gui),
+        recorder=_recorder(options.recorder, records),
         supervisor_lost_s=options.supervisor_lost_s,
         group=options.group,
         service_user=options.service_user,
@@ -292,6 +297,13 @@ def _ros(context: Context, options: RosOptions | None) -> document.RosBridge | N
         context.notes.append(f"ros: whoever is on the network of {options.interface} may {what} the robot")
     return document.RosBridge(options.domain, options.interface, options.period_s, options.namespace, may_power,
                               options.pid, options.io, options.tf, options.stats)
+
+
+def _recorder(keys: RecorderKeys, usually: bool) -> document.Recorder | None:
+    if not (usually if keys.on is None else keys.on):
+        return None
+    folder = str(expanded(keys.folder).absolute()) if keys.folder else ""
+    return document.Recorder(folder, keys.rate_hz, keys.minutes, keys.size_mb, keys.compression, keys.faults)
 
 
 def _usual_clock(context: Context, ios: tuple[document.IoConfig, ...], carts: tuple[document.Cart, ...], emulated: bool,

@@ -12,6 +12,7 @@ from procs.config.models.bridge_section import FoxgloveKeys, GuiKeys, SocketKeys
 from procs.config.models.emulation_section import Cpu, EmulationOptions, Period, Priority
 from procs.config.models.user_section import CommandKeys, PropertyKeys, TopicKeys
 from procs.config.read.validate import Rows, Section
+from procs.document.recorder import MAX_RATE_HZ
 
 Account = Annotated[str, Field(pattern=r"^[a-z_][a-z0-9_-]{0,31}$|^$")]
 OnExit = Annotated[Literal["restart", "stay-down"], Field()]
@@ -100,6 +101,18 @@ class RosOptions(Section):
     stats: bool = True
 
 
+class RecorderKeys(Section):
+    """The recorder, see docs/operating.md; `on` false: there is none."""
+
+    on: bool | None = None
+    folder: str = Field(default="", max_length=200, description="a folder; none: with the logs")
+    rate_hz: float = Field(default=50.0, ge=1.0, le=MAX_RATE_HZ, description="Hz")
+    minutes: float = Field(default=10.0, ge=0.1, le=1440.0, description="min that the black box goes back")
+    size_mb: float = Field(default=500.0, ge=1.0, le=1e6, description="MB of the black box's files together")
+    compression: Literal["zstd", "lz4", "none"] = "zstd"
+    faults: int = Field(default=10, ge=1, le=1000, description="recordings of faults that are kept")
+
+
 class TrocarSection(Section):
     """The whole section."""
 
@@ -118,4 +131,5 @@ class TrocarSection(Section):
     socket: SocketKeys | None = None
     foxglove: FoxgloveKeys | None = None
     gui: GuiKeys | None = None
+    recorder: RecorderKeys = RecorderKeys()
     processes: dict[str, ProcessKeys] = Field(default_factory=dict)

@@ -1,0 +1,110 @@
+"""The black box: the last minutes in a few files, the oldest of which makes room for the next."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from procs.recorder.disk import Disk, DiskFile
+from procs.recorder.files import kept, path_of, remove, too_old
+from procs.recorder.sources import SystemSources
+from procs.recorder.times import LocalTimes
+from procs.recordings import names
+from procs.recordings.chunks import Chunk
+
+PARTS: Final = 10
+"""Files in the time, and in the size, that are kept."""
+CHUNK_NS: Final = 1_000_000_000
+CHUNK_BYTES: Final = 4 << 20
+MOST: Final = 500
+"""Events of a ring that are taken at once."""
+VIEWS_NS: Final = 100_000_000
+
+
+@dataclass(slots=True)
+class BoxLimits:
+    """How much is kept, and how often records are looked at; may change at any time."""
+
+    rate_hz: float
+    minutes: float
+    size_mb: float
+    compression: str
+
+
+class BlackBox:
+    """The files of one process; `begin_file` opens one."""
+
+    def __init__(self, folder: Path, disk: Disk, sources: SystemSources, times: LocalTimes, limits: BoxLimits,
+                 begin_file: Callable[[Path, str], DiskFile]) -> None:
+        self._folder, self._disk, self._sources, self._times = folder, disk, sources, times
+        self.limits, self._begin_file = limits, begin_file
+        self.chunk = Chunk()
+        self.files: list[DiskFile] = []
+        """Those of this process that are still there, oldest first; the last one is being written."""
+        self._file_ns = self._chunk_ns = self._sample_ns = self._view_ns = 0
+        self.dropped = self.written = 0
+        self._complete = [ring for ring in sources.rings.values() if ring.is_complete]
+        self._sampled = [ring for ring in sources.rings.values() if not ring.is_complete]
+
+    def step(self) -> None:
+        """What is due now."""
+        times, now_ns, sources = self._times, self._times.monotonic_ns, self._sources
+        for ring in self._complete:
+            ring.drain(ring.sampler, self.chunk, times, MOST)
+        if now_ns >= self._sample_ns:
+            self._sample_ns = _next(self._sample_ns, now_ns, round(1e9 / self.limits.rate_hz))
+            for ring in self._sampled:
+                ring.sample(self.chunk, times)
+            if now_ns >= self._view_ns:
+                self._view_ns = _next(self._view_ns, now_ns, VIEWS_NS)
+                for view in sources.views:
+                    view.keep(self.chunk, times)
+        if now_ns - self._chunk_ns >= CHUNK_NS or len(self.chunk.data) >= CHUNK_BYTES:
+            self.flush()
+
+    def flush(self) -> None:
+        """What was taken goes to the disk; files that are full are ended, old ones removed."""
+        now_ns, limits = self._times.monotonic_ns, self.limits
+        self._chunk_ns = now_ns
+        chunk, self.chunk = self.chunk, Chunk()
+        part_s = 60.0 * limits.minutes / PARTS
+        if self.files and (now_ns - self._file_ns >= part_s * 1e9
+                           or self.files[-1].size >= limits.size_mb * 1e6 / PARTS):
+            self.files[-1].finish({}, names.LOSSES)
+            self._begin()
+        elif not self.files:
+            self._begin()
+        self.files[-1].put(chunk, limits.compression)
+        self.written += chunk.count
+
+    def _begin(self) -> None:
+        self._file_ns, local_ns = self._times.monotonic_ns, self._times.local_ns
+        gone = too_old(kept(self._folder, names.BOX), local_ns, 60.0 * self.limits.minutes,
+                       round(self.limits.size_mb * 1e6 * (PARTS - 1) / PARTS))
+        if gone:
+            self._disk.do(remove(gone))
+        self.dropped += sum(file.dropped for file in self.files if file.path in gone)
+        self.files = [file for file in self.files if file.path not in gone]
+        self.files.append(self._begin_file(path_of(self._folder, names.BOX, local_ns), names.BOX))
+
+    @property
+    def all_dropped(self) -> int:
+        """Messages that the disk did not take since start."""
+        return self.dropped + sum(file.dropped for file in self.files)
+
+    @property
+    def size(self) -> int:
+        """Bytes of the files of this process."""
+        return sum(file.size for file in self.files)
+
+    def close(self) -> None:
+        """End the last file."""
+        self.flush()
+        self.files[-1].finish({}, names.LOSSES)
+
+
+def _next(due_ns: int, now_ns: int, period_ns: int) -> int:
+    """When something is due again: in its rhythm, but not for what was missed."""
+    return due_ns + period_ns if now_ns - due_ns < period_ns else now_ns + period_ns

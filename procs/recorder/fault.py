@@ -1,0 +1,166 @@
+"""After a fault: what all rings still have, and the black box before it, in a file of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from procs import codes
+from procs.crtk.plain import plain
+from procs.recorder.disk import Disk, DiskFile
+from procs.recorder.files import kept, remove
+from procs.recorder.sources import RecordedRing, SystemSources
+from procs.recorder.times import LocalTimes
+from procs.recordings import names
+from procs.recordings.chunks import Chunk
+from procs.recordings.copying import chunks_of
+from procs.recordings.writing import RecordingFile
+from shm.clock import monotonic_ns
+from shm.events import ERROR
+from shm.ring import RingReader
+
+AFTER_NS: Final = 300_000_000
+"""So long after the first fault: what came of it is in it, too."""
+QUIET_NS: Final = 2_000_000_000
+"""What comes so soon after belongs to the same one."""
+SLICE_NS: Final = 15_000_000
+SLICE: Final = 200
+CHUNK_BYTES: Final = 2 << 20
+IN_FAULT: Final = b"FAULT"
+POWERING_OFF: Final = frozenset(row.code.encode() for row in codes.FAULTS if row.action >= codes.POWER_OFF)
+
+
+@dataclass(frozen=True, slots=True)
+class FaultSeen:
+    """Who, and why in words."""
+
+    instance: str
+    reason: str
+
+
+class FaultWatch:
+    """Sees the faults of a system: whoever goes to FAULT, and errors with which an io powers off."""
+
+    def __init__(self, sources: SystemSources) -> None:
+        """From now on."""
+        self._rings: list[tuple[RecordedRing, RingReader]] = [
+            (ring, ring.reader()) for ring in sources.rings.values() if ring.ring == "events"]
+
+    def look(self) -> list[FaultSeen]:
+        """Those since the last look."""
+        return [fault for ring, reader in self._rings for fault in self._of(ring, reader)]
+
+    def _of(self, ring: RecordedRing, reader: RingReader) -> Iterator[FaultSeen]:
+        while reader.next():
+            if reader.field("event").item() == b"operating_state" and reader.field("state").item() == IN_FAULT:
+                yield FaultSeen(ring.instance, f"{ring.instance} is in FAULT")
+            elif int(reader.field("severity")[()]) == ERROR and reader.field("code").item() in POWERING_OFF:
+                yield FaultSeen(ring.instance, str(plain(reader.field("text").item())))
+
+    def close(self) -> None:
+        """Unmap."""
+        for _, reader in self._rings:
+            reader.close()
+
+
+class FaultRecording:
+    """One of them: `step` until it `is_over`; after `taken` all that is in memory is on its way."""
+
+    def __init__(self, first: FaultSeen, sources: SystemSources, times: LocalTimes,
+                 begin_file: Callable[[str, str], DiskFile]) -> None:
+        """`begin_file` opens the file for a name and a reason."""
+        self.faults = [first]
+        self._sources, self._times, self._begin_file = sources, times, begin_file
+        self._begin_ns = times.monotonic_ns
+        self.file: DiskFile | None = None
+        self._chunk, self.lost = Chunk(), 0
+        self._left: list[RecordedRing] | None = None
+        self.is_taken = False
+        """All that the rings had is on its way to the disk."""
+        self._ring: tuple[RecordedRing, RingReader] | None = None
+
+    def add(self, fault: FaultSeen) -> None:
+        """Another one that belongs to it."""
+        if fault.reason not in [each.reason for each in self.faults]:
+            self.faults.append(fault)
+
+    @property
+    def reason(self) -> str:
+        """All of them in words; errors first, which say why."""
+        reasons = [each.reason for each in self.faults]
+        return "; ".join(sorted(reasons, key=lambda text: text.endswith("in FAULT")))[:400]
+
+    @property
+    def takes_more(self) -> bool:
+        """What comes now belongs to it."""
+        return self._times.monotonic_ns < self._begin_ns + QUIET_NS
+
+    def step(self, compression: str) -> bool:
+        """Take what there is time for; True when all rings are taken."""
+        if self._times.monotonic_ns < self._begin_ns + AFTER_NS:
+            return False
+        if self._left is None or self.file is None:
+            rings = [ring for ring in self._sources.rings.values() if not ring.is_complete]
+            first = {fault.instance for fault in self.faults}
+            self._left = sorted(rings, key=lambda ring: (ring.depth_s, ring.instance not in first), reverse=True)
+            self._left = [*(ring for ring in self._sources.rings.values() if ring.is_complete), *self._left]
+            self.file = self._begin_file(self.faults[0].instance, self.reason)
+        end_ns = monotonic_ns() + SLICE_NS
+        while monotonic_ns() < end_ns:
+            if self._ring is None and not self._next_ring(self._left):
+                self.is_taken = self._flush(self.file, compression)
+                return self.is_taken
+            if not self._take(self.file, compression):
+                break
+        return False
+
+    def _next_ring(self, left: list[RecordedRing]) -> bool:
+        if not left:
+            return False
+        ring = left.pop()
+        reader = ring.reader()
+        reader.rewind()
+        self._ring = ring, reader
+        return True
+
+    def _take(self, file: DiskFile, compression: str) -> bool:
+        """Some records of the present ring; False: the disk has no room for more now."""
+        if self._ring is None:
+            return True
+        ring, reader = self._ring
+        if len(self._chunk.data) >= CHUNK_BYTES and not self._flush(file, compression):
+            return False
+        if ring.drain(reader, self._chunk, self._times, SLICE) < SLICE:
+            self.lost += reader.lost
+            reader.close()
+            self._ring = None
+        return True
+
+    def _flush(self, file: DiskFile, compression: str) -> bool:
+        if not file.has_room(len(self._chunk.data)):
+            return False
+        file.put(self._chunk, compression)
+        self._chunk = Chunk()
+        return True
+
+    def finish(self, folder: Path, disk: Disk, before: Sequence[Path], keep: int) -> None:
+        """The files of the black box go into it, then it is ended, and those that are too many are removed."""
+        if self.file is None:
+            return
+
+        def copy(file: RecordingFile) -> None:
+            for path in before:
+                if path.exists():
+                    for chunk in chunks_of(path):
+                        file.put(chunk)
+
+        self.file.do(copy)
+        self.file.finish({"rings": str(self.lost)}, names.LOSSES)
+        disk.do(lambda: remove([file.path for file in kept(folder, names.FAULT)[:-keep]])())
+
+    def close(self) -> None:
+        """Unmap."""
+        if self._ring is not None:
+            self._ring[1].close()

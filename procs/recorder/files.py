@@ -1,0 +1,65 @@
+"""The folder of a system's recordings: what its files are called, and which may stay."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Final
+
+from procs.recordings import names
+
+NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,59}")
+FOLDER: Final = "recordings"
+
+
+def utc(ns: int) -> str:
+    """A time of day for a file's name, so that names are in order: 20260131-235959.123."""
+    return f"{datetime.fromtimestamp(ns // 1_000_000_000, UTC):%Y%m%d-%H%M%S}.{ns // 1_000_000 % 1000:03d}"
+
+
+def path_of(folder: Path, kind: str, begin_ns: int, name: str = "") -> Path:
+    """Where a recording is that begins now: box-TIME.mcap, fault-TIME-PSM1.mcap, NAME-TIME.mcap."""
+    words = [name, utc(begin_ns)] if kind == names.NAMED else [kind, utc(begin_ns), *([name] if name else [])]
+    return folder / f"{'-'.join(words)}.mcap"
+
+
+@dataclass(frozen=True, slots=True)
+class KeptFile:
+    """A file of the folder: its size, and when it was last written to (time of day, ns)."""
+
+    path: Path
+    size: int
+    end_ns: int
+
+
+def kept(folder: Path, kind: str) -> list[KeptFile]:
+    """Recordings of a kind, oldest first; what cannot be looked at is left out."""
+    found = []
+    for path in sorted(folder.glob(f"{kind}-[0-9]*.mcap")):
+        try:
+            status = path.stat()
+        except OSError:
+            continue
+        found.append(KeptFile(path, status.st_size, status.st_mtime_ns))
+    return found
+
+
+def too_old(files: list[KeptFile], now_ns: int, seconds: float, most_bytes: int) -> list[Path]:
+    """Those whose end is longer ago, and the oldest while all together are too large."""
+    gone = [file for file in files if file.end_ns < now_ns - round(seconds * 1e9)]
+    left = [file for file in files if file not in gone]
+    while left and sum(file.size for file in left) > most_bytes:
+        gone.append(left.pop(0))
+    return [file.path for file in gone]
+
+
+def remove(paths: list[Path]) -> Callable[[], None]:
+    """A job for the disk: they are not kept any longer."""
+    def job() -> None:
+        for path in paths:
+            path.unlink(missing_ok=True)
+
+    return job

@@ -1,0 +1,238 @@
+"""The recorder: the last minutes of everything, recordings that people ask for, and what was when something failed.
+
+It reads rings and slows nobody: no writer notices it, the disk has a thread of its own, what cannot be kept is dropped
+and counted. Its death or hang changes nothing for the robot. docs/operating.md, docs/recordings.md.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Final
+
+from procs import codes
+from procs.document.recorder import COMPRESSIONS, Recorder
+from procs.document.system import SystemConfig
+from procs.paths import log_folder
+from procs.recorder.box import BlackBox, BoxLimits
+from procs.recorder.disk import Disk, DiskFile
+from procs.recorder.fault import FaultRecording, FaultSeen, FaultWatch
+from procs.recorder.files import FOLDER, NAME, path_of
+from procs.recorder.named import NamedRecording, chosen
+from procs.recorder.sources import SystemSources
+from procs.recorder.times import LocalTimes
+from procs.recordings import names
+from procs.recordings.chunks import COMPRESSIONS as METHODS
+from procs.recordings.facts import document_of, facts_of
+from procs.recordings.writing import ChannelTable
+from procs.user_life import live
+from procs.user_process import OwnProcess
+from shm.layout import cut_text
+from shm.received import Received
+
+TOLD_NS: Final = 10_000_000_000
+"""Between two warnings of the same."""
+SHOWN_NS: Final = 1_000_000_000
+SOON_NS: Final = 200_000_000
+"""The same while somebody looks at a recording."""
+END_S: Final = 2.0
+MAX_CHOSEN: Final = 200
+
+
+class RecorderLoop(OwnProcess):
+    """See above."""
+
+    def setup(self) -> None:
+        """Open every ring there is; whether the disk takes anything is seen when there is something."""
+        self._named: NamedRecording | None = None
+        self._asked: Received | None = None
+        self._fault: FaultRecording | None = None
+        self._chosen: dict[int, list[str]] = {}
+        self._problem, self._fault_path, self._named_path = "", "", ""
+        self._shown_ns = self._told_ns = self._dropped = 0
+        document = self.own.document
+        row = document.recorder or Recorder()
+        self._folder = Path(row.folder or log_folder(os.environ, self.system) / FOLDER)
+        self._times, self._table, self._disk = LocalTimes(self.time), ChannelTable(), Disk()
+        self._document = document_of(self.system)
+        self._sources = SystemSources(self.system, self._table, self.name)
+        self._watch = FaultWatch(self._sources)
+        self._box = BlackBox(self._folder, self._disk, self._sources, self._times, BoxLimits(1.0, 1.0, 1.0, ""),
+                             self._begin_file)
+        self.property_changed("")
+        self.carries_out = self._carry_out_own
+        for problem in self._sources.problems:
+            self.log.warning("not recorded: %s", problem)
+        self.log.info("records into %s", self._folder)
+
+    def update(self) -> None:
+        """What is due."""
+        times = self._times
+        times.look()
+        self._box.step()
+        for fault in self._watch.look():
+            self._saw(fault)
+        if self._named is not None:
+            self._named.step()
+            if self._named.is_over:
+                self._end_named("its time is over")
+        if self._fault is not None:
+            self._go_on_with(self._fault)
+        if times.monotonic_ns - self._shown_ns >= (SOON_NS if self._named is not None else SHOWN_NS):
+            self._show()
+
+    # the properties
+
+    def property_changed(self, name: str) -> str | None:
+        """They count from the next record on."""
+        values = self.properties
+        if name == "compression" and values[name] not in COMPRESSIONS:
+            wrong, values[name] = values[name], COMPRESSIONS[0]
+            raise ValueError(f"no compression {wrong}; allowed are {', '.join(COMPRESSIONS)}")
+        self._compression = METHODS.get(values["compression"], METHODS[COMPRESSIONS[0]])
+        self._box.limits = BoxLimits(values["rate_hz"], values["minutes"], values["size_mb"], self._compression)
+        return None
+
+    # the commands
+
+    def _carry_out_own(self, request: Received) -> object:
+        if request.name == "choose":
+            self._choose(request.place, request.text)
+            return None
+        if request.name == "record":
+            return self._record(request)
+        if request.name == "stop":
+            return self._stop_named(request.text)
+        if request.name == "keep":
+            self._saw(FaultSeen("asked", request.text or "somebody asked for it"))
+            return None
+        return self._nothing_else(request)
+
+    def _choose(self, place: int, topic: str) -> None:
+        entries = self._chosen.setdefault(place, [])
+        chosen(self._sources, [topic])
+        if len(entries) >= MAX_CHOSEN:
+            raise ValueError(f"{MAX_CHOSEN} topics are as many as can be chosen; leave them out to record all")
+        entries.append(topic)
+
+    def _record(self, request: Received) -> object:
+        topics, seconds = self._chosen.pop(request.place, []), float(request.values[0]) if len(request.values) else 0.0
+        if self._named is not None:
+            raise ValueError(f"{self._named.name} is being recorded; trocar record --stop {self._named.name} ends it")
+        if not NAME.fullmatch(request.text) or request.text.split("-")[0] in (names.BOX, names.FAULT):
+            raise ValueError(f"{request.text[:60]!r} is no name; allowed are up to 60 letters, digits, . _ and -, but "
+                             f"not {names.BOX}-… and {names.FAULT}-…")
+        if not 0.0 <= seconds <= 86400.0:
+            raise ValueError(f"for {seconds:g} s; allowed are 0 (until it is stopped) to 86400")
+        entries = chosen(self._sources, topics)
+        path = path_of(self._folder, names.NAMED, self._times.local_ns, request.text)
+        file = self._begin_file(path, names.NAMED, request.text)
+        self._named = NamedRecording(request.text, self._sources, entries, file, self._times, seconds,
+                                     self._compression)
+        self._asked, self._named_path = request, str(path)
+        self._show()
+        return self.LATER
+
+    def _stop_named(self, name: str) -> str:
+        if self._named is None or (name and name != self._named.name):
+            raise ValueError(f"{name or 'nothing'} is not being recorded"
+                             + (f"; {self._named.name} is" if self._named is not None else ""))
+        return self._end_named("stopped")
+
+    def _end_named(self, why: str) -> str:
+        named, asked = self._named, self._asked
+        if named is None:
+            return ""
+        named.end()
+        self._named = self._asked = None
+        said = f"{named.passed_s:.1f} s, {named.file.messages} messages, {named.lost} lost: {named.file.path}"
+        if asked is not None:
+            asked.done(said)
+        self.own.events.status(f"recording {named.name} ended ({why}): {said}", self.name)
+        self._show(named)
+        return said
+
+    # files, and what goes wrong
+
+    def _begin_file(self, path: Path, kind: str, name: str = "", reason: str = "") -> DiskFile:
+        return DiskFile(self._disk, path, self._table, facts_of(self.system, kind, name, reason), self._document,
+                        self._times.local_ns)
+
+    def _saw(self, fault: FaultSeen) -> None:
+        if self._fault is None:
+            self._fault = FaultRecording(
+                fault, self._sources, self._times,
+                lambda who, why: self._begin_file(path_of(self._folder, names.FAULT, self._times.local_ns, who),
+                                                  names.FAULT, who, why))
+        elif self._fault.takes_more:
+            self._fault.add(fault)
+
+    def _go_on_with(self, fault: FaultRecording) -> None:
+        if fault.file is None or not fault.is_taken:
+            if not fault.step(self._compression) or fault.file is None:
+                return
+            self._box.flush()
+            fault.finish(self._folder, self._disk, [file.path for file in self._box.files],
+                         int(self.properties["faults"]))
+            self._fault_path = str(fault.file.path)
+            self.own.events.report(codes.FAULT_RECORDED, f"{fault.reason}: kept in {self._fault_path}",
+                                   fault.faults[0].instance)
+            self._show()
+        if not fault.takes_more:
+            self._fault = None
+
+    def _show(self, ended: NamedRecording | None = None) -> None:
+        """What it does, what time it is by all clocks, and what the disk did not take."""
+        times, box, named = self._times, self._box, self._named or ended
+        self._shown_ns = times.monotonic_ns
+        if self._problem != self._disk.problem or box.all_dropped > self._dropped:
+            self._tell(box.all_dropped)
+        values = {"system_ns": times.system_ns, "monotonic_ns": times.monotonic_ns, "local_ns": times.local_ns,
+                  "box_bytes": box.size, "box_messages": box.written, "dropped": box.all_dropped,
+                  "waiting_bytes": self._disk.waiting, "problem": cut_text(self._problem, 200),
+                  "fault_path": cut_text(self._fault_path, 300), "path": cut_text(self._named_path, 300)}
+        values |= {"name": "" if named is None or named is ended else named.name}
+        if named is not None:
+            values |= {"passed_s": named.passed_s, "bytes": named.file.size, "messages": named.file.messages,
+                       "lost": named.lost}
+        self.publish("state", **values)
+
+    def _tell(self, dropped: int) -> None:
+        """Once in a while, in words."""
+        if self._times.monotonic_ns - self._told_ns < TOLD_NS and self._told_ns:
+            return
+        problem, before = self._disk.problem, self._problem
+        lost, self._dropped, self._problem = dropped - self._dropped, dropped, problem
+        if problem or lost:
+            self._told_ns = self._times.monotonic_ns
+            why = problem or "the disk is too slow"
+            self.own.events.report(codes.RECORDING_DROPPED, f"{lost} messages were not recorded into {self._folder}: "
+                                   f"{why}", self.name, value=float(lost))
+        elif before:
+            self.own.events.status("what comes is recorded again", self.name)
+
+    def quit(self) -> None:
+        """End all files in order, if the disk is quick enough."""
+        if not hasattr(self, "_watch"):
+            return
+        self._times.look()
+        self._end_named("the recorder ends")
+        self._box.close()
+        if not self._disk.close(END_S):
+            self.log.warning("the disk was too slow: the last messages are not recorded")
+        self._watch.close()
+        self._sources.close()
+
+
+def find(document: SystemConfig, name: str) -> type[OwnProcess]:
+    """What the process of this name is."""
+    return RecorderLoop
+
+
+def main() -> None:
+    """Run it to its end."""
+    live("recorder", find)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,162 @@
+"""A recording that somebody asked for: chosen topics, every record of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from procs.crtk.topics import TopicEntry
+from procs.recorder.disk import DiskFile
+from procs.recorder.sources import RecordedRing, RecordedView, SystemSources, usual_views
+from procs.recorder.times import LocalTimes
+from procs.recordings import names
+from procs.recordings.chunks import Chunk
+from procs.ros.view_messages import VIEW_MESSAGES
+from shm.ring import RingReader
+from shm.subscriptions import Subscriber
+
+CHUNK_NS: Final = 500_000_000
+CHUNK_BYTES: Final = 2 << 20
+MOST: Final = 1500
+"""Records of a ring in a period: a second of it."""
+VIEWS_HZ: Final = 50.0
+BY_DEFAULT: Final = ("arm", "suj", "io", "third_party", "teleop", "console")
+"""Kinds whose records are taken where nobody says which."""
+
+
+def chosen(sources: SystemSources, topics: Sequence[str]) -> list[TopicEntry]:
+    """The topics of these names; PSM1 alone means all rings of PSM1. ValueError names what is not there."""
+    if not topics:
+        kinds = {name: str(ring.sampler.info.get("kind", "")) for name, ring in sources.rings.items()}
+        return [entry for entry in sources.entries if kinds.get(entry.name) in BY_DEFAULT]
+    found: list[TopicEntry] = []
+    for topic in topics:
+        ours = [entry for entry in sources.entries if entry.name == topic
+                or (entry.instance == topic and entry.name in sources.rings)]
+        if not ours:
+            raise ValueError(f"no topic {topic}; trocar list names them all, events come along by themselves")
+        found += [entry for entry in ours if entry not in found]
+    return found
+
+
+@dataclass(slots=True)
+class Drained:
+    """A ring that is recorded whole, with a reader of its own and the views that were asked for."""
+
+    source: RecordedRing
+    reader: RingReader
+    views: list[RecordedView]
+    every: int = 1
+    """Views are told of each so-manieth record."""
+
+
+class NamedRecording:
+    """One of them, from its beginning on."""
+
+    def __init__(self, name: str, sources: SystemSources, entries: Sequence[TopicEntry], file: DiskFile,
+                 times: LocalTimes, seconds: float, compression: str) -> None:
+        """`seconds`: 0: until it is stopped. What of the topics is computed on demand is wanted from now on."""
+        self.name, self.file, self._times, self._compression = name, file, times, compression
+        self.seconds, self.begin_ns = seconds, times.monotonic_ns
+        self._chunk, self._chunk_ns, self.lost_at_disk = Chunk(), times.monotonic_ns, 0
+        self._subscribers: dict[str, Subscriber] = {}
+        self._rings: dict[str, Drained] = {}
+        self._log = [Drained(ring, reader, []) for ring in sources.rings.values() if ring.is_complete
+                     for reader in (ring.reader(),) if ring.topic != f"{sources.own}/state"]
+        whole = {f"{entry.instance}/{entry.ring}" for entry in entries}
+        whole.add(f"{sources.own}/state")  # it says what time it is
+        try:
+            for topic in sorted(whole & sources.rings.keys()):
+                source = sources.rings[topic]
+                if source.is_complete and source.topic != f"{sources.own}/state":
+                    continue
+                reader = source.reader(often=True)
+                self._rings[topic] = self._drained(sources, source, reader, entries)
+            for entry in entries:
+                self._want(sources.system, entry)
+        except BaseException:
+            self.close()
+            raise
+
+    def _drained(self, sources: SystemSources, source: RecordedRing, reader: RingReader,
+                 entries: Sequence[TopicEntry]) -> Drained:
+        """With the views that were chosen, of each record; else the usual ones, of some."""
+        here = [entry for entry in sources.entries if f"{entry.instance}/{entry.ring}" == source.topic]
+        views = [entry for entry in here if entry in entries and entry.kind in VIEW_MESSAGES]
+        every = 1 if views else max(1, round(source.rate_hz / VIEWS_HZ))
+        return Drained(source, reader, [RecordedView(sources.system, entry, sources.table, reader)
+                                        for entry in views or usual_views(here)], every)
+
+    def _want(self, system: str, entry: TopicEntry) -> None:
+        groups = tuple(dict.fromkeys(field.group for field in entry.fields if field.group))
+        if entry.instance not in self._subscribers:
+            self._subscribers[entry.instance] = Subscriber(system, entry.instance, names.NAMED)
+        self._subscribers[entry.instance].want(entry.ring, *groups)
+
+    @property
+    def passed_s(self) -> float:
+        """How long it has gone on, s of real time."""
+        return (self._times.monotonic_ns - self.begin_ns) * 1e-9
+
+    @property
+    def lost(self) -> int:
+        """Chosen records that are not in it: overwritten before we came, or dropped by the disk."""
+        return sum(each.reader.lost for each in (*self._rings.values(), *self._log)) + self.file.dropped
+
+    @property
+    def is_over(self) -> bool:
+        """Its time is."""
+        return bool(self.seconds) and self.passed_s >= self.seconds
+
+    @property
+    def topics(self) -> list[str]:
+        """Rings that are recorded whole."""
+        return list(self._rings)
+
+    def step(self) -> None:
+        """All records that came."""
+        times = self._times
+        for each in (*self._log, *self._rings.values()):
+            if each.views:
+                self._drain_with_views(each)
+            else:
+                each.source.drain(each.reader, self._chunk, times, MOST)
+            if len(self._chunk.data) >= CHUNK_BYTES:
+                self._flush()
+        if times.monotonic_ns - self._chunk_ns >= CHUNK_NS:
+            self._flush()
+
+    def _drain_with_views(self, each: Drained) -> None:
+        for _ in range(MOST):
+            if not each.reader.next():
+                return
+            each.source.keep(self._chunk, each.reader, self._times)
+            if each.reader.sequence % each.every == 0:
+                for view in each.views:
+                    view.keep(self._chunk, self._times)
+
+    def _flush(self) -> None:
+        self._chunk_ns = self._times.monotonic_ns
+        chunk, self._chunk = self._chunk, Chunk()
+        self.file.put(chunk, self._compression)
+
+    def losses(self) -> dict[str, str]:
+        """Records that were lost, by topic."""
+        return {topic: str(each.reader.lost) for topic, each in self._rings.items()}
+
+    def end(self) -> None:
+        """What came until now is the last of it."""
+        self.step()
+        self._flush()
+        self.file.finish(self.losses(), names.LOSSES)
+        self.close()
+
+    def close(self) -> None:
+        """Nothing is wanted any more."""
+        for subscriber in self._subscribers.values():
+            subscriber.close()
+        for each in (*self._rings.values(), *self._log):
+            each.reader.close()
+
+

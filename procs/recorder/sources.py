@@ -1,0 +1,168 @@
+"""What is recorded of a ring: its records as they are, and CRTK's views on them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+from procs.crtk.frames import frame_name
+from procs.crtk.plain import plain
+from procs.crtk.topics import EVENT, RECORD, TopicEntry, catalogue
+from procs.crtk.views import OpenTopic
+from procs.packed_view import PackedView
+from procs.recorder.times import LocalTimes
+from procs.recordings import names
+from procs.recordings.chunks import Chunk
+from procs.recordings.layout import ENCAPSULATION
+from procs.recordings.writing import ChannelTable
+from procs.ros.definitions import definition
+from procs.ros.hashes import ros_name
+from procs.ros.messages import Log, Time
+from procs.ros.view_messages import VIEW_MESSAGES
+from shm import directory
+from shm.ring import RingReader
+from shm.segment import SegmentError
+
+SECOND_NS: Final = 1_000_000_000
+LEVELS: Final = {1: 20, 2: 30, 3: 40}
+"""Severities as ROS has them."""
+COMPLETE: Final = ("events", "audit")
+"""Rings of which every record is kept, from the oldest that there is."""
+VIEWS: Final = ("measured_js", "setpoint_js", "measured_cp", "setpoint_cp", "jaw/measured_js", "gripper/measured_js")
+"""Views of arms that are recorded where nobody says which."""
+
+
+class RecordedRing:
+    """One ring with its channels; a reader for each who records of it."""
+
+    def __init__(self, system: str, instance: str, ring: str, table: ChannelTable) -> None:
+        """SegmentError, or LayoutError: it cannot be read."""
+        self.system, self.instance, self.ring = system, instance, ring
+        self.topic, self._table = f"{instance}/{ring}", table
+        self.sampler = self.reader()
+        info = self.sampler.info
+        self._kind, self._info = str(info.get("kind", "")), info
+        self.rate_hz = float(info.get("rate_hz") or 0.0)
+        self._epoch, self._channel, self._size = -1, 0, 0
+        self._seen = 0
+        self.is_complete = ring in COMPLETE or not self.rate_hz
+        self._log = MessageLog(instance, table) if ring == "events" else None
+        self.begin()
+        if self.is_complete:
+            self.sampler.rewind()
+
+    def reader(self, often: bool = False) -> RingReader:
+        """Another reader of it, from now on."""
+        return directory.reader(self.system, self.instance, self.ring, often=often)
+
+    def begin(self) -> None:
+        """The channel of the writer there is now."""
+        self._epoch, schema = self.sampler.epoch, self.sampler.schema
+        self._channel, layout = self._table.ring(self.instance, self.ring, self._kind, schema, self._epoch, self._info)
+        self._size = layout.size
+
+    @property
+    def depth_s(self) -> float:
+        """How far back it goes; 0 where it has no rate."""
+        return self.sampler.depth / self.rate_hz if self.rate_hz else 0.0
+
+    def keep(self, chunk: Chunk, reader: RingReader, times: LocalTimes) -> None:
+        """The record that was read last."""
+        if reader.epoch != self._epoch:
+            self.begin()
+        stamp = reader.stamp_ns
+        chunk.add(self._channel, reader.sequence, times.of(stamp), max(0, stamp), ENCAPSULATION,
+                  reader.record[: self._size])
+        if self._log is not None:
+            self._log.keep(chunk, reader, times)
+
+    def sample(self, chunk: Chunk, times: LocalTimes) -> None:
+        """The newest record, when it is another than the last time."""
+        if self.sampler.head != self._seen and self.sampler.newest():
+            self._seen = self.sampler.sequence
+            self.keep(chunk, self.sampler, times)
+
+    def drain(self, reader: RingReader, chunk: Chunk, times: LocalTimes, most: int) -> int:
+        """All records since the last call, so many at most; returns how many."""
+        count = 0
+        while count < most and reader.next():
+            self.keep(chunk, reader, times)
+            count += 1
+        return count
+
+    def close(self) -> None:
+        """Unmap."""
+        self.sampler.close()
+
+
+class MessageLog:
+    """Status, warnings and errors of an instance as ROS has them (rcl_interfaces/msg/Log)."""
+
+    def __init__(self, instance: str, table: ChannelTable) -> None:
+        self._instance = instance
+        self._channel = table.channel(f"{instance}/log", ros_name(Log), definition(Log), {names.INSTANCE: instance})
+
+    def keep(self, chunk: Chunk, reader: RingReader, times: LocalTimes) -> None:
+        """The event that was read last, where it is a message."""
+        level = LEVELS.get(int(reader.field("severity")[()]))
+        if level is None:
+            return
+        code, text, hint = (str(plain(reader.field(name).item())) for name in ("code", "text", "hint"))
+        log_ns = times.of(reader.stamp_ns)
+        said = f"{text}; {hint}" if hint else text
+        message = Log(Time(*divmod(log_ns, SECOND_NS)), level, self._instance, said, code, "", 0)
+        chunk.add(self._channel, reader.sequence, log_ns, max(0, reader.stamp_ns), bytes(message.serialize()))
+
+
+class RecordedView:
+    """One view, as the ROS message that it becomes."""
+
+    def __init__(self, system: str, entry: TopicEntry, table: ChannelTable, reader: RingReader) -> None:
+        """Of what `reader` has read last."""
+        self.entry, self._reader = entry, reader
+        row = VIEW_MESSAGES[entry.kind]
+        self._channel = table.channel(entry.name, ros_name(row.message), definition(row.message),
+                                      {names.INSTANCE: entry.instance, names.RING: entry.ring})
+        self._view = PackedView(OpenTopic(system, entry, reader), frame_name(entry, reader))
+        self._seen = -1
+
+    def keep(self, chunk: Chunk, times: LocalTimes) -> None:
+        """The record last read, once."""
+        reader = self._reader
+        if reader.sequence == self._seen or not reader.stamp_ns:
+            return
+        self._seen = reader.sequence
+        log_ns = times.of(reader.stamp_ns)
+        self._view.pack(log_ns)
+        chunk.add(self._channel, reader.sequence, log_ns, max(0, reader.stamp_ns), self._view.data)
+
+
+def usual_views(entries: Sequence[TopicEntry]) -> list[TopicEntry]:
+    """Those that are recorded where nobody says which."""
+    return [entry for entry in entries if entry.kind in VIEW_MESSAGES and not entry.robot
+            and entry.name.removeprefix(f"{entry.instance}/") in VIEWS]
+
+
+class SystemSources:
+    """All rings of a system that can be read, and the views there are."""
+
+    def __init__(self, system: str, table: ChannelTable, own: str) -> None:
+        """`own`: who records; what it says of itself is recorded with the others."""
+        self.system, self.table, self.own = system, table, own
+        self.entries = [entry for entry in catalogue(system) if entry.kind != EVENT]
+        self.problems: list[str] = []
+        self.rings: dict[str, RecordedRing] = {}
+        for entry in self.entries:
+            if entry.kind != RECORD:
+                continue
+            try:
+                self.rings[entry.name] = RecordedRing(system, entry.instance, entry.ring, table)
+            except SegmentError as error:
+                self.problems.append(str(error))
+        self.views = [RecordedView(system, entry, table, self.rings[f"{entry.instance}/{entry.ring}"].sampler)
+                      for entry in usual_views(self.entries) if f"{entry.instance}/{entry.ring}" in self.rings]
+
+    def close(self) -> None:
+        """Unmap all."""
+        for ring in self.rings.values():
+            ring.close()

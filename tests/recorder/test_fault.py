@@ -1,0 +1,87 @@
+"""After a fault: which events are one, and what of before and after is in its file."""
+
+from __future__ import annotations
+
+import pytest
+
+from procs import codes
+from procs.recorder.fault import FaultWatch
+from procs.recorder.files import kept
+from procs.recordings import names
+from procs.recordings.reading import open_recording
+from tests.recorder.harness import RingsOfATest
+
+
+@pytest.fixture
+def watch(rings: RingsOfATest):  # type: ignore[no-untyped-def]
+    found = FaultWatch(rings.sources)
+    yield found
+    found.close()
+
+
+def test_fault_and_errors_that_power_off_are_faults(rings: RingsOfATest, watch: FaultWatch) -> None:
+    rings.events.operating_state("ENABLED", "HOLD", True, False)
+    rings.events.report(codes.READ_MISSED, "a read failed", "PSM1")
+    assert watch.look() == []
+    rings.events.report(codes.TEMPERATURE, "amplifier 3 is too hot", "PSM1")
+    rings.events.operating_state("FAULT", "FAULT", False, False)
+    assert [fault.reason for fault in watch.look()] == ["PSM1: amplifier 3 is too hot", "PSM1 is in FAULT"]
+    assert watch.look() == []
+
+
+def test_a_fault_before_it_began_is_none(rings: RingsOfATest) -> None:
+    rings.events.operating_state("FAULT", "FAULT", False, False)
+    late = FaultWatch(rings.sources)
+    assert late.look() == []
+    late.close()
+
+
+def test_all_that_rings_have_and_the_box_before_is_kept(rings: RingsOfATest) -> None:
+    box = rings.box()
+    for n in range(40):
+        rings.write(200)
+        rings.passes(n * 0.02)
+        box.step()
+    fault = rings.fault()
+    fault.add(fault.faults[0])
+    assert not fault.step("zstd")
+    rings.passes(2.0)
+    while not fault.step("zstd"):
+        pass
+    box.flush()
+    fault.finish(rings.folder, rings.disk, [file.path for file in box.files], 3)
+    box.close()
+    rings.written()
+    [file] = kept(rings.folder, names.FAULT)
+    with open_recording(file.path) as recording:
+        assert recording.is_whole
+        assert not recording.problems
+        whole = recording.records("PSM1/state").rows["sequence"]
+        depth = rings.sources.rings["PSM1/state"].sampler.depth
+        assert set(range(8000 - depth + 2, 8001)) <= set(whole.tolist())
+        assert whole[0] == 200  # of the black box
+        setpoints = recording.records("PSM1/setpoint").rows["sequence"]
+        assert len(setpoints) > 1490
+
+
+def test_so_many_are_kept_and_no_more(rings: RingsOfATest) -> None:
+    for n in range(5):
+        rings.passes(10.0 * n)
+        rings.times.local_ns += n * 1_000_000_000
+        fault = rings.fault()
+        rings.passes(10.0 * n + 1.0)
+        rings.times.local_ns += n * 1_000_000_000
+        while not fault.step("zstd"):
+            pass
+        fault.finish(rings.folder, rings.disk, [], 2)
+    rings.written()
+    assert len(kept(rings.folder, names.FAULT)) == 2
+
+
+def test_what_follows_soon_belongs_to_it(rings: RingsOfATest) -> None:
+    fault = rings.fault("PSM1: too hot")
+    rings.passes(1.0)
+    assert fault.takes_more
+    rings.passes(3.0)
+    assert not fault.takes_more
+    fault.close()

@@ -1,0 +1,90 @@
+"""Recordings that people ask for: every record of what they chose, and what is missing is counted."""
+
+from __future__ import annotations
+
+import pytest
+
+from procs.recordings import names
+from procs.recordings.reading import open_recording
+from tests.recorder.harness import RingsOfATest
+
+
+def recorded(rings: RingsOfATest, *topics: str, steps: int = 20, each: int = 30) -> list:
+    named = rings.named(*topics)
+    for n in range(steps):
+        rings.write(each)
+        rings.events.emit("goal_reached", value=float(n))
+        rings.passes(n * 0.05)
+        named.step()
+    named.end()
+    rings.written()
+    return [named, open_recording(named.file.path)]
+
+
+def test_every_record_of_a_chosen_topic_is_in_it(rings: RingsOfATest) -> None:
+    named, recording = recorded(rings, "PSM1/state")
+    with recording:
+        found = recording.records("PSM1/state")
+        assert found.rows["sequence"].tolist() == list(range(1, 601))
+        assert found.missing == named.lost == 0
+        assert len(recording.records("PSM1/setpoint").rows) == 0
+        assert len(recording.events()) == 20
+        assert recording.metadata[names.LOSSES]["PSM1/state"] == "0"
+        assert 10 <= len(list(recording.messages("PSM1/measured_js"))) <= 30  # some, for tools that know no records
+
+
+def test_a_chosen_view_is_told_of_every_record(rings: RingsOfATest) -> None:
+    _, recording = recorded(rings, "PSM1/measured_js", steps=5)
+    with recording:
+        assert len(list(recording.messages("PSM1/measured_js"))) == 150
+        assert len(recording.records("PSM1/state").rows) == 150
+
+
+def test_an_instance_means_all_that_it_writes(rings: RingsOfATest) -> None:
+    named, recording = recorded(rings, "PSM1", steps=3)
+    with recording:
+        assert {"PSM1/state", "PSM1/setpoint"} <= set(named.topics)
+        assert len(recording.records("PSM1/setpoint").rows) == 90
+
+
+def test_without_topics_all_arms_are_taken_and_users_are_not(rings: RingsOfATest) -> None:
+    named, recording = recorded(rings, steps=3)
+    with recording:
+        assert {"PSM1/state", "PSM1/setpoint"} <= set(named.topics)
+        assert "box/state" not in named.topics
+
+
+def test_records_that_were_overwritten_are_counted_as_lost(rings: RingsOfATest) -> None:
+    named = rings.named("box/state")
+    for n in range(100):  # the ring keeps twenty
+        rings.slow.field("number")[...] = n
+        rings.slow.publish(n + 1)
+    rings.passes()
+    named.step()
+    named.end()
+    rings.written()
+    with open_recording(named.file.path) as recording:
+        found = recording.records("box/state")
+        assert named.lost == 100 - len(found.rows) > 70
+        assert recording.metadata[names.LOSSES]["box/state"] == str(named.lost)
+
+
+def test_a_topic_that_is_not_there_is_refused_by_name(rings: RingsOfATest) -> None:
+    with pytest.raises(ValueError, match="no topic PSM9/state"):
+        rings.named("PSM9/state")
+
+
+def test_it_ends_when_its_time_is_over(rings: RingsOfATest) -> None:
+    named = rings.named("PSM1/state", seconds=3.0)
+    rings.passes(2.0)
+    assert not named.is_over
+    rings.passes(3.5)
+    assert named.is_over
+
+
+def test_channels_do_not_grow_with_the_number_of_recordings(rings: RingsOfATest) -> None:
+    rings.named("PSM1/measured_js", "PSM1/state").close()
+    before = len(rings.table.channels)
+    for _ in range(5):
+        rings.named("PSM1/measured_js", "PSM1/state").close()
+    assert len(rings.table.channels) == before

@@ -1,0 +1,152 @@
+"""The recorder of a whole system: what people ask of it, what it keeps by itself, and who may kill it."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from procs.recordings import names
+from procs.recordings.reading import open_recording
+from shm.segment import names_of, segment_name, unlink
+from tests.system.conftest import systems
+from tests.system.robot import ROOT, Robot, wait_for
+
+pytestmark = [pytest.mark.slow, pytest.mark.patient]
+KINEMATIC = ROOT / "configs" / "systems" / "kinematic.yaml"
+ON = ("--set", "recorder.on=true")
+
+
+def files(robot: Robot, pattern: str) -> list[Path]:
+    return sorted((robot.logs / robot.name / "recordings").glob(pattern))
+
+
+def is_up(robot: Robot) -> bool:
+    return robot.state("recorder") == "RUNNING"
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Robot]:
+    """A PSM without boards, homed, on the wall clock, with a recorder."""
+    with systems(tmp_path_factory.mktemp("recorded")) as make:
+        robot = make()
+        robot.up(KINEMATIC, *ON)
+        wait_for(lambda: is_up(robot), 30, "the recorder runs")
+        robot.home()
+        yield robot
+
+
+def test_a_recording_has_every_record_of_what_was_chosen(recorded: Robot) -> None:
+    said = recorded.trocar("record", "grasp", "PSM1/state", "io/state", "--for", "1", "--json").splitlines()
+    found = json.loads(said[-1])
+    assert found["lost"] == 0
+    with open_recording(Path(found["path"])) as recording:
+        assert recording.is_whole
+        for topic in ("PSM1/state", "io/state"):
+            rows = recording.records(topic)
+            assert len(rows.rows) > 100
+            assert rows.missing == 0
+        clock = recording.records(names.CLOCK).rows
+        assert (clock["monotonic_ns"] >= clock["system_ns"]).all()
+        assert len(list(recording.messages("PSM1/measured_js"))) > 10
+        assert [row["command"] for row in recording.commands() if row["instance"] == "recorder"] == ["choose"] * 2 + [
+            "record"] or recording.commands()
+
+
+def test_a_recording_goes_on_until_it_is_stopped(recorded: Robot) -> None:
+    recorded.trocar("record", "run", "PSM1", "--detach")
+    assert "run is being recorded" in recorded.trocar("record", "other", code=1)
+    wait_for(lambda: json.loads(recorded.trocar("echo", "recorder/state", "--json", "--once"))["messages"] > 100, 20,
+             "it is recorded")
+    assert "0 lost" in recorded.trocar("record", "run", "--stop")
+    assert "not being recorded" in recorded.trocar("record", "--stop", code=1)
+    assert "no topic PSM7" in recorded.trocar("record", "wrong", "PSM7", code=1)
+    assert "is no name" in recorded.trocar("record", "fault-x", code=1)
+
+
+def test_properties_are_seen_and_set(recorded: Robot) -> None:
+    assert "recorder.minutes = 10" in recorded.trocar("get", "recorder")
+    recorded.trocar("set", "recorder.minutes", "2.5")
+    assert "recorder.minutes = 2.5" in recorded.trocar("get", "recorder.minutes")
+    assert "out of range" in recorded.trocar("set", "recorder.rate_hz", "1000", code=1)
+    assert "no compression" in recorded.trocar("set", "recorder.compression", "zip", code=1)
+
+
+def test_what_is_computed_on_demand_is_wanted_while_it_is_recorded(recorded: Robot) -> None:
+    said = recorded.trocar("record", "wanted", "PSM1/state", "--for", "1", "--json").splitlines()
+    with open_recording(Path(json.loads(said[-1])["path"])) as recording:
+        rows = recording.records("PSM1/state").rows
+        schema = json.loads(recording.topics["PSM1/state"].schema)
+        on_demand = [field["name"] for field in schema["fields"] if field.get("group") == "jacobian"]
+        assert on_demand
+        assert all((rows[name][-1] == rows[name][-1]).any() for name in on_demand)
+
+
+def test_a_killed_recorder_leaves_readable_files_and_comes_back(recorded: Robot) -> None:
+    wait_for(lambda: files(recorded, "box-*.mcap"), 20, "a file")
+    cycles = recorded.cell("io", "cycles")
+    pid = recorded.kill("recorder")
+    with open_recording(files(recorded, "box-*.mcap")[-1]) as recording:
+        assert len(recording.records("PSM1/state").rows) > 10
+        assert not recording.is_whole
+    wait_for(lambda: is_up(recorded) and recorded.pid("recorder") != pid, 30, "its restart")
+    recorded.pids.add(recorded.pid("recorder"))
+    assert recorded.cell("io", "cycles") > cycles
+    assert recorded.cell("io", "pauses") == 0
+
+
+def test_a_frozen_recorder_is_killed_and_the_arm_stays_homed(recorded: Robot) -> None:
+    pid = recorded.pid("recorder")
+    os.kill(pid, signal.SIGSTOP)
+    wait_for(lambda: is_up(recorded) and recorded.pid("recorder") != pid, 40, "another one")
+    recorded.pids.add(recorded.pid("recorder"))
+    assert json.loads(recorded.trocar("echo", "PSM1/state", "--json", "--once"))["is_homed"]
+
+
+def test_what_led_to_a_fault_is_kept_and_named(robot: Robot) -> None:
+    robot.up(ROOT / "configs" / "systems" / "demo.yaml", "--boards", "emulated", *ON, "--clock", "paced")
+    wait_for(lambda: is_up(robot), 30, "the recorder runs")
+    robot.trocar("power-on")
+    robot.trocar("send", "boards", "power_loss", "PSM1", "1", code=None)
+    robot.trocar("send", "boards", "emergency_stop", "1")
+    wait_for(lambda: "fault-" in robot.trocar("status", code=None), 60, "status names the file")
+    path = next(line.split(": ")[1] for line in robot.trocar("status", code=None).splitlines() if "recorded:" in line)
+    wait_for(lambda: _is_whole(Path(path)), 30, "it is written")
+    with open_recording(Path(path)) as recording:
+        facts = recording.metadata[names.SYSTEM]
+        assert (facts["kind"], facts["system"]) == (names.FAULT, robot.name)
+        assert "FAULT" in facts["reason"] or "power" in facts["reason"]
+        rows = recording.records("PSM1/state")
+        assert (recording.end_ns - recording.begin_ns) * 1e-9 > 1.0
+        newest = rows.rows["sequence"][-1]
+        assert (rows.rows["sequence"] > newest - 1000).sum() > 990  # the last of them at full rate
+        assert any(row["code"] for row in recording.events())
+    assert "fault-recorded" in robot.trocar("logs", code=None) or "kept in" in robot.trocar("logs", code=None)
+
+
+def _is_whole(path: Path) -> bool:
+    with open_recording(path) as recording:
+        return recording.is_whole
+
+
+def test_files_are_readable_after_everything_was_killed_at_once(robot: Robot) -> None:
+    robot.up(KINEMATIC, *ON)
+    wait_for(lambda: is_up(robot), 30, "the recorder runs")
+    assert robot.supervisor is not None
+    wait_for(lambda: any(path.stat().st_size > 60_000 for path in files(robot, "box-*.mcap")), 30, "some chunks")
+    time.sleep(1.2)  # of the black box's next chunk
+    for pid in (robot.supervisor.pid, *robot.pids):
+        os.kill(pid, signal.SIGKILL)
+    robot.supervisor.wait(30)
+    with open_recording(files(robot, "box-*.mcap")[-1]) as recording:
+        assert not recording.is_whole
+        assert len(recording.records("PSM1/state").rows) > 20
+        assert recording.events()
+    wait_for(lambda: not [line for line in robot.left_over() if line.startswith("process")], 30, "all have ended")
+    for parts in names_of(robot.name):
+        unlink(segment_name(*parts))

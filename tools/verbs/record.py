@@ -1,0 +1,144 @@
+"""`trocar record NAME [TOPICS…]`: a recording, whose progress is shown until it has ended."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack, closing
+from typing import Annotated, Any, Final
+
+import typer
+
+from procs.document.recorder import NAME as RECORDER
+from shm import directory
+from shm.clock import monotonic_ns, pause
+from shm.ring import RingReader
+from shm.segment import SegmentError
+from tools.errors import Misuse, Problem, Refused
+from tools.inspect.fault_file import fault_path
+from tools.options import JsonOption, SystemOption
+from tools.printing import Say, emit, note, plain, progress
+from tools.remote import Remote
+from tools.systems import chosen_system
+
+POLL_S: Final = 0.05
+LINE_NS: Final = 1_000_000_000
+END_S: Final = 20.0
+SHOWN: Final = ("name", "path", "passed_s", "bytes", "messages", "lost", "problem")
+
+
+def record(
+    name: Annotated[str, typer.Argument(metavar="[NAME]", help="What it is called; its file is NAME-TIME.mcap.")] = "",
+    topics: Annotated[list[str] | None, typer.Argument(
+        help="Topics, or instances with all that they write; none: all arms, io and consoles.")] = None,
+    seconds: Annotated[float, typer.Option("--for", min=0.0, max=86400.0, help="So many seconds; 0: until Ctrl-C.")
+                       ] = 0.0,
+    stop: Annotated[bool, typer.Option("--stop", help="End the recording of this name that is under way.")] = False,
+    detach: Annotated[bool, typer.Option("--detach", help="Return when it has begun; --stop ends it.")] = False,
+    keep: Annotated[bool, typer.Option(
+        "--keep", help="Keep the last minutes and all rings in a file now, as after a fault; NAME is why.")] = False,
+    as_json: JsonOption = False,
+    system: SystemOption = None,
+) -> int:
+    """Record topics into a file, every record of them, with all events and commands. Ctrl-C ends it.
+
+    Where files are, what is in them and how to open them: docs/recordings.md. Exit code 1: records are missing.
+
+    Example: trocar record grasp PSM1 io/state --for 10
+    """
+    chosen = chosen_system(system)
+    if (stop and (topics or seconds or detach or keep)) or (keep and (topics or seconds or detach)):
+        raise Misuse("--stop and --keep take a name at most, and nothing else")
+    if not (name or stop or keep):
+        raise Misuse("it takes a name: trocar record NAME")
+    with ExitStack() as stack:
+        try:
+            remote = stack.enter_context(Remote(chosen, RECORDER))
+        except SegmentError as error:
+            raise Problem(f"{error}; {chosen} has no recorder (trocar.recorder.on)") from None
+        state = stack.enter_context(closing(directory.reader(chosen, RECORDER, "state", often=False)))
+        if stop:
+            return _ended(remote.settled("stop", text=name, timeout=END_S).text, _seen(state), as_json)
+        if keep:
+            return _kept(remote, state, name, as_json)
+        for topic in topics or ():
+            remote.ask("choose", text=topic)
+        number = remote.post("record", [seconds], name)
+        _begun(remote, number)
+        if detach:
+            found = _seen(state)
+            emit(found) if as_json else print(f"recording {name} into {found['path']}; trocar record {name} --stop")
+            return 0
+        with progress(f"recording {name}") as say:
+            said = _watch(remote, number, state, name, seconds, as_json, say)
+        return _ended(said, _seen(state), as_json)
+
+
+def _begun(remote: Remote, number: int) -> None:
+    end = monotonic_ns() + round(END_S * 1e9)
+    while monotonic_ns() < end:
+        for reply in remote.replies_to(number):
+            if reply.outcome != "accepted":
+                raise Refused(reply.text)
+            return
+        pause(POLL_S)
+    raise Problem("the recorder did not answer; is it running? (trocar status)")
+
+
+def _watch(remote: Remote, number: int, state: RingReader, name: str, seconds: float, as_json: bool, say: Say) -> str:
+    """Until it has ended, by itself or by Ctrl-C; what the recorder said then."""
+    line_ns, is_stopped = monotonic_ns() + LINE_NS, False
+    while True:
+        try:
+            for reply in remote.replies_to(number):
+                if reply.outcome != "accepted":
+                    return reply.text
+            found = _seen(state)
+            if found.get("name") == name:
+                say(_in_words(found), min(1.0, found["passed_s"] / seconds) if seconds else None)
+                if as_json and monotonic_ns() >= line_ns:
+                    line_ns = monotonic_ns() + LINE_NS
+                    emit(found)
+            pause(POLL_S)
+        except KeyboardInterrupt:
+            if is_stopped:
+                raise
+            is_stopped = True
+            remote.post("stop", text=name)
+
+
+def _seen(state: RingReader) -> dict[str, Any]:
+    """What the recorder shows."""
+    if not state.newest():
+        return {}
+    return {key: plain(state.field(key)[()]) for key in SHOWN}
+
+
+def _in_words(found: dict[str, Any]) -> str:
+    return (f"{found['passed_s']:.0f} s, {found['bytes'] / 1e6:.1f} MB, {found['messages']} messages, "
+            f"{found['lost']} lost")
+
+
+def _ended(said: str, found: dict[str, Any], as_json: bool) -> int:
+    """The last word; 1 where something is missing."""
+    if as_json:
+        emit(found)
+    else:
+        print(said)
+    if found.get("problem"):
+        note(f"the disk: {found['problem']}")
+    return int(bool(found.get("lost")))
+
+
+def _kept(remote: Remote, state: RingReader, why: str, as_json: bool) -> int:
+    before = fault_path(state)
+    remote.ask("keep", text=why)
+    end = monotonic_ns() + round(END_S * 1e9)
+    while (path := fault_path(state)) == before:
+        if monotonic_ns() >= end:
+            raise Problem("the recorder did not keep anything; trocar logs recorder says why")
+        pause(POLL_S)
+    emit({"path": path}) if as_json else print(f"kept in {path}")
+    return 0
+
+
+
+
