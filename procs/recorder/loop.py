@@ -45,7 +45,7 @@ class RecorderLoop(OwnProcess):
     def setup(self) -> None:
         """Open every ring there is; whether the disk takes anything is seen when there is something."""
         self._named: NamedRecording | None = None
-        self._asked: Received | None = None
+        self._asked: list[Received] = []
         self._fault: FaultRecording | None = None
         self._chosen: dict[int, list[str]] = {}
         self._problem, self._fault_path, self._named_path = "", "", ""
@@ -73,9 +73,7 @@ class RecorderLoop(OwnProcess):
         for fault in self._watch.look():
             self._saw(fault)
         if self._named is not None:
-            self._named.step()
-            if self._named.is_over:
-                self._end_named("its time is over")
+            self._go_on_with_named(self._named)
         if self._fault is not None:
             self._go_on_with(self._fault)
         if times.monotonic_ns - self._shown_ns >= (SOON_NS if self._named is not None else SHOWN_NS):
@@ -102,7 +100,7 @@ class RecorderLoop(OwnProcess):
         if request.name == "record":
             return self._record(request)
         if request.name == "stop":
-            return self._stop_named(request.text)
+            return self._stop_named(request)
         if request.name == "keep":
             self._saw(FaultSeen("asked", request.text or "somebody asked for it"))
             return None
@@ -129,28 +127,36 @@ class RecorderLoop(OwnProcess):
         file = self._begin_file(path, names.NAMED, request.text)
         self._named = NamedRecording(request.text, self._sources, entries, file, self._times, seconds,
                                      self._compression)
-        self._asked, self._named_path = request, str(path)
+        self._asked, self._named_path = [request], str(path)
         self._show()
         return self.LATER
 
-    def _stop_named(self, name: str) -> str:
-        if self._named is None or (name and name != self._named.name):
+    def _stop_named(self, request: Received) -> object:
+        name, named = request.text, self._named
+        if named is None or named.is_ending or (name and name != named.name):
             raise ValueError(f"{name or 'nothing'} is not being recorded"
-                             + (f"; {self._named.name} is" if self._named is not None else ""))
-        return self._end_named("stopped")
-
-    def _end_named(self, why: str) -> str:
-        named, asked = self._named, self._asked
-        if named is None:
-            return ""
+                             + (f"; {named.name} is" if named is not None else ""))
+        self._asked.append(request)
         named.end()
-        self._named = self._asked = None
+        return self.LATER
+
+    def _go_on_with_named(self, named: NamedRecording) -> None:
+        if not named.is_ending:
+            named.step()
+            if named.is_over:
+                named.end()
+        elif named.is_written:
+            self._tell_end(named)
+
+    def _tell_end(self, named: NamedRecording) -> None:
+        """To whoever began it, and to whoever stopped it."""
         said = f"{named.passed_s:.1f} s, {named.file.messages} messages, {named.lost} lost: {named.file.path}"
-        if asked is not None:
-            asked.done(said)
-        self.own.events.status(f"recording {named.name} ended ({why}): {said}", self.name)
+        for request in self._asked:
+            request.done(said)
+        self._asked.clear()
+        self._named = None
+        self.own.events.status(f"recording {named.name} has ended: {said}", self.name)
         self._show(named)
-        return said
 
     # files, and what goes wrong
 
@@ -216,10 +222,13 @@ class RecorderLoop(OwnProcess):
         if not hasattr(self, "_watch"):
             return
         self._times.look()
-        self._end_named("the recorder ends")
+        if self._named is not None and not self._named.is_ending:
+            self._named.end()
         self._box.close()
         if not self._disk.close(END_S):
             self.log.warning("the disk was too slow: the last messages are not recorded")
+        if self._named is not None:
+            self._tell_end(self._named)
         self._watch.close()
         self._sources.close()
 

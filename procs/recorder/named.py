@@ -20,6 +20,7 @@ CHUNK_NS: Final = 500_000_000
 CHUNK_BYTES: Final = 2 << 20
 MOST: Final = 1500
 """Records of a ring in a period: a second of it."""
+SLOW_NS: Final = 10_000_000_000
 VIEWS_HZ: Final = 50.0
 BY_DEFAULT: Final = ("arm", "suj", "io", "third_party", "teleop", "console")
 """Kinds whose records are taken where nobody says which."""
@@ -59,7 +60,7 @@ class NamedRecording:
         """`seconds`: 0: until it is stopped. What of the topics is computed on demand is wanted from now on."""
         self.name, self.file, self._times, self._compression = name, file, times, compression
         self.seconds, self.begin_ns = seconds, times.monotonic_ns
-        self._chunk, self._chunk_ns, self.lost_at_disk = Chunk(), times.monotonic_ns, 0
+        self._chunk, self._chunk_ns, self._end_ns = Chunk(), times.monotonic_ns, 0
         self._subscribers: dict[str, Subscriber] = {}
         self._rings: dict[str, Drained] = {}
         self._log = [Drained(ring, reader, []) for ring in sources.rings.values() if ring.is_complete
@@ -97,12 +98,22 @@ class NamedRecording:
     @property
     def passed_s(self) -> float:
         """How long it has gone on, s of real time."""
-        return (self._times.monotonic_ns - self.begin_ns) * 1e-9
+        return ((self._end_ns or self._times.monotonic_ns) - self.begin_ns) * 1e-9
 
     @property
     def lost(self) -> int:
         """Chosen records that are not in it: overwritten before we came, or dropped by the disk."""
         return sum(each.reader.lost for each in (*self._rings.values(), *self._log)) + self.file.dropped
+
+    @property
+    def is_ending(self) -> bool:
+        """Nothing more is taken."""
+        return self._end_ns > 0
+
+    @property
+    def is_written(self) -> bool:
+        """All of it is on the disk, or the disk is too slow to be waited for."""
+        return self.file.is_ended or self._times.monotonic_ns > self._end_ns + SLOW_NS
 
     @property
     def is_over(self) -> bool:
@@ -148,6 +159,7 @@ class NamedRecording:
     def end(self) -> None:
         """What came until now is the last of it."""
         self.step()
+        self._end_ns = self._times.monotonic_ns
         self._flush()
         self.file.finish(self.losses(), names.LOSSES)
         self.close()
@@ -158,5 +170,6 @@ class NamedRecording:
             subscriber.close()
         for each in (*self._rings.values(), *self._log):
             each.reader.close()
+        self._subscribers.clear()
 
 

@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from procs.recordings import names
@@ -82,7 +83,7 @@ def test_what_is_computed_on_demand_is_wanted_while_it_is_recorded(recorded: Rob
     with open_recording(Path(json.loads(said[-1])["path"])) as recording:
         rows = recording.records("PSM1/state").rows
         schema = json.loads(recording.topics["PSM1/state"].schema)
-        on_demand = [field["name"] for field in schema["fields"] if field.get("group") == "jacobian"]
+        on_demand = [field["name"] for field in schema["fields"] if field.get("group") == "wrench"]
         assert on_demand
         assert all((rows[name][-1] == rows[name][-1]).any() for name in on_demand)
 
@@ -112,7 +113,7 @@ def test_what_led_to_a_fault_is_kept_and_named(robot: Robot) -> None:
     robot.up(ROOT / "configs" / "systems" / "demo.yaml", "--boards", "emulated", *ON, "--clock", "paced")
     wait_for(lambda: is_up(robot), 30, "the recorder runs")
     robot.trocar("power-on")
-    robot.trocar("send", "boards", "power_loss", "PSM1", "1", code=None)
+    wait_for(lambda: robot.cell("io" if robot.state("io") else "IO1", "cycles") > 4000, 60, "there is something before")
     robot.trocar("send", "boards", "emergency_stop", "1")
     wait_for(lambda: "fault-" in robot.trocar("status", code=None), 60, "status names the file")
     path = next(line.split(": ")[1] for line in robot.trocar("status", code=None).splitlines() if "recorded:" in line)
@@ -123,8 +124,7 @@ def test_what_led_to_a_fault_is_kept_and_named(robot: Robot) -> None:
         assert "FAULT" in facts["reason"] or "power" in facts["reason"]
         rows = recording.records("PSM1/state")
         assert (recording.end_ns - recording.begin_ns) * 1e-9 > 1.0
-        newest = rows.rows["sequence"][-1]
-        assert (rows.rows["sequence"] > newest - 1000).sum() > 990  # the last of them at full rate
+        assert (np.diff(rows.rows["sequence"]) == 1).sum() > 2000  # seconds of them at full rate
         assert any(row["code"] for row in recording.events())
     assert "fault-recorded" in robot.trocar("logs", code=None) or "kept in" in robot.trocar("logs", code=None)
 

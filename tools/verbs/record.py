@@ -56,7 +56,10 @@ def record(
             raise Problem(f"{error}; {chosen} has no recorder (trocar.recorder.on)") from None
         state = stack.enter_context(closing(directory.reader(chosen, RECORDER, "state", often=False)))
         if stop:
-            return _ended(remote.settled("stop", text=name, timeout=END_S).text, _seen(state), as_json)
+            reply = remote.settled("stop", text=name, timeout=END_S)
+            if reply.outcome != "done":
+                raise Refused(reply.text)
+            return _ended(reply.text, _seen(state), as_json)
         if keep:
             return _kept(remote, state, name, as_json)
         for topic in topics or ():
