@@ -97,15 +97,15 @@ def test_names_of_files_are_in_the_order_of_time(tmp_path: Path) -> None:
     assert path_of(tmp_path, names.NAMED, 0, "grasp").name == "grasp-19700101-000000.000.mcap"
 
 
-class SmallDisk(io.BytesIO):
+class DiskOfATest(io.BytesIO):
     """Has room for so many bytes, all files together."""
 
     room = 1 << 20
 
     def write(self, data):
-        if SmallDisk.room < len(data):
+        if DiskOfATest.room < len(data):
             raise OSError(28, "No space left on device")
-        SmallDisk.room -= len(data)
+        DiskOfATest.room -= len(data)
         return super().write(data)
 
     def close(self) -> None:
@@ -113,9 +113,9 @@ class SmallDisk(io.BytesIO):
 
 
 def test_a_full_disk_drops_and_counts_and_goes_on_when_there_is_room(rings: RingsOfATest) -> None:
-    disk = SmallDisk()
+    disk = DiskOfATest()
     rings.opened = lambda path: disk
-    SmallDisk.room = 1 << 20
+    DiskOfATest.room = 1 << 20
     box = rings.box()
 
     def goes_on(seconds: float) -> None:
@@ -126,11 +126,11 @@ def test_a_full_disk_drops_and_counts_and_goes_on_when_there_is_room(rings: Ring
 
     goes_on(0.0)
     assert not box.all_dropped
-    SmallDisk.room = 10
+    DiskOfATest.room = 10
     goes_on(2.0)
     assert box.all_dropped > 0
     assert "No space" in rings.disk.problem
-    SmallDisk.room = 1 << 20
+    DiskOfATest.room = 1 << 20
     dropped = box.all_dropped
     goes_on(4.0)
     assert (box.all_dropped, rings.disk.problem) == (dropped, "")
