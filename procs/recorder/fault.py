@@ -33,7 +33,7 @@ POWERING_OFF: Final = frozenset(row.code.encode() for row in codes.FAULTS if row
 
 
 @dataclass(frozen=True, slots=True)
-class FaultSeen:
+class SeenFault:
     """Who, and why in words."""
 
     instance: str
@@ -48,16 +48,16 @@ class FaultWatch:
         self._rings: list[tuple[RecordedRing, RingReader]] = [
             (ring, ring.reader()) for ring in sources.rings.values() if ring.ring == "events"]
 
-    def look(self) -> list[FaultSeen]:
+    def look(self) -> list[SeenFault]:
         """Those since the last look."""
         return [fault for ring, reader in self._rings for fault in self._of(ring, reader)]
 
-    def _of(self, ring: RecordedRing, reader: RingReader) -> Iterator[FaultSeen]:
+    def _of(self, ring: RecordedRing, reader: RingReader) -> Iterator[SeenFault]:
         while reader.next():
             if reader.field("event").item() == b"operating_state" and reader.field("state").item() == IN_FAULT:
-                yield FaultSeen(ring.instance, f"{ring.instance} is in FAULT")
+                yield SeenFault(ring.instance, f"{ring.instance} is in FAULT")
             elif int(reader.field("severity")[()]) == ERROR and reader.field("code").item() in POWERING_OFF:
-                yield FaultSeen(ring.instance, str(plain(reader.field("text").item())))
+                yield SeenFault(ring.instance, str(plain(reader.field("text").item())))
 
     def close(self) -> None:
         """Unmap."""
@@ -68,7 +68,7 @@ class FaultWatch:
 class FaultRecording:
     """One of them: `step` until it `is_over`; after `taken` all that is in memory is on its way."""
 
-    def __init__(self, first: FaultSeen, sources: SystemSources, times: LocalTimes,
+    def __init__(self, first: SeenFault, sources: SystemSources, times: LocalTimes,
                  begin_file: Callable[[str, str], DiskFile]) -> None:
         """`begin_file` opens the file for a name and a reason."""
         self.faults = [first]
@@ -81,7 +81,7 @@ class FaultRecording:
         """All that the rings had is on its way to the disk."""
         self._ring: tuple[RecordedRing, RingReader] | None = None
 
-    def add(self, fault: FaultSeen) -> None:
+    def add(self, fault: SeenFault) -> None:
         """Another one that belongs to it."""
         if fault.reason not in [each.reason for each in self.faults]:
             self.faults.append(fault)

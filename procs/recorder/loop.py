@@ -16,7 +16,7 @@ from procs.document.system import SystemConfig
 from procs.paths import log_folder
 from procs.recorder.box import BlackBox, BoxLimits
 from procs.recorder.disk import Disk, DiskFile
-from procs.recorder.fault import FaultRecording, FaultSeen, FaultWatch
+from procs.recorder.fault import FaultRecording, FaultWatch, SeenFault
 from procs.recorder.files import FOLDER, NAME, path_of
 from procs.recorder.named import NamedRecording, chosen
 from procs.recorder.sources import SystemSources
@@ -102,7 +102,7 @@ class RecorderLoop(OwnProcess):
         if request.name == "stop":
             return self._stop_named(request)
         if request.name == "keep":
-            self._saw(FaultSeen("asked", request.text or "somebody asked for it"))
+            self._saw(SeenFault("asked", request.text or "somebody asked for it"))
             return None
         return self._nothing_else(request)
 
@@ -164,7 +164,7 @@ class RecorderLoop(OwnProcess):
         return DiskFile(self._disk, path, self._table, facts_of(self.system, kind, name, reason), self._document,
                         self._times.local_ns)
 
-    def _saw(self, fault: FaultSeen) -> None:
+    def _saw(self, fault: SeenFault) -> None:
         if self._fault is None:
             self._fault = FaultRecording(
                 fault, self._sources, self._times,

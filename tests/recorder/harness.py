@@ -7,7 +7,7 @@ from typing import Any
 
 from procs.recorder.box import BlackBox, BoxLimits
 from procs.recorder.disk import Disk, DiskFile, open_new
-from procs.recorder.fault import FaultRecording, FaultSeen
+from procs.recorder.fault import FaultRecording, SeenFault
 from procs.recorder.files import path_of
 from procs.recorder.named import NamedRecording, chosen
 from procs.recorder.sources import SystemSources
@@ -79,7 +79,7 @@ class RingsOfATest:
 
     def fault(self, reason: str = "PSM1 is in FAULT") -> FaultRecording:
         """What is kept of a fault."""
-        return FaultRecording(FaultSeen("PSM1", reason), self.sources, self.times, lambda who, why: self.begin_file(
+        return FaultRecording(SeenFault("PSM1", reason), self.sources, self.times, lambda who, why: self.begin_file(
             path_of(self.folder, names.FAULT, self.times.local_ns, who), names.FAULT))
 
     def passes(self, seconds: float = 0.0) -> None:
