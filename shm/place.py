@@ -116,6 +116,11 @@ class Place:
         return False
 
     @property
+    def wakes(self) -> bool:
+        """The owner sleeps between its cycles, and a command wakes it."""
+        return self._wakeup is not None
+
+    @property
     def table(self) -> tuple[CommandRow, ...]:
         """What the owner can be asked."""
         return self._map.table
@@ -126,11 +131,11 @@ class Place:
         listed = self._map.segment.header.info.get("commands")
         return [row for row in listed if isinstance(row, dict)] if isinstance(listed, list) else []
 
-    def send(self, name: str, values: Any = (), text: str = "", origin: Origin = NOBODY) -> int:
+    def send(self, name: str, values: Any = (), text: str = "", origin: Origin = NOBODY, wake: bool = True) -> int:
         """Queue a command, returns its id; MailboxFull when the owner does not keep up, KeyError: no such command.
 
         `values` are at most 64 numbers, a sequence or an array, `text` at most 64 bytes of UTF-8; `origin`: of the
-        person's command that it comes from.
+        person's command that it comes from. Not `wake`: the owner sees it when it looks by itself.
         """
         code = self._codes.get(name)
         if code is None:
@@ -154,7 +159,7 @@ class Place:
         except struct.error:
             raise ValueError(f"{name}: {values!r} are not numbers") from None
         self._count = self._words[self._sent] = n  # M3
-        if self._wakeup is not None:
+        if self._wakeup is not None and wake:
             self._wakeup.wake()
         return n
 

@@ -51,6 +51,7 @@ VERBS: tuple[Verb, ...] = (
          raw=True),
     Verb("record", "tools.verbs.record:record", "Record topics into a file, every record of them."),
     Verb("stream", "tools.verbs.stream:stream", "Follow joint setpoints from a CSV file.", moves=True),
+    Verb("replay", "tools.verbs.replay:replay", "Do again what was recorded.", moves=True),
     Verb("pid", "", "Gains of the joint controllers: show, change and save them.", moves=True, parts=(
         Verb("show", "tools.verbs.pid:show", "Print the gains in use."),
         Verb("set", "tools.verbs.pid:set_gains", "Change gains of a running controller.", moves=True),

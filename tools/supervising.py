@@ -39,6 +39,8 @@ class StartRequest:
     paths: tuple[Path, ...] = ()
     sets: tuple[str, ...] = ()
     seconds: float | None = None
+    document: bool = False
+    """The file is a frozen document, as recordings have it."""
 
     def command(self) -> list[str]:
         """The supervisor's command line."""
@@ -49,6 +51,7 @@ class StartRequest:
             words += ["--path", str(path)]
         for each in self.sets:
             words += ["--set", each]
+        words += ["--document"] if self.document else []
         return words + (["--for", f"{self.seconds:g}"] if self.seconds is not None else [])
 
 

@@ -9,12 +9,13 @@ import os
 import signal
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import FrameType
 from typing import Final
 
 from procs.config import load_system
-from procs.document.system import LOCKSTEP, PACED, WALL, SystemConfig
+from procs.document.system import LOCKSTEP, PACED, WALL, SystemConfig, from_json
 from procs.realtime import cores
 from procs.supervisor.addresses import NoAddress, free_address
 from procs.supervisor.dependencies import Circle
@@ -65,6 +66,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--path", type=Path, action="append", default=[])
     parser.add_argument("--set", dest="sets", action="append", default=[])
     parser.add_argument("--for", dest="seconds", type=float)
+    parser.add_argument("--document", action="store_true", help="the file is a frozen document, as recordings have it")
     return parser.parse_args()
 
 
@@ -73,6 +75,12 @@ def main() -> None:
     chosen = arguments()
     loglines.begin(sys.stderr)
     name = chosen.system or "trocar"
+    if chosen.document:
+        try:
+            sys.exit(_run(replace(from_json(chosen.file.read_bytes()), name=name), chosen.seconds))
+        except (OSError, ValueError) as error:
+            log.error("%s: %s", chosen.file, error)
+            sys.exit(1)
     try:
         loaded = load_system(chosen.file, search=chosen.path, boards=chosen.boards, sets=chosen.sets, name=name,
                              bus_address=free_address(name), cores=cores(),

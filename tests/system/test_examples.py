@@ -25,8 +25,8 @@ SHELL = f'trocar() {{ "{sys.executable}" -P -m tools "$@"; }}\n'  # what the scr
 ENDLESS_S = 4.0  # so long those are watched that go on until Ctrl-C
 ENDLESS = re.compile(r"trocar (attach|echo (?!.*(--once|-n ))|bus watch (?!.*--once))")
 # Those that start a system, or end one; and what needs a process of a user's own: test_user_process.py.
-ALONE = re.compile(r"trocar (demo|bench|commission|up|down|set)\b")
-# demo, bench and commission have tests of their own: test_robot.py, test_bench_system.py, test_commission.py
+ALONE = re.compile(r"trocar (demo|bench|commission|up|down|set|replay)\b")
+# Tests of their own have demo, bench, commission, replay: test_robot.py, test_bench_system.py, test_commission.py, …
 EXAMPLES = [example for verb in VERBS for example in examples_of(verb)]
 
 
@@ -113,7 +113,7 @@ def test_examples_of_help_work_on_the_demo(person: Person) -> None:
 
 
 JSON = {  # of the verbs that print JSON: one that works on the demo, with an arm that is homed
-    "up": "", "down": "", "demo": "", "bench": "", "commission": "",  # they start or end a system
+    "up": "", "down": "", "demo": "", "bench": "", "commission": "", "replay": "",  # they start or end a system
     "bus": "", "power-on": "power-on PSM1", "home": "home PSM1", "send": "send PSM1", "status": "status",
     "stream": "stream PSM1 configs/recordings/psm-wave.csv --for 0.2", "pid": "pid show PSM1", "logs": "logs PSM1 -n 5",
     "list": "list", "hz": "hz PSM1/state IO1/state", "echo": "echo PSM1/state --once",

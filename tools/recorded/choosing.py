@@ -13,11 +13,14 @@ import typer
 from numpy.typing import NDArray
 
 from procs.crtk.names import none_such
+from procs.manifest import IN_TIME
 from procs.paths import given_file, not_found
 from procs.recordings.reading import RecordingError, RecordingReader, Records, open_recording
 from tools.errors import Misuse, Problem
 
 END_NS: Final = 1 << 62
+TIMED: Final = IN_TIME - {"supervisor"}
+"""Kinds of processes that do the same in the same simulated time."""
 
 TopicsOption = Annotated[
     list[str] | None,
@@ -85,5 +88,5 @@ def stretch(recording: RecordingReader, from_s: float = 0.0, to_s: float | None 
 
 def numbers(rows: NDArray[np.void], field: str) -> NDArray[np.float64]:
     """A field's values as numbers, a row for each record and a column for each element; of texts none."""
-    values = rows[field].reshape(len(rows), -1)
+    values = rows[field].reshape(len(rows), -1) if len(rows) else np.zeros((0, 0))
     return values.astype(np.float64) if values.dtype.kind in "biuf" else np.zeros((len(rows), 0))

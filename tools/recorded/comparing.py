@@ -7,10 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from procs.manifest import IN_TIME
 from procs.recordings.reading import RecordedTopic, RecordingReader, Records
 from tools.printing import Say
-from tools.recorded.choosing import Stretch, chosen_topics
+from tools.recorded.choosing import TIMED, Stretch, chosen_topics
 from tools.recorded.differences import TopicDifference, compared, in_common
 from tools.recorded.tolerances import AllowedDifference, tolerance_of
 
@@ -82,9 +81,9 @@ def units(topic: RecordedTopic) -> dict[str, str]:
 
 
 def _in_time(a: RecordingReader, b: RecordingReader, name: str) -> bool:
-    """A process that simulated time waits for, or that there is no saying of."""
+    """A process that simulated time waits for, or one whose kind nobody knows."""
     topic = a.topics.get(name) or b.topics[name]
-    return topic.kind in IN_TIME or not topic.kind
+    return topic.kind in TIMED or not topic.kind
 
 
 def _left_out(both: Sequence[str], real: Sequence[str], a: RecordingReader) -> tuple[str, ...]:

@@ -153,6 +153,8 @@ def _first(stamps: Array) -> int | None:
 
 def _field(name: str, unit: str, tolerance: float, rows_a: Array, rows_b: Array) -> FieldDifference | None:
     """None where all is the same, bit for bit; NaN is NaN."""
+    if not len(rows_a):
+        return None
     a, b = (np.ascontiguousarray(rows[name]).reshape(len(rows), -1) for rows in (rows_a, rows_b))
     other = ~same(a, b)
     if not other.any():

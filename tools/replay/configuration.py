@@ -1,0 +1,44 @@
+"""The configuration of a recording, made fit to be started again: no real robot, in lock-step, without an audience."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Final
+
+from procs.document.system import LOCKSTEP, WALL, SystemConfig, from_json, to_json
+from procs.recordings.reading import RecordingReader
+from tools.errors import Problem
+from tools.recorded.choosing import TIMED
+
+LOOPBACK: Final = "udp:127."
+
+
+def recorded_system(recording: RecordingReader) -> SystemConfig:
+    """The configuration that was recorded; Problem where there is none, or it cannot be read."""
+    name = recording.path.name
+    if not recording.document:
+        raise Problem(f"{name} has no configuration: only its setpoints can be sent (trocar replay without --fresh)")
+    try:
+        return from_json(recording.document)
+    except ValueError as error:
+        raise Problem(f"{name}: {error}; it was recorded by another version") from None
+
+
+def startable(system: SystemConfig) -> tuple[bytes, tuple[str, ...]]:
+    """The document to start, and which processes are left out of it; Problem where it is about a real robot.
+
+    Left out are those that simulated time does not wait for: what they asked for is asked for in their place.
+    """
+    if system.clock == WALL:
+        raise Problem("it was recorded on real time, which no run repeats; what ran in simulated time (paced, "
+                      "lockstep) can be repeated, other recordings can be sent to a running system")
+    real = [io.name for io in system.ios if io.port and not (system.emulation and io.port.startswith(LOOPBACK))]
+    if real or system.third_parties:
+        names = ", ".join((*real, *(row.name for row in system.third_parties)))
+        raise Problem(f"{names}: not emulated; only emulated and KINEMATIC robots are started again")
+    out = tuple(row.name for row in system.processes if row.kind not in TIMED)
+    kept = tuple(dataclasses.replace(row, cpus=(), after=tuple(name for name in row.after if name not in out))
+                 for row in system.processes if row.name not in out)
+    return to_json(dataclasses.replace(
+        system, clock=LOCKSTEP, processes=kept, users=(), ros=None, socket=None, foxglove=None, gui=None, cpus=(),
+        group="", service_user="")), out

@@ -1,0 +1,195 @@
+"""A recorded run once more from its beginning: the same system, the same commands at the same instants.
+
+Simulated time is held back (shm/held_time.py): it goes to just before the instant at which an owner took a command, the
+command is put into its mailbox, and time goes on. So nothing depends on how fast this machine is, and what comes out is
+the same bit for bit.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import count, groupby
+from pathlib import Path
+from typing import Final
+
+from procs.recordings.reading import RecordingReader
+from shm.clock import monotonic_ns, pause
+from shm.held_time import HeldTime
+from shm.lockstep import EPOCH_NS
+from shm.origins import Origin
+from shm.place import Place
+from shm.segment import SegmentError
+from tools.errors import Problem
+from tools.printing import Say
+from tools.recorded.choosing import TIMED
+from tools.replay.commands import AUDIT, RecordedCommand, commands_of
+from tools.replay.configuration import recorded_system, startable
+from tools.replay.rings import WholeRings, new_file
+from tools.supervising import Background, StartRequest
+
+TAKEN_EVERY_NS: Final = 100_000_000
+STANDS_S: Final = 30.0
+START_S: Final = 60.0
+
+
+@dataclass(slots=True)
+class FreshRun:
+    """What came of it: the new recording, how many commands were sent, and what could not be repeated, in words."""
+
+    file: Path
+    commands: int = 0
+    simulated_s: float = 0.0
+    real_s: float = 0.0
+    notes: list[str] = field(default_factory=list)
+
+
+def run_again(recording: RecordingReader, file: Path, system: str, say: Say) -> FreshRun:
+    """Start what was recorded as `system`, ask for the same, record it whole in `file`, a new one, and stop it.
+
+    Problem: it is about a real robot, has not all commands, or the system does not come up or dies.
+    """
+    document, out = startable(recorded_system(recording))
+    commands, notes = _repeatable(recording, out)
+    end_ns = _end_ns(recording)
+    run = FreshRun(file, notes=notes)
+    with tempfile.TemporaryDirectory() as folder:
+        frozen = Path(folder) / "document.json"
+        frozen.write_bytes(document)
+        background = Background(StartRequest(frozen, system, document=True), tied=True)
+        try:
+            with _held_from_the_start(system, background) as held:
+                background.wait_until_up(say)
+                if held.now_ns() != EPOCH_NS:
+                    raise Problem(f"the time of {system} had begun before it was held; try again")
+                with new_file(file) as stream, WholeRings(system, stream, file.stem) as rings:
+                    _play(held, system, rings, commands, end_ns, run, say)
+                    run.notes += [f"{lost} records of {topic} were lost" for topic, lost in rings.lost.items()]
+        except SegmentError as error:
+            raise Problem(str(error)) from None
+        except OSError as error:
+            raise Problem(f"{file}: {error.strerror}") from None
+        finally:
+            background.stop(say)
+    return run
+
+
+@contextlib.contextmanager
+def _held_from_the_start(system: str, background: Background) -> Iterator[HeldTime]:
+    """Its time is held back before it begins: the supervisor lets it begin when all processes are up."""
+    end, held = monotonic_ns() + round(START_S * 1e9), None
+    while held is None:
+        if background.popen.poll() is not None or monotonic_ns() >= end:
+            background.wait_until_up(lambda text, fraction: None, 0.0)  # says why
+        with contextlib.suppress(SegmentError):
+            held = HeldTime(system)
+        pause(0.005)
+    with held:
+        yield held
+
+
+def _repeatable(recording: RecordingReader, out: Sequence[str]) -> tuple[list[RecordedCommand], list[str]]:
+    """The commands to send, and what of the recording will be different; Problem where commands are missing."""
+    rows = [recording.topics[name] for name in recording.record_topics]
+    states = {row.instance for row in rows if row.ring == "state" and row.kind in TIMED}
+    audits = {row.instance: recording.records(row.name).rows for row in rows if row.ring == AUDIT}
+    if missing := sorted(states - set(audits)):
+        raise Problem(f"it has not recorded what {', '.join(missing)} was asked for; record all topics")
+    for instance, asked in audits.items():
+        if instance not in out and len(asked) and int(asked["sequence"][0]) > 1:
+            raise Problem(f"it begins after {int(asked['sequence'][0]) - 1} commands to {instance}: a run can be "
+                          "repeated from its beginning only")
+        if len(asked) and int(asked["sequence"][-1]) - int(asked["sequence"][0]) + 1 != len(asked):
+            raise Problem(f"commands to {instance} are missing in it")
+    commands = [each for each in commands_of(recording) if each.instance not in out]
+    usual = [each for each in commands if each.kind in TIMED]
+    notes = [f"{name} is left out: time does not wait for it; what it asked for is repeated" for name in out]
+    if others := sorted({f"{each.instance} {each.name}" for each in commands if each.kind not in TIMED}):
+        notes.append(f"not repeated, since time does not wait for them: {', '.join(others)}")
+    if again := sorted({row.instance for row in rows if row.kind in TIMED and len(row.channels) > 1}):
+        notes.append(f"{', '.join(again)} was started again in it, which is not repeated")
+    if recording.metadata.get("trocar", {}).get("clock") == "paced" and any(each.streams for each in usual):
+        notes.append("of streams (servo_…) it has the first goal only: full ones are kept in lock-step")
+    return usual, notes
+
+
+def _end_ns(recording: RecordingReader) -> int:
+    """The last instant of a process that simulated time waits for."""
+    last = [int(rows["stamp_ns"][-1]) for name in recording.record_topics if recording.topics[name].kind in TIMED
+            and len(rows := recording.records(name).rows)]
+    if not last or not EPOCH_NS <= max(last) < EPOCH_NS + (1 << 55):
+        raise Problem("it has no records of simulated time")
+    return max(last)
+
+
+class _Sender:
+    """Puts commands into mailboxes: through as many places as they came through, as the person's they were."""
+
+    def __init__(self, system: str, commands: Sequence[RecordedCommand], held: HeldTime) -> None:
+        self._held, self._numbers, self._count = held, dict[int, int](), count(1)
+        self._places: dict[tuple[str, int], Place] = {}
+        for key in sorted({(each.instance, each.place) for each in commands}):
+            self._places[key] = place = Place(system, key[0], "trocar replay")
+            place.claim()
+
+    def wakes(self, command: RecordedCommand) -> bool:
+        """A command wakes its owner."""
+        return self._places[command.instance, command.place].wakes
+
+    def is_due(self, command: RecordedCommand) -> bool:
+        """Its owner looks by itself at that instant."""
+        return self._held.wish_ns(command.instance) == command.instant_ns
+
+    def send(self, command: RecordedCommand, wake: bool = True) -> None:
+        if command.origin not in self._numbers:
+            self._numbers[command.origin] = os.getpid() << 32 | next(self._count) if command.origin else 0
+        number = self._numbers[command.origin]
+        origin = Origin(number, command.generation, command.program)
+        self._places[command.instance, command.place].send(command.name, command.values, command.text, origin, wake)
+
+    def close(self) -> None:
+        for place in self._places.values():
+            place.close()
+
+
+def _play(held: HeldTime, system: str, rings: WholeRings, commands: Sequence[RecordedCommand], end_ns: int,
+          run: FreshRun, say: Say) -> None:
+    sender, taken_ns, begin, whole_ns = _Sender(system, commands, held), EPOCH_NS, monotonic_ns(), end_ns - EPOCH_NS
+
+    def go_to(time_ns: int) -> None:
+        nonlocal taken_ns
+        until = 0
+        while until < time_ns:
+            until = min(time_ns, taken_ns + TAKEN_EVERY_NS)
+            if not held.run_until(until, STANDS_S):
+                raise Problem(f"the time of {system} stands still for {STANDS_S:g} s; trocar logs has more")
+            if until == taken_ns + TAKEN_EVERY_NS:
+                rings.take()
+                taken_ns, done_ns = until, until - EPOCH_NS
+                say(f"{done_ns * 1e-9:.1f} s of {whole_ns * 1e-9:.1f} s", done_ns / max(1, whole_ns))
+
+    try:
+        for instant, group in groupby(commands, key=lambda each: each.instant_ns):
+            later = []
+            go_to(instant - 1)
+            for command in group:
+                if not sender.wakes(command):
+                    sender.send(command)
+                elif sender.is_due(command):
+                    sender.send(command, wake=False)
+                else:
+                    later.append(command)
+            if later:
+                go_to(instant)
+            for command in later:
+                sender.send(command)
+        go_to(end_ns)
+        rings.take()
+    except KeyError as error:
+        raise Problem(f"the system has no {error}; it was recorded by another version") from None
+    finally:
+        sender.close()
+    run.commands, run.simulated_s, run.real_s = len(commands), whole_ns * 1e-9, (monotonic_ns() - begin) * 1e-9
