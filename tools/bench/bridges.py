@@ -16,30 +16,25 @@ import statistics
 from contextlib import closing
 from typing import Any, Final
 
-import numpy as np
 import psutil
 
 from procs.ros.dds import Participant, TopicReader
 from procs.ros.messages import JointStates, PoseStamped, TwistStamped
-from shm import directory
 from shm.clock import monotonic_ns, pause
 from shm.control_page import ControlPage
 from tools.arms import home
+from tools.bench.beside import ARMS, PAIRS, PATIENCE_S, TAKE_S, ask, period_p99
 from tools.bench.system import FULL
 from tools.errors import Problem
 from tools.remote import Remote
 from tools.supervising import StartRequest, up_meanwhile
 
 BRIDGE: Final = "ros_bridge"
-ARMS: Final = ("PSM1", "PSM2", "PSM3", "ECM", "MTML", "MTMR")
 TOPICS: Final[tuple[tuple[str, Any], ...]] = (
     ("measured_js", JointStates), ("setpoint_js", JointStates), ("measured_cp", PoseStamped),
     ("setpoint_cp", PoseStamped), ("measured_cv", TwistStamped))
 COMMANDS: Final = 300
-PAIRS: Final = 5
-TAKE_S: Final = 0.02
 SETTLE_S: Final = 2.0
-PATIENCE_S: Final = 30.0
 
 
 def run(seconds: float = 30.0, pairs: int = PAIRS) -> dict[str, Any]:
@@ -99,33 +94,12 @@ def _ratio(system: str, readers: list[TopicReader[Any]], seconds: float, pairs: 
     ratios = []
     with Remote(system, "supervisor") as remote:
         for _ in range(pairs):
-            with_bridges = _period_p99(system, readers, seconds)
-            _ask(remote, "stop")
-            ratios.append(with_bridges / _period_p99(system, [], seconds))
-            _ask(remote, "start")
+            with_bridges = period_p99(system, seconds, lambda: [reader.take() for reader in readers])
+            ask(remote, "stop", BRIDGE)
+            ratios.append(with_bridges / period_p99(system, seconds, lambda: None))
+            ask(remote, "start", BRIDGE)
             _cpu_percent(system, readers, SETTLE_S)
     return statistics.median(ratios)
-
-
-def _ask(remote: Remote, command: str) -> None:
-    reply = remote.settled(command, text=BRIDGE, timeout=PATIENCE_S)
-    if reply.outcome != "done":
-        raise Problem(f"{command} {BRIDGE} was {reply.outcome}: {reply.text}")
-
-
-def _period_p99(system: str, readers: list[TopicReader[Any]], seconds: float) -> float:
-    """99 % of io's periods in a while in which we read, s."""
-    with closing(directory.reader(system, "io", "state")) as ring:
-        ring.newest()
-        seen, stamps, end = ring.stamp_ns, [], monotonic_ns() + round(seconds * 1e9)
-        while monotonic_ns() < end:
-            pause(TAKE_S)
-            for reader in readers:
-                reader.take()
-            rows = ring.since(seen + 1)
-            seen = int(rows[-1]["stamp_ns"]) if len(rows) else seen
-            stamps.append(rows["stamp_ns"])
-    return float(np.percentile(np.diff(np.unique(np.concatenate(stamps))), 99)) * 1e-9
 
 
 def _free_port() -> int:

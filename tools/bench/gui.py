@@ -16,7 +16,6 @@ import json
 import os
 import platform
 import shutil
-import statistics
 import subprocess
 import tempfile
 import threading
@@ -24,61 +23,26 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack, closing, suppress
 from typing import Any, Final
 
-import numpy as np
 import psutil
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from shm import directory
-from shm.client import Client
 from shm.clock import monotonic_ns, pause
-from shm.control_page import ControlPage
 from tools.arms import home
+from tools.bench.beside import ARMS, PAIRS, PATIENCE_S, TAKE_S, MovingArms, cpu_percent, process_of, ratio, wait
 from tools.bench.system import FULL
 from tools.errors import Problem
 from tools.free_port import reserved_port
-from tools.remote import Remote
 from tools.supervising import StartRequest, up_meanwhile
 
 GUI: Final = "gui"
-ARMS: Final = ("PSM1", "PSM2", "PSM3", "ECM", "MTML", "MTMR")
 OTHERS: Final = ("SUJ", "console", "system", "MTMR_PSM1", "MTML_PSM2", "MTML_PSM3", "MTML_MTMR_ECM")
 SYSTEM_PAGE: Final = (*(f"{name}/state" for name in (*ARMS, *OTHERS)), "messages")
 SCENE_PAGE: Final = ("scene",)
-PAIRS: Final = 5
-TAKE_S: Final = 0.02
-TURN_NS: Final = 1_000_000_000
 SETTLE_S: Final = 2.0
-PATIENCE_S: Final = 30.0
 CHROMIUM: Final = ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--use-angle=swiftshader",
                    "--enable-unsafe-swiftshader", "--disable-background-networking", "--no-first-run")
 LOADS_S: Final = 5.0
-
-
-class MovingArms:
-    """Small moves of all arms, to and fro."""
-
-    def __init__(self, system: str) -> None:
-        self._clients = [Client(system, name) for name in ARMS]
-        self._sizes = [7 if name.startswith("MTM") else 4 if name == "ECM" else 6 for name in ARMS]
-        self._turn_ns, self._sign = 0, 1.0
-
-    def go_on(self) -> None:
-        """Turn round where it is time to."""
-        now_ns = monotonic_ns()
-        if now_ns < self._turn_ns:
-            return
-        self._turn_ns, self._sign = now_ns + TURN_NS, -self._sign
-        for client, size in zip(self._clients, self._sizes, strict=True):
-            client.poll()
-            increment = np.zeros(size)
-            increment[0] = 0.03 * self._sign
-            client.send("move_jr", increment)
-
-    def close(self) -> None:
-        """Let them come to rest."""
-        for client in self._clients:
-            client.close()
 
 
 def run(seconds: float = 30.0, pairs: int = PAIRS, browser: bool = False) -> dict[str, Any]:
@@ -95,8 +59,8 @@ def run(seconds: float = 30.0, pairs: int = PAIRS, browser: bool = False) -> dic
                 with ExitStack() as stack:
                     for sources in pages:
                         stack.enter_context(closing(ScriptedPage(port, sources))).wait()
-                    _wait(arms, min(SETTLE_S, seconds))
-                    figures[f"gui_cpu_percent_{key}"] = _cpu_percent(_console(name), arms, short_s)
+                    wait(min(SETTLE_S, seconds), arms.go_on)
+                    figures[f"gui_cpu_percent_{key}"] = cpu_percent(process_of(name, GUI), short_s, arms.go_on)
             figures["io_period_p99_ratio"] = _ratio(name, arms, seconds, pairs, lambda: _scripted(port))
             if browser:
                 figures |= _in_browser(name, port, arms, seconds, pairs)
@@ -167,9 +131,9 @@ def _in_browser(name: str, port: int, arms: MovingArms, seconds: float, pairs: i
     figures, here = {}, f"http://127.0.0.1:{port}"
     for key, path in (("system", "/"), ("3d", "/3d")):
         with closing(RealBrowser(here + path)) as chromium:
-            _wait(arms, LOADS_S)
-            figures[f"browser_gui_cpu_percent_{key}"] = _cpu_percent(_console(name), arms, min(seconds, 10.0))
-            figures[f"browser_cpu_percent_{key}"] = _cpu_percent(chromium.processes(), arms, min(seconds, 10.0))
+            wait(LOADS_S, arms.go_on)
+            for what, found in (("browser_gui", process_of(name, GUI)), ("browser", chromium.processes())):
+                figures[f"{what}_cpu_percent_{key}"] = cpu_percent(found, min(seconds, 10.0), arms.go_on)
     figures["browser_io_period_p99_ratio"] = _ratio(name, arms, seconds, pairs,
                                                     lambda: closing(RealBrowser(here, f"{here}/3d")), LOADS_S)
     return figures
@@ -183,58 +147,6 @@ def _scripted(port: int) -> AbstractContextManager[Any]:
     return stack
 
 
-def _wait(arms: MovingArms, seconds: float) -> None:
-    end = monotonic_ns() + round(seconds * 1e9)
-    while monotonic_ns() < end:
-        pause(TAKE_S)
-        arms.go_on()
-
-
-def _console(system: str) -> list[psutil.Process]:
-    with closing(ControlPage(system, GUI)) as page:
-        return [psutil.Process(int(page.get("pid")))]
-
-
-def _cpu_percent(processes: list[psutil.Process], arms: MovingArms, seconds: float) -> float:
-    """CPU time that they take in a while in which arms move."""
-    before, begin = _cpu_s(processes), monotonic_ns()
-    _wait(arms, seconds)
-    return (_cpu_s(processes) - before) / ((monotonic_ns() - begin) * 1e-9) * 100.0
-
-
-def _cpu_s(processes: list[psutil.Process]) -> float:
-    return sum(sum(process.cpu_times()[:2]) for process in processes)
-
-
 def _ratio(system: str, arms: MovingArms, seconds: float, pairs: int,
            pages: Callable[[], AbstractContextManager[Any]], settle_s: float = SETTLE_S) -> float:
-    ratios = []
-    with Remote(system, "supervisor") as remote:
-        for _ in range(pairs):
-            with pages():
-                _wait(arms, min(settle_s, seconds))
-                with_pages = _period_p99(system, arms, seconds)
-            _ask(remote, "stop")
-            ratios.append(with_pages / _period_p99(system, arms, seconds))
-            _ask(remote, "start")
-    return statistics.median(ratios)
-
-
-def _ask(remote: Remote, command: str) -> None:
-    reply = remote.settled(command, text=GUI, timeout=PATIENCE_S)
-    if reply.outcome != "done":
-        raise Problem(f"{command} {GUI} was {reply.outcome}: {reply.text}")
-
-
-def _period_p99(system: str, arms: MovingArms, seconds: float) -> float:
-    """99 % of io's periods in a while in which arms move, s."""
-    with closing(directory.reader(system, "io", "state")) as ring:
-        ring.newest()
-        seen, stamps, end = ring.stamp_ns, [], monotonic_ns() + round(seconds * 1e9)
-        while monotonic_ns() < end:
-            pause(TAKE_S)
-            arms.go_on()
-            rows = ring.since(seen + 1)
-            seen = int(rows[-1]["stamp_ns"]) if len(rows) else seen
-            stamps.append(rows["stamp_ns"])
-    return float(np.percentile(np.diff(np.unique(np.concatenate(stamps))), 99)) * 1e-9
+    return ratio(system, GUI, seconds, pairs, arms.go_on, pages, settle_s)

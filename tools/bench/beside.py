@@ -1,0 +1,113 @@
+"""What benchmarks of processes beside the robot share: moving arms, CPU time, io's period with one and without it."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Callable
+from contextlib import AbstractContextManager, closing
+from typing import Any, Final
+
+import numpy as np
+import psutil
+
+from shm import directory
+from shm.client import Client
+from shm.clock import monotonic_ns, pause
+from shm.control_page import ControlPage
+from tools.errors import Problem
+from tools.remote import Remote
+
+ARMS: Final = ("PSM1", "PSM2", "PSM3", "ECM", "MTML", "MTMR")
+"""Of the full system."""
+PAIRS: Final = 5
+TAKE_S: Final = 0.02
+TURN_NS: Final = 1_000_000_000
+PATIENCE_S: Final = 30.0
+Meanwhile = Callable[[], object]
+
+
+class MovingArms:
+    """Small moves of all arms, to and fro."""
+
+    def __init__(self, system: str) -> None:
+        self._clients = [Client(system, name) for name in ARMS]
+        self._sizes = [7 if name.startswith("MTM") else 4 if name == "ECM" else 6 for name in ARMS]
+        self._turn_ns, self._sign = 0, 1.0
+
+    def go_on(self) -> None:
+        """Turn round where it is time to."""
+        now_ns = monotonic_ns()
+        if now_ns < self._turn_ns:
+            return
+        self._turn_ns, self._sign = now_ns + TURN_NS, -self._sign
+        for client, size in zip(self._clients, self._sizes, strict=True):
+            client.poll()
+            increment = np.zeros(size)
+            increment[0] = 0.03 * self._sign
+            client.send("move_jr", increment)
+
+    def close(self) -> None:
+        """Let them come to rest."""
+        for client in self._clients:
+            client.close()
+
+
+def wait(seconds: float, meanwhile: Meanwhile) -> None:
+    """So long, and often do something meanwhile."""
+    end = monotonic_ns() + round(seconds * 1e9)
+    while monotonic_ns() < end:
+        pause(TAKE_S)
+        meanwhile()
+
+
+def process_of(system: str, instance: str) -> list[psutil.Process]:
+    """The process of an instance."""
+    with closing(ControlPage(system, instance)) as page:
+        return [psutil.Process(int(page.get("pid")))]
+
+
+def cpu_percent(processes: list[psutil.Process], seconds: float, meanwhile: Meanwhile) -> float:
+    """CPU time that they take in a while, 100 is one core."""
+    before, begin = _cpu_s(processes), monotonic_ns()
+    wait(seconds, meanwhile)
+    return (_cpu_s(processes) - before) / ((monotonic_ns() - begin) * 1e-9) * 100.0
+
+
+def _cpu_s(processes: list[psutil.Process]) -> float:
+    return sum(sum(process.cpu_times()[:2]) for process in processes)
+
+
+def ratio(system: str, instance: str, seconds: float, pairs: int, meanwhile: Meanwhile,
+          used: Callable[[], AbstractContextManager[Any]], settle_s: float) -> float:
+    """io's period (99 %) while an instance is `used`, to that while it is stopped; median of pairs by turns."""
+    ratios = []
+    with Remote(system, "supervisor") as remote:
+        for _ in range(pairs):
+            with used():
+                wait(min(settle_s, seconds), meanwhile)
+                with_it = period_p99(system, seconds, meanwhile)
+            ask(remote, "stop", instance)
+            ratios.append(with_it / period_p99(system, seconds, meanwhile))
+            ask(remote, "start", instance)
+    return statistics.median(ratios)
+
+
+def ask(remote: Remote, command: str, instance: str) -> None:
+    """The supervisor starts or stops an instance; Problem when it does not."""
+    reply = remote.settled(command, text=instance, timeout=PATIENCE_S)
+    if reply.outcome != "done":
+        raise Problem(f"{command} {instance} was {reply.outcome}: {reply.text}")
+
+
+def period_p99(system: str, seconds: float, meanwhile: Meanwhile) -> float:
+    """99 % of io's periods in a while, s."""
+    with closing(directory.reader(system, "io", "state")) as ring:
+        ring.newest()
+        seen, stamps, end = ring.stamp_ns, [], monotonic_ns() + round(seconds * 1e9)
+        while monotonic_ns() < end:
+            pause(TAKE_S)
+            meanwhile()
+            rows = ring.since(seen + 1)
+            seen = int(rows[-1]["stamp_ns"]) if len(rows) else seen
+            stamps.append(rows["stamp_ns"])
+    return float(np.percentile(np.diff(np.unique(np.concatenate(stamps))), 99)) * 1e-9

@@ -1,0 +1,96 @@
+"""`trocar bench recorder`: what the recorder costs, and whether io notices it.
+
+The full KINEMATIC system on the wall clock, homed, all arms moving all the time. `recorder_cpu_percent` (100 is one
+core) and `mb_per_minute` (on the disk, compressed) are those of the black box alone; `named_…` come on top of it while every
+record of PSM1 and its io is recorded as well. `sequence_gaps` are records of that which are missing in the file.
+`io_period_p99_ratio` is io's period (99 %) with the black box to that without a recorder, median of pairs by turns.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import platform
+import tempfile
+from contextlib import closing
+from pathlib import Path
+from typing import Any, Final
+
+import psutil
+
+from procs.document.recorder import NAME
+from procs.recordings.reading import open_recording
+from shm import directory
+from tools.arms import home
+from tools.bench import beside
+from tools.bench.beside import PAIRS, MovingArms
+from tools.bench.system import FULL
+from tools.errors import Problem
+from tools.printing import plain
+from tools.remote import Remote
+from tools.supervising import StartRequest, up_meanwhile
+
+TOPICS: Final = ("PSM1", "io")
+SETTLE_S: Final = 3.0
+END_S: Final = 30.0
+
+
+def run(seconds: float = 30.0, pairs: int = PAIRS) -> dict[str, Any]:
+    """Measure; returns the object that `--json` prints. `seconds`: of each part of a pair, and of the recordings."""
+    name = f"bench-recorder-{os.getpid()}"
+    with tempfile.TemporaryDirectory() as folder, up_meanwhile(StartRequest(FULL, name, sets=(
+            "clock=wall", "recorder.on=true", f"recorder.folder={folder}"))):
+        home(name)
+        with closing(MovingArms(name)) as arms:
+            beside.wait(min(SETTLE_S, seconds), arms.go_on)
+            figures: dict[str, Any] = {}
+            figures["recorder_cpu_percent"], figures["mb_per_minute"] = _black_box(name, arms, seconds)
+            figures |= _named(name, arms, seconds)
+            figures["io_period_p99_ratio"] = beside.ratio(name, NAME, seconds, pairs, arms.go_on,
+                                                          contextlib.nullcontext, SETTLE_S)
+    return {
+        "bench": "recorder", "figures": figures,
+        "conditions": {"seconds": seconds, "pairs": pairs, "arms": len(beside.ARMS), "topics": " ".join(TOPICS),
+                       "cores": len(psutil.Process().cpu_affinity() or []), "load": os.getloadavg()[0],
+                       "kernel": platform.release(), "python": platform.python_version()},
+    }
+
+
+def _state(system: str, *fields: str) -> list[float]:
+    """Numbers that the recorder shows."""
+    with closing(directory.reader(system, NAME, "state", often=False)) as state:
+        if not state.newest():
+            raise Problem("the recorder shows nothing")
+        return [float(state.field(field)[()]) for field in fields]
+
+
+def _black_box(system: str, arms: MovingArms, seconds: float) -> tuple[float, float]:
+    processes = beside.process_of(system, NAME)
+    before, begin_ns = _state(system, "box_bytes", "monotonic_ns")
+    percent = beside.cpu_percent(processes, seconds, arms.go_on)
+    after, end_ns = _state(system, "box_bytes", "monotonic_ns")
+    return percent, (after - before) / 1e6 / (max(end_ns - begin_ns, 1.0) * 1e-9 / 60.0)
+
+
+def _named(system: str, arms: MovingArms, seconds: float) -> dict[str, float]:
+    """A recording of every record of TOPICS."""
+    with Remote(system, NAME) as remote:
+        for topic in TOPICS:
+            remote.ask("choose", text=topic)
+        number = remote.post("record", [0.0], "bench")
+        beside.wait(min(1.0, seconds), arms.go_on)
+        percent = beside.cpu_percent(beside.process_of(system, NAME), seconds, arms.go_on)
+        remote.settled("stop", text="bench", timeout=END_S)
+        replies = remote.replies_to(number)
+    if not replies or replies[-1].outcome != "done":
+        raise Problem(f"the recording did not end: {replies}")
+    with closing(directory.reader(system, NAME, "state", often=False)) as state:
+        path = Path(plain(state.field("path").item()) if state.newest() else "")
+    with open_recording(path) as recording:
+        topics = [topic for topic in recording.record_topics if topic.partition("/")[0] in TOPICS]
+        gaps = sum(recording.records(topic).missing for topic in topics)
+        passed_s = (recording.end_ns - recording.begin_ns) * 1e-9
+        lost = int(recording.metadata["losses"]["dropped"])
+    megabytes = path.stat().st_size / 1e6
+    return {"named_cpu_percent": percent, "named_mb_per_minute": megabytes / max(passed_s, 1e-3) * 60.0,
+            "sequence_gaps": gaps + lost}
