@@ -30,7 +30,7 @@ from procs.user_process import OwnProcess
 from shm.layout import cut_text
 from shm.received import Received
 
-TOLD_NS: Final = 10_000_000_000
+TOLD_NS: Final = 60_000_000_000
 """Between two warnings of the same."""
 SHOWN_NS: Final = 1_000_000_000
 SOON_NS: Final = 200_000_000

@@ -37,6 +37,7 @@ class Person:
         self.folder = folder
         self.environment = {**os.environ, "PYTHONPATH": str(ROOT), "TROCAR_STATE": str(folder / "state")}
         self.environment.pop("TROCAR_SYSTEM", None)
+        self.environment.pop("TROCAR_RECORDER", None)  # people have one
 
     def types(self, line: str, timeout: float = 180.0) -> str:
         """Run a line as it stands; fails when that does, or on a traceback. What never ends is ended by Ctrl-C."""
@@ -117,7 +118,8 @@ JSON = {  # of the verbs that print JSON: one that works on the demo, with an ar
     "bus": "", "power-on": "power-on PSM1", "home": "home PSM1", "send": "send PSM1", "status": "status",
     "stream": "stream PSM1 configs/recordings/psm-wave.csv --for 0.2", "pid": "pid show PSM1", "logs": "logs PSM1 -n 5",
     "list": "list", "hz": "hz PSM1/state IO1/state", "echo": "echo PSM1/state --once",
-    "get": "get", "check": "check configs/systems/demo.yaml configs/pid/PSM.yaml",
+    "get": "get", "record": "record short PSM1 --for 0.2",
+    "check": "check configs/systems/demo.yaml configs/pid/PSM.yaml",
     "convert": "convert {folder}/console-PSM1.json --to {folder}",
     "compare": "compare {folder}/monday.mcap {folder}/monday.mcap", "doctor": "doctor", "power-off": "power-off PSM1",
     "start": "start PSM1", "restart": "restart PSM1 --yes", "stop": "stop PSM1 --yes",

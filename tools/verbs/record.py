@@ -42,7 +42,7 @@ def record(
 
     Where files are, what is in them and how to open them: docs/recordings.md. Exit code 1: records are missing.
 
-    Example: trocar record grasp PSM1 io/state --for 10
+    Example: trocar record grasp PSM1 IO1/state --for 2
     """
     chosen = chosen_system(system)
     if (stop and (topics or seconds or detach or keep)) or (keep and (topics or seconds or detach)):
