@@ -7,6 +7,7 @@ import os
 import signal
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -99,6 +100,18 @@ def test_a_killed_recorder_leaves_readable_files_and_comes_back(recorded: Robot)
     recorded.pids.add(recorded.pid("recorder"))
     assert recorded.cell("io", "cycles") > cycles
     assert recorded.cell("io", "pauses") == 0
+
+
+def test_a_recording_whose_recorder_dies_fails_and_is_readable(recorded: Robot) -> None:
+    with ThreadPoolExecutor(1) as pool:
+        said = pool.submit(recorded.trocar, "record", "dies", "PSM1/state", "--for", "60", code=1)
+        wait_for(lambda: any(path.stat().st_size > 50_000 for path in files(recorded, "dies-*.mcap")), 30, "a file")
+        pid = recorded.kill("recorder")
+        assert "what was recorded until then is in" in said.result(60)
+    with open_recording(files(recorded, "dies-*.mcap")[-1]) as recording:
+        assert len(recording.records("PSM1/state").rows) > 50
+    wait_for(lambda: is_up(recorded) and recorded.pid("recorder") != pid, 30, "its restart")
+    recorded.pids.add(recorded.pid("recorder"))
 
 
 def test_a_frozen_recorder_is_killed_and_the_arm_stays_homed(recorded: Robot) -> None:

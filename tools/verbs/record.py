@@ -10,6 +10,7 @@ import typer
 from procs.document.recorder import NAME as RECORDER
 from shm import directory
 from shm.clock import monotonic_ns, pause
+from shm.commands import ENDINGS
 from shm.ring import RingReader
 from shm.segment import SegmentError
 from tools.errors import Misuse, Problem, Refused
@@ -92,8 +93,10 @@ def _watch(remote: Remote, number: int, state: RingReader, name: str, seconds: f
     while True:
         try:
             for reply in remote.replies_to(number):
-                if reply.outcome != "accepted":
+                if reply.outcome == "done":
                     return reply.text
+                if reply.outcome in ENDINGS:
+                    raise Problem(f"{reply.text}; what was recorded until then is in {_seen(state).get('path', '')}")
             found = _seen(state)
             if found.get("name") == name:
                 say(_in_words(found), min(1.0, found["passed_s"] / seconds) if seconds else None)
