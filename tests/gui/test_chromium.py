@@ -104,10 +104,10 @@ def test_the_slave_that_follows_is_seen_following(robot: Robot) -> None:
         page.open()
         page.take_control()
         homed(page)
-        page.open("/teleop")
+        page.open("/console")
         page.take_control()
         teleop, stage = "MTMR_PSM1/state", "document.querySelector('.stage')?.stage"
-        page.click("#teleop-start")
+        page.click("#start-console")
         page.until("trocar.value('console/state.teleop_enabled')")
         assert page.until(f"trocar.value('{teleop}.reason')"), "it says what it waits for"
         page.click("#operator-press")

@@ -37,7 +37,7 @@ GROWTH_KB: Final = 1024
 """Of memory that is no leak: an allocator takes such pieces at a time."""
 STAYS: Final = (SYSTEM_PAGE, SCENE_PAGE, ("plot:PSM1/state.position[0]", "plot:io/state.position[0]", "log:gui",
                                           "processes", "buttons", "SUJ/state"))
-PATHS: Final = "/", "/3d", "/arm/PSM1", "/teleop", "/suj", "/plots", "/processes", "/buttons", "/io"
+PATHS: Final = "/", "/3d", "/arm/PSM1", "/console", "/teleop", "/suj", "/plots", "/processes", "/buttons", "/io"
 ASKED: Final = (
     {"op": "control", "take": True, "over": True},
     {"op": "want", "sources": ["PSM1/state", "scene", "messages", "plot:ECM/state.position[0]"]},

@@ -13,6 +13,7 @@ from procs.gui.catalogue import BUTTONS, MESSAGES, PROCESSES, SCENE
 from procs.gui.pages.arm import arm_page
 from procs.gui.pages.assets import STATIC, assets
 from procs.gui.pages.buttons import buttons_page
+from procs.gui.pages.console import console_page
 from procs.gui.pages.focus import focus_page
 from procs.gui.pages.frame import page
 from procs.gui.pages.pid import pid_page
@@ -33,6 +34,7 @@ def application(document: SystemConfig) -> FastAPI:
     made: list[tuple[str, tuple[str, ...], Callable[[], None]]] = [
         ("/", (MESSAGES,), lambda: system_page(document)),
         ("/3d", (SCENE,), lambda: scene_page(document)),
+        ("/console", (), partial(console_page, document)),
         ("/teleop", (), lambda: teleop_page(document)),
         ("/buttons", (BUTTONS,), partial(buttons_page, document)),
         ("/suj", (), partial(carts_page, document)),

@@ -70,7 +70,7 @@ def _console(name: str) -> None:
             live(f"{state}.input_type", classes="kind")
             box("spacer")
             Part("span", "age")
-            Part("a", "", "Act as if pressed", href="/teleop")
+            Part("a", "", "Act as if pressed", href="/console")
         with box("row facts"):
             Part("span", "light", "operator is present", data_on=f"{state}.operator_present")
             Part("span", "light", "clutch", data_on=f"{state}.clutch")

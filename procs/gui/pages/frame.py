@@ -50,6 +50,8 @@ def pages_of(document: SystemConfig) -> list[tuple[str, str]]:
     found = [("System", "/"), ("3D", "/3d")]
     found += [(arm.name, f"/arm/{arm.name}") for arm in document.arms]
     if document.consoles:
+        found.append(("Console", "/console"))
+    if document.teleop_psms or document.teleop_ecms:
         found.append(("Teleoperation", "/teleop"))
     robots = robots_of(document)
     for name, path, rows in (("IO", "/io", with_actuators(robots)), ("PID", "/pid", with_gains(robots)),

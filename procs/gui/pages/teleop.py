@@ -1,68 +1,42 @@
-"""The page Teleoperation: consoles with their pedals, teleoperations with what they wait for, scale and locks."""
+"""The page Teleoperation: what each of them waits for, its scale and locks."""
 
 from __future__ import annotations
 
 from typing import Final
 
-from procs.document.consoles import Console, TeleopEcmConfig, TeleopPsmConfig
+from procs.document.consoles import TeleopEcmConfig, TeleopPsmConfig
 from procs.document.system import SystemConfig
 from procs.gui.catalogue import record
+from procs.gui.pages.console import PEDALS, SCALES, teleop_buttons
 from procs.gui.pages.parts import Part, box, button, live
 
-PEDALS: Final = (("operator", "operator_present", "emulate_operator_present"), ("clutch", "clutch", "emulate_clutch"),
-                 ("camera", "camera", "emulate_camera"))
-"""What is shown, its field in the record of a console, and the command that acts as if."""
 LOCKS: Final = (("Lock rotation", "Rotation locked", "rotation_locked", "lock_rotation"),
                 ("Lock translation", "Translation locked", "translation_locked", "lock_translation"),
                 ("Align master", "Aligns master", "align_mtm", "set_align_MTM"))
 """What a button does, and has done; the field that says whether, and the command."""
-SCALES: Final = (0.1, 0.2, 0.3, 0.5, 1.0)
 
 
 def teleop_page(document: SystemConfig) -> None:
     """Its content."""
     rows: tuple[TeleopPsmConfig | TeleopEcmConfig, ...] = (*document.teleop_psms, *document.teleop_ecms)
-    in_record: tuple[TeleopPsmConfig | TeleopEcmConfig, ...] = (*document.teleop_ecms, *document.teleop_psms)
     for console in document.consoles:
-        _console(console, [row.name for row in in_record if row.console == console.name])
+        _enabling(console.name)
     with box("teleops"):
         for row in rows:
             _teleop(row)
 
 
-def _console(console: Console, teleops: list[str]) -> None:
-    """`teleops`: in the order of its record."""
-    state = record(console.name)
-    with box("card", data_source=state):
-        with box("row head"):
-            Part("span", "title", console.name)
-            live(f"{state}.input_type", classes="kind")
-            box("spacer")
-            Part("span", "age")
-            Part("span", "light", "teleoperation wanted", data_on=f"{state}.teleop_enabled")
-        with box("row"):
-            for text, field, command in PEDALS:
-                Part("span", "light", text, data_on=f"{state}.{field}")
-                button("press", [[(console.name, command, [1], "")]], "small", id=f"{text}-press",
-                       confirm=f"Act as if the {text} pedal or sensor were pressed, until it is released?")
-                button("release", [[(console.name, command, [0], "")]], "small")
-            Part("span", "quiet", "press and release act as if, where there are no pedals")
-        with box("row"):
-            Part("span", "quiet", "selected")
-            for i, name in enumerate(teleops):
-                selected = f"{state}.selected.{i}"
-                button(name, [[(console.name, "select_teleop", [], name)]], "small", data_show=f"!{selected}")
-                button(f"✓ {name}", [[(console.name, "unselect_teleop", [], name)]], "small on", data_show=selected)
-            Part("span", "quiet", "those that share an arm take turns")
-        with box("row buttons"):
-            button("Start teleoperation", [[(console.name, "teleop_enable", [1], "")]], id="teleop-start",
-                   confirm="Start teleoperation? Masters move to align.")
-            button("Stop", [[(console.name, "teleop_enable", [0], "")]], "quiet", is_free=True)
-            box("spacer")
-            Part("span", "quiet", "scale of all")
-            live(f"{state}.scale", "num:2")
-            for scale in SCALES:
-                button(f"{scale:g}", [[(console.name, "set_scale", [scale], "")]])
+def _enabling(name: str) -> None:
+    """A console in a line: whether its teleoperations are wanted, and who sits there."""
+    state = record(name)
+    with box("card", data_source=state), box("row"):
+        Part("a", "title", name, href="/console")
+        Part("span", "light", "teleoperation wanted", data_on=f"{state}.teleop_enabled")
+        for text, field, _ in PEDALS:
+            Part("span", "light", text, data_on=f"{state}.{field}")
+        Part("span", "age")
+        box("spacer")
+        teleop_buttons(name)
 
 
 def _teleop(row: TeleopPsmConfig | TeleopEcmConfig) -> None:
@@ -86,7 +60,8 @@ def _teleop(row: TeleopPsmConfig | TeleopEcmConfig) -> None:
             Part("span", "", "scale")
             live(f"{state}.scale", "num:2")
             for scale in SCALES:
-                button(f"{scale:g}", [[(row.name, "set_scale", [scale], "")]], "small")
+                button(f"{scale:g}", [[(row.name, "set_scale", [scale], "")]], "small",
+                       data_on=f"{state}.scale={scale:g}")
             if isinstance(row, TeleopPsmConfig):
                 Part("span", "", "off in orientation by")
                 live(f"{state}.angle_error", "deg:1")

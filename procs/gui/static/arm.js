@@ -113,10 +113,17 @@ page.addEventListener("contextmenu", (event) => event.target.closest("button.jog
 
 let isRead = false;
 let ratioSet = false;
+let isChosen = false;
 onTick(() => {
   if (!isRead && count() && data(state)?.valid) {
     isRead = true;
     read();
+  }
+  const tool = value(`${state}.tool`);
+  const choice = document.getElementById("instrument") || document.getElementById("endoscope");
+  if (!isChosen && tool && choice) {
+    isChosen = true;
+    if ([...choice.options].some((option) => option.value === tool)) choice.value = tool;
   }
   const ratio = value(`${state}.trajectory_ratio`);
   if (!ratioSet && typeof ratio === "number") {

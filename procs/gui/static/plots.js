@@ -105,7 +105,7 @@ function draw() {
     paint.lineWidth = 1;
     paint.strokeRect(LEFT + 0.5, Math.round(top) + 0.5, width - LEFT - 1, Math.round(bottom - top));
     if (low > high) return;
-    const least = Math.max(1e-6, Math.abs(high) * 1e-4);
+    const least = Math.max(2e-5, Math.abs(high) * 1e-4);
     if (high - low < least) [low, high] = [low - least / 2, high + least / 2];
     const shown = (v) => v.toFixed(digits).replace(/^-(0\.?0*)$/, "$1");
     const digits = Math.max(0, Math.min(6, 2 - Math.floor(Math.log10(high - low))));

@@ -6,6 +6,7 @@ const GREY = "#8a939c";
 const FAULT = "#e5484d";
 const NEAR = "#ff9f1c";
 const TRAIL = 200;
+const RAIL_TOP = new THREE.Vector3(0, 0.065, -0.46);
 const UP = new THREE.Vector3(0, 1, 0);
 
 const pose = (frames, i, position, turn) => {
@@ -359,7 +360,7 @@ export default {
         for (const setup of Object.values(setups)) for (const at of setup.at) box.expandByPoint(at);
       }
       for (const model of Object.values(this.models).filter(wanted))
-        for (const at of model.at) box.expandByPoint(at.clone().applyMatrix4(model.group.matrixWorld));
+        for (const at of model.isRemote && model.size ? [...model.at, RAIL_TOP.clone().applyMatrix4(model.rail.matrix)] : model.at) box.expandByPoint(at.clone().applyMatrix4(model.group.matrixWorld));
       return box;
     },
     // Masters stand beside the patient's side: nobody says where the console is in the room.

@@ -8,7 +8,7 @@ const factor = (i) => (units() !== "deg" ? 1 : i < 3 ? 1000 : 180 / Math.PI);
 
 function read(pose, from) {
   const now = value(from);
-  if (!now?.every((v) => typeof v === "number")) return;
+  if (!inputs(pose).length || !now?.every((v) => typeof v === "number")) return; // setup joints give some bases
   [...now.slice(0, 3), ...turns(now.slice(3))].forEach((v, i) => {
     const input = inputs(pose)[i];
     input.value = fixed(v * factor(i), units() === "deg" ? 2 : 5);

@@ -1,0 +1,80 @@
+"""The page Console: where the operator sits: pedals and head sensors, what is selected, the scale of all."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from procs.document.consoles import Console, TeleopEcmConfig, TeleopPsmConfig
+from procs.document.system import SystemConfig
+from procs.gui.catalogue import record
+from procs.gui.pages.parts import Part, box, button, live
+
+PEDALS: Final = (("operator", "operator_present", "emulate_operator_present"), ("clutch", "clutch", "emulate_clutch"),
+                 ("camera", "camera", "emulate_camera"))
+"""What is shown, its field in the record of a console, and the command that acts as if."""
+SCALES: Final = (0.1, 0.2, 0.3, 0.5, 1.0)
+
+
+def console_page(document: SystemConfig) -> None:
+    """Its content."""
+    in_record: tuple[TeleopPsmConfig | TeleopEcmConfig, ...] = (*document.teleop_ecms, *document.teleop_psms)
+    for console in document.consoles:
+        _console(console, [row.name for row in in_record if row.console == console.name])
+
+
+def teleop_buttons(name: str) -> None:
+    """Start and stop what a console teleoperates."""
+    button("Start teleoperation", [[(name, "teleop_enable", [1], "")]], id=f"start-{name}",
+           confirm="Start teleoperation? Masters move to align.")
+    button("Stop", [[(name, "teleop_enable", [0], "")]], "quiet", is_free=True)
+
+
+def _console(console: Console, teleops: list[str]) -> None:
+    """`teleops`: in the order of its record."""
+    state, name = record(console.name), console.name
+    with box("cards"):
+        with box("card", data_source=state):
+            with box("row head"):
+                Part("span", "title", name)
+                live(f"{state}.input_type", classes="kind")
+                box("spacer")
+                Part("span", "age")
+                Part("span", "light", "teleoperation wanted", data_on=f"{state}.teleop_enabled")
+            for text, field, command in PEDALS:
+                with box("row pedal"):
+                    Part("span", "light", text, data_on=f"{state}.{field}")
+                    box("spacer")
+                    button("press", [[(name, command, [1], "")]], "small", id=f"{text}-press",
+                           confirm=f"Act as if the {text} pedal or sensor were pressed, until it is released?")
+                    button("release", [[(name, command, [0], "")]], "small")
+            Part("p", "quiet", "Press and release act as if, where there are no pedals.")
+            with box("row"):
+                Part("span", "quiet", "scale of all")
+                live(f"{state}.scale", "num:2")
+                for scale in SCALES:
+                    button(f"{scale:g}", [[(name, "set_scale", [scale], "")]], "small",
+                           data_on=f"{state}.scale={scale:g}")
+            with box("row buttons"):
+                teleop_buttons(name)
+        with box("card", data_source=state):
+            with box("row head"):
+                Part("h2", "", "Teleoperations")
+                box("spacer")
+                Part("span", "quiet", "those that share an arm take turns")
+            for i, teleop in enumerate(teleops):
+                _selected(name, teleop, f"{state}.selected.{i}")
+
+
+def _selected(console: str, name: str, selected: str) -> None:
+    """One teleoperation: whether it is selected, and how it is."""
+    state = record(name)
+    with box("teleop", data_source=state):
+        with box("row"):
+            button(name, [[(console, "select_teleop", [], name)]], "small", data_show=f"!{selected}",
+                   title="Select it")
+            button(f"✓ {name}", [[(console, "unselect_teleop", [], name)]], "small on", data_show=selected,
+                   title="It is selected; press to leave it out")
+            box("spacer")
+            Part("span", "light", "following", data_on=f"{state}.following")
+            live(f"{state}.state", classes="chip small", data_tone="")
+        live(f"{state}.reason", tag="p", classes="quiet", data_show=f"{state}.reason")
