@@ -17,7 +17,6 @@ import errno
 import fcntl
 import mmap
 import os
-import re
 import stat
 import time
 from collections.abc import Callable
@@ -28,7 +27,7 @@ from typing import Any
 
 import posix_ipc
 
-from shm import owners
+from shm import owners, private
 from shm.header import (
     FIXED,
     HEAD_AT,
@@ -45,10 +44,10 @@ from shm.header import (
     text_of,
 )
 from shm.layout import Schema
+from shm.names import FOLDER, NAME, path_of, segment_name
 from shm.order import Words, ordered
 
-NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
-FOLDER = Path("/dev/shm")
+ENDLESS = 1 << 62  # ordinary memory: the kernel says when there is no more
 CLAIM_ATTEMPTS, CLAIM_PAUSE_S = 100, 0.002
 Make = Callable[[str, str, Schema, int, dict[str, Any]], int]  # create, with a mode or group bound, or size_of
 __all__ = [
@@ -72,22 +71,17 @@ class Identity:
     name: str
 
 
-def segment_name(system: str, instance: str, what: str) -> str:
-    """`/trocar~<system>~<instance>~<what>`; SegmentError when a part has letters that are not allowed."""
-    for label, part in (("system", system), ("instance", instance), ("segment", what)):
-        if not NAME.fullmatch(part):
-            raise SegmentError(f"{label} name {part!r}: allowed are 1 to 64 letters, digits, _ and -")
-    return f"/trocar~{system}~{instance}~{what}"
-
-
 def names_of(system: str | None = None, *, foreign: bool = False) -> list[tuple[str, str, str]]:
     """All segments of accepted owners as (system, instance, what), of one system or of all; sorted.
 
     What other users have put there is none of ours; `foreign` lists that instead.
     """
+    ours = [] if foreign else [name[1:].split("~") for name in private.segments(system)]
+    if system is not None and private.is_kept(system):
+        return sorted((parts[1], parts[2], parts[3]) for parts in ours)
     accepted = _accepted()
     begin = "trocar~" if system is None else f"trocar~{system}~"
-    found = []
+    found = [(parts[1], parts[2], parts[3]) for parts in ours]
     for path in FOLDER.iterdir() if FOLDER.is_dir() else ():
         parts = path.name.split("~") if path.name.startswith(begin) else []
         if len(parts) == 4 and all(NAME.fullmatch(part) for part in parts[1:]):
@@ -97,13 +91,10 @@ def names_of(system: str | None = None, *, foreign: bool = False) -> list[tuple[
     return sorted(found)
 
 
-def path_of(name: str) -> Path:
-    """The file of a segment."""
-    return FOLDER / name.removeprefix("/")
-
-
-def free_bytes() -> int:
-    """How much still fits into shared memory."""
+def free_bytes(system: str = "") -> int:
+    """How much of a system still fits into shared memory."""
+    if private.is_kept(system):
+        return ENDLESS
     status = os.statvfs(FOLDER)
     return status.f_bavail * status.f_frsize
 
@@ -140,28 +131,36 @@ def create(
     """
     info_text = text_of(info)
     first, size = layout(name, kind, schema, depth, info_text)
+    fd = _new(name)
     try:
-        shared = posix_ipc.SharedMemory(name, flags=posix_ipc.O_CREX, mode=0o600)
-    except posix_ipc.ExistentialError:
+        _fill(fd, name, size)
+        header = FIXED.pack(MAGIC, VERSION, first, schema.fingerprint, schema.stride, depth, len(schema.text),
+                            len(info_text), kind.encode(), size)
+        os.pwrite(fd, schema.text + info_text, TEXT_AT)
+        os.pwrite(fd, header[8:], 8)
+        os.pwrite(fd, MAGIC, 0)  # last: a half-made segment has no magic
+        if group >= 0:
+            _give(fd, name, group)
+        os.fchmod(fd, mode)  # fchmod, because the umask narrows what shm_open is given
+    except BaseException:
+        unlink(name)
+        raise
+    finally:
+        os.close(fd)
+    return size
+
+
+def _new(name: str) -> int:
+    """The file of a new segment, empty."""
+    try:
+        if private.belongs(name):
+            return private.create(name)
+        made: int = posix_ipc.SharedMemory(name, flags=posix_ipc.O_CREX, mode=0o600).fd
+    except (posix_ipc.ExistentialError, FileExistsError):
         raise SegmentError(f"{name}: exists already{_in_the_way(name)}") from None
     except (OSError, posix_ipc.Error) as error:
         raise SegmentError(f"{name}: cannot be made in {FOLDER}: {_reason(error)}") from None
-    try:
-        _fill(shared.fd, name, size)
-        header = FIXED.pack(MAGIC, VERSION, first, schema.fingerprint, schema.stride, depth, len(schema.text),
-                            len(info_text), kind.encode(), size)
-        os.pwrite(shared.fd, schema.text + info_text, TEXT_AT)
-        os.pwrite(shared.fd, header[8:], 8)
-        os.pwrite(shared.fd, MAGIC, 0)  # last: a half-made segment has no magic
-        if group >= 0:
-            _give(shared.fd, name, group)
-        os.fchmod(shared.fd, mode)  # fchmod, because the umask narrows what shm_open is given
-    except BaseException:
-        shared.unlink()
-        raise
-    finally:
-        shared.close_fd()
-    return size
+    return made
 
 
 def _fill(fd: int, name: str, size: int) -> None:
@@ -215,6 +214,9 @@ def _reason(error: Exception) -> str:
 
 def unlink(name: str) -> None:
     """Remove a segment's name; nothing when it is gone already, SegmentError when it may not be removed."""
+    if private.belongs(name):
+        private.unlink(name)
+        return
     try:
         posix_ipc.unlink_shared_memory(name)
     except posix_ipc.ExistentialError:
@@ -226,7 +228,7 @@ def unlink(name: str) -> None:
 def held(name: str) -> bool:
     """Whether somebody holds the claim on whatever lies under this name, of this version or another."""
     try:
-        fd = os.open(FOLDER / name[1:], os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC)
+        fd = os.open(path_of(name), os.O_RDONLY | _flags(name))
     except OSError:
         return False
     try:
@@ -356,11 +358,15 @@ def start_time(pid: int) -> int:
     return int(text.rsplit(")", 1)[1].split()[19])
 
 
+def _flags(name: str) -> int:
+    """Never wait, and follow no link but that of the kernel to memory of ours."""
+    return os.O_NONBLOCK | os.O_CLOEXEC | (0 if private.belongs(name) else os.O_NOFOLLOW)
+
+
 def _opened(name: str, write: bool) -> int:
     """The file, open. Not by shm_open: that one waits at a named pipe for ever, and takes directories."""
-    flags = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC | (os.O_RDWR if write else os.O_RDONLY)
     try:
-        return os.open(path_of(name), flags)
+        return os.open(path_of(name), _flags(name) | (os.O_RDWR if write else os.O_RDONLY))
     except FileNotFoundError:
         raise SegmentError(f"{name}: there is no such segment; is the system up? (trocar status)") from None
     except PermissionError:

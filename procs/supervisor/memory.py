@@ -142,7 +142,7 @@ def create_all(system: SystemConfig, make: Make = create) -> int:
 
     SegmentFull when there is no room; what is obviously too much is not even begun.
     """
-    total, free = needed(system), free_bytes()
+    total, free = needed(system), free_bytes(system.name)
     if total > free:
         raise SegmentFull(_no_room(system.name, total, free))
     try:

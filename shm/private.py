@@ -1,0 +1,71 @@
+"""Systems that only this process has: their segments have no names in /dev/shm, and are gone with the process.
+
+Each segment is anonymous memory (memfd). Whoever attaches opens it anew by /proc/self/fd, so that claims, which belong
+to the open file, work as they do between processes. A forked child has what there was when it was forked.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Final
+
+OURS: Final = Path("/proc/self/fd")
+_systems: dict[str, dict[str, int]] = {}
+
+
+def keep(system: str) -> None:
+    """From now on, until `forget`, segments of this system are ours alone; KeyError when they are already."""
+    if system in _systems:
+        raise KeyError(system)
+    _systems[system] = {}
+
+
+def forget(system: str) -> None:
+    """Give back all its memory; harmless when there is none."""
+    for fd in _systems.pop(system, {}).values():
+        os.close(fd)
+
+
+def is_kept(system: str) -> bool:
+    """Whether segments of this system are ours alone."""
+    return system in _systems
+
+
+def segments(system: str | None = None) -> list[str]:
+    """Names of all segments of a system of ours, or of all of them."""
+    kept = [_systems.get(system, {})] if system is not None else list(_systems.values())
+    return [name for files in kept for name in files]
+
+
+def path(name: str) -> Path | None:
+    """Where a segment can be opened; None: it is none of ours."""
+    files = _files(name)
+    return None if files is None or name not in files else OURS / str(files[name])
+
+
+def belongs(name: str) -> bool:
+    """Whether the segment of this name is, or would be, one of ours."""
+    return _files(name) is not None
+
+
+def create(name: str) -> int:
+    """An empty segment; its descriptor, which is the caller's. FileExistsError when it is there already."""
+    files = _files(name)
+    if files is None:
+        raise KeyError(name)
+    if name in files:
+        raise FileExistsError(name)
+    files[name] = os.memfd_create(name[1:])
+    return os.dup(files[name])
+
+
+def unlink(name: str) -> None:
+    """Remove it; who has it attached goes on. Harmless when there is none."""
+    files = _files(name) or {}
+    if name in files:
+        os.close(files.pop(name))
+
+
+def _files(name: str) -> dict[str, int] | None:
+    return _systems.get(name.split("~", 2)[1]) if _systems else None
