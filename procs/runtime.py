@@ -16,10 +16,12 @@ import gc
 import logging
 import os
 import signal
+import socket
 import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from types import FrameType
+from typing import Protocol
 
 from procs.document.system import WALL, SystemConfig, from_json
 from procs.listening import handed
@@ -42,17 +44,33 @@ MAX_SPIN_US = 50.0
 SETUP_FAILED, LOOP_FAILED = 3, 4
 
 
+class NodeClock(Protocol):
+    """What time it is for one process, and how it waits."""
+
+    simulated: bool
+    spin_ns: int
+    wakeup: socket.socket | None
+
+    def now_ns(self) -> int:
+        """The system's time."""
+
+    def sleep_until(self, deadline_ns: int, stopped: Callable[[], bool]) -> object:
+        """Sleep until the deadline, or `stopped()`."""
+
+
 class Node(OwnMemory):
     """What a process of ours knows of itself; made by `process`. It has a clock, and is paced."""
 
-    def __init__(self, kind: str, system: str, name: str) -> None:
-        """Attach to the running system; SegmentError when there is none."""
+    def __init__(self, kind: str, system: str, name: str, clock: NodeClock | None = None) -> None:
+        """Attach to the running system; SegmentError when there is none. `clock`: not as its document says."""
         document: SystemConfig = from_json(directory.document(system))
-        self.clock: WallClock | LockstepClock
+        self.clock: NodeClock
         self.log = logging.getLogger(name)
         super().__init__(document, name, lambda: self.clock.now_ns(), loglines.into(self.log))
         self.page.show("STARTING")
-        if document.clock == WALL or not proc(kind).in_time:
+        if clock is not None:
+            self.clock = clock
+        elif document.clock == WALL or not proc(kind).in_time:
             self.clock = WallClock(_spin_ns(document, name))
         else:
             self.clock = LockstepClock(system, name)

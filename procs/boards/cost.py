@@ -51,7 +51,7 @@ _BIG_QUAD = np.dtype(">u4")
 _AMPS_ON = 0xF << reg.STATUS_AMP_ON_SHIFT
 
 
-class Host:
+class AskingHost:
     """The other side of the first bus, which is not timed: it holds the robots by their gains on a path."""
 
     def __init__(self, document: SystemConfig, world: Emulation) -> None:
@@ -137,7 +137,7 @@ class BoardsBench:
     def __init__(self, system: str, document: SystemConfig) -> None:
         """Switched on and swinging; `close` it."""
         self.world = world = Emulation(document, Plant(document), 0)
-        self.host = Host(document, world)
+        self.host = AskingHost(document, world)
         self._publisher = Publisher(directory.writer(system, "boards", "state", "boards"), world)
         self._now, self._windows = 0, 0
         buses = document.emulation.buses if document.emulation is not None else ()

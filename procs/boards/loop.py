@@ -70,23 +70,28 @@ class BoardsLoop(runtime.Loop):
         if emulation is None:
             raise ValueError("this system has no emulated boards")
         plant = Plant(system)
-        self._world = world = Emulation(system, plant, node.clock.now_ns())
+        self.world = world = Emulation(system, plant, node.clock.now_ns())
         publisher = Publisher(node.writes("state"), world)
         world.on_step = publisher.publish
         self._orders, self._mailbox = BoardCommands.of(system, world, plant), node.mailbox()
-        self._endpoints = Endpoints(emulation.buses, world.answer, node.clock.now_ns, node.clock.simulated,
-                                    world.packet_faults,
-                                    world.board_at, node.clock.wakeup)
+        self._endpoints = self._open()
         self._skipped = 0
         publisher.publish()
 
+    def _open(self) -> Endpoints | None:
+        """Where requests come from; None: those who ask call `world.answer` themselves."""
+        node, world, emulation = self.node, self.world, self.node.document.emulation
+        assert emulation is not None
+        return Endpoints(emulation.buses, world.answer, node.clock.now_ns, node.clock.simulated, world.packet_faults,
+                         world.board_at, node.clock.wakeup)
+
     def wait(self) -> bool:
         """See runtime.Loop."""
-        return self.node.tick(self._endpoints.serve)
+        return self.node.tick(self._endpoints.serve if self._endpoints is not None else None)
 
     def cycle(self, now_ns: int, wall_ns: int) -> None:
         """See runtime.Loop."""
-        world = self._world
+        world = self.world
         world.advance(now_ns)
         self.node.follow(world.board_ns, BEHIND_STEP_NS)
         for command in self._mailbox.drain(wall_ns):
@@ -98,7 +103,8 @@ class BoardsLoop(runtime.Loop):
 
     def close(self) -> None:
         """See runtime.Loop."""
-        self._endpoints.close()
+        if self._endpoints is not None:
+            self._endpoints.close()
 
 
 def main() -> None:

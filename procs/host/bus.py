@@ -1,0 +1,94 @@
+"""The bus of a host: requests go straight into the emulated boards, replies straight back. The bytes are the same."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import Final
+
+from procs.boards.controllers.bus import GROUP
+from procs.boards.emulation import Emulation
+from procs.fpga import registers, wire
+from procs.io.bus.udp import OWN_ADDRESS, address_of
+
+NODES: Final = 16
+TCODE_AT: Final = 5  # byte of a request with what is asked, in its upper half
+
+
+class DirectTransport:
+    """A `Transport` (procs/io/bus/transport.py): a request has been answered when `send` returns."""
+
+    on_firewire = False
+    pause_ms = 0
+    most_read = most_write = wire.MAX_DATA
+    stranger = ""
+
+    def __init__(self, world: Emulation, bus: int, address: str, now_ns: Callable[[], int]) -> None:
+        """To bus number `bus` of the emulated ones, whose address would be this one."""
+        self._world, self._bus, self._address, self._now_ns = world, bus, address, now_ns
+        self.where = f"bus {bus} of this process"
+        self.gives_address: int | None = registers.ip_quadlet(address)
+        self._replies: deque[bytes] = deque()
+        self._by_board = False
+        self.send: Callable[[wire.Buffer], object] = self._send
+        self.poll: Callable[[int], object] = self._poll
+        self.recv_into: Callable[[memoryview], int] = self._receive
+
+    def open(self) -> None:
+        """See Transport."""
+        self._replies.clear()
+
+    def close(self) -> None:
+        """See Transport."""
+        self._replies.clear()
+
+    def forget(self) -> bool:
+        """See Transport."""
+        self._replies.clear()
+        return True
+
+    def ask_everybody(self) -> int:
+        """See Transport."""
+        self._by_board = False
+        return 0
+
+    def aim(self, board: int, firmware: int, *, by_board: bool) -> int:
+        """See Transport."""
+        self._by_board = by_board
+        own = address_of(self._address, board) if firmware >= OWN_ADDRESS else self._address
+        return registers.ip_quadlet(own)
+
+    def _send(self, datagram: wire.Buffer) -> None:
+        """See Transport. What happens to packets on their way happens here, too."""
+        now, faults, bus = self._now_ns(), self._world.packet_faults, self._bus
+        to = GROUP
+        if self._by_board and (node := datagram[3] & 0x3F) < NODES:
+            to = node
+        if not faults.active:
+            reply = self._world.answer(bus, datagram, now, to)
+            if reply is not None:
+                self._replies.append(bytes(reply))  # the boards use their buffer again
+            return
+        reply = self._world.answer(bus, datagram, now, to) if faults.arrives(bus) else None
+        leaving = [] if reply is None else faults.leave(bus, reply, self, now)
+        for data, receiver in leaving:
+            _reach(receiver, data)
+        if not leaving and datagram[TCODE_AT] >> 4 in wire.READS:
+            self._replies.append(b"")  # as over sockets: who waits for it must not wait for ever
+        for _, data, receiver in faults.due(now):
+            _reach(receiver, data)
+
+    def _poll(self, timeout_ms: int) -> bool:
+        """See Transport; more than there is will not come."""
+        return bool(self._replies)
+
+    def _receive(self, view: memoryview) -> int:
+        """See Transport."""
+        reply = self._replies.popleft()
+        view[: len(reply)] = reply
+        return len(reply)
+
+
+def _reach(receiver: object, data: wire.Buffer) -> None:
+    if isinstance(receiver, DirectTransport):
+        receiver._replies.append(bytes(data))

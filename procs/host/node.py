@@ -1,0 +1,72 @@
+"""What the loops of a host have in place of a process of their own: its clock, and turns instead of sleep."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Callable
+
+from procs.runtime import Node
+from shm.lockstep import EPOCH_NS
+
+QUICKEST_NS = 1_000_000
+"""Between two cycles of one that has news, as in processes (procs/runtime.py)."""
+
+
+class SteppedClock:
+    """The time of a host, which goes on when the host says so."""
+
+    simulated = True
+    spin_ns = 0
+
+    def __init__(self) -> None:
+        self.time_ns = EPOCH_NS
+        self.wakeup: socket.socket | None = None
+
+    def now_ns(self) -> int:
+        """The host's time."""
+        return self.time_ns
+
+    def sleep_until(self, deadline_ns: int, stopped: Callable[[], bool]) -> None:
+        """Nobody sleeps in a host: see HostedNode.tick."""
+        raise RuntimeError("a loop in a host sleeps by Node.tick only")
+
+
+class HostedNode(Node):
+    """A node whose `tick` only says until when its loop has nothing to do; the host goes on with it."""
+
+    clock: SteppedClock
+
+    def __init__(self, kind: str, system: str, name: str, clock: SteppedClock) -> None:
+        super().__init__(kind, system, name, clock)
+        self.due_ns = 0
+        """When its next cycle is."""
+        self.news: Callable[[], bool] | None = None
+        """True: its next cycle is earlier."""
+        self._end_ns = 0
+
+    def ready(self) -> None:
+        """Its loop is made: the grid of its cycles begins."""
+        self.begin()
+        self.now_ns = self.clock.time_ns
+        self._pacing.begin(self.now_ns, True)
+
+    def tick(self, serve: Callable[[int], bool] | None = None, news: Callable[[], bool] | None = None,
+             periods: int = 1) -> bool:
+        """See Node.tick; returns at once."""
+        self._end_ns = self.due_ns = self._pacing.end_of_work(self.clock.time_ns, periods)
+        self.news = news
+        return True
+
+    def is_woken(self) -> bool:
+        """Whether there is news for it: then it is due now, or QUICKEST_NS after its last cycle."""
+        if self.news is None or not self.news():
+            return False
+        self.due_ns = min(self.due_ns, max(self.clock.time_ns, self.now_ns + QUICKEST_NS))
+        return self.due_ns <= self.clock.time_ns
+
+    def go_on(self) -> None:
+        """A cycle begins."""
+        now = self.now_ns = self.clock.time_ns
+        if now < self._end_ns:
+            self._pacing.early(now)
+        self._pacing.begin_work(now)

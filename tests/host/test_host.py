@@ -1,0 +1,91 @@
+"""A whole system in one process: it homes and moves, the same each time, and leaves nothing behind."""
+
+from __future__ import annotations
+
+import dataclasses
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from procs.host.host import Host
+from procs.host.loops import HostError
+from shm.lockstep import EPOCH_NS
+from shm.segment import FOLDER, names_of
+from tests.host.hosted import COARSE, QUICK, WatchedArm, document
+
+GOAL = (0.1, -0.1, 0.12, 0.0, 0.0, 0.0)
+BOARDS = ("demo.yaml", "emulated", COARSE)
+KINEMATIC = ("kinematic.yaml", None, QUICK)
+
+
+def played(file: str, boards: str | None, sets: tuple[str, ...]) -> str:
+    """Home and move once; the hash of all that the arm said."""
+    with Host(document(file, boards, sets), history=64) as host:
+        watched = WatchedArm(host)
+        watched.homes()
+        assert watched.does("move_jp", GOAL) == "done"
+        state = host.reader("PSM1")
+        assert state.newest() and state.field("is_homed")
+        assert max(abs(state.field("position")[:6] - GOAL)) < 2e-3
+        return watched.hash
+
+
+@pytest.mark.parametrize("system", [KINEMATIC, BOARDS])
+def test_an_arm_homes_and_moves_bit_by_bit_the_same_each_time(system: tuple[str, str | None, tuple[str, ...]]) -> None:
+    assert played(*system) == played(*system)
+
+
+def test_time_passes_when_it_is_let_and_not_else() -> None:
+    with Host(document(*KINEMATIC)) as host:
+        state = host.reader("PSM1")
+        assert host.now_ns == EPOCH_NS and not state.newest()
+        host.run(0.0109)
+        assert host.now_ns == EPOCH_NS + 10_900_000
+        assert state.newest() and state.stamp_ns == EPOCH_NS + 9_000_000, "its place is half a period behind io's"
+        before = state.head
+        host.run(0.0)
+        assert state.head == before
+
+
+def test_several_hosts_live_side_by_side() -> None:
+    with Host(document(*KINEMATIC), history=64) as first, Host(document(*KINEMATIC), history=64) as second:
+        one, other = WatchedArm(first), WatchedArm(second)
+        one.homes()
+        assert second.now_ns == EPOCH_NS
+        other.homes()
+        assert one.hash == other.hash
+
+
+def test_nothing_of_it_has_a_name_or_is_left() -> None:
+    host = Host(document(*BOARDS))
+    host.run(0.1)
+    assert names_of(host.name) and not list(FOLDER.glob(f"*{host.name}*"))
+    host.close()
+    assert not names_of(host.name)
+
+
+def test_a_master_carries_its_slave() -> None:
+    with Host(document("kinematic-teleop.yaml", None, ())) as host:
+        assert {"console", "system", "MTMR_PSM1"} <= set(host.loops)
+        for arm in ("MTMR", "PSM1"):
+            WatchedArm(host, arm).homes()
+        host.run(0.5)
+        state = host.reader("MTMR_PSM1")
+        assert state.newest() and state.stamp_ns > host.now_ns - 200_000_000
+
+
+def test_processes_of_users_are_refused_by_name() -> None:
+    users: Any = (SimpleNamespace(name="scan"), SimpleNamespace(name="force"))
+    with pytest.raises(HostError, match="scan, force: processes of users do not run in a host"):
+        Host(dataclasses.replace(document(*KINEMATIC), users=users))
+    assert not [name for name in names_of() if name[0].startswith("hosted")]
+
+
+def test_what_fails_while_it_begins_leaves_nothing() -> None:
+    one = document(*BOARDS)
+    assert one.emulation is not None
+    elsewhere = tuple(dataclasses.replace(bus, address="127.250.9.9") for bus in one.emulation.buses)
+    with pytest.raises(HostError, match="no emulated bus is at"):
+        Host(dataclasses.replace(one, emulation=dataclasses.replace(one.emulation, buses=elsewhere)))
+    assert not names_of(one.name)
