@@ -26,7 +26,7 @@ def document(file: str, boards: str | None = None, sets: Sequence[str] = QUICK) 
     return loaded.system
 
 
-class WatchedArm:
+class HashedArm:
     """A host with one arm that is watched: every record of its ring goes into a hash."""
 
     def __init__(self, host: Host, arm: str = "PSM1") -> None:

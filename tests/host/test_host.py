@@ -12,7 +12,7 @@ from procs.host.host import Host
 from procs.host.loops import HostError
 from shm.lockstep import EPOCH_NS
 from shm.segment import FOLDER, names_of
-from tests.host.hosted import COARSE, QUICK, WatchedArm, document
+from tests.host.hosted import COARSE, QUICK, HashedArm, document
 
 GOAL = (0.1, -0.1, 0.12, 0.0, 0.0, 0.0)
 BOARDS = ("demo.yaml", "emulated", COARSE)
@@ -22,7 +22,7 @@ KINEMATIC = ("kinematic.yaml", None, QUICK)
 def played(file: str, boards: str | None, sets: tuple[str, ...]) -> str:
     """Home and move once; the hash of all that the arm said."""
     with Host(document(file, boards, sets), history=64) as host:
-        watched = WatchedArm(host)
+        watched = HashedArm(host)
         watched.homes()
         assert watched.does("move_jp", GOAL) == "done"
         state = host.reader("PSM1")
@@ -50,7 +50,7 @@ def test_time_passes_when_it_is_let_and_not_else() -> None:
 
 def test_several_hosts_live_side_by_side() -> None:
     with Host(document(*KINEMATIC), history=64) as first, Host(document(*KINEMATIC), history=64) as second:
-        one, other = WatchedArm(first), WatchedArm(second)
+        one, other = HashedArm(first), HashedArm(second)
         one.homes()
         assert second.now_ns == EPOCH_NS
         other.homes()
@@ -69,7 +69,7 @@ def test_a_master_carries_its_slave() -> None:
     with Host(document("kinematic-teleop.yaml", None, ())) as host:
         assert {"console", "system", "MTMR_PSM1"} <= set(host.loops)
         for arm in ("MTMR", "PSM1"):
-            WatchedArm(host, arm).homes()
+            HashedArm(host, arm).homes()
         host.run(0.5)
         state = host.reader("MTMR_PSM1")
         assert state.newest() and state.stamp_ns > host.now_ns - 200_000_000
