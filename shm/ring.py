@@ -39,7 +39,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shm.layout import Schema
+from shm.layout import MAX_DEPTH, Schema
 from shm.segment import HEAD_AT, Segment, SegmentError
 
 RETRIES = 16
@@ -354,9 +354,9 @@ class RingReader:
         self.lost += n - self._next
         self._go_to(n)
 
-    def rewind(self) -> None:
-        """`next` goes on with the oldest record that is kept."""
-        self._go_to(max(1, int(self._words[HEAD]) - self._depth + 2))
+    def rewind(self, count: int = MAX_DEPTH) -> None:
+        """`next` goes on with so many of the newest records, or with the oldest that is kept."""
+        self._go_to(max(1, int(self._words[HEAD]) - min(count, self._depth - 1) + 1))
 
     def _go_to(self, n: int) -> None:
         self._next = n

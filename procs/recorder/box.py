@@ -88,6 +88,9 @@ class BlackBox:
         self.dropped += sum(file.dropped for file in self.files if file.path in gone)
         self.files = [file for file in self.files if file.path not in gone]
         self.files.append(self._begin_file(path_of(self._folder, names.BOX, local_ns), names.BOX))
+        for ring in self._complete:
+            if ring.is_seldom:  # the files that had its last change may be gone
+                ring.keep_newest(self.chunk, self._times)
 
     @property
     def all_dropped(self) -> int:

@@ -63,8 +63,11 @@ class NamedRecording:
         self._chunk, self._chunk_ns, self._end_ns = Chunk(), times.monotonic_ns, 0
         self._subscribers: dict[str, Subscriber] = {}
         self._rings: dict[str, Drained] = {}
-        self._log = [Drained(ring, reader, []) for ring in sources.rings.values() if ring.is_complete
-                     for reader in (ring.reader(),) if ring.topic != f"{sources.own}/state"]
+        self._log = [Drained(ring, ring.reader(), []) for ring in sources.rings.values() if ring.is_complete
+                     and ring.topic != f"{sources.own}/state"]
+        for each in self._log:
+            if each.source.is_seldom:
+                each.reader.rewind(1)
         whole = {f"{entry.instance}/{entry.ring}" for entry in entries}
         whole.add(f"{sources.own}/state")  # it says what time it is
         try:

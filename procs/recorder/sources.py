@@ -46,6 +46,8 @@ class RecordedRing:
         self._epoch, self._channel, self._size = -1, 0, 0
         self._seen = 0
         self.is_complete = ring in COMPLETE or not self.rate_hz
+        self.is_seldom = self.is_complete and ring not in COMPLETE
+        """It is written when something changes: its newest record is how things are."""
         self._log = MessageLog(instance, table) if ring == "events" else None
         self.begin()
         if self.is_complete:
@@ -81,6 +83,13 @@ class RecordedRing:
         if self.sampler.head != self._seen and self.sampler.newest():
             self._seen = self.sampler.sequence
             self.keep(chunk, self.sampler, times)
+
+    def keep_newest(self, chunk: Chunk, times: LocalTimes) -> None:
+        """How things are now, once more."""
+        reader = self.reader()
+        if reader.newest():
+            self.keep(chunk, reader, times)
+        reader.close()
 
     def drain(self, reader: RingReader, chunk: Chunk, times: LocalTimes, most: int) -> int:
         """All records since the last call, so many at most; returns how many."""

@@ -22,6 +22,7 @@ from shm.rows import Field
 from shm.system_time import SystemTime
 from shm.topics import ARM_STATE, EVENTS, RECORDER_STATE, SETPOINT, Topic
 
+SELDOM = Topic("gains", "user", 0, 0, (Field("number", "<f8", "", "as it is set"),), depth=8)
 SLOW = Topic("state", "user", 100, 0.2, (Field("number", "<f8", "", "counts"),))
 
 
@@ -30,7 +31,7 @@ class RingsOfATest:
 
     def __init__(self, system: str, folder: Path) -> None:
         self.system, self.folder = system, folder
-        for instance, topics in (("PSM1", (ARM_STATE, SETPOINT, EVENTS)), ("box", (SLOW,)),
+        for instance, topics in (("PSM1", (ARM_STATE, SETPOINT, EVENTS)), ("box", (SLOW, SELDOM)),
                                  ("recorder", (RECORDER_STATE,))):
             create_control(system, instance, topics=topics)
             for topic in topics:
@@ -39,6 +40,7 @@ class RingsOfATest:
         self.state = directory.writer(system, "PSM1", "state", "arm")
         self.setpoint = directory.writer(system, "PSM1", "setpoint", "arm")
         self.slow = directory.writer(system, "box", "state", None)
+        self.seldom = directory.writer(system, "box", "gains", None)
         self._events = directory.writer(system, "PSM1", "events", "arm")
         self.events = Events(self._events, monotonic_ns)
         self.time = SystemTime(system)
@@ -102,7 +104,7 @@ class RingsOfATest:
         """Give everything back."""
         for each in self._closing:
             each.close()
-        for ring in (self.state, self.setpoint, self.slow, self._events):
+        for ring in (self.state, self.setpoint, self.slow, self.seldom, self._events):
             ring.close()
         self.sources.close()
         self.time.close()

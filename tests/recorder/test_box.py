@@ -65,6 +65,8 @@ def test_the_rate_can_be_changed_while_it_runs(rings: RingsOfATest) -> None:
 
 def test_a_file_that_is_full_is_ended_and_the_oldest_go(rings: RingsOfATest) -> None:
     box = rings.box(size_mb=0.1)  # a file of a second has more than a tenth of that
+    rings.seldom.field("number")[...] = 3.0
+    rings.seldom.publish(5)
     for n in range(30):
         rings.write(1)
         rings.passes(2.0 * n)
@@ -80,6 +82,7 @@ def test_a_file_that_is_full_is_ended_and_the_oldest_go(rings: RingsOfATest) -> 
     for file in left:
         with open_recording(file.path) as recording:
             assert recording.is_whole
+            assert recording.records("box/gains").rows["number"].tolist() == [3.0]
 
 
 def test_what_stays_is_bounded_by_age_and_by_size() -> None:

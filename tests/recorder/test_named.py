@@ -88,3 +88,12 @@ def test_channels_do_not_grow_with_the_number_of_recordings(rings: RingsOfATest)
     for _ in range(5):
         rings.named("PSM1/measured_js", "PSM1/state").close()
     assert len(rings.table.channels) == before
+
+
+def test_what_is_written_seldom_is_in_it_as_it_was_at_the_beginning(rings: RingsOfATest) -> None:
+    for number in (1.0, 2.0):
+        rings.seldom.field("number")[...] = number
+        rings.seldom.publish(5)
+    _, recording = recorded(rings, "PSM1/state", steps=2)
+    with recording:
+        assert recording.records("box/gains").rows["number"].tolist() == [2.0]

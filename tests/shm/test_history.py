@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from shm.directory import create_ring
 from shm.ring import HEAD, RingReader, RingWriter
 from shm.segment import Segment, segment_name, unlink
+from tests.conftest import World
 from tests.shm.witness import Author, Lives, Witness, topic
 
 SLOTS = 8
@@ -103,3 +104,19 @@ def test_a_late_reader_counts_all_that_is_overwritten_from_then_on(pace: list[in
             pass
         newest = pair.author.writer.sequence
         assert pair.witness.received + pair.reader.lost == newest - BEFORE and pair.witness.last in (newest, 0)
+
+
+def test_next_goes_on_with_what_is_kept_after_a_rewind(world: World) -> None:
+    create_ring(world.name, "io", topic(SLOTS, 64), {}, {})
+    name = segment_name(world.name, "io", topic(SLOTS, 64).name)
+    with closing(RingWriter(Segment(name, write=True), "io")) as writer, closing(RingReader(Segment(name))) as reader:
+        for n in range(20):
+            writer.publish(n + 1)
+        for asked, kept in ((3, 3), (100, KEPT)):
+            reader.rewind(asked)
+            found = []
+            while reader.next():
+                found.append(reader.sequence)
+            assert found == list(range(21 - kept, 21))
+        assert reader.lost == 0
+    world.remove()
