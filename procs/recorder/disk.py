@@ -58,6 +58,8 @@ class Disk:
                 job()
             except OSError as error:
                 self.problem = f"{error.strerror or error}{f': {error.filename}' if error.filename else ''}"
+            except Exception as error:  # what comes next may well be written
+                self.problem = f"{type(error).__name__}: {error}"
             with self._lock:
                 self.waiting -= size
 
@@ -121,7 +123,7 @@ class DiskFile:
         try:
             self._open().put(packed(chunk, compression))
             self._sync()
-        except OSError:
+        except Exception:
             self.dropped += chunk.count
             self.messages -= chunk.count
             raise

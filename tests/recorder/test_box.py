@@ -170,3 +170,16 @@ def test_a_chunk_without_messages_is_not_written(rings: RingsOfATest) -> None:
     file.finish({}, names.LOSSES)
     rings.written()
     assert not file.path.exists()
+
+
+def test_an_accident_of_one_write_does_not_end_the_writing(rings: RingsOfATest) -> None:
+    rings.disk.do(lambda: [][0], 1)
+    rings.idle()
+    assert "IndexError" in rings.disk.problem
+    box = rings.box()
+    rings.write(1)
+    rings.passes()
+    box.step()
+    box.close()
+    rings.written()
+    assert rings.disk.problem == ""

@@ -145,7 +145,11 @@ def test_what_led_to_a_fault_is_kept_and_named(robot: Robot) -> None:
         assert (recording.end_ns - recording.begin_ns) * 1e-9 > 1.0
         assert (np.diff(rows.rows["sequence"]) == 1).sum() > 2000  # seconds of them at full rate
         assert any(row["code"] for row in recording.events())
-    assert "fault-recorded" in robot.trocar("logs", code=None) or "kept in" in robot.trocar("logs", code=None)
+    assert f"kept in {path}"[:60] in robot.trocar("logs", code=None)
+    assert robot.down() == 0
+    with open_recording(files(robot, "box-*.mcap")[-1]) as recording:
+        assert recording.is_whole
+        assert names.LOSSES in recording.metadata
 
 
 def _is_whole(path: Path) -> bool:
