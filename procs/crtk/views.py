@@ -90,6 +90,12 @@ class OpenTopic:
         rows = self._reader.last(count)
         return [{name: plain(row[name]) for name in self._reader.dtype.names or ()} for row in rows]
 
+    def rows_since(self, seconds: float, count: int) -> list[NDArray[Any]]:
+        """Up to `count` records of the last so many seconds, spread evenly, oldest first, each as `record` has it."""
+        rows = self._reader.since(self.stamp_ns - round(seconds * 1e9))
+        places = sorted({round(place) for place in np.linspace(0, len(rows) - 1, min(count, len(rows))).tolist()})
+        return [rows[place : place + 1] for place in places]
+
     def kept(self, count: int) -> list[dict[str, Any]]:
         """The newest events of this name that the ring keeps, oldest first; all of them with the name `events`."""
         rows = self.history(1 << 20)

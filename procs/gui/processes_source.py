@@ -5,9 +5,8 @@ from __future__ import annotations
 import contextlib
 from typing import Any, Final
 
-import psutil
-
 from procs.document.system import SystemConfig
+from procs.usage import Usage
 from shm import directory
 from shm.clock import monotonic_ns
 from shm.control_page import ControlPage
@@ -28,7 +27,7 @@ class ProcessesSource:
             with contextlib.suppress(SegmentError):
                 self._pages[name] = ControlPage(document.name, name)
         self._ledger: RingReader = directory.reader(document.name, "supervisor", "state", "supervisor", often=False)
-        self._known: dict[int, psutil.Process] = {}
+        self._usage = Usage()
         self._shown: dict[str, Any] = {}
         self._look_ns = 0
 
@@ -38,7 +37,7 @@ class ProcessesSource:
             self._look_ns = now_ns + LOOK_NS
             said = self._said()
             rows = [self._row(name, page, said.get(name, {})) for name, page in self._pages.items()]
-            self._known = {row["pid"]: self._known[row["pid"]] for row in rows if row["pid"] in self._known}
+            self._usage.keep(int(row["pid"]) for row in rows)
             self._shown = {"age": 0.0, "rows": rows}
         return self._shown
 
@@ -61,17 +60,8 @@ class ProcessesSource:
                "silent_s": round((monotonic_ns() - beat) * 1e-9, 1) if beat else None, **said}
         if said.get("lifecycle") == "STOPPED":
             row |= {"state": "STOPPED", "rate_hz": None, "pid": 0, "silent_s": None}
-        return row | self._used(int(str(row["pid"])))
-
-    def _used(self, pid: int) -> dict[str, Any]:
-        """Share of a core since the last look, and memory of its own."""
-        try:
-            process = self._known.setdefault(pid, psutil.Process(pid)) if pid else None
-            if process is None:
-                return {"cpu": None, "memory_mb": None}
-            return {"cpu": process.cpu_percent(), "memory_mb": process.memory_info().rss * 1e-6}
-        except psutil.Error:
-            return {"cpu": None, "memory_mb": None}
+        cpu, memory_mb = self._usage.of(int(str(row["pid"])))
+        return row | {"cpu": cpu, "memory_mb": memory_mb}
 
     def close(self) -> None:
         """Unmap."""

@@ -12,6 +12,7 @@ import numpy as np
 
 from procs.crtk.demand import OnDemand
 from procs.crtk.field_paths import BadPath, FieldCells, FieldPath, cells_of
+from procs.crtk.reported import event_rings
 from procs.crtk.topics import TopicEntry, find
 from procs.crtk.views import OpenTopic
 from shm import directory
@@ -114,7 +115,7 @@ class Capturing:
         elif isinstance(leaf, FaultSeen) and words:
             raise unknown("process", words[0], known)
         else:
-            names = [name for name in known if not _repeats(self.system, name)]
+            names = _tellers(self.system)
         if len(words) > 1:
             raise unknown("process", words[0], known)
         return {f"{name}/events": event_test(leaf, words) for name in names}
@@ -209,13 +210,13 @@ def _ring(entry: TopicEntry) -> str:
     return f"{entry.instance}/{entry.ring}"
 
 
-def _repeats(system: str, name: str) -> bool:
-    """The process `system` tells again what others told."""
-    reader = directory.reader(system, name, "events", often=False)
-    try:
-        return reader.info.get("kind") == "system"
-    finally:
+def _tellers(system: str) -> list[str]:
+    """The processes whose events count."""
+    names = []
+    for name, reader in event_rings(system):
         reader.close()
+        names.append(name)
+    return names
 
 
 def stamps_in_all(capture: Capture) -> Any:

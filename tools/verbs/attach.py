@@ -1,122 +1,60 @@
-"""`trocar attach`: a live table of processes and topics; q or Ctrl-C leaves."""
+"""`trocar attach`: a look into a system, live or dead, on the whole terminal; q leaves."""
 
 from __future__ import annotations
 
-import contextlib
-import select
 import sys
-import termios
-import tty
-from collections.abc import Callable, Iterator
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
-from rich.console import Console, Group
-from rich.live import Live
-from rich.text import Text
 
-from procs.crtk.topics import EVENT, RECORD, TopicEntry, catalogue
-from procs.crtk.views import OpenTopic
-from shm.segment import SegmentError
-from tools.errors import Problem
-from tools.inspect import standing
-from tools.inspect.messages import kind_of, text_of, time_of_day
-from tools.inspect.processes import COLUMNS, RIGHT, cells, statuses
-from tools.options import SystemOption
-from tools.printing import made_table, number
-from tools.systems import chosen_system, is_up
-from tools.verbs.listing import measured
-
-WINDOW_S = 0.4
-EVENTS_SHOWN = 6
+from tools.errors import Misuse, Problem
+from tools.inspector.overview import identity_of
+from tools.options import JsonOption, SystemOption
+from tools.printing import emit
+from tools.systems import chosen_system, left_over
 
 
 def attach(
-    once: Annotated[bool, typer.Option("--once", help="Print it once and leave.")] = False,
+    once: Annotated[bool, typer.Option("--once", help="Print it once and leave, as without a terminal.")] = False,
+    as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:
-    """Watch a running system: processes, topics and the newest events. Changes nothing.
+    """Look into a system: processes, topics, values of any record, events, arms, commands. Changes nothing.
+
+    Keys stand at the bottom: 1 to 6 or Tab choose the page, / searches, f freezes, q leaves. It needs no configuration,
+    attaches at any time, and shows what a dead system left in shared memory as what it is. With --json everything is
+    one document; without a terminal it is printed once.
 
     Example: trocar attach
+
+    Example: trocar attach --json
     """
-    name = chosen_system(system)
-    entries = catalogue(name)
-    console = Console(highlight=False) if sys.stdout.isatty() else Console(highlight=False, width=240)
-    if once:
-        console.print(_page(name, entries))
-        return 0
-    with contextlib.suppress(KeyboardInterrupt), keys() as pressed, Live(console=console, screen=True) as live:
-        while pressed() not in ("q", "Q"):
-            if not is_up(name):
-                raise Problem(f"system {name} went down")
-            live.update(_page(name, entries), refresh=True)
+    if once and as_json:
+        raise Misuse("--once and --json say different things: --json is once, too")
+    name = _meant(system)
+    if not identity_of(name):
+        raise Problem(f"system {name} is not in shared memory; trocar up starts one")
+    if as_json:
+        from tools.inspector.snapshot import document
+
+        emit(document(name))
+    elif once or not all(stream.isatty() for stream in (sys.stdin, sys.stdout, sys.stderr)):  # it draws on the last
+        from tools.inspector.printed import print_once
+
+        print_once(name, is_terminal=sys.stdout.isatty())
+    else:
+        from tools.inspector.app import InspectorApp
+
+        InspectorApp(name).run()
     return 0
 
 
-def _page(system: str, entries: list[TopicEntry]) -> Group:
-    records = [entry for entry in entries if entry.kind == RECORD]
-    rates = [(row["topic"], number(row["hz"], ".1f"), number(row["max_ms"], ".2f"), row["problem"])
-             for row in measured(system, records, WINDOW_S)]
-    processes = statuses(system)
-    found = standing.standings(system, processes)
-    first = standing.first_thing(processes, found)
-    return Group(
-        made_table(f"system {system} (q leaves)", standing.COLUMNS, [standing.cells(one) for one in found]),
-        Text(f"first: {first}" if first else "all well"),
-        made_table("events, newest first", ("at", "from", "event", "text"), _events(system, entries)),
-        made_table("", COLUMNS, [cells(process) for process in processes], RIGHT),
-        made_table("joints", ("arm", "busy", "rad, m"), list(_joints(system, entries))),
-        made_table("topics", ("topic", "Hz", "longest ms", "problem"), rates, ("Hz", "longest ms")),
-    )
-
-
-def _joints(system: str, entries: list[TopicEntry]) -> Iterator[tuple[str, ...]]:
-    for entry in entries:
-        if entry.kind == EVENT and entry.event == "operating_state":
-            with contextlib.suppress(Problem, SegmentError), contextlib.ExitStack() as stack:
-                state = next((e for e in entries if e.name == f"{entry.instance}/state"), entry)
-                joints = next((e for e in entries if e.name == f"{entry.instance}/measured_js"), None)
-                source = stack.enter_context(OpenTopic(system, state))
-                if joints is None or "sub_state" not in {f.name for f in state.fields} or not source.newest():
-                    continue
-                row = source.as_dict()
-                view = stack.enter_context(OpenTopic(system, joints))
-                good = view.newest() and view.valid
-                values = " ".join(f"{q:+.4f}" for q in view.part("position")) if good else "–"
-                yield entry.instance, _yes(row["is_busy"]), values
-
-
-def _yes(flag: bool) -> str:
-    return "yes" if flag else "no"
-
-
-def _events(system: str, entries: list[TopicEntry]) -> list[tuple[str, ...]]:
-    found: list[tuple[int, tuple[str, ...]]] = []
-    for entry in entries:
-        if entry.ring == "events" and entry.kind == RECORD:
-            with contextlib.suppress(SegmentError), OpenTopic(system, entry) as source:
-                found += [(int(row["monotonic_ns"]), _event(entry.instance, row))
-                          for row in source.history(EVENTS_SHOWN)]
-    reported: dict[tuple[str, ...], tuple[int, tuple[str, ...]]] = {}
-    for stamp_ns, row in sorted(found, reverse=True):
-        reported[row[2:]] = stamp_ns, row  # the system repeats what others tell: who was first is shown
-    return [row for _, row in sorted(reported.values(), reverse=True)[:EVENTS_SHOWN]]
-
-
-def _event(instance: str, row: dict[str, Any]) -> tuple[str, ...]:
-    return time_of_day(int(row["local_ns"])), instance, kind_of(row), text_of({**row, "hint": ""})
-
-
-@contextlib.contextmanager
-def keys() -> Iterator[Callable[[], str]]:
-    """`pressed()` gives the key that was pressed, or nothing; without a terminal nothing is ever pressed."""
-    if not sys.stdin.isatty():
-        yield lambda: ""
-        return
-    descriptor = sys.stdin.fileno()
-    before = termios.tcgetattr(descriptor)
-    tty.setcbreak(descriptor)
+def _meant(system: str | None) -> str:
+    """The system meant: the named one, the only one up, or the only one that a dead supervisor left."""
     try:
-        yield lambda: sys.stdin.read(1) if select.select([sys.stdin], [], [], 0.05)[0] else ""
-    finally:
-        termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
+        return chosen_system(system)
+    except Problem:
+        dead = left_over() if system is None else []
+        if len(dead) != 1:
+            raise
+        return dead[0]

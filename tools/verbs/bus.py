@@ -257,7 +257,7 @@ def _live(desk: BusClient, board: FoundBoard) -> None:
     from rich.console import Console
     from rich.live import Live
 
-    from tools.verbs.attach import keys
+    from tools.keys import keys
 
     watching = Watching(desk, board)
     console = Console(highlight=False)

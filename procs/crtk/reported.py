@@ -1,0 +1,36 @@
+"""What processes report, as data that every surface shows alike: severity, code, sentence, and what a person can do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, Final
+
+from shm import directory
+from shm.events import SEVERITIES
+from shm.ring import RingReader
+from shm.segment import SegmentError
+
+FIELDS: Final = ("severity", "code", "text", "hint", "monotonic_ns", "local_ns")
+
+
+def message_of(name: str, event: Any) -> dict[str, Any]:
+    """An event (a record, or its fields by name) of a process as a message."""
+    severity = int(event["severity"])
+    words = {key: bytes(event[key]).rstrip(b"\0").decode(errors="replace") for key in ("code", "text", "hint")}
+    return {"from": name, "severity": SEVERITIES[severity] if severity < len(SEVERITIES) else "error", **words,
+            "order": int(event["monotonic_ns"]), "at_ms": int(event["local_ns"]) // 1_000_000}
+
+
+def event_rings(system: str) -> Iterator[tuple[str, RingReader]]:
+    """The events of every process, open, but for the one that repeats those of the others."""
+    for name, ring in directory.rings(system):
+        if ring != "events":
+            continue
+        try:
+            reader = directory.reader(system, name, ring, often=False)
+        except SegmentError:
+            continue
+        if reader.info.get("kind") == "system":
+            reader.close()
+        else:
+            yield name, reader

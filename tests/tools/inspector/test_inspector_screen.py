@@ -1,0 +1,168 @@
+"""The screen of `trocar attach`, driven by textual's own pilot on a system that the test plays."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+
+import pytest
+from textual.pilot import Pilot
+from textual.widgets import Static
+
+from procs import codes
+from tests.conftest import World
+from tests.tools.robot import ScriptedRobot, robot
+from tools.inspector.app import PAGES, InspectorApp
+from tools.inspector.pages.palette import DARK, LIGHT
+
+SIZES = ((80, 24), (160, 50))
+PATIENCE = 200  # looks at the screen
+
+Story = Callable[[InspectorApp, Pilot[None], ScriptedRobot], Awaitable[None]]
+
+
+def play(world: World, story: Story, size: tuple[int, int] = SIZES[0]) -> None:
+    async def run() -> None:
+        with robot(world.name) as played:
+            played.show_arm(0.25)
+            app = InspectorApp(played.name)
+            async with app.run_test(size=size) as pilot:
+                await story(app, pilot, played)
+
+    asyncio.run(run())
+
+
+async def until(app: InspectorApp, pilot: Pilot[None], *words: str) -> str:
+    """The screen, when it shows all of these."""
+    for _ in range(PATIENCE):
+        await pilot.pause(0.05)
+        shown = screen(app)
+        if all(word in shown for word in words):
+            return shown
+    raise AssertionError(f"{words} not seen:\n{screen(app)}")
+
+
+def screen(app: InspectorApp) -> str:
+    lines = app.screen._compositor.render_full_update()
+    return "\n".join("".join(segment.text for segment in strip) for strip in lines.strips)  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_every_page_shows_itself_and_fits(world: World, size: tuple[int, int]) -> None:
+    async def story(app: InspectorApp, pilot: Pilot[None], played: ScriptedRobot) -> None:
+        played.events.report(codes.TRACKING, "PSM1 axis 2: cannot follow", "PSM1", 2, 0.06, 0.05, 6)
+        seen = ("RUNNING" if size[0] < 100 else "missed", "PSM1/state", "is_homed", "error tracking",
+                "DISABLED", "none under way")
+        for number, words in enumerate(seen, 1):
+            await pilot.press(str(number))
+            if number == 3:
+                await pilot.press("slash", *"is_homed", "enter")
+            shown = await until(app, pilot, "supervisor runs", words, "/ search", "q quit")
+            assert max(map(len, shown.splitlines())) <= size[0] and len(shown.splitlines()) <= size[1]
+
+    play(world, story, size)
+
+
+def test_a_topic_is_chosen_and_its_values_live(world: World) -> None:
+    async def story(app: InspectorApp, pilot: Pilot[None], played: ScriptedRobot) -> None:
+        await pilot.press("2", "slash", *"PSM1/state", "enter")
+        await until(app, pilot, "PSM1/state", "1500")
+        await pilot.press("enter")
+        await until(app, pilot, "PSM1/state: record 1")
+        await pilot.press("slash", *"position", "enter")
+        await until(app, pilot, "0.25")
+        played.show_arm(0.5)
+        await until(app, pilot, "0.5 0.5 0.5", "record 2")
+        await pilot.press("n")
+        await until(app, pilot, "PSM1/measured_js", "[5]")
+
+    play(world, story)
+
+
+def test_frozen_it_says_so_and_changes_nothing(world: World) -> None:
+    async def story(app: InspectorApp, pilot: Pilot[None], played: ScriptedRobot) -> None:
+        await pilot.press("4")
+        await until(app, pilot, "all of all processes")
+        await pilot.press("f")
+        await until(app, pilot, "FROZEN at")
+        played.events.status("PSM1: HOMED", "PSM1")
+        for _ in range(10):
+            await pilot.pause(0.05)
+        assert "HOMED" not in screen(app)
+        await pilot.press("f")
+        assert "FROZEN" not in await until(app, pilot, "PSM1: HOMED")
+
+    play(world, story)
+
+
+def test_events_are_filtered_by_keys(world: World) -> None:
+    async def story(app: InspectorApp, pilot: Pilot[None], played: ScriptedRobot) -> None:
+        played.events.status("PSM1: HOMED", "PSM1")
+        played.events.report(codes.TRACKING, "PSM1 axis 2: cannot follow", "PSM1", 2, 0.06, 0.05, 6)
+        await pilot.press("4")
+        await until(app, pilot, "HOMED", "cannot follow", f"remedy: {codes.TRACKING.remedy}"[:40])
+        await pilot.press("s", "s")
+        assert "HOMED" not in await until(app, pilot, "warning and worse", "cannot follow")
+        await pilot.press("c")
+        assert "cannot follow" not in await until(app, pilot, "warning and worse of IO1")
+        await pilot.press("c", "slash", *"nothing such")
+        assert "cannot" not in await until(app, pilot, 'with "nothing such"')
+        await pilot.press("escape")
+        await until(app, pilot, "cannot follow")
+
+    play(world, story)
+
+
+def test_a_fault_is_shown_with_its_remedy(world: World) -> None:
+    async def story(app: InspectorApp, pilot: Pilot[None], played: ScriptedRobot) -> None:
+        played.events.report(codes.TRACKING, "PSM1 axis 2: cannot follow", "PSM1", 2, 0.06, 0.05, 6)
+        played.arm.field("reason")[...] = b"axis 2 cannot follow"
+        played.show_arm(0.1, "FAULT")
+        await pilot.press("5")
+        await until(app, pilot, "FAULT", "why: axis 2 cannot follow", "remedy: look for a collision", "first: ")
+
+    play(world, story)
+
+
+def test_a_dead_supervisor_is_said_and_old_values_are_grey(world: World) -> None:
+    async def story(app: InspectorApp, pilot: Pilot[None], played: ScriptedRobot) -> None:
+        await pilot.press("3")
+        await until(app, pilot, "IO1/state")
+        for page in played.pages.values():
+            page.segment.view[64:68] = (1 << 22).to_bytes(4, "little")  # nobody has this pid
+        await until(app, pilot, "supervisor dead for", "left in shared memory", "first: trocar down")
+        await pilot.press("1")
+        await until(app, pilot, "dead ")
+
+    play(world, story)
+
+
+def test_it_goes_on_with_the_next_system_of_the_name(world: World) -> None:
+    async def run() -> None:
+        with robot(world.name):
+            app = InspectorApp(world.name)
+            pilots = app.run_test(size=SIZES[0])
+            pilot = await pilots.__aenter__()
+            await until(app, pilot, "supervisor runs")
+        await until(app, pilot, "waiting until it is up again")
+        with robot(world.name) as played:
+            played.events.status("PSM1: again", "PSM1")
+            await pilot.press("4")
+            await until(app, pilot, "supervisor runs", "PSM1: again")
+            await pilots.__aexit__(None, None, None)
+
+    asyncio.run(run())
+
+
+def test_both_themes_have_colours_of_their_own(world: World) -> None:
+    async def story(app: InspectorApp, pilot: Pilot[None], played: ScriptedRobot) -> None:
+        await until(app, pilot, "supervisor runs")
+        assert app.page.palette is DARK
+        await pilot.press("d")
+        assert app.page.palette is LIGHT and str(app.query_one("#head", Static).render())
+        for k in range(len(PAGES)):
+            await pilot.press("tab")
+            assert app.page.TITLE == PAGES[(k + 1) % len(PAGES)].TITLE
+        await pilot.press("q")
+
+    play(world, story)

@@ -1,0 +1,104 @@
+"""The page of commands: what is being carried out, for whom, and what was asked for before."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from procs.crtk.plain import plain
+from shm import directory
+from shm.commands import CommandRow
+from shm.ring import RingReader
+from shm.segment import SegmentError
+from tools.inspect.asked import AUDIT
+from tools.inspect.messages import time_of_day
+from tools.inspect.processes import ProcessStatus
+
+KEPT = 1000
+ACCEPTED = "accepted"
+
+
+@dataclass(frozen=True, slots=True)
+class AskedRow:
+    """One command and what became of it, as it was last heard. `key`: its process, place and number."""
+
+    key: tuple[str, int, int]
+    stamp_ns: int
+    order: int
+    at: str
+    who: str
+    command: str
+    outcome: str
+    reason: str
+    whose: str
+    is_stream: bool
+
+    @property
+    def cells(self) -> list[str]:
+        """In the order of the page's columns."""
+        return [self.at, self.who, self.command, self.outcome, self.whose, self.reason]
+
+
+class CommandsData:
+    """What all processes were asked for, from their audit rings."""
+
+    def __init__(self, system: str) -> None:
+        self._rings: list[tuple[str, RingReader]] = []
+        self._rows: deque[AskedRow] = deque(maxlen=KEPT)
+        for name, topic in directory.rings(system):
+            if topic == AUDIT:
+                try:
+                    self._rings.append((name, directory.reader(system, name, AUDIT, often=False)))
+                except SegmentError:
+                    continue
+        for name, reader in self._rings:
+            self._rows.extend(_row(name, {key: row[key] for key in row.dtype.names}) for row in reader.last(KEPT))
+            while reader.next():  # those have just been taken
+                pass
+        self._rows = deque(sorted(self._rows, key=lambda row: row.order), maxlen=KEPT)
+
+    def rows(self) -> list[AskedRow]:
+        """All that is known, the oldest first."""
+        found = []
+        for name, reader in self._rings:
+            for _ in range(KEPT):
+                if not reader.next():
+                    break
+                found.append(_row(name, {key: reader.field(key)[()] for key in reader.dtype.names or ()}))
+        self._rows.extend(sorted(found, key=lambda row: row.order))
+        return list(self._rows)
+
+    def close(self) -> None:
+        """Unmap."""
+        for _, reader in self._rings:
+            reader.close()
+
+
+def _row(name: str, record: Mapping[str, object]) -> AskedRow:
+    row = {key: plain(value) for key, value in record.items()}
+    command = CommandRow(str(row["command"]), "", "", "")
+    whose = str(row["program"]) or "a program" if row["origin"] else "nobody"
+    through = f", pid {row['pid']}" if row["pid"] else ""
+    return AskedRow((name, int(row["place"]), int(row["id"])), int(row["stamp_ns"]), int(row["monotonic_ns"]),
+                    time_of_day(int(row["local_ns"])), name, f"{row['command']} {row['text']}".rstrip(),
+                    str(row["outcome"]), str(row["reason"]), f"{whose}{through}", command.streams)
+
+
+def under_way(rows: Sequence[AskedRow], processes: Iterable[ProcessStatus]) -> list[AskedRow]:
+    """What was accepted and is neither done, refused nor failed, by a process that lives and is still the same one.
+
+    Of a stream of goals only the first is recorded: it counts until the process is asked for something else.
+    """
+    since = {one.name: max((past.stamp_ns for past in one.endings), default=0) for one in processes
+             if one.problem != "dead" and one.state == "RUNNING"}
+    last = {row.key: row for row in rows}
+    newest = {row.who: row.key for row in rows}
+    return [row for row in last.values()
+            if row.outcome == ACCEPTED and row.stamp_ns > since.get(row.who, row.stamp_ns)
+            and (not row.is_stream or newest[row.who] == row.key)]
+
+
+def sought(rows: Iterable[AskedRow], words: str) -> list[AskedRow]:
+    """Those with these words."""
+    return [row for row in rows if words.casefold() in " ".join(row.cells).casefold()]

@@ -1,0 +1,111 @@
+"""What stands above every page: which system, whether anybody supervises it, which clock, and what to do first."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from dataclasses import dataclass
+
+from shm.clock import monotonic_ns
+from shm.control_page import ControlPage
+from shm.segment import SegmentError, path_of, segment_name
+from shm.system_time import SystemTime, speed_in_words
+from tools.inspect.processes import ProcessStatus, statuses
+from tools.inspect.standing import Standing, first_thing, next_step, standings
+from tools.running import SUPERVISOR
+from tools.systems import is_up
+
+
+@dataclass(frozen=True, slots=True)
+class Overview:
+    """`supervisor` is RUNNING, dead or gone (its memory is removed); `dead_s`: since the last beat of a dead one."""
+
+    system: str
+    supervisor: str
+    dead_s: float | None
+    clock: str
+    processes: tuple[ProcessStatus, ...] = ()
+    standings: tuple[Standing, ...] = ()
+
+    @property
+    def lives(self) -> bool:
+        """Somebody supervises it: what is shown is of now."""
+        return self.supervisor == "RUNNING"
+
+    @property
+    def words(self) -> str:
+        """The supervisor, in words."""
+        if self.lives:
+            return "supervisor runs"
+        if self.supervisor == "gone":
+            return "is down, its memory removed: waiting until it is up again"
+        since = f" for {span(self.dead_s)}" if self.dead_s is not None else ""
+        return f"supervisor dead{since}: left in shared memory"
+
+    @property
+    def silences(self) -> dict[str, float]:
+        """Of dead processes the time since their last beat, s."""
+        return {one.name: one.silent_s for one in self.processes if one.problem == "dead" and one.silent_s is not None}
+
+    @property
+    def first(self) -> str:
+        """What to do first."""
+        if self.supervisor == "gone":
+            return f"trocar up starts {self.system}"
+        if not self.lives:
+            return f"trocar down --system {self.system} clears what is left; then trocar up"
+        step = next_step(self.standings)
+        return first_thing(self.processes, self.standings) or (f"all well; next: {step}" if step else "all well")
+
+    @property
+    def is_well(self) -> bool:
+        """Nothing has to be done first."""
+        return self.lives and not first_thing(self.processes, self.standings)
+
+
+def overview(system: str) -> Overview:
+    """As it is now; of a system whose memory is gone only that."""
+    if not identity_of(system):
+        return Overview(system, "gone", None, "")
+    processes = tuple(statuses(system))
+    found = tuple(standings(system, processes))
+    clock = ""
+    with contextlib.suppress(SegmentError), SystemTime(system) as time:
+        clock = speed_in_words(time)
+    if is_up(system):
+        return Overview(system, "RUNNING", None, clock, processes, found)
+    return Overview(system, "dead", _silent_s(system), clock.partition(",")[0], processes, found)
+
+
+def identity_of(system: str) -> tuple[int, ...]:
+    """Which files the system's memory is; another one was started under the same name. Empty: there is none."""
+    for what in ("document", "control"):
+        with contextlib.suppress(OSError):
+            status = os.stat(path_of(segment_name(system, SUPERVISOR, what)))  # noqa: PTH116
+            return status.st_dev, status.st_ino
+    return ()
+
+
+def _silent_s(system: str) -> float | None:
+    """Real time since the supervisor's last beat."""
+    with contextlib.suppress(SegmentError), contextlib.closing(_page(system)) as page:
+        beat_ns = int(page.get("heartbeat_ns"))
+        if 0 < beat_ns <= monotonic_ns():
+            return (monotonic_ns() - beat_ns) * 1e-9
+    return None
+
+
+def _page(system: str) -> ControlPage:
+    return ControlPage(system, SUPERVISOR)
+
+
+def span(seconds: float | None) -> str:
+    """A time as people read it: 0.3 s, 12 s, 4 min, 3 h."""
+    if seconds is None:
+        return "–"
+    if seconds < 9.95:
+        return f"{max(0.0, seconds):.1f} s"
+    for limit, unit, each in ((100.0, "s", 1.0), (6000.0, "min", 60.0), (172800.0, "h", 3600.0)):
+        if seconds < limit:
+            return f"{seconds / each:.0f} {unit}"
+    return f"{seconds / 86400.0:.0f} days"

@@ -1,0 +1,91 @@
+"""The page of topics."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from textual.binding import Binding
+from textual.message import Message
+
+from procs.crtk.topics import TopicEntry
+from tools.inspector.overview import span
+from tools.inspector.pages.page import InspectorPage
+from tools.inspector.pages.table import Column, TableRow
+from tools.inspector.topics import TopicRow, TopicsData
+from tools.inspector.values import shown_entries
+from tools.printing import number
+
+if TYPE_CHECKING:
+    from tools.inspector.overview import Overview
+
+
+class TopicChosen(Message):
+    """A person wants to see the values of a topic."""
+
+    def __init__(self, topic: str) -> None:
+        self.topic = topic
+        super().__init__()
+
+
+class TopicsPage(InspectorPage):
+    """Every record with declared and real rate, and the views on it."""
+
+    TITLE = "topics"
+    COLUMNS = (Column("topic", 20), Column("declared", 9, True), Column("Hz", 7, True), Column("longest ms", 10, True),
+               Column("age", 7, True), Column("lost", 5, True), Column("records", 12, True, True),
+               Column(" problem", 0))
+    DETAILS = 2
+    BINDINGS = [Binding("enter", "open_values", "values", priority=True)]  # noqa: RUF012  # as textual wants it
+    _data: TopicsData | None = None
+
+    def open(self, system: str) -> None:
+        """Attach to every ring."""
+        self._data = TopicsData(system)
+
+    def close(self) -> None:
+        """Unmap."""
+        if self._data is not None:
+            self._data.close()
+
+    @property
+    def entries(self) -> list[TopicEntry]:
+        """Those whose values can be looked at."""
+        return shown_entries(self._data.entries) if self._data is not None else []
+
+    @property
+    def remark(self) -> str:
+        """What it is about."""
+        return f"{len(self.read_once or ())} records; rates are of the last 2 s"
+
+    def read(self, seen: Overview) -> list[TopicRow]:
+        """All records."""
+        return self._data.rows(seen.silences) if self._data is not None else []
+
+    def table_rows(self, read: list[TopicRow]) -> list[TableRow]:
+        """A row a record; what is old is grey, with its age."""
+        made = []
+        for row in read:
+            texts = [row.name, number(row.nominal_hz, "g") if row.nominal_hz else "on events",
+                     number(row.hz, ".1f"), number(row.max_ms, ".3f"), span(row.age_s), str(row.lost),
+                     str(row.records), f" {row.problem}"]
+            colours = self.palette
+            styles = ((7, colours.bad),) * bool(row.problem) + ((5, colours.warning),) * bool(row.lost)
+            if self.has(*texts, *(entry.name for entry in self._views(row.name))):
+                made.append(TableRow(row.name, texts, colours.past if row.is_old else "", styles))
+        return made
+
+    def action_open_values(self) -> None:
+        """The page of values of this topic."""
+        self.post_message(TopicChosen(self.table.key))
+
+    def _views(self, name: str) -> list[TopicEntry]:
+        entries = self._data.entries if self._data is not None else []
+        place = next((entry for entry in entries if entry.name == name), None)
+        return [entry for entry in entries if place is not None and entry.view is not None
+                and (entry.instance, entry.ring) == (place.instance, place.ring)]
+
+    def details(self, read: list[TopicRow], key: str) -> list[str]:
+        """What is a view on it."""
+        views = self._views(key)
+        return [f"{key}: Enter shows its values"
+                + (f"; views: {', '.join(entry.name.partition('/')[2] for entry in views)}" if views else "")]
