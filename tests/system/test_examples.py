@@ -23,7 +23,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.simulated]  # paced, as everything w
 
 SHELL = f'trocar() {{ "{sys.executable}" -P -m tools "$@"; }}\n'  # what the script of that name does
 ENDLESS_S = 4.0  # so long those are watched that go on until Ctrl-C
-ENDLESS = re.compile(r"trocar (attach|echo (?!.*(--once|-n ))|bus watch (?!.*--once))")
+ENDLESS = re.compile(r"trocar (echo (?!.*(--once|-n ))|bus watch (?!.*--once))")
 # Those that start a system, or end one; and what needs a process of a user's own: test_user_process.py.
 ALONE = re.compile(r"trocar (demo|bench|commission|up|down|set|replay)\b")
 # Tests of their own have demo, bench, commission, replay: test_robot.py, test_bench_system.py, test_commission.py, …

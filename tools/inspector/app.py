@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from rich.text import Text
-from textual import on
+from textual import events, on
 from textual.app import App, ComposeResult
 from textual.binding import Binding
-from textual.widgets import ContentSwitcher, DataTable, Footer, Input, Static
+from textual.widgets import ContentSwitcher, DataTable, Footer, Static
 
 from shm.clock import local_ns, monotonic_ns
 from shm.ring import RingError
@@ -31,6 +31,8 @@ PAGES: tuple[type[InspectorPage], ...] = (ProcessesPage, TopicsPage, ValuesPage,
 TICK_S = 0.1
 HEAD_S = 1.0
 """The lines above are read so often."""
+RESUMED_S = 0.3
+"""After a pause (Ctrl-Z) the terminal is ours again, and empty, after so long."""
 WRONG = (SegmentError, RingError, Problem, OSError, ValueError)
 """What a system that goes down while we look, or holds nonsense, may lead to."""
 
@@ -57,18 +59,20 @@ class InspectorApp(App[None]):
     LiveTable > .datatable--header { text-style: bold; background: $background; color: $text; }
     LiveTable > .datatable--cursor { background: $primary 30%; color: $text; text-style: none; }
     .details { height: auto; padding: 0 1; color: $text-muted; border-top: solid $panel; }
-    #search { display: none; height: 1; border: none; padding: 0 1; }
-    #search.-on { display: block; }
     """
     ENABLE_COMMAND_PALETTE = False
     BINDINGS: ClassVar[list[Any]] = [
-        *(Binding(str(k), f"page({k})", "page", show=k == 1, key_display=f"1-{len(PAGES)}")
+        # Before whoever has the focus, so that keys count in the order in which they are pressed.
+        *(Binding(str(k), f"page({k})", "page", show=k == 1, key_display=f"1-{len(PAGES)}", priority=True)
           for k, page in enumerate(PAGES, 1)),
         Binding("tab,right", "turn(1)", "page", show=False, priority=True),
         Binding("shift+tab,left", "turn(-1)", "page before", show=False, priority=True),
-        Binding("slash", "search", "search", key_display="/"), Binding("escape", "forget", "all", show=False),
-        Binding("f,space", "freeze", "freeze", key_display="f"), Binding("d", "theme", "dark"),
-        Binding("ctrl+z", "suspend_process", "to the shell", show=False), Binding("q,ctrl+c", "quit", "quit"),
+        Binding("slash", "search", "search", key_display="/", priority=True),
+        Binding("escape", "forget", show=False, priority=True),
+        Binding("f,space", "freeze", "freeze", key_display="f", priority=True),
+        Binding("d", "theme", "dark", priority=True), Binding("ctrl+l", "redraw", show=False, priority=True),
+        Binding("ctrl+z", "suspend_process", show=False, priority=True),
+        Binding("q", "quit", "quit", priority=True), Binding("ctrl+c", "quit", show=False, priority=True),
     ]
 
     def __init__(self, system: str) -> None:
@@ -79,7 +83,7 @@ class InspectorApp(App[None]):
         self._seen: Overview | None = None
         self._head_ns = self._page_ns = 0
         self._at = 0
-        self._is_busy = False
+        self._is_busy = self._is_typing = False
         self._problem = ""
 
     def compose(self) -> ComposeResult:
@@ -89,13 +93,12 @@ class InspectorApp(App[None]):
         yield Static("", id="remark", markup=False)
         with ContentSwitcher(initial=PAGES[0].TITLE):
             yield from self._pages
-        yield Input(placeholder="search: only rows with these words; Enter keeps it, Esc shows all", id="search",
-                    compact=True)
         yield Footer(show_command_palette=False)
 
     async def on_mount(self) -> None:
         """Look at once, then again and again."""
         self.page.table.focus()
+        self.app_resume_signal.subscribe(self, lambda _: self.set_timer(RESUMED_S, self.action_redraw))
         await self._tick()
         self.set_interval(TICK_S, self._tick)
 
@@ -194,6 +197,8 @@ class InspectorApp(App[None]):
 
     def _remark(self) -> Text:
         words = f'  with "{self.page.words}" (Esc: all)' if self.page.words else ""
+        if self._is_typing:
+            words = f"  search: {self.page.words}▏ (Enter keeps it, Esc: all)"
         return Text(f"{self.page.remark}{words}", palette(self.current_theme.dark).accent, no_wrap=True,
                     overflow="ellipsis")
 
@@ -216,24 +221,40 @@ class InspectorApp(App[None]):
 
     def action_turn(self, by: int) -> None:
         """The next page, or the one before."""
-        if not isinstance(self.focused, Input):
-            self.action_page((self._at + by) % len(PAGES) + 1)
+        self.action_page((self._at + by) % len(PAGES) + 1)
+
+    async def on_event(self, event: events.Event) -> None:
+        """Keys, as everybody gets them; but for those that a person types behind `/`."""
+        if self._is_typing and isinstance(event, events.Key | events.Paste) and not event.is_forwarded:
+            if isinstance(event, events.Paste):
+                self._search_for(self.page.words + event.text.partition("\n")[0])
+            else:
+                self._typed(event)
+        else:
+            await super().on_event(event)
+
+    def _typed(self, event: events.Key) -> None:
+        if event.key in ("enter", "escape", "tab", "ctrl+c", "down", "up"):
+            self._is_typing = False
+            self._search_for("" if event.key in ("escape", "ctrl+c") else self.page.words)
+        elif event.key == "backspace":
+            self._search_for(self.page.words[:-1])
+        elif event.character is not None and event.is_printable:
+            self._search_for(self.page.words + event.character)
+
+    def _search_for(self, words: str) -> None:
+        self.page.words = words
+        self.page.again()
+        self._show_head()
 
     def action_search(self) -> None:
-        """Type what is searched for on this page."""
-        box = self.query_one("#search", Input)
-        box.add_class("-on")
-        box.value = self.page.words
-        box.focus()
+        """What is typed from now on is searched for on this page."""
+        self._is_typing = True
+        self._show_head()
 
     def action_forget(self) -> None:
         """Everything again."""
-        box = self.query_one("#search", Input)
-        box.value, self.page.words = "", ""
-        box.remove_class("-on")
-        self.page.table.focus()
-        self.page.again()
-        self._show_head()
+        self._search_for("")
 
     def action_freeze(self) -> None:
         """What is shown stays, and says so, until this is pressed again."""
@@ -241,22 +262,16 @@ class InspectorApp(App[None]):
         self._page_ns = self._head_ns = 0
         self._show_head()
 
+    def action_redraw(self) -> None:
+        """Everything, whatever somebody else wrote over it."""
+        for widget in self.screen.walk_children(with_self=True):
+            widget.refresh()
+
     def action_theme(self) -> None:
         """Dark on light, or light on dark."""
         self.theme = "textual-light" if self.current_theme.dark else "textual-dark"
         self.page.again()
         self._show_head()
-
-    @on(Input.Changed, "#search")
-    def _sought(self, event: Input.Changed) -> None:
-        self.page.words = event.value
-        self.page.again()
-        self._show_head()
-
-    @on(Input.Submitted, "#search")
-    def _kept(self) -> None:
-        self.query_one("#search", Input).remove_class("-on")
-        self.page.table.focus()
 
     @on(TopicChosen)
     def _topic_chosen(self, event: TopicChosen) -> None:

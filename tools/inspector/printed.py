@@ -7,8 +7,9 @@ from rich.text import Text
 
 from tools.inspect import standing
 from tools.inspect.processes import COLUMNS, RIGHT, cells
+from tools.inspector.events import EventRow
 from tools.inspector.overview import span
-from tools.inspector.snapshot import Snapshot, snapshot
+from tools.inspector.snapshot import Sight, snapshot
 from tools.printing import made_table, number
 
 EVENTS_SHOWN, COMMANDS_SHOWN = 8, 8
@@ -20,7 +21,7 @@ def print_once(system: str, *, is_terminal: bool) -> None:
     console.print(_group(snapshot(system)))
 
 
-def _group(shot: Snapshot) -> Group:
+def _group(shot: Sight) -> Group:
     seen = shot.overview
     rates = [(row.name, number(row.nominal_hz, "g") if row.nominal_hz else "on events", number(row.hz, ".1f"),
               number(row.max_ms, ".2f"), span(row.age_s), row.problem) for row in shot.topics]
@@ -31,7 +32,7 @@ def _group(shot: Snapshot) -> Group:
                    [standing.cells(one) for one in seen.standings]),
         Text(seen.first if seen.first.startswith("all well") else f"first: {seen.first}"),
         made_table("events, newest first", ("at", "from", "event", "text"),
-                   [(row.at, row.who, row.what, row.text) for row in list(reversed(shot.events))[:EVENTS_SHOWN]]),
+                   [(row.at, row.who, row.what, row.text) for row in _once_each(shot.events)]),
         made_table("", (*COLUMNS[:-1], "CPU %", "MB", COLUMNS[-1]),
                    [(*cells(row.status)[:-1], number(row.cpu_percent), number(row.memory_mb, ".0f"), row.status.problem)
                     for row in shot.processes], (*RIGHT, "CPU %", "MB")),
@@ -39,3 +40,9 @@ def _group(shot: Snapshot) -> Group:
                    ("declared", "Hz", "longest ms", "age")),
         made_table("commands, newest first", ("at", "asked", "for", "outcome", "whose", "reason"), asked),
     )
+
+
+def _once_each(events: list[EventRow]) -> list[EventRow]:
+    """The newest events, the newest first; what was reported several times stands there once."""
+    newest = {(row.who, row.what, row.text): row for row in events}
+    return sorted(newest.values(), key=lambda row: row.order, reverse=True)[:EVENTS_SHOWN]

@@ -20,7 +20,7 @@ EVENTS, COMMANDS = 200, 100
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Snapshot:
+class Sight:
     """What there is now; `values`: of each record its fields by name, of an event ring nothing."""
 
     overview: Overview
@@ -32,7 +32,7 @@ class Snapshot:
     commands: list[Any]
 
 
-def snapshot(system: str, window_s: float = WINDOW_S) -> Snapshot:
+def snapshot(system: str, window_s: float = WINDOW_S) -> Sight:
     """Look at everything once; takes as long as rates need."""
     topics, events, asked = TopicsData(system), EventsData(system), CommandsData(system)
     processes = ProcessesData()
@@ -42,7 +42,7 @@ def snapshot(system: str, window_s: float = WINDOW_S) -> Snapshot:
         pause(window_s)
         found = overview(system)
         rows = asked.rows()
-        return Snapshot(found, processes.rows(found.processes), topics.rows(found.silences), _values(system, topics),
+        return Sight(found, processes.rows(found.processes), topics.rows(found.silences), _values(system, topics),
                         events.rows()[-EVENTS:], under_way(rows, found.processes), rows[-COMMANDS:])
     finally:
         for part in (topics, events, asked):

@@ -73,7 +73,8 @@ class _Watched:
         seconds = (now_ns - begun_ns) * 1e-9
         by_stamps = 1e3 / float(gaps.mean()) if len(gaps) and gaps.mean() > 0.0 and nominal else None
         by_count = (head - before) / seconds if seconds > 0.0 and head > before else None
-        problem = writer_gone(segment.gone) or ("nothing was ever written" if nominal and not head else "")
+        problem = writer_gone(segment.gone) or ("nothing was ever written" if nominal and not head else
+                                                "no record is whole" if head and not len(stamps) else "")
         return TopicRow(self.entry.name, nominal, by_stamps or by_count, float(gaps.max()) if len(gaps) else None,
                         max(ages_s, default=None), head, self._lost, problem)
 

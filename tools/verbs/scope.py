@@ -50,7 +50,7 @@ def scope(
 
     Example: trocar scope 'PSM1/measured_js.velocity[0:3]' --before 2
 
-    Example: trocar scope 'PSM1/measured_js.position[0]' --when 'event PSM1 error' --past --csv -
+    Example: trocar scope 'PSM1/measured_js.position[0]' --when 'event PSM1' --past --csv -
     """
     if csv == "-" and as_json:
         raise Misuse("--csv - and --json say different things: both are for the output")

@@ -51,7 +51,7 @@ def screen(app: InspectorApp) -> str:
 def test_every_page_shows_itself_and_fits(world: World, size: tuple[int, int]) -> None:
     async def story(app: InspectorApp, pilot: Pilot[None], played: ScriptedRobot) -> None:
         played.events.report(codes.TRACKING, "PSM1 axis 2: cannot follow", "PSM1", 2, 0.06, 0.05, 6)
-        seen = ("RUNNING" if size[0] < 100 else "missed", "PSM1/state", "is_homed", "error tracking",
+        seen = ("jitter" if size[0] < 100 else "missed", "PSM1/state", "is_homed", "error tracking",
                 "DISABLED", "none under way")
         for number, words in enumerate(seen, 1):
             await pilot.press(str(number))
@@ -106,7 +106,7 @@ def test_events_are_filtered_by_keys(world: World) -> None:
         await pilot.press("c")
         assert "cannot follow" not in await until(app, pilot, "warning and worse of IO1")
         await pilot.press("c", "slash", *"nothing such")
-        assert "cannot" not in await until(app, pilot, 'with "nothing such"')
+        assert "cannot" not in await until(app, pilot, "search: nothing such")
         await pilot.press("escape")
         await until(app, pilot, "cannot follow")
 
@@ -164,5 +164,18 @@ def test_both_themes_have_colours_of_their_own(world: World) -> None:
             await pilot.press("tab")
             assert app.page.TITLE == PAGES[(k + 1) % len(PAGES)].TITLE
         await pilot.press("q")
+
+    play(world, story)
+
+
+def test_what_is_typed_quickly_behind_a_slash_is_searched_for(world: World) -> None:
+    async def story(app: InspectorApp, pilot: Pilot[None], played: ScriptedRobot) -> None:
+        await until(app, pilot, "supervisor runs")
+        for key in ("2", "slash", "d", "f", "enter", "4"):
+            app.simulate_key(key)
+        await until(app, pilot, "all of all processes")
+        app.simulate_key("2")
+        await until(app, pilot, 'with "df"')
+        assert app.page.palette is DARK and not app.frozen_ns
 
     play(world, story)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from tools.inspect.standing import Standing
 from tools.inspector.arms import cells, details, sought
 from tools.inspector.pages.page import InspectorPage
-from tools.inspector.pages.table import Column, TableRow
+from tools.inspector.pages.table import Head, TableRow
 
 if TYPE_CHECKING:
     from tools.inspector.overview import Overview
@@ -17,8 +17,8 @@ class ArmsPage(InspectorPage):
     """Arms, setup joints, teleoperations and consoles."""
 
     TITLE = "arms"
-    COLUMNS = (Column("name", 12), Column("state", 16), Column("homed", 5), Column("fault", 16, False, True),
-               Column("why, or what it waits for", 0), Column("remedy", 50, False, True))
+    COLUMNS = (Head("name", 12), Head("state", 16), Head("homed", 5), Head("fault", 16, False, True),
+               Head("why, or what it waits for", 0), Head("remedy", 50, False, True))
     EVERY_S = 0.5
     DETAILS = 5
 

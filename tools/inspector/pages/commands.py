@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from tools.inspector.commands import AskedRow, CommandsData, sought, under_way
 from tools.inspector.pages.page import InspectorPage
-from tools.inspector.pages.table import Column, TableRow
+from tools.inspector.pages.table import Head, TableRow
 
 if TYPE_CHECKING:
     from tools.inspector.overview import Overview
@@ -16,8 +16,8 @@ class CommandsPage(InspectorPage):
     """What is being carried out on top, then what was asked for, the newest first."""
 
     TITLE = "commands"
-    COLUMNS = (Column("at", 12), Column("asked", 9), Column("for", 18), Column("outcome", 9), Column("whose", 0),
-               Column("reason", 0, False, True))
+    COLUMNS = (Head("at", 12), Head("asked", 9), Head("for", 18), Head("outcome", 9), Head("whose", 0),
+               Head("reason", 0, False, True))
     EVERY_S = 0.5
     DETAILS = 2
     _data: CommandsData | None = None

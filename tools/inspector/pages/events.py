@@ -8,7 +8,7 @@ from textual.binding import Binding
 
 from tools.inspector.events import EventRow, EventsData, chosen
 from tools.inspector.pages.page import InspectorPage
-from tools.inspector.pages.table import Column, TableRow
+from tools.inspector.pages.table import Head, TableRow
 
 if TYPE_CHECKING:
     from tools.inspector.overview import Overview
@@ -20,7 +20,7 @@ class EventsPage(InspectorPage):
     """What the processes report, the newest last."""
 
     TITLE = "events"
-    COLUMNS = (Column("at", 12), Column("from", 11), Column("what", 20), Column("text", 0))
+    COLUMNS = (Head("at", 12), Head("from", 11), Head("what", 20), Head("text", 0))
     EVERY_S = 0.3
     AT_END = True
     BINDINGS = [  # noqa: RUF012  # as textual wants it

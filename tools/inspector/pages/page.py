@@ -11,7 +11,7 @@ from textual.containers import Vertical
 from textual.widgets import Static
 
 from tools.inspector.pages.palette import Palette, palette
-from tools.inspector.pages.table import Column, LiveTable, TableRow
+from tools.inspector.pages.table import Head, LiveTable, TableRow
 
 if TYPE_CHECKING:
     from tools.inspector.overview import Overview
@@ -21,7 +21,7 @@ class InspectorPage(Vertical):
     """One page. `read` is called away from the screen's own thread, `render_rows` and `details` in it."""
 
     TITLE: ClassVar[str]
-    COLUMNS: ClassVar[Sequence[Column]]
+    COLUMNS: ClassVar[Sequence[Head]]
     EVERY_S: ClassVar[float] = 1.0
     AT_END: ClassVar[bool] = False
     DETAILS: ClassVar[int] = 3

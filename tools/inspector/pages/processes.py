@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from tools.inspector.pages.page import InspectorPage
-from tools.inspector.pages.table import Column, TableRow
+from tools.inspector.pages.table import Head, TableRow
 from tools.inspector.processes import ProcessesData, ProcessRow, cells
 
 if TYPE_CHECKING:
@@ -16,10 +16,10 @@ class ProcessesPage(InspectorPage):
     """Every process: state, rate, jitter, what it uses, restarts, and how the last one ended."""
 
     TITLE = "processes"
-    COLUMNS = (Column("process", 11), Column("state", 9), Column("pid", 7, True, True), Column("Hz", 7, True),
-               Column("jitter", 6, True), Column("p99 ms", 7, True, True), Column("work p99", 8, True, True),
-               Column("CPU %", 5, True), Column("MB", 4, True), Column("missed", 7, True, True),
-               Column("restarts", 8, True), Column(" problem, ending", 0))
+    COLUMNS = (Head("process", 11), Head("state", 12), Head("pid", 7, True, True), Head("Hz", 7, True),
+               Head("jitter", 6, True), Head("p99 ms", 7, True, True), Head("work p99", 8, True, True),
+               Head("CPU %", 5, True), Head("MB", 4, True), Head("missed", 7, True, True),
+               Head("restarts", 8, True), Head(" problem, ending", 0))
 
     def open(self, system: str) -> None:
         """Begin to measure shares of a core."""

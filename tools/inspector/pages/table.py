@@ -13,7 +13,7 @@ WIDE = 110
 
 
 @dataclass(frozen=True, slots=True)
-class Column:
+class Head:
     """A column: its title, characters (0: what is left over, shared), flush right, only where the terminal is wide."""
 
     title: str
@@ -31,7 +31,7 @@ class TableRow:
     style: str = ""
     styles: tuple[tuple[int, str], ...] = ()
 
-    def texts(self, columns: Sequence[Column], widths: Mapping[int, int]) -> list[Text]:
+    def texts(self, columns: Sequence[Head], widths: Mapping[int, int]) -> list[Text]:
         """The cells that are shown, by their places, in so many characters each."""
         own = dict(self.styles)
         made = [Text(self.cells[k].replace("\n", " "), style=own.get(k, self.style), no_wrap=True,
@@ -44,7 +44,7 @@ class TableRow:
 class LiveTable(DataTable[Text]):
     """See the module. `show` is all that pages need."""
 
-    def __init__(self, columns: Sequence[Column]) -> None:
+    def __init__(self, columns: Sequence[Head]) -> None:
         super().__init__(cursor_type="row", zebra_stripes=False, cell_padding=0)
         self._all = tuple(columns)
         self._widths: dict[int, int] = {}

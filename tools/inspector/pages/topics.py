@@ -10,7 +10,7 @@ from textual.message import Message
 from procs.crtk.topics import TopicEntry
 from tools.inspector.overview import span
 from tools.inspector.pages.page import InspectorPage
-from tools.inspector.pages.table import Column, TableRow
+from tools.inspector.pages.table import Head, TableRow
 from tools.inspector.topics import TopicRow, TopicsData
 from tools.inspector.values import shown_entries
 from tools.printing import number
@@ -31,9 +31,9 @@ class TopicsPage(InspectorPage):
     """Every record with declared and real rate, and the views on it."""
 
     TITLE = "topics"
-    COLUMNS = (Column("topic", 20), Column("declared", 9, True), Column("Hz", 7, True), Column("longest ms", 10, True),
-               Column("age", 7, True), Column("lost", 5, True), Column("records", 12, True, True),
-               Column(" problem", 0))
+    COLUMNS = (Head("topic", 20), Head("declared", 9, True), Head("Hz", 7, True), Head("longest ms", 10, True),
+               Head("age", 7, True), Head("lost", 5, True), Head("records", 12, True, True),
+               Head(" problem", 0))
     DETAILS = 2
     BINDINGS = [Binding("enter", "open_values", "values", priority=True)]  # noqa: RUF012  # as textual wants it
     _data: TopicsData | None = None

@@ -11,7 +11,7 @@ from procs.crtk.topics import TopicEntry
 from shm.segment import SegmentError
 from tools.inspector.overview import span
 from tools.inspector.pages.page import InspectorPage
-from tools.inspector.pages.table import Column, TableRow
+from tools.inspector.pages.table import Head, TableRow
 from tools.inspector.values import ValueRow, Values, ValuesData, open_values
 from tools.scope.drawing import sparkline
 
@@ -27,8 +27,8 @@ class ValuesPage(InspectorPage):
     """One topic, field by field."""
 
     TITLE = "values"
-    COLUMNS = (Column("field", 20), Column("value", 0), Column("unit", 9), Column("course", SPARK),
-               Column("meaning", 42, False, True))
+    COLUMNS = (Head("field", 20), Head("value", 0), Head("unit", 9), Head("course", SPARK),
+               Head("meaning", 42, False, True))
     EVERY_S = 0.2
     DETAILS = 2
     BINDINGS = [  # noqa: RUF012  # as textual wants it
