@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 from selenium.webdriver.common.action_chains import ActionChains
@@ -149,3 +150,37 @@ def test_the_lens_moves_while_a_button_is_held(console: tuple[Robot, BrowserPage
     ActionChains(page.driver).click(button).perform()
     page.until("document.querySelector('.note.bad')?.textContent.includes('lock')")
     assert page.wrongs() == []
+
+
+def test_a_setup_arm_is_clutched_and_lifted_while_a_button_is_held(
+        tmp_path: Path, data: Callable[[str], Path]) -> None:
+    with systems(tmp_path, "paced") as make:
+        robot, port = make(), free()
+        robot.up(data("dvrk-site/jhu-daVinci/system-SUJ.json"), "--path", str(data("dvrk-share")),
+                 *OPTIONS, "--set", f"gui.listen=127.0.0.1:{port}")
+        with chromium(f"http://127.0.0.1:{port}") as page:
+            page.open("/suj")
+            robot.pids.add(robot.pid("gui"))
+            page.until("document.querySelector('#setup-PSM1 .switch')")
+            page.click("#setup-PSM1 .switch")
+            assert "Take control" in page.note()
+            robot.trocar("home")
+            page.until(f"{shown('SUJ/state.setup_valid')}.every((known) => known)", 120)
+            page.take_control()
+            page.click("#setup-PSM1 .switch", yes=False)
+            assert not page.value("SUJ/state.clutched.1")
+            page.click("#setup-PSM1 .switch")
+            page.until(shown("SUJ/state.clutched.1"))
+            page.until(f"!{shown('SUJ/state.setup_valid.1')} && {shown('SUJ/state.brake_current.1')} > 0")
+            page.take_control()
+            page.click("#setup-PSM1 .switch")
+            page.until(f"!{shown('SUJ/state.clutched.1')}")
+            page.until(shown("SUJ/state.setup_valid.1"), 120)
+            page.take_control()
+            hand = ActionChains(page.driver)
+            hand.click_and_hold(page.find(".hold")).perform()
+            page.until(f"{shown('SUJ/state.lift')} === 1")
+            hand.reset_actions()
+            hand.release().perform()
+            page.until(f"!{shown('SUJ/state.lift')}")
+            assert page.wrongs() == []

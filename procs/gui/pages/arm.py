@@ -142,8 +142,14 @@ def _tip(arm: ArmConfig, state: str) -> None:
             box("spacer")
             Part("span", "quiet", "in")
             live(f"{state}.reference_frame", classes="quiet")
-        with box("numbers", data_valid=f"{state}.reference_valid"):
+        with box("numbers"):
             _header()
+            _inputs("Goal of the tip", "tip", "go to")
+        with box("row"):
+            Part("button", "", "Read", type="button", data_does="read-tip", title="Take the measured pose as goal")
+            Part("button", "primary commands", "Move tip", type="button", data_does="move-tip")
+            Part("span", "reason", id="tip-says")
+        with box("part numbers", data_valid=f"{state}.reference_valid"):
             for text, field, form, first in (
                     ("measured, mm", "measured_cp", "mm:2", 0), ("setpoint, mm", "setpoint_cp", "mm:2", 0),
                     ("in its base, mm", "local_measured_cp", "mm:2", 0),
@@ -159,13 +165,6 @@ def _tip(arm: ArmConfig, state: str) -> None:
             box("spacer")
             wrench = ",".join(f"{arm.name}/state.body_measured_cf[{i}]" for i in range(6))
             Part("a", "", "Plot the wrench", href=f"/plots#{wrench}")
-        with box("part"):
-            with box("numbers"):
-                _inputs("Goal of the tip", "tip", "go to")
-            with box("row"):
-                Part("button", "", "Read", type="button", data_does="read-tip", title="Take the measured pose as goal")
-                Part("button", "primary commands", "Move tip", type="button", data_does="move-tip")
-                Part("span", "reason", id="tip-says")
         with box("part"):
             with box("row"):
                 Part("span", "quiet", "Hold to jog in axes of")
