@@ -183,3 +183,17 @@ def test_an_accident_of_one_write_does_not_end_the_writing(rings: RingsOfATest) 
     box.close()
     rings.written()
     assert rings.disk.problem == ""
+
+
+def test_a_file_that_is_old_is_ended(rings: RingsOfATest) -> None:
+    box = rings.box(minutes=0.1)
+    for n in range(1, 6):
+        rings.write(1)
+        rings.passes(0.7 * n)
+        rings.times.local_ns += 2_000_000 * n  # names of files have ms
+        box.step()
+        box.flush()
+    box.close()
+    rings.written()
+    assert len(rings.begun) >= 3
+    assert all(file.is_ended for file in rings.begun)
