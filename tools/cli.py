@@ -69,6 +69,7 @@ VERBS: tuple[Verb, ...] = (
     Verb("hz", "tools.verbs.listing:hz", "Measured rates of topics."),
     Verb("echo", "tools.verbs.echo:echo", "Values of a topic."),
     Verb("scope", "tools.verbs.scope:scope", "Fields at full rate around a moment, as a plot or a table."),
+    Verb("export", "tools.verbs.export:export", "A recording as CSV, Parquet or a bag of rosbag2."),
     Verb("compare", "tools.verbs.compare:compare", "What is different in two recordings."),
     Verb("attach", "tools.verbs.attach:attach", "Live table of processes and topics."),
     Verb("dump", "tools.verbs.dump:dump", "Save what shared memory holds of a system, dead or alive."),

@@ -114,6 +114,7 @@ class RecordingReader:
         self.topics: dict[str, RecordedTopic] = {}
         self._attachments: dict[str, bytes] = {}
         self._schemas: dict[int, Schema] = {}
+        self._channels: dict[int, Channel] = {}
         self._chunks: list[_ChunkPlace] = []
         try:
             self._file: BinaryIO = path.open("rb")
@@ -171,6 +172,20 @@ class RecordingReader:
         rows, times, epoch = rows[order], np.array(local, np.int64)[order], np.array(epochs, np.int64)[order]
         once = np.concatenate(([True], np.diff(rows["sequence"]) != 0))[: len(rows)]  # of rings kept twice
         return Records(rows[once], times[once], epoch[once])
+
+    def attachments(self) -> list[tuple[str, str, bytes]]:
+        """All that is attached: name, media type and content."""
+        return [(name, "application/octet-stream", data) for name, data in self._attachments.items()]
+
+    def channel(self, number: int) -> tuple[str, str, dict[str, str]]:
+        """Type, definition and metadata of a channel."""
+        channel = self._channels[number]
+        schema = self._schemas.get(channel.schema_id)
+        return (schema.name, schema.data.decode(errors="replace"), channel.metadata) if schema else ("", "", {})
+
+    def raw(self, topic: str) -> Iterator[tuple[int, int, int, int, memoryview]]:
+        """Every message of a topic as it lies in the file: channel, sequence, time of day, stamp, data."""
+        return self._messages(self.topics[topic].channels, 0, 1 << 63)
 
     def messages(self, topic: str, begin_ns: int = 0, end_ns: int = 1 << 63) -> Iterator[tuple[int, int, bytes]]:
         """Local time, stamp and message (CDR) of a topic, a view for instance."""
@@ -250,6 +265,7 @@ class RecordingReader:
         if isinstance(found, Schema):
             self._schemas[found.id] = found
         elif isinstance(found, Channel):
+            self._channels[found.id] = found
             self._add(found)
         elif isinstance(found, Metadata):
             self.metadata[found.name] = found.metadata

@@ -121,6 +121,7 @@ JSON = {  # of the verbs that print JSON: one that works on the demo, with an ar
     "get": "get", "record": "record short PSM1 --for 0.2",
     "check": "check configs/systems/demo.yaml configs/pid/PSM.yaml",
     "convert": "convert {folder}/console-PSM1.json --to {folder}",
+    "export": "export {folder}/monday.mcap -o {folder}/monday",
     "compare": "compare {folder}/monday.mcap {folder}/monday.mcap", "doctor": "doctor", "power-off": "power-off PSM1",
     "start": "start PSM1", "restart": "restart PSM1 --yes", "stop": "stop PSM1 --yes",
 }

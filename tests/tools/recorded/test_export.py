@@ -1,0 +1,106 @@
+"""`trocar export`: tables have every number under its name, bags are opened by programs that are not ours."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
+
+from procs.recordings.reading import RecordedTopic, open_recording
+from shm.header import readable
+from tests.recordings.made import STATE, STEP_NS, a_recording, rows_of
+from tools.recorded.exporting import element_names, file_stem
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+def run(*words: Any) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-P", "-m", "tools", "export", *map(str, words)], cwd=ROOT, text=True,
+                          capture_output=True, check=False)
+
+
+def test_a_table_has_each_element_under_its_joint(tmp_path: Path) -> None:
+    path, rows = a_recording(tmp_path)
+    found = run(path, "-o", tmp_path / "out", "--json")
+    assert found.returncode == 0, found
+    (file,) = json.loads(found.stdout)["files"]
+    with Path(file).open(newline="") as stream:
+        table = list(csv.DictReader(stream))
+    assert len(table) == 50 and [int(row["sequence"]) for row in table] == rows["sequence"].tolist()
+    joints = [readable(text) for text in rows["names"][-1].tolist()]
+    for k, joint in enumerate(joints):
+        values = [float(row[f"position[{joint}]"] or "nan") for row in table]
+        assert np.array_equal(values, rows["position"][:, k], equal_nan=True), "all digits"
+    assert [int(row["valid"]) for row in table] == rows["valid"].astype(int).tolist()
+    assert [float(row["matrix[1,2]"] or "nan") for row in table] == pytest.approx(rows["matrix"][:, 1, 2], nan_ok=True)
+
+
+def test_one_topic_goes_to_the_output(tmp_path: Path) -> None:
+    path, rows = a_recording(tmp_path)
+    found = run(path, "-o", "-", "--topics", "PSM1/state", "--from", 10 * STEP_NS * 1e-9, "--to", 0.02)
+    stamps = [int(row["stamp_ns"]) for row in csv.DictReader(io.StringIO(found.stdout))]
+    assert stamps == rows["stamp_ns"][10:20].tolist()
+    assert run(path, "-o", "-", "--format", "rosbag2").returncode == 2
+
+
+def test_what_is_there_is_not_overwritten(tmp_path: Path) -> None:
+    path, _ = a_recording(tmp_path)
+    assert run(path).returncode == 0 and (tmp_path / "one" / "PSM1-state.csv").is_file()
+    again = run(path)
+    assert again.returncode == 2 and "is there already" in again.stderr
+    assert run(path, "--format", "xlsx").returncode == 2 and run(path, "--to", 0).returncode == 2
+
+
+def test_parquet_says_what_it_needs(tmp_path: Path) -> None:
+    path, rows = a_recording(tmp_path)
+    found = run(path, "-o", tmp_path / "out", "--format", "parquet")
+    try:
+        from pyarrow import parquet
+    except ImportError:
+        assert found.returncode == 1 and "pip install 'trocar[parquet]'" in found.stderr
+    else:
+        assert parquet.read_table(tmp_path / "out" / "PSM1-state.parquet")["sequence"].to_pylist() == rows[
+            "sequence"].tolist()
+
+
+@pytest.mark.parametrize("part", [(), ("--from", "0.01", "--to", "0.03")])
+def test_a_bag_is_opened_by_rosbags(tmp_path: Path, part: tuple[str, ...]) -> None:
+    path, rows = a_recording(tmp_path)
+    assert run(path, "-o", tmp_path / "bag", "--format", "rosbag2", *part).returncode == 0
+    about = yaml.safe_load((tmp_path / "bag" / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    expected = rows[10:30] if part else rows
+    assert about["message_count"] == len(expected) and about["storage_identifier"] == "mcap"
+    with AnyReader([tmp_path / "bag"], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as bag:
+        found = [bag.deserialize(data, connection.msgtype) for connection, _, data in bag.messages()]
+        assert [connection.topic for connection in bag.connections] == ["/PSM1/state"]
+    assert [int(row.sequence) for row in found] == expected["sequence"].tolist()  # type: ignore[attr-defined]
+    with open_recording(tmp_path / "bag" / "bag.mcap") as recording:
+        kept = recording.records("PSM1/state").rows
+        assert all(np.array_equal(kept[name], expected[name], equal_nan=kept[name].dtype.kind == "f")
+                   for name in kept.dtype.names or ())
+        assert recording.document == b"{}" and recording.metadata["trocar"]["system"] == "demo"
+
+
+def test_a_damaged_recording_gives_what_can_be_read(tmp_path: Path) -> None:
+    path, _ = a_recording(tmp_path, finish=False)
+    found = run(path, "-o", tmp_path / "bag", "--format", "rosbag2")
+    assert found.returncode == 1 and "its writer did not end it" in found.stderr
+    assert (tmp_path / "bag" / "metadata.yaml").is_file()
+
+
+def test_axes_of_an_io_are_called_after_robots_and_joints() -> None:
+    info = {"dims": {"axes": 5}, "robots": {"PSM1": {"first": 1, "count": 2, "names": ["yaw", "pitch"]},
+                                            "bad": {"first": "x", "names": 3}}}
+    topic = RecordedTopic("IO1/state", "", info=info)
+    assert element_names(topic, rows_of(STATE, 0)) == {5: ("0", "PSM1.yaw", "PSM1.pitch", "3", "4")}
+    assert [file_stem(name) for name in ("PSM1/state", "../x", "")] == ["PSM1-state", "-x", "topic"]

@@ -1,0 +1,70 @@
+"""`trocar export FILE`: a recording for other programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from tools.errors import Misuse, Problem
+from tools.options import JsonOption
+from tools.printing import emit, note, progress
+from tools.recorded.choosing import FromOption, ToOption, TopicsOption, chosen_topics, opened, stretch
+from tools.recorded.exporting import CSV, PARQUET, ROSBAG2, STDOUT, Export
+from tools.recorded.rosbag import to_rosbag2
+
+FORMATS = (CSV, PARQUET, ROSBAG2)
+
+
+def export(
+    file: Annotated[Path, typer.Argument(help="A recording.")],
+    to: Annotated[str, typer.Option(
+        "--to-folder", "-o", metavar="FOLDER", help="A new one; -: a topic as CSV on our output.")] = "",
+    form: Annotated[str, typer.Option("--format", metavar="FORMAT", help="csv, parquet or rosbag2.")] = CSV,
+    topics: TopicsOption = None,
+    begin: FromOption = 0.0,
+    end: ToOption = None,
+    as_json: JsonOption = False,
+) -> int:
+    """Write a recording as CSV or Parquet, a file a topic, or as a bag that rosbag2 and its tools open.
+
+    In tables an array has a column for each element, named after its joint. Parquet needs pyarrow.
+
+    Example: trocar export monday.mcap --topics PSM1/state -o -
+    """
+    if form not in FORMATS:
+        raise Misuse(f"--format {form}: allowed are {', '.join(FORMATS)}")
+    if to == STDOUT and form != CSV:
+        raise Misuse(f"-o -: only csv goes to the output, not {form}")
+    with opened(file) as recording, progress(f"export {file.name}") as say:
+        every = list(recording.topics) if form == ROSBAG2 else recording.record_topics
+        wanted, part = chosen_topics(every, topics), stretch(recording, begin, end)
+        table = Export(recording, wanted, part)
+        if to == STDOUT:
+            if len(wanted) != 1:
+                raise Misuse(f"-o -: one topic of {', '.join(every)}; say which with --topics")
+            table.to_stdout(say)
+            return _told(recording.problems)
+        folder = Path(to) if to else file.with_suffix("")
+        try:
+            folder.mkdir(parents=True)
+            written = (to_rosbag2(recording, folder, wanted, part, say) if form == ROSBAG2 else
+                       table.to_parquet(folder, say) if form == PARQUET else table.to_csv(folder, say))
+        except FileExistsError:
+            raise Misuse(f"{folder} is there already; -o names a new folder") from None
+        except OSError as error:
+            raise Problem(f"{error.filename or folder}: {error.strerror}") from None
+        code = _told(recording.problems)
+    if as_json:
+        emit({"folder": str(folder), "files": [str(path) for path in written], "topics": wanted})
+    else:
+        print(f"{folder}: {', '.join(path.name for path in written)}")
+    return code
+
+
+def _told(problems: list[str]) -> int:
+    """What was wrong with the recording; what could be read is written."""
+    for text in problems:
+        note(f"problem: {text}")
+    return 1 if problems else 0
