@@ -175,6 +175,10 @@ class RingWriter:
         words[self._at] = n + NEXT_BUSY  # W1 of the next, when readers have ours: it delays nobody
         return n
 
+    def copy(self, record: memoryview) -> None:
+        """Take what a record of another ring of this layout says; `publish` gives it our number and stamp."""
+        self._source[ALL] = record[8:]
+
     def close(self) -> None:
         """Give the claim back."""
         self._segment.close()

@@ -16,6 +16,7 @@ from tools.inspect.watch import FRESH_S, Watch
 from tools.printing import plain
 from tools.remote import Remote
 
+APPROACH_S = 60.0
 STANDS_S = 10.0  # longer than it takes to start again who held it up
 Array = NDArray[np.float64]
 
@@ -116,6 +117,15 @@ class Follower:
     def hold(self) -> None:
         """Stay where the arm is asked to be now: the velocities of the last row end."""
         self._remote.post("hold")
+
+
+def approach(remote: Remote, position: Array, jaw: float | None) -> None:
+    """Move to where a stream begins, as slowly as moves are; Problem where the arm does not get there."""
+    moves = [("move_jp", position)] + ([("jaw/move_jp", np.array([jaw]))] if jaw is not None else [])
+    for command, values in moves:
+        reply = remote.settled(command, values, timeout=APPROACH_S)
+        if reply.outcome != "done":
+            raise Problem(f"{remote.instance}: the move to where it begins was {reply.outcome}: {reply.text}")
 
 
 class HeldUp(Problem):

@@ -25,32 +25,32 @@ NO_PYARROW: Final = "Parquet needs pyarrow, which is not installed: pip install 
 
 
 @dataclass(frozen=True, slots=True)
-class Column:
+class TableColumn:
     """One column of a table: its name, and the values (n,): numbers, flags or texts."""
 
     name: str
     values: NDArray[Any]
 
 
-def columns(topic: RecordedTopic, records: Records) -> list[Column]:
+def columns(topic: RecordedTopic, records: Records) -> list[TableColumn]:
     """A topic's records as columns: an array has one for each element, named after joints where it has some.
 
     The first ones are `sequence`, `stamp_ns` (system time), `local_ns` (time of day) and `epoch` (which process wrote).
     """
     rows = records.rows
-    found = [Column("sequence", rows["sequence"]), Column("stamp_ns", rows["stamp_ns"]),
-             Column("local_ns", records.local_ns), Column("epoch", records.epoch)]
+    found = [TableColumn("sequence", rows["sequence"]), TableColumn("stamp_ns", rows["stamp_ns"]),
+             TableColumn("local_ns", records.local_ns), TableColumn("epoch", records.epoch)]
     labels = element_names(topic, rows)
     for field in (rows.dtype.names or ())[2:]:
         name = f"{field}_of_record" if field in ("local_ns", "epoch") else field
         values = rows[field]
         if values.ndim == 1:
-            found.append(Column(name, _plain(values)))
+            found.append(TableColumn(name, _plain(values)))
             continue
         for place in np.ndindex(values.shape[1:]):
             named = labels.get(values.shape[1], ()) if values.ndim == 2 else ()
             label = named[place[0]] if named else ",".join(map(str, place))
-            found.append(Column(f"{name}[{label}]", _plain(values[(slice(None), *place)])))
+            found.append(TableColumn(f"{name}[{label}]", _plain(values[(slice(None), *place)])))
     return found
 
 
@@ -89,14 +89,14 @@ def _unique(names: Sequence[str]) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True, slots=True)
-class Export:
+class RecordingTables:
     """What is written: these topics of a recording, this stretch of it."""
 
     recording: RecordingReader
     topics: Sequence[str]
     part: Stretch
 
-    def tables(self, say: Say) -> Iterator[tuple[str, list[Column]]]:
+    def tables(self, say: Say) -> Iterator[tuple[str, list[TableColumn]]]:
         """Each topic with its columns."""
         for done, name in enumerate(self.topics):
             say(name, done / len(self.topics))
@@ -131,7 +131,7 @@ class Export:
         return written
 
 
-def _as_list(column: Column) -> Any:
+def _as_list(column: TableColumn) -> Any:
     return column.values.tolist() if column.values.dtype.kind == "O" else np.ascontiguousarray(column.values)
 
 
@@ -140,7 +140,7 @@ def file_stem(topic: str) -> str:
     return "".join(letter if letter.isalnum() or letter in "-_." else "-" for letter in topic).lstrip(".") or "topic"
 
 
-def write_csv(stream: Any, table: Sequence[Column]) -> None:
+def write_csv(stream: Any, table: Sequence[TableColumn]) -> None:
     """A row of names, then a row a record; NaN is empty, flags are 0 and 1, numbers have all their digits."""
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow([column.name for column in table])

@@ -11,7 +11,7 @@ from tools.errors import Misuse, Problem
 from tools.options import JsonOption
 from tools.printing import emit, note, progress
 from tools.recorded.choosing import FromOption, ToOption, TopicsOption, chosen_topics, opened, stretch
-from tools.recorded.exporting import CSV, PARQUET, ROSBAG2, STDOUT, Export
+from tools.recorded.exporting import CSV, PARQUET, ROSBAG2, STDOUT, RecordingTables
 from tools.recorded.rosbag import to_rosbag2
 
 FORMATS = (CSV, PARQUET, ROSBAG2)
@@ -40,7 +40,7 @@ def export(
     with opened(file) as recording, progress(f"export {file.name}") as say:
         every = list(recording.topics) if form == ROSBAG2 else recording.record_topics
         wanted, part = chosen_topics(every, topics), stretch(recording, begin, end)
-        table = Export(recording, wanted, part)
+        table = RecordingTables(recording, wanted, part)
         if to == STDOUT:
             if len(wanted) != 1:
                 raise Misuse(f"-o -: one topic of {', '.join(every)}; say which with --topics")

@@ -1,35 +1,120 @@
-"""`trocar replay FILE`: what was recorded once more."""
+"""`trocar replay FILE`: what was recorded once more, in a running system, to look at, or from its beginning."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from tools.errors import Misuse
-from tools.options import JsonOption
-from tools.printing import emit, note, progress
-from tools.recorded.choosing import opened
+from procs.recordings.reading import RecordingReader
+from tools.errors import Misuse, Problem
+from tools.inspect.watch import arm_names
+from tools.options import JsonOption, SystemOption
+from tools.printing import emit, note, number, progress, table
+from tools.recorded.choosing import FromOption, Stretch, ToOption, TopicsOption, chosen_topics, opened, stretch
 from tools.recorded.comparing import DIFFERENT, Comparing, as_dict
 from tools.recorded.differences import STAMP
+from tools.replay import live
 from tools.replay.fresh import run_again
+from tools.replay.shown import Showing
+from tools.systems import chosen_system
 from tools.verbs.compare import show
+
+SPEEDS = 0.01, 100.0
 
 
 def replay(
     file: Annotated[Path, typer.Argument(help="A recording.")],
-    fresh: Annotated[bool, typer.Option("--fresh", help="Start what was recorded, and ask for the same.")] = False,
-    into: Annotated[Path | None, typer.Option("--into", metavar="FILE.mcap", help="Where the new run is kept.")] = None,
+    arms: Annotated[list[str] | None, typer.Option("--arms", metavar="ARM", help="Only these; again for more.")] = None,
+    commands: Annotated[bool, typer.Option("--commands", help="What arms were asked for instead.")] = False,
+    name: Annotated[str, typer.Option("--as", metavar="NAME", help="Show the records as a system of this name.")] = "",
+    fresh: Annotated[bool, typer.Option("--fresh", help="Start it anew, ask for the same, compare.")] = False,
+    into: Annotated[Path | None, typer.Option("--into", metavar="FILE.mcap", help="With --fresh: the new run.")] = None,
+    speed: Annotated[float, typer.Option("--speed", help="Of what was recorded: 0.5 takes twice as long.")] = 1.0,
+    topics: TopicsOption = None,
+    begin: FromOption = 0.0,
+    end: ToOption = None,
+    real: Annotated[bool, typer.Option("--real-robot", help="A robot that is not emulated may move so.")] = False,
     as_json: JsonOption = False,
+    system: SystemOption = None,
 ) -> int:
-    """Do again what was recorded.
+    """Send recorded setpoints to homed arms of a running system: first slowly to where they began, then as they were.
+
+    With --commands what arms were asked for (move_jp …) is asked for again. Real robots need --real-robot. An arm that
+    faults, or Ctrl-C, ends it: the arms hold.
+
+    With --as records are shown for tools (list, echo, scope, bridges), in a system that only can be looked at.
+
+    With --fresh a run in simulated time is repeated from its start, bit for bit, and compared. Exit code 1: it differs.
+
+    Example: trocar replay monday.mcap --arms PSM1 --speed 0.5
+
+    Example: trocar replay monday.mcap --as monday
 
     Example: trocar replay monday.mcap --fresh --into again.mcap
     """
-    if not fresh:
-        raise Misuse("say --fresh")
+    if not SPEEDS[0] <= speed <= SPEEDS[1]:
+        raise Misuse(f"--speed {speed:g}: allowed are {SPEEDS[0]:g} to {SPEEDS[1]:g}")
+    if sum((fresh, bool(name), commands)) > 1:
+        raise Misuse("--fresh, --as and --commands say different things")
+    if fresh:
+        return _fresh(file, into, as_json)
+    with opened(file) as recording, progress(f"replay {file.name}") as say:
+        part = stretch(recording, begin, end)
+        if name:
+            with Showing(name, recording, chosen_topics(recording.record_topics, topics), part) as showing:
+                note(f"shown as system {name}: trocar list --system {name}; Ctrl-C ends it")
+                try:
+                    shown = showing.play(speed, say)
+                except KeyboardInterrupt:
+                    return 0
+            emit({"system": name, "records": shown}) if as_json else print(f"{shown} records shown")
+            return 0
+        return _live(recording, chosen_system(system), arms, part, speed, commands, real, as_json, say)
+
+
+def _live(recording: RecordingReader, system: str, wanted: Sequence[str] | None, part: Stretch, speed: float,
+          commands: bool, real: bool, as_json: bool, say: Any) -> int:
+    names = arm_names(system, wanted)
+    if not wanted:
+        names = [name for name in names if f"{name}/state" in recording.record_topics]
+    if not names:
+        raise Problem(f"{recording.path.name} has no arm of system {system}")
+    live.refuse_real(system, names, real)
+    motions = [live.motion_of(recording, name, part) for name in names]
+    if commands:
+        rows = live.send_again(system, live.moves_of(recording, names, part), motions, speed, say)
+    else:
+        rows = live.stream(system, motions, speed, say)
+    for row in rows:
+        if as_json:
+            emit(row)
+        elif commands:
+            said = " ".join([row["command"], row["text"], *(f"{value:g}" for value in row["values"])])
+            print(f"{row['arm']}: {said}: {row['outcome']} {row['reply']}".rstrip())
+        else:
+            _show_tracking(row)
+    refused = [f"{row['arm']} refused {row['refused']} goals: {row['refusal']}" for row in rows if row.get("refused")]
+    if refused:
+        raise Problem("; ".join(refused))
+    return 0
+
+
+def _show_tracking(row: dict[str, Any]) -> None:
+    """How far an arm was from what it was sent, and from where it was when that was recorded."""
+    cells = []
+    for k, joint in enumerate(row["names"]):
+        then = [row[key][k] if k < len(row[key]) else None for key in ("recorded_rms", "recorded_max")]
+        cells.append((joint, *(number(value, ".5f") for value in (row["rms"][k], row["max"][k], *then))))
+    table(f"{row['arm']}: measured minus sent, and minus what was measured when it was recorded; rad, m",
+          ("joint", "RMS", "largest", "recorded RMS", "recorded largest"), cells,
+          ("RMS", "largest", "recorded RMS", "recorded largest"))
+
+
+def _fresh(file: Path, into: Path | None, as_json: bool) -> int:
     again = into or file.with_name(f"{file.stem}-again.mcap")
     if again.exists():
         raise Misuse(f"{again} is there already; --into names another file")

@@ -12,7 +12,7 @@ from procs.paths import given_file, not_found
 from shm.client import begin
 from shm.system_time import SystemTime
 from tools.errors import Misuse, Problem
-from tools.following import Follower, HeldUp, beats
+from tools.following import Follower, HeldUp, approach, beats
 from tools.inspect.watch import Watch, arm_names, tool_on
 from tools.options import JsonOption, SystemOption
 from tools.printing import Say, emit, note, progress, table
@@ -20,7 +20,6 @@ from tools.remote import Remote
 from tools.setpoints import ClippedRows, Setpoints, clipped, read_setpoints
 from tools.systems import chosen_system
 
-APPROACH_S = 60.0
 SHOWN_EVERY = 20
 MAX_GAP_S = 0.1  # from there on the arm, too, takes what comes next for another stream
 
@@ -53,7 +52,8 @@ def stream(
         for text in notes:
             note(text)
         remote.on_behalf(begin(name))  # the move to the first row and the stream are one command
-        _approach(remote, rows, say)
+        say("moving to the first row", None)
+        approach(remote, rows.position[0], None if rows.jaw is None else float(rows.jaw[0]))
         follower = Follower(watch, remote, rows.jaw is not None, time)
         count = len(rows) if not seconds else min(len(rows), round(seconds * rate))
         skipped = _follow(follower, rows, rate, count, time, say)
@@ -81,15 +81,6 @@ def _fitted(
                         f"{tool.name} "
                         f"in {cut.rows} of {len(rows)} rows, by at most {cut.most:.4f} rad; clipped")
     return Setpoints(rows.position, rows.velocity, jaw), cut, reported
-
-
-def _approach(remote: Remote, rows: Setpoints, say: Say) -> None:
-    say("moving to the first row", None)
-    moves = [("move_jp", rows.position[0])] + ([("jaw/move_jp", rows.jaw[:1])] if rows.jaw is not None else [])
-    for command, values in moves:
-        reply = remote.settled(command, values, timeout=APPROACH_S)
-        if reply.outcome != "done":
-            raise Problem(f"{remote.instance}: the move to the first row was {reply.outcome}: {reply.text}")
 
 
 def _follow(follower: Follower, rows: Setpoints, rate: float, count: int, time: SystemTime, say: Say) -> int:

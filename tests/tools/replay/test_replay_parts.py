@@ -1,0 +1,124 @@
+"""What a replay takes of a recording: persons' commands at their instants, motions of homed arms, no real robot."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from procs.config import PROJECT_CONFIGS, load_system
+from procs.recordings.reading import RecordingReader, open_recording
+from shm.layout import schema_of
+from shm.segment import names_of
+from shm.topics import ARM_STATE, AUDIT
+from tests.recordings.made import written
+from tools.errors import Problem
+from tools.recorded.choosing import Stretch
+from tools.replay.commands import commands_of
+from tools.replay.configuration import startable
+from tools.replay.fresh import run_again
+from tools.replay.live import motion_of, moves_of, real_robots
+from tools.replay.shown import Showing
+
+ASKED, STATE = schema_of(AUDIT), schema_of(ARM_STATE)
+PID, PERIOD = 4711, 666_667
+
+
+def asked(*rows: tuple[int, str, str, int, int, int, tuple[float, ...]]) -> NDArray[Any]:
+    """Audit records: stamp, command, outcome, id, pid, pid of the person's program, values."""
+    found = np.zeros(len(rows), ASKED.dtype)
+    for k, (stamp, command, outcome, number, pid, person, values) in enumerate(rows):
+        found[k]["sequence"], found[k]["stamp_ns"], found[k]["id"], found[k]["pid"] = k + 1, stamp, number, pid
+        found[k]["command"], found[k]["outcome"], found[k]["origin"] = command, outcome, person << 32 | 7
+        found[k]["count"], found[k]["values"][: len(values)] = len(values), values
+    return found
+
+
+def moving(count: int, homed: slice) -> NDArray[Any]:
+    rows = np.zeros(count, STATE.dtype)
+    rows["sequence"], rows["stamp_ns"] = np.arange(count) + 1, np.arange(count) * PERIOD + 1
+    rows["state"][homed], rows["is_homed"][homed], rows["count"] = b"ENABLED", True, 6
+    rows["setpoint_position"][:, 0] = np.arange(count)
+    return rows
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Any:
+    rows = asked(
+        (100, "state_command", "accepted", 1, PID, PID, ()), (5_000, "state_command", "done", 1, PID, PID, ()),
+        (9_000, "move_jp", "accepted", 2, PID, PID, (0.1, 0.2)), (9_001, "set_speed", "done", 3, PID, PID, (1.0,)),
+        (9_002, "servo_jp", "done", 9, 99, PID, (0.3,)), (9_500, "move_jp", "refused", 4, PID, PID, (9.0,)),
+        (20_000, "servo_jp", "done", 5, PID, PID, (0.5,)), (30_000, "power_on", "done", 1, 0, PID, ()))
+    path = tmp_path / "one.mcap"
+    with path.open("wb", buffering=0) as stream:
+        written(stream, {("PSM1", "audit"): (ASKED, rows), ("PSM1", "state"): (STATE, moving(50, slice(10, 40)))})
+    with open_recording(path) as found:
+        yield found
+
+
+def test_commands_of_persons_stand_at_the_instants_at_which_they_were_taken(recording: RecordingReader) -> None:
+    found = commands_of(recording)
+    assert [(each.instant_ns, each.name, each.values) for each in found] == [
+        (100, "state_command", ()), (9_000, "move_jp", (0.1, 0.2)), (9_000, "set_speed", (1.0,)),
+        (9_500, "move_jp", (9.0,)), (20_000, "servo_jp", (0.5,))], "not what 99 passed on, nor what an arm wished of io"
+    assert [each.name for each in moves_of(recording, ["PSM1"], Stretch())] == ["move_jp", "set_speed"]
+    with pytest.raises(Problem, match="nobody asked"):
+        moves_of(recording, ["PSM1"], Stretch(50_000))
+
+
+def test_a_motion_is_what_an_arm_did_while_it_was_homed(recording: RecordingReader) -> None:
+    motion = motion_of(recording, "PSM1", Stretch())
+    assert motion.setpoint.shape == (30, 6) and motion.jaw is None and motion.setpoint[0, 0] == 10
+    between = motion.at(np.array([motion.stamp_ns[3] + PERIOD / 2]), motion.setpoint)
+    assert between[0, 0] == pytest.approx(13.5)
+    for arm, part, said in (("PSM1", Stretch(41 * PERIOD), "not homed"), ("PSM2", Stretch(), "has no PSM2/state")):
+        with pytest.raises(Problem, match=said):
+            motion_of(recording, arm, part)
+
+
+def test_setpoints_that_are_no_numbers_are_refused(tmp_path: Path) -> None:
+    rows = moving(20, slice(0, 20))
+    rows["setpoint_position"][5, 2] = np.nan
+    with (tmp_path / "nan.mcap").open("wb", buffering=0) as stream:
+        written(stream, {("PSM1", "state"): (STATE, rows)})
+    with open_recording(tmp_path / "nan.mcap") as found, pytest.raises(Problem, match="not finite"):
+        motion_of(found, "PSM1", Stretch())
+
+
+def test_real_robots_are_told_from_emulated_and_kinematic_ones() -> None:
+    for file, boards, arms, real in (("demo", "emulated", ["PSM1"], []), ("kinematic", "", ["PSM1"], [])):
+        loaded = load_system(PROJECT_CONFIGS / "systems" / f"{file}.yaml", name="x", boards=boards or None,
+                             bus_address=lambda bus: "127.1.2.3")
+        assert loaded.system is not None and real_robots(loaded.system, arms) == real
+    loaded = load_system(PROJECT_CONFIGS / "systems/demo.yaml", name="x", boards="emulated",
+                         bus_address=lambda bus: "127.1.2.3")
+    assert loaded.system is not None
+    wired = dataclasses.replace(loaded.system, emulation=None, clock="lockstep")
+    assert real_robots(wired, ["PSM1"]) == ["PSM1"]
+    with pytest.raises(Problem, match="not emulated"):
+        startable(wired)
+    with pytest.raises(Problem, match="real time"):
+        startable(dataclasses.replace(loaded.system, clock="wall"))
+
+
+def test_a_recording_without_a_configuration_is_not_started(recording: RecordingReader, tmp_path: Path) -> None:
+    with pytest.raises(Problem, match="recorded by another version"):
+        run_again(recording, tmp_path / "again.mcap", "nobody", lambda text, fraction: None)
+    assert not (tmp_path / "again.mcap").exists()
+
+
+def test_records_are_shown_with_the_times_between_them(recording: RecordingReader) -> None:
+    name = f"t{os.getpid()}shown"
+    with Showing(name, recording, ["PSM1/state", "PSM1/audit"], Stretch()) as showing:
+        assert showing.play(100.0, lambda text, fraction: None) == 58
+        stamps = np.array([topic.last_ns for topic in showing.topics])
+        assert (stamps > 0).all() and len(names_of(name)) == 5
+    assert not names_of(name)
+    with pytest.raises(Problem, match="nothing to show"):
+        Showing(name, recording, ["PSM1/state"], Stretch(1 << 60))
+    assert not names_of(name)
