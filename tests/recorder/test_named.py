@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import closing
+
 import pytest
 
 from procs.recordings import names
 from procs.recordings.reading import open_recording
+from shm.control_page import ControlPage
+from shm.subscriptions import Subscriptions
 from tests.recorder.harness import RingsOfATest
 
 
@@ -97,3 +101,20 @@ def test_what_is_written_seldom_is_in_it_as_it_was_at_the_beginning(rings: Rings
     _, recording = recorded(rings, "PSM1/state", steps=2)
     with recording:
         assert recording.records("box/gains").rows["number"].tolist() == [2.0]
+
+
+def test_only_what_somebody_records_is_wanted(rings: RingsOfATest) -> None:
+    with closing(ControlPage(rings.system, "PSM1")) as page:
+        wanted = Subscriptions(page)
+        box = rings.box()
+        rings.write(1)
+        box.step()
+        wanted.look()
+        assert wanted.wanted == 0
+        named = rings.named("PSM1/state")
+        wanted.look()
+        assert wanted.wanted & wanted.bits("state", "wrench")
+        named.end()
+        wanted.look()
+        assert wanted.wanted == 0
+        box.close()
