@@ -72,6 +72,7 @@ VERBS: tuple[Verb, ...] = (
     Verb("export", "tools.verbs.export:export", "A recording as CSV, Parquet or a bag of rosbag2."),
     Verb("compare", "tools.verbs.compare:compare", "What is different in two recordings."),
     Verb("attach", "tools.verbs.attach:attach", "Live table of processes and topics."),
+    Verb("recordings", "tools.verbs.recordings:recordings", "Recordings there are, with what they are of."),
     Verb("dump", "tools.verbs.dump:dump", "Save what shared memory holds of a system, dead or alive."),
     Verb("report", "tools.verbs.report:report", "Pack logs, recordings and versions for a bug report."),
     Verb("commission", "tools.commission.verb:commission", "The first day on a robot, stage by stage.", moves=True),

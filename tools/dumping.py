@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import os
 from datetime import datetime
 from pathlib import Path
 from typing import Final
 
 from procs.crtk.plain import plain
-from procs.paths import recordings_folder
 from shm.segment import names_of
 from tools.errors import Problem
 from tools.printing import Say, note, progress
+from tools.recorded.places import folder_of
 from tools.running import SUPERVISOR
 from tools.systems import forbidden, is_up
 
@@ -35,7 +34,7 @@ class Dumped:
 
 def dump_file(system: str) -> Path:
     """Where a dump of a system goes that nobody names: its recordings, with the time of day."""
-    return recordings_folder(os.environ, system) / f"dump-{datetime.now():%Y%m%d-%H%M%S}.mcap"
+    return folder_of(system) / f"dump-{datetime.now():%Y%m%d-%H%M%S}.mcap"
 
 
 def dump(system: str, file: Path, reason: str, say: Say) -> Dumped:

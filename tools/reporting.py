@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from procs.crtk.plain import plain
-from procs.paths import log_folder, recordings_folder, token_file
+from procs.paths import log_folder, token_file
 from procs.recordings.reading import RecordingError, open_recording
 from shm import directory
 from shm.clock import local_ns
@@ -29,6 +29,7 @@ from tools.dumping import dump
 from tools.inspect.processes import statuses
 from tools.machine import findings
 from tools.printing import Say
+from tools.recorded.places import folder_of
 from tools.systems import ROOT, chosen_system, forbidden
 from tools.version import VERSION
 
@@ -173,7 +174,7 @@ def _add_logs(made: Report, say: Say) -> None:
 
 
 def _newest(system: str) -> list[Path]:
-    found = [(path.stat().st_mtime, path) for path in recordings_folder(os.environ, system).rglob("*.mcap")]
+    found = [(path.stat().st_mtime, path) for path in folder_of(system).rglob("*.mcap")]
     return [path for _, path in sorted(found, reverse=True)]
 
 

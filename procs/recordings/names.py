@@ -8,7 +8,7 @@ FORMAT: Final = "1"
 SYSTEM: Final = "trocar"
 """Metadata: `format`, what the recording is (`kind`, `name`, `reason`), of which system, by which versions, where."""
 BOX, NAMED, FAULT, DUMP = "box", "named", "fault", "dump"
-"""Kinds of recordings."""
+KINDS: Final = (BOX, NAMED, FAULT, DUMP)
 LOSSES: Final = "losses"
 """Metadata: how many records of each topic are missing, and how many messages were dropped."""
 DOCUMENT: Final = "document.json.gz"

@@ -32,7 +32,8 @@ def _plain(row: Any) -> dict[str, Any]:
 
 def in_words(row: dict[str, Any]) -> str:
     """One line: when, who was asked, for what, the outcome, whose command that was."""
-    words = (row["command"], row["text"], *(f"{value:.6g}" for value in row.get("values") or ()))
+    values = (row.get("values") or ())[: row.get("count")]
+    words = (row["command"], row["text"], *(f"{value:.6g}" for value in values))
     asked = " ".join(filter(None, words))
     why = f" ({row['reason']})" if row["reason"] else ""
     whose = f"{row['program'] or 'a program'}, number {row['origin']:x}, generation {row['generation']}"

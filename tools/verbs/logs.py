@@ -18,6 +18,8 @@ from tools.errors import Problem
 from tools.inspect.asked import in_words, rows_of
 from tools.options import JsonOption, SystemOption
 from tools.printing import emit
+from tools.recorded.as_system import RecordingOption
+from tools.recorded.said import recorded_lines
 from tools.systems import chosen_system, unknown
 
 POLL_S = 0.1
@@ -30,6 +32,7 @@ def logs(
                                            "of it; while the system runs.")] = False,
     follow: Annotated[bool, typer.Option("--follow", "-f", help="Go on with what comes.")] = False,
     as_json: JsonOption = False,
+    recording: RecordingOption = None,
     system: SystemOption = None,
 ) -> int:
     """Print the newest lines the processes wrote; also after the system went down (then with --system).
@@ -39,7 +42,13 @@ def logs(
     Example: trocar logs PSM1 -n 50
 
     Example: trocar logs PSM1 --commands
+
+    Of a recording: its newest messages, from the clock of its time, or with --commands what was asked for.
     """
+    if recording is not None:
+        for said in recorded_lines(recording, instance, lines, commands):
+            emit(said.row) if as_json else print(said.text)
+        return 0
     if commands:
         for row in rows_of(system or chosen_system(), instance, lines):
             emit(row) if as_json else print(in_words(row))

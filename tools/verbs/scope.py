@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable, Sequence
 from shutil import get_terminal_size
 from typing import Annotated
 
 import typer
 
-from procs.crtk.field_paths import BadPath, parse_path
+from procs.crtk.field_paths import BadPath, FieldPath, parse_path
+from procs.recordings.reading import RecordedTopic
 from shm.clock import local_ns, monotonic_ns
 from tools.errors import Misuse, Problem
 from tools.inspect.messages import time_of_day
 from tools.options import JsonOption, SystemOption
 from tools.printing import emit, note, progress
+from tools.recorded.as_system import RecordingOption, system_or_recording
 from tools.scope.capture import Capture, Capturing
 from tools.scope.grammar import BadCondition, parse_condition
 from tools.systems import chosen_system, is_simulated
@@ -39,6 +42,7 @@ def scope(
     png: Annotated[str, typer.Option("--png", metavar="FILE", help="A picture; needs matplotlib.")] = "",
     height: Annotated[int, typer.Option("--height", min=3, max=40, help="Lines of each plot on the terminal.")] = 6,
     as_json: JsonOption = False,
+    recording: RecordingOption = None,
     system: SystemOption = None,
 ) -> int:
     """Show fields at full rate around a moment, like an oscilloscope: from the rings, every record once.
@@ -46,7 +50,8 @@ def scope(
     A condition: FIELD > 0.5 (>= < <= == !=, also == FAULT or another word), abs(FIELD) > 0.5, event [NAME] [severity,
     code or "part of the text"], fault [NAME]; with and, or, not and brackets. Of several numbers: any of them. Without
     --when it takes the last second at once. Rings keep 3 s; more is kept from now on. A dead system's rings can be
-    looked at, too. What is computed on demand is wanted while this runs. Exit code 1: it did not happen.
+    looked at, too, and recordings. What is computed on demand is wanted while this runs. Exit code 1: it did not
+    happen.
 
     Example: trocar scope 'PSM1/measured_js.velocity[0:3]' --before 2
 
@@ -63,19 +68,26 @@ def scope(
         raise Misuse(str(error)) from None
     before_s = before if before is not None else LAST_S if condition is None else BEFORE_S
     after_s = 0.0 if condition is None else AFTER_S if after is None else after
-    name = chosen_system(system)
-    with Capturing(name, paths, condition) as capturing:
+    with (system_or_recording(chosen_system, system, recording, _needed_by(paths)) as name,
+          Capturing(name, paths, condition) as capturing):
         if condition is None:
             found: Capture | None = capturing.last(before_s)
         elif past or not capturing.is_up:
             found = capturing.past(before_s, after_s)
         else:
             found = _waited(capturing, when, before_s, after_s, timeout)
-    if found is None:
-        note(f"{when}: did not happen" + (" in what the rings keep" if timeout is None else f" within {timeout:g} s"))
-        return 1
-    _show(name, found, when, (before_s, after_s), csv, png, as_json, height)
+        if found is None:
+            where = f"in what {recording or 'the rings'} kept" if timeout is None else f"within {timeout:g} s"
+            note(f"{when}: did not happen {where}")
+            return 1
+        _show(name, found, when, (before_s, after_s), csv, png, as_json, height)
     return 0
+
+
+def _needed_by(paths: Sequence[FieldPath]) -> Callable[[RecordedTopic], bool]:
+    """Of a recording only this is read: rings of who is named, and all events."""
+    named = {path.topic.partition("/")[0] for path in paths}
+    return lambda topic: topic.ring == "events" or topic.instance in named
 
 
 def _waited(capturing: Capturing, when: str, before_s: float, after_s: float, timeout: float | None) -> Capture | None:

@@ -1,0 +1,37 @@
+"""The arm faulted an hour ago: why? The three commands of docs/operating.md, when the system is long down."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+
+import pytest
+
+from tests.system.robot import DEMO, ROOT, Robot, wait_for
+
+pytestmark = [pytest.mark.slow, pytest.mark.simulated]
+
+
+def test_three_commands_of_the_page_say_why_an_arm_faulted(robot: Robot) -> None:
+    page = (ROOT / "docs" / "operating.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"\*\*The arm faulted an hour ago: why\?\*\*.*?\n\n((?:    .*\n)+)", page)
+    listed, said, scoped = (shlex.split(line, comments=True)[1:] for line in block.splitlines())
+    robot.up(DEMO, "--boards", "emulated", "--set", "recorder.on=true")
+    robot.home()
+    robot.trocar("send", "boards", "amp_fault", "PSM1", "3", "1")
+    wait_for(lambda: "what led to it was recorded" in robot.trocar("status", code=None), 60.0, "the file of the fault")
+    wait_for(lambda: robot.trocar(*listed).count("an amplifier is off") == 1, 30.0, "the file is listed")
+    assert robot.down() == 0
+
+    row = json.loads(robot.trocar(*listed, "--json"))
+    assert row["kind"] == "fault" and "axis 3" in row["reason"]
+
+    def does(words: list[str], *more: str) -> str:
+        return robot.trocar(*[row["path"] if word == "FILE" else word for word in words], *more)
+
+    assert "an amplifier is off although it should be on; check the motor cable" in does(said)
+    assert "amp_fault PSM1 3 1: done" in does(said, "--commands")
+    shown = json.loads(does(scoped, "--json").splitlines()[0])
+    assert [field["field"] for field in shown["fields"]] == ["IO1/state.effort[3]", "PSM1/measured_js.position[3]"]
+    assert shown["condition"] == "fault" and shown["lost"] == 0

@@ -1,0 +1,113 @@
+"""Recordings looked at as systems are: their rings, what was said, which there are."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from procs.crtk.topics import catalogue
+from procs.recordings import names
+from procs.recordings.facts import facts_of
+from procs.recordings.snapshot import take
+from shm import directory
+from shm.events import ERROR, Events
+from shm.segment import names_of
+from shm.topics import EVENTS, SETPOINT
+from tests.conftest import World
+from tests.recordings.made import a_recording
+from tools import cli
+from tools.errors import Problem
+from tools.recorded.as_system import recording_as_system
+
+SECOND_NS = 1_000_000_000
+
+
+@pytest.fixture
+def fault(world: World, tmp_path: Path) -> Path:
+    """A recording of an arm whose setpoint jumped when it said so."""
+    directory.create_ring(world.name, "PSM1", SETPOINT, {}, {"kind": "arm"})
+    directory.create_ring(world.name, "PSM1", EVENTS, {}, {"kind": "arm"})
+    writer = directory.writer(world.name, "PSM1", "setpoint", "arm")
+    events = directory.writer(world.name, "PSM1", "events", "arm")
+    for number in range(1000):
+        writer.field("position")[...] = 0.5 if number >= 600 else 0.0
+        writer.publish(SECOND_NS + number * 1_000_000)
+        if number == 600:
+            said = Events(events, lambda: SECOND_NS + 600_000_000)
+            said.emit("error", "PSM1: it jumped", severity=ERROR, code="jump", component="PSM1", hint="look at it")
+    writer.close()
+    events.close()
+    file = tmp_path / "fault-20260101-000000.000-PSM1.mcap"
+    with file.open("xb", buffering=0) as stream:
+        take(world.name, stream, facts_of(world.name, names.FAULT, file.stem, "PSM1: it jumped"), [])
+    world.remove()
+    return file
+
+
+def asked(verb: str, *words: str) -> tuple[int, str]:
+    """Exit code and output."""
+    result = CliRunner().invoke(cli.build(verb), [verb, *words])
+    return result.exit_code, result.output
+
+
+def test_its_rings_are_read_as_those_of_a_dead_system(fault: Path) -> None:
+    with recording_as_system(fault) as system:
+        assert "PSM1/setpoint" in [entry.name for entry in catalogue(system)]
+        reader = directory.reader(system, "PSM1", "setpoint", "arm")
+        rows = reader.last(5000)
+        assert len(rows) == 1000 and list(rows["stamp_ns"][[0, -1]]) == [SECOND_NS, SECOND_NS + 999_000_000]
+        assert (rows["position"][:, 0] == np.where(np.arange(1000) >= 600, 0.5, 0.0)).all()
+        assert reader.newest() and reader.field("position")[0] == 0.5 and reader.gone
+        reader.close()
+    assert not [name for name in names_of() if name[0] == system]
+
+
+def test_scope_shows_the_moment_of_a_fault(fault: Path) -> None:
+    code, said = asked("scope", "PSM1/setpoint.position[0]", "--when", "event PSM1 error", "--past", "--json",
+                       "--before", "0.01", "--after", "0.01", "--recording", str(fault))
+    assert code == 0, said
+    assert json.loads(said.splitlines()[0])["moment_ns"] == SECOND_NS + 600_000_000
+
+
+def test_what_did_not_happen_in_it_is_told(fault: Path) -> None:
+    code, said = asked("scope", "PSM1/setpoint.position[0]", "--when", "PSM1/setpoint.position[0] > 9", "--past",
+                       "--recording", str(fault))
+    assert code == 1 and "did not happen in what" in said
+
+
+def test_logs_say_what_was_said(fault: Path) -> None:
+    code, said = asked("logs", "--recording", str(fault))
+    assert code == 0 and "error jump  PSM1: it jumped; look at it" in said
+    code, said = asked("logs", "PSM1", "--recording", str(fault), "--json")
+    assert json.loads(said)["code"] == "jump"
+    assert asked("logs", "PSM2", "--recording", str(fault)) == (0, "")
+    assert asked("logs", "--commands", "--recording", str(fault)) == (0, "")
+
+
+def test_recordings_are_listed_with_their_reasons(fault: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TROCAR_STATE", str(tmp_path))
+    folder = tmp_path / "mine" / "recordings"
+    folder.mkdir(parents=True)
+    fault.rename(folder / fault.name)
+    a_recording(folder)
+    (folder / "broken.mcap").write_text("no recording")
+    code, said = asked("recordings", "--system", "mine", "--json")
+    assert code == 0, said
+    rows = [json.loads(line) for line in said.splitlines()]
+    assert {row["file"]: row["kind"] for row in rows} == {fault.name: names.FAULT, "one.mcap": names.BOX}
+    code, said = asked("recordings", "fault", "--system", "mine")
+    assert code == 0 and "PSM1: it jumped" in said and "one.mcap" not in said
+    assert asked("recordings", "flaut", "--system", "mine")[0] == 1
+
+
+def test_a_file_that_is_no_recording_is_told(tmp_path: Path) -> None:
+    file = tmp_path / "no.mcap"
+    file.write_text("no recording at all")
+    with pytest.raises(Problem, match="is no MCAP file"), recording_as_system(file):
+        pass
+    code, said = asked("logs", "--recording", str(tmp_path / "nowhere.mcap"))
+    assert code == 1 and "no such file" in said

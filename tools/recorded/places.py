@@ -1,0 +1,21 @@
+"""Where recordings of a system are."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from pathlib import Path
+
+from procs.document.system import from_json
+from procs.paths import recordings_folder
+from shm import directory
+from shm.segment import SegmentError
+
+
+def folder_of(system: str) -> Path:
+    """The folder that its configuration names, as long as that is in memory, else the one beside its logs."""
+    with contextlib.suppress(SegmentError, ValueError):
+        row = from_json(directory.document(system)).recorder
+        if row is not None and row.folder:
+            return Path(row.folder)
+    return recordings_folder(os.environ, system)

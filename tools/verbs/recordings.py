@@ -1,0 +1,63 @@
+"""`trocar recordings`: which there are of a system, the newest first."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from procs.recordings import names
+from procs.recordings.reading import RecordingError, open_recording
+from tools.errors import Problem
+from tools.options import JsonOption, SystemOption
+from tools.printing import emit, table
+from tools.recorded.places import folder_of
+from tools.systems import chosen_system
+
+COLUMNS = ("file", "kind", "begin", "seconds", "MB", "why")
+
+
+def recordings(
+    kinds: Annotated[list[str] | None, typer.Argument(metavar="[KIND]…", help="Only these: fault, dump, named, box.")
+                     ] = None,
+    as_json: JsonOption = False,
+    system: SystemOption = None,
+) -> int:
+    """List recordings: what the recorder keeps (box), what it kept of faults, with the reason, what you asked for.
+
+    Also after the system went down (then with --system). `logs`, `scope`, `compare`, `export` and `replay` read them.
+
+    Example: trocar recordings fault
+    """
+    folder = folder_of(system if system and folder_of(system).is_dir() else chosen_system(system))
+    if unknown := [kind for kind in kinds or () if kind not in names.KINDS]:
+        raise Problem(f"kind {unknown[0]}: there are {', '.join(names.KINDS)}")
+    rows = [row for row in described(folder) if not kinds or row["kind"] in kinds]
+    if as_json:
+        for row in rows:
+            emit(row)
+        return 0
+    if not rows:
+        print(f"no recordings{' of this kind' if kinds else ''} in {folder}")
+        return 0
+    table(str(folder), COLUMNS, (
+        (row["file"], row["kind"], f"{datetime.fromtimestamp(row['begin_ns'] * 1e-9):%Y-%m-%d %H:%M:%S}",
+         f"{row['seconds']:.1f}", f"{row['bytes'] / 1e6:.1f}", row["reason"]) for row in rows), ("seconds", "MB"))
+    return 0
+
+
+def described(folder: Path) -> list[dict[str, Any]]:
+    """Each file: what it says of itself; what cannot be read is left out."""
+    found = []
+    for path in folder.glob("*.mcap"):
+        try:
+            with open_recording(path) as recording:
+                facts = recording.metadata.get(names.SYSTEM, {})
+                found.append({"file": path.name, "kind": facts.get("kind", ""), "begin_ns": recording.begin_ns,
+                              "seconds": (recording.end_ns - recording.begin_ns) * 1e-9, "bytes": path.stat().st_size,
+                              "reason": facts.get("reason", ""), "path": str(path)})
+        except (RecordingError, OSError):
+            continue
+    return sorted(found, key=lambda row: row["begin_ns"], reverse=True)
