@@ -2,9 +2,10 @@
 
     python -m tests.soak.web_console --minutes 120
 
-The full KINEMATIC system, all arms moving. A page System, a page 3D, one with plots and a log stay open; every second
-somebody loads a page, takes control, asks for a preview, jogs an arm, is refused something, and leaves. Prints what the
-processes had at first and in the end; exit code 1 when something grew. The pages are scripted: no browser is needed.
+The full KINEMATIC system, all arms moving. A page System, a page 3D, one with plots and a log stay open; every two
+seconds somebody loads a page, takes control, asks for a preview, jogs an arm, is refused something, and leaves. Prints
+what the processes had at first and in the end; exit code 1 when something grew. The pages are scripted: no browser is
+needed.
 """
 
 from __future__ import annotations
@@ -31,7 +32,8 @@ from tools.free_port import reserved_port
 from tools.inspect.processes import statuses
 from tools.supervising import StartRequest, up_meanwhile
 
-EVERY_S: Final = 1.0
+EVERY_S: Final = 2.0
+"""Between two visits, however long they take: pages that nobody connected to are kept for a minute, about 1 MB each."""
 WATCHED: Final = "gui", "PSM1", "io", "system"
 GROWTH_KB: Final = 1024
 """Of memory that is no leak: an allocator takes such pieces at a time."""
@@ -71,14 +73,14 @@ def soak(seconds: float) -> tuple[dict[str, Footprint], int]:
         for sources in STAYS:
             stack.enter_context(closing(ScriptedPage(port, sources)))
         found = {row.name: Footprint(row.pid) for row in statuses(name) if row.name in WATCHED}
-        paths, end = itertools.cycle(PATHS), monotonic_ns() + round(seconds * 1e9)
-        while monotonic_ns() < end:
+        paths, begin = itertools.cycle(PATHS), monotonic_ns()
+        while monotonic_ns() < begin + round(seconds * 1e9):
             visit(port, next(paths))
             visits += 1
             arms.go_on()
             for each in found.values():
                 each.look()
-            pause(EVERY_S)
+            pause(max(0.0, EVERY_S * visits - (monotonic_ns() - begin) * 1e-9))
     return found, visits
 
 
