@@ -44,8 +44,9 @@ class Overview:
 
     @property
     def silences(self) -> dict[str, float]:
-        """Of dead processes the time since their last beat, s."""
-        return {one.name: one.silent_s for one in self.processes if one.problem == "dead" and one.silent_s is not None}
+        """Of processes that are dead or were stopped the time since their last beat, s."""
+        return {one.name: one.silent_s for one in self.processes
+                if one.silent_s is not None and (one.problem == "dead" or one.state in ("STOPPED", "FAILED"))}
 
     @property
     def first(self) -> str:

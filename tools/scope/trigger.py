@@ -137,7 +137,11 @@ class Trigger:
         moving = [stamp for stamp in self._newest.values() if stamp > max(self._newest.values()) - LAGS_NS]
         horizon = np.iinfo(np.int64).max if to_end or not moving else min(moving)
         parts = [leaf.sorted() for leaf in self._leaves]
-        grid = np.unique(np.concatenate([stamps[stamps <= horizon] for stamps, _ in parts]))
+        looked = [stamps[stamps <= horizon] for stamps, _ in parts]
+        # An event is over right after it: two of them are two moments.
+        looked += [stamps[flags & (stamps <= horizon)] + 1 for leaf, (stamps, flags) in zip(
+            self._leaves, parts, strict=True) if leaf.is_event]
+        grid = np.unique(np.concatenate(looked))
         columns = [_on(grid, leaf, *part) for leaf, part in zip(self._leaves, parts, strict=True)]
         for leaf, (stamps, flags), column in zip(self._leaves, parts, columns, strict=True):
             later = stamps > horizon

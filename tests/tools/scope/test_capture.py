@@ -138,6 +138,16 @@ def test_other_events_are_none(played: ScriptedRobot, when: str) -> None:
         assert capturing.past(1.0, 1.0) is None
 
 
+def test_the_last_of_several_events_is_the_moment(played: ScriptedRobot) -> None:
+    for position in (0.1, 0.2, 0.3):
+        played.events.status(f"at {position}", "PSM1")
+        played.show_arm(position)
+    with opened(played, "event PSM1") as capturing:
+        assert values(capturing.past(0.0, 1.0)) == [0.3]
+    with opened(played, 'event "at 0.2"') as capturing:
+        assert values(capturing.past(0.0, 1.0)) == [0.2, 0.3]
+
+
 def test_a_fault_of_the_state_machine_is_one(played: ScriptedRobot) -> None:
     played.events.operating_state("ENABLED", "HOMED", True, False)
     played.show_arm(0.1)
@@ -174,7 +184,7 @@ def test_rings_are_aligned_on_their_stamps(played: ScriptedRobot) -> None:
         played.io.field("position")[0] = k
         played.io.field("valid")[...] = True
         played.io.publish(stamp + k * 1_000_000)
-    show_at = stamp + 4_500_000
+    show_at = stamp - 500_000_000
     played.show_arm(0.7, age_s=(monotonic_ns() - show_at) * 1e-9)
     when = f"{FIELD} > 0.5 and IO1/state.position[0] >= 6"
     with opened(played, when, "IO1/state.position[0]", FIELD) as capturing:

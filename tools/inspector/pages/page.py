@@ -31,6 +31,7 @@ class InspectorPage(Vertical):
         super().__init__(id=name)
         self.words = ""
         """What is searched for."""
+        self._told = ""
         self.read_once: Any = None
         """What was read last."""
 
@@ -82,7 +83,13 @@ class InspectorPage(Vertical):
         """Nothing: there is no system."""
         self.read_once = None
         self.table.show([])
-        self.query_one(".details", Static).update("")
+        self._tell("")
+
+    def _tell(self, text: str) -> None:
+        """Below the table; only when it is something else, as the screen is laid out anew by it."""
+        if text != self._told:
+            self._told = text
+            self.query_one(".details", Static).update(Text(text, overflow="ellipsis"))
 
     def show_details(self) -> None:
         """The lines below the table, of the row that the cursor is on."""
@@ -90,8 +97,7 @@ class InspectorPage(Vertical):
             return
         wide = self.app.size.height >= 40
         lines = self.details(self.read_once, self.table.key)[: self.DETAILS * (3 if wide else 1)]
-        text = Text("\n".join(lines) if lines else "", overflow="ellipsis")
-        self.query_one(".details", Static).update(text)
+        self._tell("\n".join(lines))
 
     def again(self) -> None:
         """Show the same once more: another search, another theme."""

@@ -87,5 +87,6 @@ class TopicsPage(InspectorPage):
     def details(self, read: list[TopicRow], key: str) -> list[str]:
         """What is a view on it."""
         views = self._views(key)
-        return [f"{key}: Enter shows its values"
+        problem = next((row.problem for row in read if row.name == key), "")
+        return [f"{key}: problem: {problem}"] * bool(problem) + [f"{key}: Enter shows its values"
                 + (f"; views: {', '.join(entry.name.partition('/')[2] for entry in views)}" if views else "")]

@@ -29,7 +29,7 @@ class ValuesPage(InspectorPage):
     TITLE = "values"
     COLUMNS = (Head("field", 20), Head("value", 0), Head("unit", 9), Head("course", SPARK),
                Head("meaning", 42, False, True))
-    EVERY_S = 0.2
+    EVERY_S = 0.4
     DETAILS = 2
     BINDINGS = [  # noqa: RUF012  # as textual wants it
         Binding("n", "step(1)", "next"), Binding("p", "step(-1)", "prev"),
