@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
+import numpy as np
+
 from procs.recordings.reading import RecordedTopic, RecordingReader, Records
 from tools.printing import Say
 from tools.recorded.choosing import TIMED, Stretch, chosen_topics
@@ -56,21 +58,23 @@ class Comparing:
         real = [] if self.topics else [name for name in wanted if not _in_time(a, b, name)]
         wanted = [name for name in wanted if name not in real]
         both = [name for name in wanted if name in a.record_topics and name in b.record_topics]
-        found = []
+        found, unwanted = [], list[str]()
         for done, name in enumerate(both):
             say(name, done / len(both))
-            found.append(self._topic(a, b, name, stretches))
+            found.append(self._topic(a, b, name, stretches, unwanted))
         return RecordingDifference(
             tuple(found), tuple(name for name in wanted if name not in b.record_topics),
-            tuple(name for name in wanted if name not in a.record_topics), _left_out(both, real, a),
+            tuple(name for name in wanted if name not in a.record_topics), _left_out(both, real, unwanted, a),
             tuple(f"{one.path.name}: {text}" for one in (a, b) for text in one.problems))
 
-    def _topic(self, a: RecordingReader, b: RecordingReader, name: str, stretches: tuple[Stretch, Stretch]
-               ) -> TopicDifference:
+    def _topic(self, a: RecordingReader, b: RecordingReader, name: str, stretches: tuple[Stretch, Stretch],
+               unwanted: list[str]) -> TopicDifference:
         records: tuple[Records, Records] = stretches[0].of(a.records(name)), stretches[1].of(b.records(name))
         if self.common:
             records = in_common(*records, self.how)
-        return compared(name, *records, self.how, REAL_TIME, units(a.topics[name]),
+        absent = [field for field in on_demand(a.topics[name]) if any(_lacks(each, field) for each in records)]
+        unwanted += [f"{name}.{field}" for field in absent]
+        return compared(name, *records, self.how, (*REAL_TIME, *absent), units(a.topics[name]),
                         lambda field, unit: tolerance_of(self.tolerances, name, field, unit))
 
 
@@ -80,16 +84,28 @@ def units(topic: RecordedTopic) -> dict[str, str]:
     return {str(row["name"]): str(row.get("unit", "")) for row in rows}
 
 
+def on_demand(topic: RecordedTopic) -> list[str]:
+    """Fields that are computed while somebody wants them."""
+    return [str(row["name"]) for row in json.loads(topic.schema)["fields"] if row.get("group")] if topic.schema else []
+
+
+def _lacks(records: Records, field: str) -> bool:
+    """Whether a number was not computed somewhere."""
+    known = field in (records.rows.dtype.names or ()) and records.rows[field].dtype.kind == "f"
+    return known and bool(np.isnan(records.rows[field]).any())
+
+
 def _in_time(a: RecordingReader, b: RecordingReader, name: str) -> bool:
     """A process that simulated time waits for, or one whose kind nobody knows."""
     topic = a.topics.get(name) or b.topics[name]
     return topic.kind in TIMED or not topic.kind
 
 
-def _left_out(both: Sequence[str], real: Sequence[str], a: RecordingReader) -> tuple[str, ...]:
+def _left_out(both: Sequence[str], real: Sequence[str], unwanted: Sequence[str], a: RecordingReader) -> tuple[str, ...]:
     """What was not compared, in words."""
     there = sorted({field for name in both for field in (_names(a, name)) if field in REAL_TIME}, key=REAL_TIME.index)
     said = [f"fields that are real time by nature, or name a process: {', '.join(there)}"] if there else []
+    said += [f"computed on demand, and not wanted all the time: {', '.join(unwanted)}"] if unwanted else []
     return (*said, *([f"processes that live by real time: {', '.join(real)} (--topics compares them)"] if real else []))
 
 

@@ -15,6 +15,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from procs.recordings.reading import Records
+from shm.layout import schema_of
+from shm.topics import ARM_STATE
 from tests.recordings.made import STATE, STEP_NS, rows_of, written
 from tools.errors import Misuse
 from tools.recorded.differences import SEQUENCE, STAMP, START, compared, distance, in_common, paired, same
@@ -174,3 +176,21 @@ def test_a_picture_shows_what_differs(tmp_path: Path) -> None:
     found = run(a, b, "--plot", tmp_path / "d.png")
     assert "PSM1/state.position" in found.stderr, found
     assert (tmp_path / "d.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+
+
+def test_what_was_computed_on_demand_in_one_of_them_is_left_out(tmp_path: Path) -> None:
+    schema = schema_of(ARM_STATE)
+    rows = np.zeros(20, schema.dtype)
+    rows["sequence"], rows["stamp_ns"] = np.arange(20) + 1, np.arange(20) * STEP_NS
+    other = rows.copy()
+    other["body_measured_cf"][:10] = np.nan
+    paths = [tmp_path / "a.mcap", tmp_path / "b.mcap"]
+    for path, each in zip(paths, (rows, other), strict=True):
+        with path.open("wb", buffering=0) as stream:
+            written(stream, {("PSM1", "state"): (schema, each)})
+    found = run(*paths)
+    assert found.returncode == 0 and "not wanted all the time: PSM1/state.body_measured_cf" in found.stdout
+    other["body_measured_cf"] = 1.0
+    with paths[1].open("wb", buffering=0) as stream:
+        written(stream, {("PSM1", "state"): (schema, other)})
+    assert run(*paths).returncode == 1
