@@ -119,6 +119,8 @@ JSON = {  # of the verbs that print JSON: one that works on the demo, with an ar
     "stream": "stream PSM1 configs/recordings/psm-wave.csv --for 0.2", "pid": "pid show PSM1", "logs": "logs PSM1 -n 5",
     "list": "list", "hz": "hz PSM1/state IO1/state", "echo": "echo PSM1/state --once",
     "get": "get", "record": "record short PSM1 --for 0.2",
+    "scope": "scope PSM1/measured_js.position[0] --before 0.2", "attach": "attach", "recordings": "recordings",
+    "dump": "dump {folder}/all.mcap", "report": "report {folder}/all.tar.gz",
     "check": "check configs/systems/demo.yaml configs/pid/PSM.yaml",
     "convert": "convert {folder}/console-PSM1.json --to {folder}",
     "export": "export {folder}/monday.mcap -o {folder}/monday",
