@@ -195,7 +195,7 @@ class Capturing:
             rate_hz = self._windows[topic].rate_hz
             begin_ns = int(kept.stamps[0]) if rate_hz and len(kept) and int(kept.sequences[0]) > 1 else first_ns
             if begin_ns > first_ns + PERIODS * 1e9 / rate_hz if rate_hz else False:
-                short[topic] = (begin_ns - first_ns) * 1e-9
+                short[topic] = min(begin_ns - first_ns, last_ns - first_ns) * 1e-9
         gaps = tuple(gap for topic, part in rows.items() for gap in gaps_of(topic, part))
         return Capture(moment_ns, tuple(self._scoped), rows, gaps, short)
 

@@ -110,7 +110,8 @@ def remarks(capture: Capture) -> Iterator[str]:
     for topic, rows in capture.rows.items():
         yield f"{topic}: {len(rows)} records"
     for topic, seconds in capture.short.items():
-        yield f"{topic}: its ring keeps no more: the first {seconds:.3f} s of the window are missing"
+        missing = f"the first {seconds:.3f} s of" if len(capture.rows[topic]) else "all of"
+        yield f"{topic}: its ring keeps no more: {missing} the window are missing"
     for gap in capture.gaps:
         at_s = (gap.stamp_ns - capture.moment_ns) * 1e-9
         yield f"{gap.topic}: {gap.lost} records lost behind {at_s:+.4f} s: overwritten before they were read"

@@ -14,6 +14,10 @@ from shm.ring import RingReader
 
 Stamps = NDArray[np.int64]
 
+TRIES = 4
+SPARE = 64
+"""Records that come while we ask for so many newest ones."""
+
 
 @dataclass(frozen=True, slots=True)
 class Gap:
@@ -73,10 +77,8 @@ class RingWindow:
             records, self._is_first = self._reader.since(from_ns), False
             self._seen = int(records["sequence"][-1]) if len(records) else self._reader.head
         else:
-            head = self._reader.head
-            if head < self._seen:  # no writer does that: begin anew rather than wait for what was
-                self._seen = head
-            records = self._reader.last(head - self._seen) if head > self._seen else np.zeros(0, self._reader.dtype)
+            self._seen = min(self._seen, self._reader.head)  # no writer goes back: rather begin anew than wait for it
+            records = _behind(self._reader, self._seen)
             if len(records):
                 self._seen = int(records["sequence"][-1])
         if len(records):
@@ -102,6 +104,19 @@ class RingWindow:
     def close(self) -> None:
         """Unmap."""
         self._reader.close()
+
+
+def _behind(reader: RingReader, seen: int) -> NDArray[Any]:
+    """Every record behind that of number `seen`; where one is missing it was overwritten.
+
+    The writer goes on while we look: of so many newest ones the first may be too new by then.
+    """
+    for _ in range(TRIES):
+        records: NDArray[Any] = reader.last(reader.head - seen + SPARE)
+        records = records[records["sequence"] > seen]
+        if not len(records) or int(records["sequence"][0]) == seen + 1:
+            break
+    return records
 
 
 def gaps_of(topic: str, rows: WindowRows) -> list[Gap]:

@@ -24,6 +24,7 @@ from tools.scope import capture
 from tools.scope.capture import Capture, Capturing
 from tools.scope.grammar import parse_condition
 from tools.scope.output import as_json, lost, series_of
+from tools.scope.window import gaps_of
 
 APP = cli.build()
 FIELD = "PSM1/measured_js.position[0]"
@@ -84,6 +85,41 @@ def test_records_that_were_overwritten_are_counted(played: ScriptedRobot) -> Non
         found = capturing.last(60.0)
     assert lost(found) == 5001 - 1 - 4499 and found.gaps[0].topic == "PSM1/state"
     assert as_json(found, "", 60.0, 0.0)["gaps"][0]["lost"] == 501
+
+
+class HurriedReader:
+    """A reader whose writer goes on between two looks at the head."""
+
+    def __init__(self, reader: Any, more: Any) -> None:
+        self._reader, self._more = reader, more
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._reader, name)
+
+    @property
+    def head(self) -> int:
+        found = int(self._reader.head)
+        self._more()
+        return found
+
+
+@pytest.mark.parametrize("more", [1, 30, 100])
+def test_nothing_is_left_out_that_comes_while_it_looks(played: ScriptedRobot, more: int) -> None:
+    played.show_arm(0.0)
+    with opened(played) as capturing:
+        window = capturing._windows["PSM1/state"]
+        window.collect()
+        left = [1, 1, 1]  # so often the writer goes on
+
+        def publish() -> None:
+            for _ in range(more if left and left.pop() else 0):
+                played.arm.publish(monotonic_ns())
+
+        window._reader = HurriedReader(window._reader, publish)  # type: ignore[assignment]
+        for _ in range(3):
+            window.collect()
+        rows = window.rows()
+    assert gaps_of("PSM1/state", rows) == [] and rows.sequences.tolist() == list(range(1, 3 * more + 2))
 
 
 @pytest.mark.parametrize(("when", "at"), [
