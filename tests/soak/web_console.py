@@ -35,8 +35,8 @@ from tools.supervising import StartRequest, up_meanwhile
 EVERY_S: Final = 2.0
 """Between two visits, however long they take: pages that nobody connected to are kept for a minute, about 1 MB each."""
 WATCHED: Final = "gui", "PSM1", "io", "system"
-GROWTH_KB: Final = 1024
-"""Of memory that is no leak: an allocator takes such pieces at a time."""
+GROWTH_KB: Final = 4096
+"""Of memory that is no leak: an allocator takes pieces of 1.3 MB at a time, and pages are of different size."""
 STAYS: Final = (SYSTEM_PAGE, SCENE_PAGE, ("plot:PSM1/state.position[0]", "plot:io/state.position[0]", "log:gui",
                                           "processes", "buttons", "SUJ/state"))
 PATHS: Final = "/", "/3d", "/arm/PSM1", "/console", "/teleop", "/suj", "/plots", "/processes", "/buttons", "/io"
