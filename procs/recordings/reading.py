@@ -259,7 +259,7 @@ class RecordingReader:
     def _take(self, opcode: int, data: bytes) -> None:
         try:
             found = READ[opcode](ReadDataStream(BytesIO(data)))
-        except (McapError, ValueError, EOFError, struct.error) as error:
+        except (McapError, ValueError, EOFError, OverflowError, struct.error) as error:  # sizes of 2^63 and more
             self._wrong(f"a record cannot be read: {type(error).__name__} {error}".strip())
             return
         if isinstance(found, Schema):
@@ -278,6 +278,8 @@ class RecordingReader:
         name = meta.get(names.TOPIC, channel.topic.removeprefix("/"))
         try:
             epoch = int(meta.get(names.EPOCH, "0"))
+            if not 0 <= epoch < 1 << 63:
+                raise ValueError(f"epoch {epoch}; allowed are 0 to 2^63 - 1")
             if name not in self.topics:
                 self.topics[name] = self._topic(name, meta, schema.name if schema else "")
             elif meta.get(names.SCHEMA, "") != self.topics[name].schema:

@@ -172,6 +172,40 @@ def test_a_damaged_file_is_told_and_never_an_accident(tmp_path_factory, data):
         assert len(recording.problems) <= 20
 
 
+def record_at(whole: bytes, opcode: int) -> int:
+    """Where the content of the first record of this kind begins."""
+    at = len(MAGIC)
+    while whole[at] != opcode:
+        at += 9 + int.from_bytes(whole[at + 1 : at + 9], "little")
+    return at + 9
+
+
+def test_a_size_that_no_computer_has_is_told(tmp_path: Path):
+    whole = bytearray(in_memory(10, document=b"{}"))
+    at = record_at(whole, 9) + 16  # an attachment: two times, name, type, and how long it is
+    for _ in range(2):
+        at += 4 + int.from_bytes(whole[at : at + 4], "little")
+    whole[at : at + 8] = b"\xff" * 8
+    path = tmp_path / "long.mcap"
+    path.write_bytes(whole)
+    with open_recording(path) as recording:
+        assert any("a record cannot be read" in problem for problem in recording.problems)
+        assert len(recording.records("PSM1/state").rows) == 10
+
+
+@pytest.mark.parametrize("epoch", [-1, 1 << 63, 1 << 200])
+def test_an_epoch_that_no_writer_has_is_told(tmp_path: Path, epoch: int):
+    table, path = ChannelTable(), tmp_path / "epoch.mcap"
+    with path.open("wb", buffering=0) as stream:
+        channel, layout = table.ring("PSM1", "state", "arm", STATE, epoch)
+        chunk, row = Chunk(), rows_of(STATE, 1)[0]
+        chunk.add(channel, 1, BEGIN_NS, 5, b"\0\1\0\0", row.tobytes()[: layout.size])
+        RecordingFile(stream, table, FACTS).put(packed(chunk, "zstd"))
+    with open_recording(path) as recording:
+        assert recording.record_topics == [] or not len(recording.records("PSM1/state").rows)
+        assert any("allowed are 0 to" in problem for problem in recording.problems)
+
+
 def test_what_is_no_recording_is_refused_by_name(tmp_path: Path):
     path = tmp_path / "text.mcap"
     path.write_text("no recording")
@@ -183,10 +217,8 @@ def test_what_is_no_recording_is_refused_by_name(tmp_path: Path):
 
 def test_a_chunk_that_claims_too_much_is_not_uncompressed(tmp_path: Path):
     whole = bytearray(in_memory(10, finish=False))
-    at = len(MAGIC)
-    while whole[at] != 6:
-        at += 9 + int.from_bytes(whole[at + 1 : at + 9], "little")
-    whole[at + 9 + 16 : at + 9 + 24] = (1 << 40).to_bytes(8, "little")
+    at = record_at(whole, 6)
+    whole[at + 16 : at + 24] = (1 << 40).to_bytes(8, "little")
     path = tmp_path / "bomb.mcap"
     path.write_bytes(whole)
     with open_recording(path) as recording:
