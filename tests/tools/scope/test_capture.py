@@ -194,7 +194,7 @@ def test_a_fault_of_the_state_machine_is_one(played: ScriptedRobot) -> None:
 
 def test_it_waits_and_takes_what_comes_after(played: ScriptedRobot, monkeypatch: pytest.MonkeyPatch) -> None:
     positions = iter([0.1, 0.2, 0.9, 0.3, 0.4, 0.5])
-    show(played, 0.95, 2.0)  # before it began to wait: this is no moment
+    played.show_arm(0.95, age_s=1.0)  # before it began to wait: this is no moment
 
     def meanwhile(seconds: float) -> None:
         for position in positions:
