@@ -14,6 +14,7 @@ from shm import directory
 from shm.client import Client
 from shm.clock import monotonic_ns, pause
 from shm.control_page import ControlPage
+from tools.bench.cpu_time import cpu_s
 from tools.errors import Problem
 from tools.remote import Remote
 
@@ -68,13 +69,10 @@ def process_of(system: str, instance: str) -> list[psutil.Process]:
 
 def cpu_percent(processes: list[psutil.Process], seconds: float, meanwhile: Meanwhile) -> float:
     """CPU time that they take in a while, 100 is one core."""
-    before, begin = _cpu_s(processes), monotonic_ns()
+    before, begin = sum(cpu_s(process.pid) for process in processes), monotonic_ns()
     wait(seconds, meanwhile)
-    return (_cpu_s(processes) - before) / ((monotonic_ns() - begin) * 1e-9) * 100.0
-
-
-def _cpu_s(processes: list[psutil.Process]) -> float:
-    return sum(sum(process.cpu_times()[:2]) for process in processes)
+    used = sum(cpu_s(process.pid) for process in processes) - before
+    return used / ((monotonic_ns() - begin) * 1e-9) * 100.0
 
 
 def ratio(system: str, instance: str, seconds: float, pairs: int, meanwhile: Meanwhile,

@@ -24,6 +24,7 @@ from shm.clock import monotonic_ns, pause
 from shm.control_page import ControlPage
 from tools.arms import home
 from tools.bench.beside import ARMS, PAIRS, PATIENCE_S, TAKE_S, ask, period_p99
+from tools.bench.cpu_time import cpu_s
 from tools.bench.system import FULL
 from tools.errors import Problem
 from tools.remote import Remote
@@ -64,14 +65,12 @@ def run(seconds: float = 30.0, pairs: int = PAIRS) -> dict[str, Any]:
 def _cpu_percent(system: str, readers: list[TopicReader[Any]], seconds: float) -> tuple[float, float]:
     """CPU time of the ROS bridge in a while in which we read; and messages a second."""
     with closing(ControlPage(system, BRIDGE)) as page:
-        process = psutil.Process(int(page.get("pid")))
-    before, begin, count = process.cpu_times(), monotonic_ns(), 0
+        pid = int(page.get("pid"))
+    before, begin, count = cpu_s(pid), monotonic_ns(), 0
     while (passed_s := (monotonic_ns() - begin) * 1e-9) < seconds:
         pause(TAKE_S)
         count += sum(len(reader.take()) for reader in readers)
-    after = process.cpu_times()
-    used = after.user + after.system - before.user - before.system
-    return used / passed_s * 100.0, count / passed_s
+    return (cpu_s(pid) - before) / passed_s * 100.0, count / passed_s
 
 
 def _command_ms(port: int) -> float:

@@ -28,6 +28,7 @@ from shm.clock import monotonic_ns, pause
 from shm.ring import RingReader
 from tools.arms import HOMED, bring
 from tools.bench.baseline import Baseline
+from tools.bench.cpu_time import cpu_s
 from tools.bench.kernel_switch import without_kernel
 from tools.cleanup import own_folder
 from tools.errors import Problem
@@ -192,8 +193,8 @@ def _watch(system: str, seconds: float) -> dict[str, Any]:
     try:
         _look(reader)
         first, begin, missed, life = int(reader.field("cycle")), reader.stamp_ns, _io(system).missed, reader.epoch
-        packets, process = _packets(), psutil.Process(_io(system).pid)
-        cpu_s = sum(process.cpu_times()[:2])
+        packets, pid = _packets(), _io(system).pid
+        used_s = cpu_s(pid)
         seen = begin
         latencies, stamps = [], []
         end = monotonic_ns() + round(seconds * 1e9)
@@ -209,7 +210,7 @@ def _watch(system: str, seconds: float) -> dict[str, Any]:
         _look(reader)
         if reader.epoch != life:
             raise Problem("io began anew while it was measured; is the machine busy? (trocar logs)")
-        packets, cpu_s = _packets() - packets, sum(process.cpu_times()[:2]) - cpu_s
+        packets, used_s = _packets() - packets, cpu_s(pid) - used_s
         cycles, span = int(reader.field("cycle")) - first, reader.stamp_ns - begin
         latency, stamp = np.concatenate(latencies) * 1e-3, np.unique(np.concatenate(stamps))
         return {
@@ -218,7 +219,7 @@ def _watch(system: str, seconds: float) -> dict[str, Any]:
             "period_us_p50": float(np.percentile(np.diff(stamp), 50)) * 1e-3,
             "period_us_p99": float(np.percentile(np.diff(stamp), 99)) * 1e-3,
             "rate_hz": cycles / span * 1e9,
-            CPU: cpu_s * 1e6 / max(1, cycles) - WAIT_US,
+            CPU: used_s * 1e6 / max(1, cycles) - WAIT_US,
             "missed_deadlines": _io(system).missed - missed,
             "packets_per_cycle": round(packets / max(1, cycles), 1),
             "bad_reads": int(reader.field("bad_reads")),

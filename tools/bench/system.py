@@ -28,6 +28,7 @@ from shm.control_page import ControlPage
 from shm.events import ERROR, WARNING
 from shm.ring import RingReader
 from tools.arms import home, power_off
+from tools.bench.cpu_time import cpu_s
 from tools.errors import Problem
 from tools.examples.operator_sim import OperatorSim, SeenRecord, Sway, seats
 from tools.following import beats
@@ -133,13 +134,13 @@ def _measure(system: str, taken: list[OperatorSim], seconds: float) -> dict[str,
         reported = {name: SystemReport(system, name) for name in names}
         for close in (*(sway.close for sway in sways), *(each.close for each in reported.values())):
             stack.callback(close)
-        before, begin, used = marks(system), monotonic_ns(), _cpu_s(os.getpid())
+        before, begin, used = marks(system), monotonic_ns(), cpu_s(os.getpid())
         for k in beats(MOVES_HZ, round(seconds * MOVES_HZ), [0]):
             for sway in sways:
                 sway.step(k / MOVES_HZ)
         after, passed_s = marks(system), (monotonic_ns() - begin) * 1e-9
         rows = [row(name, before[name], after[name]) for name in after if name in before]
-        bench = {"name": "bench", "kind": "bench", "cpu_percent": (_cpu_s(os.getpid()) - used) / passed_s * 100.0}
+        bench = {"name": "bench", "kind": "bench", "cpu_percent": (cpu_s(os.getpid()) - used) / passed_s * 100.0}
         following = [teleop.name for teleop in chosen if teleop.is_following]
         missing = [teleop.reported for teleop in chosen if not teleop.is_following]
         errors = {name: each.count(ERROR) for name, each in reported.items()}
@@ -163,7 +164,7 @@ def marks(system: str) -> dict[str, Mark]:
         page = ControlPage(system, process.name)
         beat_ns, cycles = int(page.get("heartbeat_ns")), int(page.get("cycles"))
         found[process.name] = Mark(beat_ns, monotonic_ns(), process.kind, process.pid, cycles, int(page.get("missed")),
-                                   int(page.get("overruns")), _cpu_s(process.pid), process.scheduling,
+                                   int(page.get("overruns")), cpu_s(process.pid), process.scheduling,
                                    _locked_mb(process.pid))
         page.close()
     return found
@@ -242,15 +243,6 @@ def _flag(system: str, name: str, field: str) -> bool:
         return bool(seen.value(field))
     finally:
         seen.ring.close()
-
-
-def _cpu_s(pid: int) -> float:
-    """CPU time of a process so far; 0 when it is gone."""
-    try:
-        times = psutil.Process(pid).cpu_times()
-    except psutil.NoSuchProcess:
-        return 0.0
-    return float(times.user + times.system)
 
 
 def _locked_mb(pid: int) -> float:
