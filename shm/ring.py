@@ -211,7 +211,10 @@ class RingReader:
         self._next: int
         self._at: int
         self._slot: memoryview
-        self._go_to(self._words[HEAD] + 1)
+        head = self._words[HEAD]
+        if self._words[self._places[head % self._depth][0]] % BUSY < head:
+            self.torn += 1  # V0: we may begin behind what is still to come
+        self._go_to(head + 1)
 
     @property
     def info(self) -> dict[str, Any]:

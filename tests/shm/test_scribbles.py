@@ -178,6 +178,23 @@ def test_a_long_life_of_scribbles_leaves_rings_usable() -> None:
     case.runTest()
 
 
+def test_a_reader_that_comes_while_the_head_lies_says_so(world: Any) -> None:
+    create_ring(world.name, "io", NUMBER, {}, {})
+    name = segment_name(world.name, "io", "number")
+    with Segment(name, write=True) as hand, contextlib.closing(RingWriter(Segment(name, write=True), "io")) as writer:
+        for _ in range(2 * DEPTH):
+            writer.publish(1)
+        hand.words()[HEAD] += DEPTH
+        with contextlib.closing(RingReader(Segment(name))) as misled:
+            for _ in range(DEPTH):
+                writer.publish(1)
+            assert not misled.next() and misled.problem
+        with contextlib.closing(RingReader(Segment(name))) as reader:
+            writer.publish(1)
+            assert reader.next() and not reader.problem
+    world.remove()
+
+
 @settings(deadline=None, max_examples=40)
 @given(at=st.integers(0, 4096), data=st.binary(min_size=1, max_size=1200))
 def test_a_scribbled_control_page_stops_nobody(at: int, data: bytes) -> None:
