@@ -150,7 +150,7 @@ def create_all(system: SystemConfig, make: Make = create) -> int:
     except BaseException as error:
         remove_all(system.name)
         if isinstance(error, SegmentFull):  # somebody else took it meanwhile
-            raise SegmentFull(_no_room(system.name, total, free_bytes())) from None
+            raise SegmentFull(_no_room(system.name, total, free_bytes(system.name))) from None
         raise
     return made
 

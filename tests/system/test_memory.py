@@ -97,13 +97,13 @@ def test_too_little_room_is_said_before_anything_is_made(system: SystemConfig, m
         raise AssertionError("made")
 
     needed = memory.needed(system)
-    monkeypatch.setattr(memory, "free_bytes", lambda: needed - 1)
+    monkeypatch.setattr(memory, "free_bytes", lambda system: needed - 1)
     with pytest.raises(SegmentFull) as caught:
         memory.create_all(system, never)
     reported = str(caught.value)
     assert "\n" not in reported and f"needs {needed / 1e6:.1f} MB" in reported and "are free in /dev/shm" in reported
     assert "trocar down" in reported and "mount -o remount,size=" in reported
-    monkeypatch.setattr(memory, "free_bytes", lambda: needed)
+    monkeypatch.setattr(memory, "free_bytes", lambda system: needed)
     memory.create_all(system)
     memory.remove_all(system.name)
 
@@ -161,7 +161,7 @@ def test_up_fits_into_exactly_what_it_says(system: SystemConfig, tmp_path: Path)
 @pytest.mark.parametrize("megabytes", [0, 1, 3])
 def test_memory_another_program_takes_meanwhile_is_no_harm(tmp_path: Path, world: Any, megabytes: int) -> None:
     code = ('from procs.config import load_system; from procs.supervisor import memory\n'
-            'memory.free_bytes = lambda: 1 << 40\n'
+            'memory.free_bytes = lambda system: 1 << 40\n'
             f'memory.create_all(load_system("{DEMO}", name="{world.name}").system)')
     done = in_small_memory((megabytes << 20) + 8192, f"{sys.executable} -c '{code}'", tmp_path)
     assert "SegmentFull: shared memory is full: system" in done.stderr and done.stdout == "left: \n"

@@ -6,7 +6,6 @@ import contextlib
 import os
 from pathlib import Path
 
-from procs.document.system import from_json
 from procs.paths import recordings_folder
 from shm import directory
 from shm.segment import SegmentError
@@ -14,6 +13,8 @@ from shm.segment import SegmentError
 
 def folder_of(system: str) -> Path:
     """The folder that its configuration names, as long as that is in memory, else the one beside its logs."""
+    from procs.document.system import from_json  # only who keeps or lists recordings pays for it
+
     with contextlib.suppress(SegmentError, ValueError):
         row = from_json(directory.document(system)).recorder
         if row is not None and row.folder:

@@ -12,7 +12,6 @@ from tools.options import JsonOption
 from tools.printing import emit, note, progress
 from tools.recorded.choosing import FromOption, ToOption, TopicsOption, chosen_topics, opened, stretch
 from tools.recorded.exporting import CSV, PARQUET, ROSBAG2, STDOUT, RecordingTables
-from tools.recorded.rosbag import to_rosbag2
 
 FORMATS = (CSV, PARQUET, ROSBAG2)
 
@@ -49,8 +48,12 @@ def export(
         folder = Path(to) if to else file.with_suffix("")
         try:
             folder.mkdir(parents=True)
-            written = (to_rosbag2(recording, folder, wanted, part, say) if form == ROSBAG2 else
-                       table.to_parquet(folder, say) if form == PARQUET else table.to_csv(folder, say))
+            if form == ROSBAG2:
+                from tools.recorded.rosbag import to_rosbag2  # with YAML, which only a bag asks for
+
+                written = to_rosbag2(recording, folder, wanted, part, say)
+            else:
+                written = table.to_parquet(folder, say) if form == PARQUET else table.to_csv(folder, say)
         except FileExistsError:
             raise Misuse(f"{folder} is there already; -o names a new folder") from None
         except OSError as error:
