@@ -212,8 +212,7 @@ class RingReader:
         self._at: int
         self._slot: memoryview
         head = self._words[HEAD]
-        if self._words[self._places[head % self._depth][0]] % BUSY < head:
-            self.torn += 1  # V0: we may begin behind what is still to come
+        self.torn += self._words[self._places[head % self._depth][0]] % BUSY < head  # we'd begin behind what is to come
         self._go_to(head + 1)
 
     @property
@@ -353,13 +352,10 @@ class RingReader:
                     return True
                 spoilt = True
             room = max(0, min((1 << attempt) - 1, self._depth - 2))  # a quick writer overtakes who begins at the oldest
-            self._skip_to(max(n + 1, oldest + room))
+            self.lost += max(1, oldest + room - n)
+            self._go_to(max(n + 1, oldest + room))
         self.torn += 1
         return self._nothing()
-
-    def _skip_to(self, n: int) -> None:
-        self.lost += n - self._next
-        self._go_to(n)
 
     def rewind(self, count: int = MAX_DEPTH) -> None:
         """`next` goes on with so many of the newest records, or with the oldest that is kept."""
