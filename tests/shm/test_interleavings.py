@@ -211,7 +211,7 @@ MUTANTS: dict[str, tuple[tuple[int, str], tuple[Change, ...]]] = {
     "next looks at no number": (NEXT_TWICE, (
         ("ring", "if seen == n:", "if seen:"), ("ring", NEXT, NEXT.replace("words[at] == n", "True")))),
     "one too few is counted lost": (NEXT_TWICE, (
-        ("ring", "self.lost += n - self._next", "self.lost += n - self._next - 1"),)),
+        ("ring", "self.lost += max(1, oldest + room - n)", "self.lost += max(1, oldest + room - n) - 1"),)),
     "history does not look again": ((2, "last2"), (("ring", "if self._words[at] != n:", "if False:"),)),
 }
 
