@@ -1,13 +1,13 @@
-"""What was recorded sent to arms of a running system: their setpoints as a stream, or what they were asked for.
+"""What was recorded sent to arms of a running system, as a stream of their setpoints.
 
-Both are commands of the person who types it, and obey the rules of those: nothing goes on after a fault.
+It is a command of the person who types it, and obeys the rules of those: nothing goes on after a fault.
 """
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -16,20 +16,18 @@ from numpy.typing import NDArray
 from procs.document.system import SystemConfig
 from procs.recordings.reading import RecordingReader
 from shm.client import begin
+from shm.origins import Origin
 from shm.system_time import SystemTime
 from tools.errors import Problem
-from tools.following import Follower, HeldUp, approach, beats
+from tools.following import MAX_GAP_S, Follower, beats, holding_at_end
 from tools.inspect.watch import Watch, document_of
 from tools.printing import Say
 from tools.recorded.choosing import Stretch
 from tools.remote import Remote
-from tools.replay.commands import RecordedCommand, commands_of
 from tools.replay.configuration import LOOPBACK
 
 RATE_HZ: Final = 200.0
-MAX_GAP_S: Final = 0.1
 SHOWN_EVERY: Final = 20
-REPLY_S: Final = 5.0
 Array = NDArray[np.float64]
 
 
@@ -96,128 +94,107 @@ def refuse_real(system: str, arms: Sequence[str], allowed: bool) -> None:
         raise Problem(f"{', '.join(real)}: a real robot would move as it was recorded; --real-robot says that it may")
 
 
-@dataclass(slots=True)
 class ArmReplay:
     """One arm on its way, and how far it was from what was recorded: rad, m."""
 
-    motion: RecordedMotion
-    watch: Watch
-    remote: Remote
-    follower: Follower | None = None
-    squares: Array = field(default_factory=lambda: np.zeros(0))
-    most: Array = field(default_factory=lambda: np.zeros(0))
-    samples: int = 0
+    def __init__(self, system: str, motion: RecordedMotion, time: SystemTime, whole: Origin,
+                 held: contextlib.ExitStack) -> None:
+        """Open it, until the end of `held`. Problem where it is not homed, or another arm than the one recorded."""
+        self.motion, name = motion, motion.arm
+        self.watch = watch = held.enter_context(Watch(system, name))
+        if not watch.look() or watch.state != "ENABLED" or not watch.homed:
+            raise Problem(f"{name} is not homed; first: trocar home {name}")
+        if watch.count != motion.setpoint.shape[1]:
+            raise Problem(f"{name} has {watch.count} joints, recorded are {motion.setpoint.shape[1]}")
+        self.remote = held.enter_context(Remote(system, name))
+        self.remote.on_behalf(whole)
+        self.has_jaw = motion.jaw is not None and watch.flag("has_jaw")
+        self.follower = Follower(watch, self.remote, self.has_jaw, time)
+        self.squares: Array = np.zeros(watch.count)
+        self.most: Array = np.zeros(watch.count)
+        self.samples = 0
+
+    def jaw_at(self, stamps: Array) -> Array | None:
+        """Its jaw at other stamps (n,); None: there is none to move."""
+        return self.motion.at(stamps, self.motion.jaw)[:, 0] if self.has_jaw and self.motion.jaw is not None else None
 
     def compare(self, recorded: Array) -> None:
         """What is measured now against what was measured then."""
         off = np.abs(self.watch.joints("position") - recorded)
-        if not self.samples:
-            self.squares, self.most = np.zeros(len(off)), np.zeros(len(off))
         self.squares += off * off
         self.most = np.maximum(self.most, off)
         self.samples += 1
 
     def result(self) -> dict[str, Any]:
         """Per joint: against the setpoints sent, and against what was measured when it was recorded."""
-        assert self.follower is not None
-        tracking = self.follower.tracking
+        follower = self.follower
+        tracking = follower.tracking
         rms = np.sqrt(self.squares / self.samples) if self.samples else self.squares
         return {"arm": self.motion.arm, "names": list(tracking.names), "samples": tracking.samples,
                 "rms": tracking.rms.tolist(), "max": tracking.most.tolist(), "recorded_rms": rms.tolist(),
-                "recorded_max": self.most.tolist(), "refused": self.follower.refused,
-                "refusal": self.follower.refusal, "clipped_by_arm": self.follower.clipped_by_arm}
+                "recorded_max": self.most.tolist(), "refused": follower.refused,
+                "refusal": follower.refusal, "clipped_by_arm": follower.clipped_by_arm}
+
+
+def all_homed(motions: Sequence[RecordedMotion]) -> tuple[int, int]:
+    """From which stamp to which one all arms are homed; Problem: never."""
+    start, end = max(int(m.stamp_ns[0]) for m in motions), min(int(m.stamp_ns[-1]) for m in motions)
+    if end <= start:
+        raise Problem("the arms are homed at different times in it; replay them one by one (--arms)")
+    return start, end
+
+
+@contextlib.contextmanager
+def at_the_start(system: str, motions: Sequence[RecordedMotion], start_ns: int, what: str, say: Say
+                 ) -> Iterator[tuple[list[ArmReplay], SystemTime]]:
+    """All arms where they were at this stamp, moved there as slowly as moves are, one after the other.
+
+    However it ends, they hold. Problem where one of them is not homed, faults, or is moved by somebody else meanwhile.
+    """
+    with contextlib.ExitStack() as held:
+        time, whole = held.enter_context(SystemTime(system)), begin(system)  # all of it is one command
+        arms = [ArmReplay(system, motion, time, whole, held) for motion in motions]
+        held.enter_context(holding_at_end([arm.remote for arm in arms], what))
+        stamp, followers = np.array([start_ns], np.float64), [arm.follower for arm in arms]
+        for arm in arms:
+            say(f"moving {arm.motion.arm} to where it began", None)
+            jaw = arm.jaw_at(stamp)
+            arm.follower.approach(arm.motion.at(stamp, arm.motion.setpoint)[0], None if jaw is None else float(jaw[0]),
+                                  [each for each in followers if each is not arm.follower])
+        for follower in followers:
+            follower.must_be_there()
+        yield arms, time
 
 
 def stream(system: str, motions: Sequence[RecordedMotion], speed: float, say: Say) -> list[dict[str, Any]]:
     """Move slowly to where it began, then send the setpoints at `speed`; Problem when an arm faults or is not homed."""
-    start, end = (int(pick(at)) for pick, at in ((max, [m.stamp_ns[0] for m in motions]),
-                                                 (min, [m.stamp_ns[-1] for m in motions])))
-    if end <= start:
-        raise Problem("the arms are homed at different times in it; replay them one by one (--arms)")
+    start, end = all_homed(motions)
     count = max(2, round((end - start) * 1e-9 / speed * RATE_HZ))
     stamps: Array = start + np.arange(count, dtype=np.float64) * (1e9 * speed / RATE_HZ)
-    with contextlib.ExitStack() as held:
-        time = held.enter_context(SystemTime(system))
-        arms = [ArmReplay(motion, held.enter_context(Watch(system, motion.arm)),
-                          held.enter_context(Remote(system, motion.arm))) for motion in motions]
-        whole = begin(system)  # the moves to the first setpoints and the streams are one command
-        goals = {arm.motion.arm: arm.motion.at(stamps, arm.motion.setpoint) for arm in arms}
-        then = {arm.motion.arm: arm.motion.at(stamps, arm.motion.measured) for arm in arms}
-        jaws = {arm.motion.arm: arm.motion.at(stamps, arm.motion.jaw)[:, 0] for arm in arms
-                if arm.motion.jaw is not None and _ready(arm)}
+    with at_the_start(system, motions, start, "the replay", say) as (arms, time):
+        rows = [ArmRows(arm, stamps) for arm in arms]
+        for k in beats(RATE_HZ, count, [0], MAX_GAP_S, time):
+            for row in rows:
+                row.send(k)
+            if k % SHOWN_EVERY == 0:
+                say(f"{k / RATE_HZ * speed:.1f} s", k / count)
         for arm in arms:
-            _ready(arm)
-            arm.remote.on_behalf(whole)
-            jaw = jaws.get(arm.motion.arm)
-            approach(arm.remote, goals[arm.motion.arm][0], None if jaw is None else float(jaw[0]))
-        for arm in arms:
-            arm.follower = Follower(arm.watch, arm.remote, arm.motion.arm in jaws, time)
-        _follow(arms, goals, jaws, then, count, speed, time, say)
+            arm.follower.collect()
         return [arm.result() for arm in arms]
 
 
-def _ready(arm: ArmReplay) -> bool:
-    """Whether it has a jaw to move; Problem where it is not homed, or another arm than the one recorded."""
-    watch, name = arm.watch, arm.motion.arm
-    if not watch.look() or watch.state != "ENABLED" or not watch.homed:
-        raise Problem(f"{name} is not homed; first: trocar home {name}")
-    if watch.count != arm.motion.setpoint.shape[1]:
-        raise Problem(f"{name} has {watch.count} joints, recorded are {arm.motion.setpoint.shape[1]}")
-    return watch.flag("has_jaw")
+class ArmRows:
+    """What one arm is sent, and was measured, at the beats of a stream."""
 
+    def __init__(self, arm: ArmReplay, stamps: Array) -> None:
+        self._arm, self._then = arm, arm.motion.at(stamps, arm.motion.measured)
+        self._goals, self._jaw = arm.motion.at(stamps, arm.motion.setpoint), arm.jaw_at(stamps)
+        self._velocity = np.gradient(self._goals, 1.0 / RATE_HZ, axis=0)
 
-def _follow(arms: Sequence[ArmReplay], goals: dict[str, Array], jaws: dict[str, Array], then: dict[str, Array],
-            count: int, speed: float, time: SystemTime, say: Say) -> None:
-    velocity = {name: np.gradient(values, 1.0 / RATE_HZ, axis=0) for name, values in goals.items()}
-    followers = [(arm, arm.motion.arm, arm.follower) for arm in arms if arm.follower is not None]
-    try:
-        for k in beats(RATE_HZ, count, [0], MAX_GAP_S, time):
-            for arm, name, follower in followers:
-                follower.collect()
-                if arm.watch.look() and arm.watch.flag("valid"):
-                    arm.compare(then[name][k])
-                follower.send(goals[name][k], velocity[name][k], float(jaws[name][k]) if name in jaws else None)
-            if k % SHOWN_EVERY == 0:
-                say(f"{k / RATE_HZ * speed:.1f} s", k / count)
-        for _, _, follower in followers:
-            follower.collect()
-    except HeldUp as error:
-        raise Problem(f"this program was {error}: the replay has ended and the arms hold") from None
-    finally:
-        for _, _, follower in followers:
-            follower.hold()
-
-
-def moves_of(recording: RecordingReader, arms: Sequence[str], part: Stretch) -> list[RecordedCommand]:
-    """What persons asked arms for in `part`, but for streams and changes of state; Problem: nothing."""
-    found = [each for each in commands_of(recording) if each.instance in arms and not each.streams
-             and each.name != "state_command" and each.outcome != "refused"
-             and part.begin_ns <= each.instant_ns < part.end_ns]
-    if not found:
-        raise Problem(f"nobody asked {', '.join(arms)} for a motion in this part of {recording.path.name}")
-    return found
-
-
-def send_again(system: str, commands: Sequence[RecordedCommand], starts: Sequence[RecordedMotion], speed: float,
-               say: Say) -> list[dict[str, Any]]:
-    """Ask for the same, with the times between them; what became of each. Problem when an arm faults or refuses."""
-    results: list[dict[str, Any]] = []
-    with contextlib.ExitStack() as held:
-        time, whole = held.enter_context(SystemTime(system)), begin(system)
-        arms = {motion.arm: ArmReplay(motion, held.enter_context(Watch(system, motion.arm)),
-                                      held.enter_context(Remote(system, motion.arm))) for motion in starts}
-        for arm in arms.values():
-            _ready(arm)
-            arm.remote.on_behalf(whole)
-            approach(arm.remote, arm.motion.setpoint[0], None)
-        start_ns, first_ns = time.now_ns(), min(int(motion.stamp_ns[0]) for motion in starts)
-        for done, command in enumerate(commands):
-            say(f"{command.instance} {command.name}", done / len(commands))
-            time.pause_until(start_ns + round((command.instant_ns - first_ns) / speed))
-            for name, arm in arms.items():
-                if arm.watch.look() and arm.watch.state != "ENABLED":
-                    raise Problem(f"{name} went to {arm.watch.state}: {arm.watch.last_error() or 'it did not say why'}")
-            reply = arms[command.instance].remote.ask(command.name, command.values, command.text, REPLY_S)
-            results.append({"arm": command.instance, "command": command.name, "values": list(command.values),
-                            "text": command.text, "outcome": reply.outcome, "reply": reply.text})
-    return results
+    def send(self, k: int) -> None:
+        """The next row, when the arm is well."""
+        arm = self._arm
+        arm.follower.collect()
+        if arm.watch.look() and arm.watch.flag("valid"):
+            arm.compare(self._then[k])
+        arm.follower.send(self._goals[k], self._velocity[k], None if self._jaw is None else float(self._jaw[k]))

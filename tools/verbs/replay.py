@@ -17,7 +17,7 @@ from tools.printing import emit, note, number, progress, table
 from tools.recorded.choosing import FromOption, Stretch, ToOption, TopicsOption, chosen_topics, opened, stretch
 from tools.recorded.comparing import DIFFERENT, Comparing, as_dict
 from tools.recorded.differences import STAMP
-from tools.replay import live
+from tools.replay import asking, live
 from tools.replay.fresh import run_again
 from tools.replay.shown import Showing
 from tools.systems import chosen_system
@@ -86,7 +86,10 @@ def _live(recording: RecordingReader, system: str, wanted: Sequence[str] | None,
     live.refuse_real(system, names, real)
     motions = [live.motion_of(recording, name, part) for name in names]
     if commands:
-        rows = live.send_again(system, live.moves_of(recording, names, part), motions, speed, say)
+        moves = asking.moves_of(recording, motions)
+        for text in moves.left_out:
+            note(text)
+        rows = asking.send_again(system, moves, motions, speed, say)
     else:
         rows = live.stream(system, motions, speed, say)
     for row in rows:

@@ -12,7 +12,7 @@ from procs.paths import given_file, not_found
 from shm.client import begin
 from shm.system_time import SystemTime
 from tools.errors import Misuse, Problem
-from tools.following import Follower, HeldUp, approach, beats
+from tools.following import MAX_GAP_S, Follower, beats, holding_at_end
 from tools.inspect.watch import Watch, arm_names, tool_on
 from tools.options import JsonOption, SystemOption
 from tools.printing import Say, emit, note, progress, table
@@ -21,7 +21,6 @@ from tools.setpoints import ClippedRows, Setpoints, clipped, read_setpoints
 from tools.systems import chosen_system
 
 SHOWN_EVERY = 20
-MAX_GAP_S = 0.1  # from there on the arm, too, takes what comes next for another stream
 
 
 def stream(
@@ -52,11 +51,13 @@ def stream(
         for text in notes:
             note(text)
         remote.on_behalf(begin(name))  # the move to the first row and the stream are one command
-        say("moving to the first row", None)
-        approach(remote, rows.position[0], None if rows.jaw is None else float(rows.jaw[0]))
         follower = Follower(watch, remote, rows.jaw is not None, time)
         count = len(rows) if not seconds else min(len(rows), round(seconds * rate))
-        skipped = _follow(follower, rows, rate, count, time, say)
+        with holding_at_end([remote], "the stream"):
+            say("moving to the first row", None)
+            follower.approach(rows.position[0], None if rows.jaw is None else float(rows.jaw[0]))
+            follower.must_be_there()
+            skipped = _follow(follower, rows, rate, count, time, say)
     result = _result(arm, follower, rate, count, skipped, cut)
     emit(result) if as_json else _show(result, follower)
     if follower.refused:
@@ -84,20 +85,15 @@ def _fitted(
 
 
 def _follow(follower: Follower, rows: Setpoints, rate: float, count: int, time: SystemTime, say: Say) -> int:
-    """Send the rows; returns how many were skipped because their time had passed. Problem after too long a gap."""
+    """Send the rows; returns how many were skipped because their time had passed. HeldUp after too long a gap."""
     skipped = [0]
-    try:
-        for k in beats(rate, count, skipped, MAX_GAP_S, time):
-            follower.collect()
-            follower.send(rows.position[k], rows.velocity[k] if rows.velocity is not None else None,
-                          float(rows.jaw[k]) if rows.jaw is not None else None)
-            if k % SHOWN_EVERY == 0:
-                say(f"row {k} of {count}", k / count)
+    for k in beats(rate, count, skipped, MAX_GAP_S, time):
         follower.collect()
-    except HeldUp as held:
-        raise Problem(f"this program was {held}: the stream has ended and the arm holds") from None
-    finally:
-        follower.hold()
+        follower.send(rows.position[k], rows.velocity[k] if rows.velocity is not None else None,
+                      float(rows.jaw[k]) if rows.jaw is not None else None)
+        if k % SHOWN_EVERY == 0:
+            say(f"row {k} of {count}", k / count)
+    follower.collect()
     return skipped[0]
 
 

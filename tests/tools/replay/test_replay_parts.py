@@ -13,16 +13,18 @@ from numpy.typing import NDArray
 
 from procs.config import PROJECT_CONFIGS, load_system
 from procs.recordings.reading import RecordingReader, open_recording
+from shm.commands import COMMANDS
 from shm.layout import schema_of
 from shm.segment import names_of
 from shm.topics import ARM_STATE, AUDIT
 from tests.recordings.made import written
 from tools.errors import Problem
 from tools.recorded.choosing import Stretch
+from tools.replay.asking import MOVES, moves_of
 from tools.replay.commands import commands_of
 from tools.replay.configuration import startable
 from tools.replay.fresh import run_again
-from tools.replay.live import motion_of, moves_of, real_robots
+from tools.replay.live import motion_of, real_robots
 from tools.replay.shown import Showing
 
 ASKED, STATE = schema_of(AUDIT), schema_of(ARM_STATE)
@@ -66,9 +68,32 @@ def test_commands_of_persons_stand_at_the_instants_at_which_they_were_taken(reco
     assert [(each.instant_ns, each.name, each.values) for each in found] == [
         (100, "state_command", ()), (9_000, "move_jp", (0.1, 0.2)), (9_000, "set_speed", (1.0,)),
         (9_500, "move_jp", (9.0,)), (20_000, "servo_jp", (0.5,))], "not what 99 passed on, nor what an arm wished of io"
-    assert [each.name for each in moves_of(recording, ["PSM1"], Stretch())] == ["move_jp", "set_speed"]
-    with pytest.raises(Problem, match="nobody asked"):
-        moves_of(recording, ["PSM1"], Stretch(50_000))
+
+
+HOMED_NS = 10 * PERIOD + 1
+
+
+def test_only_moves_of_the_homed_stretch_are_asked_for_again(tmp_path: Path) -> None:
+    others = ("emulate_hand", "set_tool_type", "set_base_frame", "free", "state_command", "servo_jf",
+              "trajectory_j/set_ratio", "use_gravity_compensation")
+    rows = asked((100, "move_jp", "accepted", 1, PID, PID, (0.9,)),
+                 (HOMED_NS, "move_jr", "accepted", 2, PID, PID, (0.1,)),
+                 *((HOMED_NS + 100 * k, name, "done", 2 + k, PID, PID, ()) for k, name in enumerate(others, 1)),
+                 (HOMED_NS + 5000, "move_cp", "refused", 20, PID, PID, ()),
+                 (HOMED_NS + 6000, "jaw/move_jp", "accepted", 21, PID, PID, (0.3,)),
+                 (HOMED_NS + 7000, "hold", "done", 22, PID, PID, ()),
+                 (45 * PERIOD, "move_jp", "accepted", 23, PID, PID, (0.7,)))
+    with (tmp_path / "asked.mcap").open("wb", buffering=0) as stream:
+        written(stream, {("PSM1", "audit"): (ASKED, rows), ("PSM1", "state"): (STATE, moving(50, slice(10, 40)))})
+    with open_recording(tmp_path / "asked.mcap") as found:
+        moves = moves_of(found, [motion_of(found, "PSM1", Stretch())])
+        assert [each.name for each in moves.commands] == ["move_jr", "jaw/move_jp", "hold"]
+        assert {text for text in moves.left_out if "outside" in text} == {
+            "left out: 2 commands to PSM1 outside the time in which all arms are homed"}
+        assert all(any(f" {name} to PSM1, which is no move" in text for text in moves.left_out) for name in others)
+        with pytest.raises(Problem, match="nobody asked PSM1 for a move while homed"):
+            moves_of(found, [motion_of(found, "PSM1", Stretch(20 * PERIOD))])
+    assert {row.name for row in COMMANDS["arm"]} >= MOVES
 
 
 def test_a_motion_is_what_an_arm_did_while_it_was_homed(recording: RecordingReader) -> None:

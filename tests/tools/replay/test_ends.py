@@ -1,0 +1,205 @@
+"""However a stream, a replay or repeated commands end, the arms are asked to hold; they do not go on when held up."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from shm import system_time
+from shm.client import MailboxFull
+from shm.clock import monotonic_ns
+from shm.system_time import SystemTime
+from tests.tools.robot import ScriptedRobot, robot
+from tools import following
+from tools.errors import Problem
+from tools.following import Follower, HeldUp, holding_at_end
+from tools.inspect import watch as watching
+from tools.inspect.watch import Watch
+from tools.remote import Remote
+from tools.replay import live
+from tools.replay.asking import RecordedMoves, send_again
+from tools.replay.commands import RecordedCommand
+from tools.replay.live import RecordedMotion
+from tools.verbs.stream import stream
+
+START, STEP_NS = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6]), 5_000_000
+MOVE_S = 1.0
+
+
+class PlayedArm:
+    """PSM1 of a made-up system: moves take a second, and what is to happen happens while others wait."""
+
+    def __init__(self, robot: ScriptedRobot, patch: pytest.MonkeyPatch) -> None:
+        self.robot, self.now_ns, self.asked = robot, monotonic_ns(), list[str]()
+        self.begin_ns = self.now_ns
+        self.setpoint, self.state, self.moves_end, self.refuses = np.zeros(6), "ENABLED", True, ""
+        self._under_way: list[tuple[int, Any]] = []
+        self.happens: dict[float, Callable[[], None]] = {}
+        for module in (following, watching, system_time):
+            patch.setattr(module, "monotonic_ns", lambda: self.now_ns)
+        patch.setattr(following, "boottime_ns", lambda: self.now_ns)
+        for module in (following, system_time):
+            patch.setattr(module, "pause", self.wait)
+        self.show()
+
+    @property
+    def passed_s(self) -> float:
+        return (self.now_ns - self.begin_ns) * 1e-9
+
+    def show(self) -> None:
+        self.robot.arm.field("setpoint_position")[:6] = self.setpoint
+        self.robot.arm.field("jaw_setpoint_position")[...] = 0.0
+        self.robot.show_arm(0.1, self.state, homed=True, age_s=(monotonic_ns() - self.now_ns) * 1e-9)
+
+    def serve(self) -> None:
+        for command in self.robot.mailbox.drain():
+            self.asked.append(command.name)
+            if self.refuses:
+                command.refuse(self.refuses)
+                continue
+            if "move_" not in command.name:
+                command.done()
+                continue
+            command.accept()
+            if command.name == "move_jp":
+                self.setpoint = np.array(command.values)
+            self._under_way.append((self.now_ns + round(MOVE_S * 1e9), command))
+        for end_ns, command in [*self._under_way]:
+            if self.moves_end and self.now_ns >= end_ns:
+                command.done()
+                self._under_way.remove((end_ns, command))
+
+    def wait(self, seconds: float) -> None:
+        self.now_ns += max(round(seconds * 1e9), 1)
+        for at_s in [at_s for at_s in self.happens if self.passed_s >= at_s]:
+            self.happens.pop(at_s)()
+        self.serve()
+        self.show()
+
+    # what may happen
+
+    def interrupt(self) -> None:
+        raise KeyboardInterrupt
+
+    def fault(self) -> None:
+        self.state = "FAULT"
+
+    def pause_and_resume(self) -> None:
+        for self.state in ("PAUSED", "ENABLED"):
+            self.show()
+
+    def stop_us(self) -> None:
+        self.now_ns += 500_000_000
+
+
+@pytest.fixture
+def arm(world: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[PlayedArm]:
+    with robot(world.name) as made:
+        yield PlayedArm(made, monkeypatch)
+
+
+def recorded(seconds: float) -> RecordedMotion:
+    stamps = np.arange(0, round(seconds * 1e9), STEP_NS)
+    rows = np.tile(START, (len(stamps), 1))
+    return RecordedMotion("PSM1", stamps, rows, rows, np.zeros(len(stamps)))
+
+
+def asked_at(*seconds: float) -> RecordedMoves:
+    return RecordedMoves(tuple(RecordedCommand(
+        "PSM1", "arm", round(at * 1e9), "move_jp", tuple(START + at / 100.0), "", 7, 0, "script", 1, k, 9, "accepted")
+        for k, at in enumerate(seconds)), ())
+
+
+def by_stream(arm: PlayedArm, folder: Path) -> None:
+    np.savetxt(folder / "rows.csv", np.tile(np.append(START, 0.0), (1000, 1)), delimiter=",")
+    stream("PSM1", folder / "rows.csv", 200.0, 0.0, True, arm.robot.name)
+
+
+def by_replay(arm: PlayedArm, folder: Path) -> None:
+    live.stream(arm.robot.name, [recorded(5.0)], 1.0, lambda text, done: None)
+
+
+def by_commands(arm: PlayedArm, folder: Path) -> None:
+    send_again(arm.robot.name, asked_at(1.0, 2.0, 4.5), [recorded(5.0)], 1.0, lambda text, done: None)
+
+
+WAYS = pytest.mark.parametrize("way", [by_stream, by_replay, by_commands])
+
+
+@WAYS
+@pytest.mark.parametrize("at_s", [0.5, 3.5], ids=["approaching", "going on"])
+@pytest.mark.parametrize(("accident", "said"), [
+    ("interrupt", None), ("fault", "went to FAULT"), ("pause_and_resume", "went to PAUSED"),
+    ("stop_us", "held up for 0.5"),
+])
+def test_whatever_ends_it_the_arm_is_asked_to_hold(arm: PlayedArm, tmp_path: Path, way: Any, at_s: float, accident: str,
+                                                   said: str | None) -> None:
+    arm.happens[at_s] = getattr(arm, accident)
+    with pytest.raises(Problem if said else KeyboardInterrupt, match=said):
+        way(arm, tmp_path)
+    sent = len(arm.asked)
+    arm.serve()
+    assert arm.asked[sent:][-1:] == ["hold"] and len(arm.asked) <= sent + 3, "at most what was on its way, then hold"
+    assert arm.passed_s < at_s + 0.6
+
+
+@WAYS
+def test_an_arm_that_does_not_get_there_is_asked_to_hold(arm: PlayedArm, tmp_path: Path, way: Any) -> None:
+    arm.moves_end = False
+    with pytest.raises(Problem, match="has not ended after 60 s"):
+        way(arm, tmp_path)
+    arm.serve()
+    assert arm.asked == ["move_jp", "hold"]
+
+
+def test_commands_come_with_the_times_between_them_and_the_last_is_waited_for(arm: PlayedArm) -> None:
+    rows = send_again(arm.robot.name, asked_at(1.0, 2.0, 4.5), [recorded(5.0)], 1.0, lambda text, done: None)
+    assert [row["outcome"] for row in rows] == ["done"] * 3
+    assert 7.5 <= arm.passed_s < 7.7, "two approaches, 4.5 s and the last move"
+    arm.serve()
+    assert arm.asked == ["move_jp", "jaw/move_jp", *["move_jp"] * 3, "hold"]
+
+
+def test_a_refused_command_ends_it(arm: PlayedArm) -> None:
+    arm.happens[2.1] = lambda: setattr(arm, "refuses", "not now")
+    with pytest.raises(Problem, match="PSM1 refused move_jp: not now"):
+        send_again(arm.robot.name, asked_at(0.4), [recorded(5.0)], 1.0, lambda text, done: None)
+    arm.serve()
+    assert arm.asked == ["move_jp", "jaw/move_jp", "move_jp", "hold"]
+
+
+def test_an_arm_that_somebody_else_has_moved_is_not_begun_with(arm: PlayedArm) -> None:
+    with Watch(arm.robot.name, "PSM1") as watch, Remote(arm.robot.name, "PSM1") as remote:
+        watch.look()
+        follower = Follower(watch, remote, True, SystemTime(""))
+        follower.approach(START, 0.0)
+        follower.must_be_there()
+        arm.setpoint = START + (0, 0, 0.002, 0, 0, 0)
+        arm.show()
+        with pytest.raises(Problem, match=r"somebody else has moved it from where it begins \(insertion\)"):
+            follower.must_be_there()
+
+
+class DeafRemote:
+    """A mailbox that cannot be written to, or one that can."""
+
+    def __init__(self, instance: str, error: Exception | None = None) -> None:
+        self.instance, self.asked, self._error = instance, list[str](), error
+
+    def post(self, command: str) -> int:
+        self.asked.append(command)
+        if self._error is not None:
+            raise self._error
+        return 1
+
+
+def test_each_arm_is_asked_to_hold_whatever_becomes_of_the_others(capsys: pytest.CaptureFixture[str]) -> None:
+    remotes: list[Any] = [DeafRemote("PSM1"), DeafRemote("PSM2", MailboxFull("no room")), DeafRemote("PSM3")]
+    with pytest.raises(Problem, match=r"held up for 2 s: the replay has ended"), holding_at_end(remotes, "the replay"):
+        raise HeldUp("held up for 2 s")
+    assert [remote.asked for remote in remotes] == [["hold"]] * 3
+    assert "PSM2 could not be asked to hold: no room" in capsys.readouterr().err

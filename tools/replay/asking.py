@@ -1,0 +1,88 @@
+"""What arms were asked for in a recording asked for once more, with the times between: moves and holds, nothing else.
+
+Like a stream of setpoints it is a command of the person who types it (tools/replay/live.py).
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Final
+
+from procs.recordings.reading import RecordingReader
+from shm.commands import ENDINGS
+from shm.system_time import SystemTime
+from tools.errors import Problem, Refused
+from tools.following import APPROACH_S, first_reply, waited
+from tools.printing import Say
+from tools.replay.commands import RecordedCommand, commands_of
+from tools.replay.live import RecordedMotion, all_homed, at_the_start
+
+MOVES: Final = frozenset(("move_jp", "move_jr", "move_cp", "move_cr", "jaw/move_jp", "hold"))
+"""All others change what an arm is, power it, let it go, or are goals of a stream."""
+REPLY_S: Final = 5.0
+ANSWERS: Final = ("accepted", *ENDINGS)
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedMoves:
+    """What is asked for again, in its order, and what is left out, in words."""
+
+    commands: tuple[RecordedCommand, ...]
+    left_out: tuple[str, ...]
+
+
+def moves_of(recording: RecordingReader, motions: Sequence[RecordedMotion]) -> RecordedMoves:
+    """What persons asked arms for while all of them were homed; Problem: nothing that can be asked for again."""
+    start, end = all_homed(motions)
+    arms = [motion.arm for motion in motions]
+    asked = [each for each in commands_of(recording) if each.instance in arms and each.outcome != "refused"]
+    taken = tuple(each for each in asked if each.name in MOVES and start <= each.instant_ns <= end)
+    left_out = tuple(_left_out(asked, start, end))
+    if not taken:
+        raise Problem("; ".join((f"nobody asked {', '.join(arms)} for a move while homed, in this part of "
+                                 f"{recording.path.name}", *left_out)))
+    return RecordedMoves(taken, left_out)
+
+
+def _left_out(asked: Sequence[RecordedCommand], start: int, end: int) -> Iterator[str]:
+    outside = Counter(each.instance for each in asked if not start <= each.instant_ns <= end)
+    for arm, count in outside.items():
+        yield f"left out: {count} commands to {arm} outside the time in which all arms are homed"
+    others = Counter((each.instance, each.name) for each in asked
+                     if each.name not in MOVES and start <= each.instant_ns <= end)
+    for (arm, name), count in others.items():
+        yield f"left out: {count} times {name} to {arm}, which is no move"
+
+
+def send_again(system: str, moves: RecordedMoves, motions: Sequence[RecordedMotion], speed: float, say: Say
+               ) -> list[dict[str, Any]]:
+    """Ask for the same, with the times between them; what became of each. Problem when an arm faults or refuses."""
+    results, numbers = list[dict[str, Any]](), list[int]()
+    recorded_ns = all_homed(motions)[0]
+    with at_the_start(system, motions, recorded_ns, "the replay", say) as (arms, time):
+        remotes, followers = {arm.motion.arm: arm.remote for arm in arms}, [arm.follower for arm in arms]
+        start_ns = time.now_ns()
+        for done, command in enumerate(moves.commands):
+            say(f"{command.instance} {command.name}", done / len(moves.commands))
+            due_ns = start_ns + round((command.instant_ns - recorded_ns) / speed)
+            waited(partial(_is_due, due_ns, time), followers, time)
+            remote = remotes[command.instance]
+            numbers.append(remote.post(command.name, command.values, command.text))
+            reply = first_reply(remote, numbers[-1], ANSWERS, REPLY_S, followers, time)
+            if reply.outcome == "refused":
+                raise Refused(f"{command.instance} refused {command.name}: {reply.text}")
+            results.append({"arm": command.instance, "command": command.name, "values": list(command.values),
+                            "text": command.text, "outcome": reply.outcome, "reply": reply.text})
+        say("the last moves", None)
+        for row, number in zip(results, numbers, strict=True):
+            if row["outcome"] not in ENDINGS:
+                reply = first_reply(remotes[row["arm"]], number, ENDINGS, APPROACH_S, followers, time)
+                row |= {"outcome": reply.outcome, "reply": reply.text}
+    return results
+
+
+def _is_due(due_ns: int, time: SystemTime) -> bool:
+    return time.now_ns() >= due_ns
