@@ -25,9 +25,9 @@ def token_file(environ: Mapping[str, str], system: str) -> Path:
     return log_folder(environ, system) / "gui.token"
 
 
-def recordings_folder(environ: Mapping[str, str], system: str) -> Path:
-    """Folder of a system's recordings, beside its log files."""
-    return log_folder(environ, system) / "recordings"
+def recordings_folder(environ: Mapping[str, str], system: str, chosen: str = "") -> Path:
+    """Folder of a system's recordings: beside its log files, or of its own in the folder that is `chosen` for all."""
+    return Path(chosen) / system if chosen else log_folder(environ, system) / "recordings"
 
 
 def given_file(path: Path, search: Sequence[Path] = (), configs: Path = PROJECT_CONFIGS) -> Path:

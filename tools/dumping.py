@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
-from datetime import datetime
+import re
 from pathlib import Path
 from typing import Final
 
 from procs.crtk.plain import plain
+from procs.recordings import names
+from shm.clock import local_ns
 from shm.segment import names_of
 from tools.errors import Problem
-from tools.printing import Say, note, progress
+from tools.printing import Say, note
 from tools.recorded.places import folder_of
 from tools.running import SUPERVISOR
 from tools.systems import forbidden, is_up
@@ -20,6 +23,13 @@ KEPT: Final = 5
 """Recordings of dead systems that are kept, the newest ones."""
 STATUS: Final = "status.json"
 """Attachment: all processes as `trocar status --json` shows them."""
+
+
+TRIES: Final = 100
+
+
+class FileIsThere(Problem):
+    """A file of this name is there already."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -32,19 +42,13 @@ class Dumped:
     problems: tuple[str, ...]
 
 
-def dump_file(system: str) -> Path:
-    """Where a dump of a system goes that nobody names: its recordings, with the time of day."""
-    return folder_of(system) / f"dump-{datetime.now():%Y%m%d-%H%M%S}.mcap"
-
-
 def dump(system: str, file: Path, reason: str, say: Say) -> Dumped:
     """Write all rings of a system, dead or alive, into a new file; Problem where that cannot be."""
-    from procs.recordings import names, snapshot  # only who records pays for them
+    from procs.recordings import snapshot  # only who records pays for it
     from procs.recordings.facts import document_of, facts_of
-    from tools.inspect.processes import statuses
 
-    status = json.dumps([plain(dataclasses.asdict(row)) for row in statuses(system)]).encode()
-    attachments = [*document_of(system), (STATUS, "application/json", status)]
+    status, problems = _status(system)
+    attachments = [*document_of(system), *status]
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         with file.open("xb", buffering=0) as stream:
@@ -55,23 +59,55 @@ def dump(system: str, file: Path, reason: str, say: Say) -> Dumped:
                 file.unlink(missing_ok=True)
                 raise
     except FileExistsError:
-        raise Problem(f"{file}: is there already; give another name") from None
+        raise FileIsThere(f"{file}: is there already; give another name") from None
     except OSError as error:
         raise Problem(f"{file}: cannot be written: {error.strerror}") from None
-    return Dumped(file, taken.bytes, taken.records, tuple(taken.problems))
+    return Dumped(file, taken.bytes, taken.records, (*problems, *taken.problems))
 
 
-def keep_left_over(system: str) -> Path | None:
-    """Dump what a dead system left before it is removed, and say where; None: there is nothing, or no room for it."""
-    if (system, SUPERVISOR, "document") not in names_of(system) or is_up(system) or forbidden(system):
-        return None
-    with progress(f"keeping what {system} left") as say:
-        try:
-            kept = dump(system, dump_file(system), "its supervisor died", say)
-        except Problem as problem:
-            note(f"what {system} left in shared memory is not kept: {problem}")
+def _status(system: str) -> tuple[list[tuple[str, str, bytes]], list[str]]:
+    """All processes as an attachment, or what is wrong with them."""
+    from tools.inspect.processes import statuses
+
+    try:
+        rows = [plain(dataclasses.asdict(row)) for row in statuses(system)]
+        return [(STATUS, "application/json", json.dumps(rows).encode())], []
+    except Exception as error:  # what died may have left anything
+        return [], [f"{STATUS}: {error or type(error).__name__}"]
+
+
+def dump_by_time(system: str, word: str, reason: str, say: Say) -> Dumped:
+    """The same into a file among the system's recordings, WORD-TIME.mcap, or WORD-TIME-2.mcap where that is there."""
+    folder, time = folder_of(system), names.utc(local_ns())
+    for number in range(1, TRIES):
+        with contextlib.suppress(FileIsThere):
+            return dump(system, folder / f"{word}-{time}{f'-{number}' if number > 1 else ''}.mcap", reason, say)
+    raise Problem(f"{folder}: has {TRIES} files {word}-{time}")
+
+
+def keep_left_over(system: str, say: Say) -> Path | None:
+    """Dump what a dead system left before it is removed, and say where; None: there is nothing, or it cannot be kept.
+
+    Whatever lies there never stops who clears it: what cannot be had is told.
+    """
+    try:
+        if (system, SUPERVISOR, "document") not in names_of(system) or is_up(system) or forbidden(system):
             return None
-    for old in sorted(kept.file.parent.glob("dump-*.mcap"))[:-KEPT]:
-        old.unlink(missing_ok=True)
+        kept = dump_by_time(system, names.DIED, "its supervisor died", say)
+        remove_older(kept.file)
+    except Exception as error:
+        note(f"what {system} left in shared memory is not kept: {error or type(error).__name__}")
+        return None
+    for problem in kept.problems:
+        note(problem)
     note(f"system {system} had died; what its rings held is kept in {kept.file}")
     return kept.file
+
+
+def remove_older(file: Path) -> None:
+    """Of what was kept of dead systems beside `file` the newest stay, `file` among them; nothing else is touched."""
+    ours = re.compile(rf"{names.DIED}-({names.TIME})(?:-(\d+))?\.mcap")
+    found = [(match[1], int(match[2] or 1), path) for path in file.parent.iterdir()
+             if path != file and (match := ours.fullmatch(path.name))]
+    for _, _, old in sorted(found)[: -(KEPT - 1)]:
+        old.unlink(missing_ok=True)

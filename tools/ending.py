@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from shm.client import MailboxFull
 from shm.clock import monotonic_ns, pause
 from shm.segment import SegmentError, held, names_of, path_of, segment_name
@@ -17,13 +19,14 @@ ANSWER_NS = 3_000_000_000  # usually all is over by then; a signal does no harm 
 ORPHAN_NS = 6_000_000_000  # longer than any process may take to end
 
 
-def stop_system(system: str, say: Say, timeout: float = STOP_S) -> int:
+def stop_system(system: str, say: Say, timeout: float = STOP_S, keep: Callable[[str], object] = str) -> int:
     """End a system; returns how many segments were left for us to remove. Problem says what is left after `timeout` s.
 
+    `keep` is called once when nobody supervises it (any more), before what is in its memory goes on, or away.
     The supervisor is asked by its mailbox; where that cannot be had or does not help, by SIGTERM. Where there is no
     supervisor its processes, which should end by themselves, are asked, and killed when they do not.
     """
-    ending, end = _Ending(system), monotonic_ns() + round(timeout * 1e9)
+    ending, end = _Ending(system, keep), monotonic_ns() + round(timeout * 1e9)
     while left := ending.step(monotonic_ns()):
         if monotonic_ns() >= end:
             raise Problem(f"system {system} is not down after {timeout:g} s: {left}")
@@ -35,8 +38,9 @@ def stop_system(system: str, say: Say, timeout: float = STOP_S) -> int:
 class _Ending:
     """One look after the other at what is left of a system."""
 
-    def __init__(self, system: str) -> None:
+    def __init__(self, system: str, keep: Callable[[str], object]) -> None:
         self.system, self.cleared = system, 0
+        self._keep, self._is_kept = keep, False
         supervisor = supervisor_of(system)
         self._first = supervisor.pid if supervisor is not None else 0
         self._signal_at_ns = monotonic_ns() + ANSWER_NS if supervisor is not None and self._ask() else 0
@@ -60,6 +64,9 @@ class _Ending:
             if now_ns >= self._signal_at_ns:
                 self._send([each for each in processes if each.pid == supervisor.pid], TERMINATE)
             return self._left(processes) or f"{SUPERVISOR} (pid {supervisor.pid})"
+        if not self._is_kept:
+            self._is_kept = True
+            self._keep(self.system)
         if processes or self._holders():
             self._kill_at_ns = self._kill_at_ns or now_ns + ORPHAN_NS
             self._send(processes, TERMINATE if now_ns < self._kill_at_ns else KILL)

@@ -186,6 +186,8 @@ def _add_recordings(made: Report, file: Path, most: int, say: Say) -> None:
             dumped = dump(made.system, now, "for a report", say)
             made.problems += dumped.problems
             made.copy("recordings/now.mcap", now)
+        except Exception as error:  # what died may have left anything
+            made.problems.append(f"recordings/now.mcap: {error or type(error).__name__}")
         finally:
             now.unlink(missing_ok=True)
     _copy_while_there_is_room(made, _newest(made.system), most, say)

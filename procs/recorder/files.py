@@ -5,24 +5,18 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
 from procs.recordings import names
 
 NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,59}")
-FOLDER: Final = "recordings"
-
-
-def utc(ns: int) -> str:
-    """A time of day for a file's name, so that names are in order: 20260131-235959.123."""
-    return f"{datetime.fromtimestamp(ns // 1_000_000_000, UTC):%Y%m%d-%H%M%S}.{ns // 1_000_000 % 1000:03d}"
 
 
 def path_of(folder: Path, kind: str, begin_ns: int, name: str = "") -> Path:
     """Where a recording is that begins now: box-TIME.mcap, fault-TIME-PSM1.mcap, NAME-TIME.mcap."""
-    words = [name, utc(begin_ns)] if kind == names.NAMED else [kind, utc(begin_ns), *([name] if name else [])]
+    time = names.utc(begin_ns)
+    words = [name, time] if kind == names.NAMED else [kind, time, *([name] if name else [])]
     return folder / f"{'-'.join(words)}.mcap"
 
 
@@ -38,7 +32,10 @@ class KeptFile:
 def kept(folder: Path, kind: str) -> list[KeptFile]:
     """Recordings of a kind, oldest first; what cannot be looked at is left out."""
     found = []
-    for path in sorted(folder.glob(f"{kind}-[0-9]*.mcap")):
+    ours = re.compile(rf"{kind}-{names.TIME}(-.*)?\.mcap")
+    for path in sorted(folder.glob(f"{kind}-*.mcap")):
+        if not ours.fullmatch(path.name):  # somebody's own
+            continue
         try:
             status = path.stat()
         except OSError:

@@ -13,11 +13,11 @@ from typing import Final
 from procs import codes
 from procs.document.recorder import COMPRESSIONS, Recorder
 from procs.document.system import SystemConfig
-from procs.paths import log_folder
+from procs.paths import recordings_folder
 from procs.recorder.box import BlackBox, BoxLimits
 from procs.recorder.disk import Disk, DiskFile
 from procs.recorder.fault import FaultRecording, FaultWatch, SeenFault
-from procs.recorder.files import FOLDER, NAME, path_of
+from procs.recorder.files import NAME, path_of
 from procs.recorder.named import NamedRecording, chosen
 from procs.recorder.sources import SystemSources
 from procs.recorder.times import LocalTimes
@@ -52,7 +52,7 @@ class RecorderLoop(OwnProcess):
         self._shown_ns = self._told_ns = self._dropped = 0
         document = self.own.document
         row = document.recorder or Recorder()
-        self._folder = Path(row.folder or log_folder(os.environ, self.system) / FOLDER)
+        self._folder = recordings_folder(os.environ, self.system, row.folder)
         self._times, self._table, self._disk = LocalTimes(self.time), ChannelTable(), Disk()
         self._document = document_of(self.system)
         self._sources = SystemSources(self.system, self._table, self.name)
@@ -117,9 +117,9 @@ class RecorderLoop(OwnProcess):
         topics, seconds = self._chosen.pop(request.place, []), float(request.values[0]) if len(request.values) else 0.0
         if self._named is not None:
             raise ValueError(f"{self._named.name} is being recorded; trocar record --stop {self._named.name} ends it")
-        if not NAME.fullmatch(request.text) or request.text.split("-")[0] in (names.BOX, names.FAULT):
+        if not NAME.fullmatch(request.text) or request.text.split("-")[0] in names.WORDS:
             raise ValueError(f"{request.text[:60]!r} is no name; allowed are up to 60 letters, digits, . _ and -, but "
-                             f"not {names.BOX}-… and {names.FAULT}-…")
+                             f"not {'-…, '.join(names.WORDS)}-…: files of others are called so")
         if not 0.0 <= seconds <= 86400.0:
             raise ValueError(f"for {seconds:g} s; allowed are 0 (until it is stopped) to 86400")
         entries = chosen(self._sources, topics)

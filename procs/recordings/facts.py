@@ -22,9 +22,12 @@ JSON_GZIP: Final = "application/gzip"
 
 
 def facts_of(system: str, kind: str, name: str = "", reason: str = "") -> dict[str, Mapping[str, str]]:
-    """Metadata of a recording of this `kind` (procs/recordings/names.py), made now."""
-    with SystemTime(system) as time:
-        clock = time.clock
+    """Metadata of a recording of this `kind` (procs/recordings/names.py), made now; its `clock` may be unknown, ""."""
+    try:
+        with SystemTime(system) as time:
+            clock = time.clock
+    except SegmentError:
+        clock = ""
     return {names.SYSTEM: {
         "format": names.FORMAT, "kind": kind, "name": name, "reason": reason, "system": system, "clock": clock,
         "trocar": VERSION, "python": platform.python_version(), "numpy": np.__version__, "kernel": platform.release(),

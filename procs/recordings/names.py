@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
 from typing import Final
 
 FORMAT: Final = "1"
@@ -9,6 +10,12 @@ SYSTEM: Final = "trocar"
 """Metadata: `format`, what the recording is (`kind`, `name`, `reason`), of which system, by which versions, where."""
 BOX, NAMED, FAULT, DUMP = "box", "named", "fault", "dump"
 KINDS: Final = (BOX, NAMED, FAULT, DUMP)
+DIED: Final = "died"
+"""Files of kind DUMP that were made of a dead system are called so: of these only the newest stay."""
+WORDS: Final = (*KINDS, DIED)
+"""With these begin names of files that Trocar names by itself."""
+TIME: Final = r"\d{8}-\d{6}\.\d{3}"
+"""How a time of day looks in them (a regular expression)."""
 LOSSES: Final = "losses"
 """Metadata: how many records of each topic are missing, and how many messages were dropped."""
 DOCUMENT: Final = "document.json.gz"
@@ -24,6 +31,11 @@ FINGERPRINT, EPOCH, INFO = "fingerprint", "epoch", "info"
 TOPIC: Final = "topic"
 """The name as Trocar knows it; that of the channel is how ROS allows it."""
 UNSUITABLE: Final = str.maketrans(" -.()[]", "_" * 7)
+
+
+def utc(ns: int) -> str:
+    """A time of day for a file's name, so that names are in order: 20260131-235959.123."""
+    return f"{datetime.fromtimestamp(ns // 1_000_000_000, UTC):%Y%m%d-%H%M%S}.{ns // 1_000_000 % 1000:03d}"
 
 
 def channel_name(topic: str) -> str:

@@ -21,7 +21,7 @@ from procs.recordings.writing import ChannelTable, RecordingFile
 from shm import directory
 from shm.layout import Schema
 from shm.ring import LAST_STAMP, RingReader
-from shm.segment import Segment, SegmentError, segment_name
+from shm.segment import Segment, segment_name
 
 CHUNK_BYTES = 1 << 20
 ALL = 1 << 40
@@ -73,15 +73,15 @@ def take(system: str, stream: BinaryIO, facts: Mapping[str, Mapping[str, str]], 
 
     `say` is told how much of it is done, 0 to 1. What cannot be read is a problem of the snapshot, and left out.
     """
-    snapshot, rings = Snapshot(), list[KeptRing]()
+    snapshot, rings, table, channels = Snapshot(), list[KeptRing](), ChannelTable(), list[tuple[int, RecordLayout]]()
     for instance, ring in directory.rings(system):
         try:
-            rings.append(kept_ring(system, instance, ring))
-        except (SegmentError, ValueError, KeyError, TypeError) as error:  # a header may say anything
-            snapshot.problems.append(f"{instance}/{ring} cannot be read: {error}")
+            each = kept_ring(system, instance, ring)
+            channels.append(table.ring(instance, ring, each.kind, each.schema, each.epoch, each.info))
+            rings.append(each)
+        except Exception as error:  # a header may say anything
+            snapshot.problems.append(f"{instance}/{ring} cannot be read: {error or type(error).__name__}")
     snapshot.records = {f"{each.instance}/{each.ring}": len(each.rows) for each in rings}
-    table = ChannelTable()
-    channels = [table.ring(each.instance, each.ring, each.kind, each.schema, each.epoch, each.info) for each in rings]
     file = RecordingFile(stream, table, facts, attachments)
     _write(file, rings, channels, local_offset_ns(system), say)
     file.note(names.LOSSES, {})

@@ -105,12 +105,16 @@ class ScriptedRobot:
         self.arm.field("measured_cp")[...] = (1, 2, 3, 0, 0, 0, 1)
         self.arm.publish(monotonic_ns() - round(age_s * 1e9))
 
-    def close(self) -> None:
-        """Give everything back and remove the segments."""
+    def close_ends(self) -> None:
+        """Give everything back; the segments stay, as of a system that died."""
         for page in self.pages.values():
             page.close()
         for end in (self.arm, self.io, self.supervisor, self.mailbox):
             end.close()
+
+    def close(self) -> None:
+        """Give everything back and remove the segments."""
+        self.close_ends()
         for part in names_of(self.name):
             unlink(segment_name(*part))
 

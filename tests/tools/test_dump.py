@@ -14,7 +14,7 @@ from shm import directory
 from shm.segment import Segment, names_of, segment_name
 from tests.system.robot import wait_for
 from tests.tools.test_down import FILE, is_down, up
-from tools.dumping import KEPT, STATUS
+from tools.dumping import STATUS
 from tools.running import running
 
 pytestmark = pytest.mark.slow
@@ -54,15 +54,14 @@ def test_what_a_system_held_that_was_killed_at_once_is_saved_whole(tmp_path: Pat
 
         folder = tmp_path / robot.name / "recordings"
         folder.mkdir(parents=True, exist_ok=True)
-        for number in range(KEPT + 2):
-            (folder / f"dump-20200101-00000{number}.mcap").touch()
+        by_time = json.loads(robot.trocar("dump", "--json", "--system", robot.name))["file"]
         robot.up(FILE)
-        kept = sorted(folder.glob("dump-*.mcap"))
-        assert len(kept) == KEPT and not kept[-1].name.startswith("dump-2020")
-        with open_recording(kept[-1]) as recording:
+        [kept] = folder.glob("died-*.mcap")
+        with open_recording(kept) as recording:
             assert len(recording.records("PSM1/state").rows) == expected["PSM1/state"]
 
         robot.kill("supervisor")
         assert "segments that" in robot.trocar("down", "--system", robot.name)
-        assert len(kept) == KEPT and sorted(folder.glob("dump-*.mcap"))[-1] != kept[-1]
+        assert len(list(folder.glob("died-*.mcap"))) == 2, "the one before is there, too"
+        assert list(folder.glob("dump-*.mcap")) == [Path(by_time)]
         assert is_down(robot), names_of(robot.name)

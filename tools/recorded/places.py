@@ -12,11 +12,10 @@ from shm.segment import SegmentError
 
 
 def folder_of(system: str) -> Path:
-    """The folder that its configuration names, as long as that is in memory, else the one beside its logs."""
+    """In the folder that its configuration names, as long as that is in memory, else beside its logs."""
     from procs.document.system import from_json  # only who keeps or lists recordings pays for it
 
     with contextlib.suppress(SegmentError, ValueError):
         row = from_json(directory.document(system)).recorder
-        if row is not None and row.folder:
-            return Path(row.folder)
+        return recordings_folder(os.environ, system, row.folder if row is not None else "")
     return recordings_folder(os.environ, system)

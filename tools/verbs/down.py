@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Annotated
 
 import typer
@@ -27,13 +28,12 @@ def down(
     """
     cleared, stopped = {}, None
     for name in left_over(system):
-        keep_left_over(name)
         with progress(f"clearing {name}") as say:
-            cleared[name] = stop_system(name, say, timeout)
+            cleared[name] = stop_system(name, say, timeout, partial(keep_left_over, say=say))
     if not cleared or those_up(name for name in systems() if system in (None, name)):
         stopped = chosen_system(system)
         with progress(f"stopping {stopped}") as say:
-            left = stop_system(stopped, say, timeout)
+            left = stop_system(stopped, say, timeout, partial(keep_left_over, say=say))
         if left:
             cleared[stopped] = left
     if as_json:

@@ -8,8 +8,9 @@ from typing import Annotated
 
 import typer
 
+from procs.recordings.names import DUMP
 from tools.dumping import dump as dumped
-from tools.dumping import dump_file
+from tools.dumping import dump_by_time
 from tools.options import JsonOption, SystemOption
 from tools.printing import emit, note, progress
 from tools.systems import chosen_system, is_up
@@ -30,7 +31,8 @@ def dump(
     """
     name = chosen_system(system)
     with progress(f"reading {name}") as say:
-        found = dumped(name, file or dump_file(name), "asked for" if is_up(name) else "its supervisor died", say)
+        reason = "asked for" if is_up(name) else "its supervisor died"
+        found = dump_by_time(name, DUMP, reason, say) if file is None else dumped(name, file, reason, say)
     for problem in found.problems:
         note(problem)
     if as_json:

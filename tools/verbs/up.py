@@ -47,7 +47,8 @@ def up(
     values = (*(sets or ()), *clock_set(clock), *(["calibration_mode=true"] if calibration else []))
     request = StartRequest(system_file(file, path or ()), system, boards, tuple(path or ()), values, seconds)
     refuse_taken(system)
-    keep_left_over(system)
+    with progress(f"keeping what {system} left") as say:
+        keep_left_over(system, say)
     if not detach:
         sys.stdout.flush()
         os.execve(sys.executable, request.command(), environment())

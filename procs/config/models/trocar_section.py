@@ -105,7 +105,7 @@ class RecorderKeys(Section):
     """The recorder, see docs/operating.md; `on` false: there is none."""
 
     on: bool | None = None
-    folder: str = Field(default="", max_length=200, description="a folder; none: with the logs")
+    folder: str = Field(default="", max_length=200, description="a folder with one for each system, or none")
     rate_hz: float = Field(default=50.0, ge=1.0, le=MAX_RATE_HZ, description="Hz")
     minutes: float = Field(default=10.0, ge=0.1, le=1440.0, description="min that the black box goes back")
     size_mb: float = Field(default=500.0, ge=1.0, le=1e6, description="MB of the black box's files together")
