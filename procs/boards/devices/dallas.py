@@ -1,6 +1,6 @@
 """The memory chip of an instrument (DS2505) as a board reads it over one wire, behind 0x0D and 0x6000.
 
-The firmware's state machine is written as a row of (state, ticks) that is only walked when somebody asks, inserts or
+The firmware's state machine is written as a row of steps that is only walked when somebody asks, inserts or
 removes: each step then happens at its own tick. On Rev 8 and 9 the firmware first looks for another kind of interface
 (DS2480B), which these boards do not have, and gives up on it after 6.5 ms.
 
@@ -9,7 +9,9 @@ The chip answers from a reset during which it was in place until it is removed; 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Callable
+from functools import partial
 from typing import Final
 
 from procs.fpga.instrument import (
@@ -22,6 +24,9 @@ from procs.fpga.instrument import (
     NAME_END,
     VERSION_AT,
 )
+
+Step = tuple[str, int, Callable[[], None]]
+"""Name of a state, how long it lasts in ticks, what happens at its end."""
 
 FAMILY: Final = 0x0B
 
@@ -86,7 +91,8 @@ class Dallas:
         self._pointer = 0
         self._family, self._rise, self._reset, self._byte, self._probing = 0, 0xFF, 0, 0, False
         self._buffer = [0] * (CHUNK_BYTES // 4)
-        self._steps: Iterator[tuple[str, int]] = iter(())
+        self._steps: deque[Step] = deque()  # still to come
+        self._then: Callable[[], None] = _nothing  # at the end of the step being taken
         self._state, self._ends = 0, 0
         self._now = 0  # tick of the step being taken
 
@@ -103,7 +109,7 @@ class Dallas:
         command = value & 3
         if command != 3:
             self.enabled = command != 0
-        steps: Iterator[tuple[str, int]] = iter(())
+        steps: list[Step] = []
         if command == 2:
             self._rise, self._reset, self._probing = 0xFF, 0, self._probes
             steps = self._read_from(value >> 16 & MEMORY_BYTES - 1)
@@ -111,7 +117,7 @@ class Dallas:
             steps = self._read_chunk()
         if value & 8 and self._probes:
             steps = self._finish()
-        self._steps, self._ends, self._state = steps, tick, -1
+        self._steps, self._then, self._ends, self._state = deque(steps), _nothing, tick, -1
         self._run(tick)
 
     def status(self, tick: int) -> int:
@@ -149,48 +155,51 @@ class Dallas:
         """Take all steps that are due by `tick`."""
         while self._state and self._ends <= tick:
             self._now = self._ends
-            name, ticks = next(self._steps, ("", 0))
+            self._then()
+            name, ticks, self._then = self._steps.popleft() if self._steps else ("", 0, _nothing)
             self._state = self._states.get(name, 0)
             self._ends += ticks
 
-    def _read_from(self, address: int) -> Iterator[tuple[str, int]]:
-        if self._probes:
-            yield from self._probe()
-        yield "reset", _RESET_TICKS
-        yield "rise", _RISE_TICKS
+    def _read_from(self, address: int) -> list[Step]:
+        bits = [step for k in range(8) for step in (  # serial number and CRC follow, but nobody looks at them
+            ("read", _READ_TICKS, partial(self._take, FAMILY)), ("rom", 1, _nothing if k else self._keep_family))]
+        select = [("write", _WRITE_TICKS, _nothing), ("low", 1, _nothing), ("write", _WRITE_TICKS, _nothing),
+                  ("high", 1, _nothing), ("write", _WRITE_TICKS, partial(self._point_at, address))]
+        return [*(self._probe() if self._probes else ()), ("reset", _RESET_TICKS, _nothing),
+                ("rise", _RISE_TICKS, self._look), ("wait", _WAIT_TICKS, self._hear), ("answer", 1, self._answered),
+                ("recover", _PULSE_END - _WAIT_TICKS - 1 + _RECOVER_TICKS, _nothing), ("write", _WRITE_TICKS, _nothing),
+                ("rom start", 1, _nothing), *bits, *select, *self._read_chunk()]
+
+    def _look(self) -> None:
         self._rise = _RISE_TICKS
         self._chip, self._silent_from = self.memory or b"", self._now if self.memory is None else NEVER
-        yield "wait", _WAIT_TICKS
-        if self._silent_from <= self._now:
-            yield "answer", _ANSWER_TICKS
-            self._reset = RESET_NO_ANSWER
-            return
-        yield "answer", 1
-        self._reset = RESET_OK
-        yield "recover", _PULSE_END - _WAIT_TICKS - 1 + _RECOVER_TICKS
-        yield "write", _WRITE_TICKS
-        yield "rom start", 1
-        for k in range(8):
-            yield "read", _READ_TICKS
-            self._take(FAMILY)  # serial number and CRC follow, but nobody looks at them
-            yield "rom", 1
-            if k == 0:
-                self._family = self._byte
-        for name in ("low", "high"):
-            yield "write", _WRITE_TICKS
-            yield name, 1
-        yield "write", _WRITE_TICKS
-        self._pointer = address
-        yield from self._read_chunk()
 
-    def _read_chunk(self) -> Iterator[tuple[str, int]]:
-        yield "start", 1
-        for k in range(CHUNK_BYTES):
-            yield "read", _READ_TICKS
-            self._take(self._chip[self._pointer] if self._pointer < len(self._chip) else 0xFF)
-            self._pointer += 1
-            yield "store", 1
-            self._buffer[k // 4] = self._buffer[k // 4] << 8 & 0xFFFF_FFFF | self._byte
+    def _hear(self) -> None:
+        if self._silent_from <= self._now:
+            self._steps = deque([("answer", _ANSWER_TICKS, self._unanswered)])
+
+    def _unanswered(self) -> None:
+        self._reset = RESET_NO_ANSWER
+
+    def _answered(self) -> None:
+        self._reset = RESET_OK
+
+    def _keep_family(self) -> None:
+        self._family = self._byte
+
+    def _point_at(self, address: int) -> None:
+        self._pointer = address
+
+    def _read_chunk(self) -> list[Step]:
+        return [("start", 1, _nothing), *(step for k in range(CHUNK_BYTES) for step in (
+            ("read", _READ_TICKS, self._read_byte), ("store", 1, partial(self._store, k))))]
+
+    def _read_byte(self) -> None:
+        self._take(self._chip[self._pointer] if self._pointer < len(self._chip) else 0xFF)
+        self._pointer += 1
+
+    def _store(self, k: int) -> None:
+        self._buffer[k // 4] = self._buffer[k // 4] << 8 & 0xFFFF_FFFF | self._byte
 
     def _take(self, value: int) -> None:
         """A byte has been read bit by bit: those after the chip was gone are ones."""
@@ -200,21 +209,19 @@ class Dallas:
                 value |= 1 << bit
         self._byte = value
 
-    def _probe(self) -> Iterator[tuple[str, int]]:
+    def _probe(self) -> list[Step]:
         """Look for a DS2480B: three bytes to it, and no answer."""
-        yield "probe", 1
-        self._reset = RESET_OK
-        yield "write", _UART_RESET_TICKS
-        for _ in range(3):
-            yield "program", 1
-            yield "write", _UART_TICKS
-            yield "check", 1
-        yield "read", _UART_PATIENCE
+        tries = [("program", 1, _nothing), ("write", _UART_TICKS, _nothing), ("check", 1, _nothing)] * 3
+        return [("probe", 1, self._answered), ("write", _UART_RESET_TICKS, _nothing), *tries,
+                ("read", _UART_PATIENCE, self._end_probe)]
+
+    def _end_probe(self) -> None:
         self._probing, self._reset = False, 0
 
-    def _finish(self) -> Iterator[tuple[str, int]]:
+    def _finish(self) -> list[Step]:
         """End of the transfer: meant for a DS2480B, two bytes that nobody hears."""
-        for _ in range(2):
-            yield "program", 1
-            yield "write", _WRITE_TICKS
-            yield "check", 1
+        return [("program", 1, _nothing), ("write", _WRITE_TICKS, _nothing), ("check", 1, _nothing)] * 2
+
+
+def _nothing() -> None:
+    pass
