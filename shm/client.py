@@ -18,6 +18,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from shm import private
 from shm.clock import monotonic_ns
 from shm.faults import Faults
 from shm.header import SegmentError
@@ -29,6 +30,7 @@ __all__ = ["Client", "LoopClient", "MailboxFull", "Reply", "begin"]
 
 KEPT: Final = 1000  # commands of which nobody has heard the end
 STREAM_NS: Final = 100_000_000  # a stream that pauses so long has ended
+Key = tuple[int, int, str]
 
 
 class MailboxShare:
@@ -39,7 +41,7 @@ class MailboxShare:
         self._address = system, instance, program
         self.instance = instance
         self.place = Place(system, instance, program)
-        self.file = self.place.file
+        self.key = _key(self.place.file, system, program)
         self._rows = {row.name: row for row in self.place.table}
         self.streams = {row.name for row in self._rows.values() if row.streams}
         self._faults: Faults | None = None
@@ -128,19 +130,22 @@ class MailboxShare:
 
 
 class Desks:
-    """Those of this process, by the file of the mailbox: one made anew under the same name is another."""
+    """Those of this process, by the file of the mailbox: one made anew under the same name is another.
+
+    In a system that is this process's alone, loops have desks of their own as in processes: by who they say they are.
+    """
 
     def __init__(self) -> None:
-        self._desks: dict[tuple[int, int], MailboxShare] = {}
+        self._desks: dict[Key, MailboxShare] = {}
         self._lock = threading.RLock()
 
     def open(self, system: str, instance: str, called: str) -> MailboxShare:
         """The desk for one more handle; SegmentError when there is no such mailbox."""
         with self._lock:
-            desk = self._desks.get(_file(system, instance))
+            desk = self._desks.get(_key(_file(system, instance), system, called))
             if desk is None:
                 desk = MailboxShare(system, instance, called)
-                self._desks[desk.file] = desk
+                self._desks[desk.key] = desk
             desk.handles += 1
             return desk
 
@@ -148,8 +153,8 @@ class Desks:
         """A handle is closed; with the last one the place is free."""
         with self._lock:
             desk.handles -= 1
-            if not desk.handles and self._desks.get(desk.file) is desk:
-                del self._desks[desk.file]
+            if not desk.handles and self._desks.get(desk.key) is desk:
+                del self._desks[desk.key]
                 desk.close()
 
     def forked(self) -> None:
@@ -160,9 +165,14 @@ class Desks:
         self._desks.clear()
 
 
+def _key(file: tuple[int, int], system: str, called: str) -> Key:
+    return *file, called if private.is_kept(system) else ""
+
+
 def _file(system: str, instance: str) -> tuple[int, int]:
+    path = path_of(segment_name(system, instance, "mailbox"))
     try:
-        status = path_of(segment_name(system, instance, "mailbox")).lstat()
+        status = path.stat() if private.is_kept(system) else path.lstat()
     except OSError:
         return 0, 0
     return status.st_dev, status.st_ino
@@ -188,9 +198,14 @@ def begin(system: str) -> Origin:
 class Client:
     """One handle. Its place is taken with the first command."""
 
-    def __init__(self, system: str, instance: str, called: str = "") -> None:
-        """SegmentError when the instance has no mailbox; `called`: the name that others see, default our program's."""
+    def __init__(self, system: str, instance: str, called: str = "", time_ns: Callable[[], int] = monotonic_ns,
+                 number: Callable[[], int] = new_id) -> None:
+        """SegmentError when the instance has no mailbox; `called`: the name that others see, default our program's.
+
+        `time_ns` says whether a stream has paused, `number` gives each command of the person one of its own.
+        """
         self.instance = instance
+        self._time_ns, self._new_number = time_ns, number
         self.origin: Origin = NOBODY
         """Of what was sent last."""
         self._whole: Origin | None = None
@@ -244,14 +259,21 @@ class Client:
         if self._whole is not None:
             return self._whole
         if streams:
-            now_ns = monotonic_ns()
+            now_ns = self._time_ns()
             under_way, self._streamed_ns = now_ns - self._streamed_ns < STREAM_NS, now_ns
             if under_way:
                 return self._stream
-        self.origin = origin = Origin(new_id(), self._desk.generation(), self._program)
+        self.origin = origin = Origin(self._new_number(), self._desk.generation(), self._program)
         if streams:
             self._stream = origin
         return origin
+
+    def begin(self) -> None:
+        """Take the place now, and look for the page of faults, which is else done with the first command."""
+        with self._desk.lock:
+            self._desk.generation()
+            if not self._desk.has_place:
+                self._desk.take_place()
 
     def poll(self) -> list[Reply]:
         """Replies to our commands that came since the last call, in order."""
@@ -259,6 +281,11 @@ class Client:
             self._desk.hand_out()
             found, self.inbox = self.inbox, []
         return found
+
+    def forget(self) -> None:
+        """As if nothing had been sent: replies that wait, and a stream under way, are none of ours any more."""
+        self.origin, self._whole, self._stream, self._streamed_ns = NOBODY, None, NOBODY, -STREAM_NS
+        self.inbox = []
 
     def close(self) -> None:
         """With the last handle the place is free."""

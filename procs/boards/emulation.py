@@ -205,6 +205,11 @@ class Emulation:
         """Exchange the plugs of two motors: each gets the current that is meant for the other."""
         self.motor_of[[one, other]] = self.motor_of[[other, one]]
 
+    def seed(self, seed: int) -> None:
+        """The noise of sensors and the chance of packets begin anew, from another seed than the system's."""
+        self._random = np.random.default_rng(seed)
+        self.packet_faults.seed(seed, len(self.buses))
+
     # -- time ----------------------------------------------------------------------------------------------------------
 
     def answer(self, bus: int, data: wire.Buffer, receive_ns: int, to: int = GROUP) -> wire.Buffer | None:

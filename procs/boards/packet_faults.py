@@ -47,9 +47,14 @@ class PacketFaults:
         self.next_ns = NEVER  # when a late reply is due
         self._kinds = [{kind: PacketFault() for kind in KINDS} for _ in range(buses)]
         self._loss = [0.0] * buses  # of datagrams, either way
-        self._chance = [random.Random(f"{seed}/{bus}").random for bus in range(buses)]
+        self._chance: list[Callable[[], float]] = []
+        self.seed(seed, buses)
         self._kept: list[tuple[int, int, int, bytes, object]] = []  # due, order, bus, reply, sender
         self._order = 0
+
+    def seed(self, seed: int, buses: int) -> None:
+        """Chance begins anew."""
+        self._chance[:] = [random.Random(f"{seed}/{bus}").random for bus in range(buses)]
 
     # -- datagrams -----------------------------------------------------------------------------------------------------
 

@@ -153,10 +153,10 @@ def test_a_wrench_that_pushes_needs_a_person(box: Mailbox, loop: LoopClient) -> 
 
 
 def test_a_stream_that_began_before_a_fault_does_not_go_on_after_it(
-    box: Mailbox, person: Client, cell: FaultCell, monkeypatch: pytest.MonkeyPatch
+    box: Mailbox, cell: FaultCell, system: str
 ) -> None:
     now = SimpleNamespace(ns=10**12)
-    monkeypatch.setattr(sending, "monotonic_ns", lambda: now.ns)
+    person = Client(system, "PSM1", time_ns=lambda: now.ns)
 
     def goal() -> list[str]:
         person.send("servo_jp", (0.1,) * 6)
@@ -169,6 +169,7 @@ def test_a_stream_that_began_before_a_fault_does_not_go_on_after_it(
         assert goal() == []  # one command of a person, of before the fault
     now.ns += 200_000_000
     assert goal() == ["servo_jp"]  # another one
+    person.close()
 
 
 def test_another_command_of_the_same_person_does_not_renew_a_stream(
