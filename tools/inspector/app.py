@@ -133,11 +133,13 @@ class InspectorApp(App[None]):
             return
         if head_due:
             self._head_ns = now_ns
-        self._page_ns, self._seen, self._problem = now_ns, found.seen, found.problem
-        if found.page is not None and page is self.page:
-            page.show(found.page)
-        elif found.seen.supervisor == "gone":
-            page.clear()
+        self._seen = found.seen
+        if page is self.page:  # else a person went to another one meanwhile, which is still to be read
+            self._page_ns, self._problem = now_ns, found.problem
+            if found.page is not None:
+                page.show(found.page)
+            else:  # what it says is of another time, or of another topic
+                page.clear()
         self._show_head()
 
     def _read(self, page: InspectorPage, head_due: bool) -> _Read:

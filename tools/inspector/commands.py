@@ -14,6 +14,7 @@ from shm.segment import SegmentError
 from tools.inspect.asked import AUDIT
 from tools.inspect.messages import time_of_day
 from tools.inspect.processes import ProcessStatus
+from tools.inspector.events import rows_next
 
 KEPT = 1000
 ACCEPTED = "accepted"
@@ -52,20 +53,12 @@ class CommandsData:
                     self._rings.append((name, directory.reader(system, name, AUDIT, often=False)))
                 except SegmentError:
                     continue
-        for name, reader in self._rings:
-            self._rows.extend(_row(name, {key: row[key] for key in row.dtype.names}) for row in reader.last(KEPT))
-            while reader.next():  # those have just been taken
-                pass
-        self._rows = deque(sorted(self._rows, key=lambda row: row.order), maxlen=KEPT)
+        for _, reader in self._rings:
+            reader.rewind(KEPT)
 
     def rows(self) -> list[AskedRow]:
         """All that is known, the oldest first."""
-        found = []
-        for name, reader in self._rings:
-            for _ in range(KEPT):
-                if not reader.next():
-                    break
-                found.append(_row(name, {key: reader.field(key)[()] for key in reader.dtype.names or ()}))
+        found = [_row(name, row) for name, reader in self._rings for row in rows_next(reader, KEPT)]
         self._rows.extend(sorted(found, key=lambda row: row.order))
         return list(self._rows)
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
 from procs.crtk.plain import plain
 from procs.crtk.reported import event_rings, message_of
 from shm.events import SEVERITIES, STATUS
+from shm.ring import RingReader
 from tools.inspect.messages import kind_of, text_of, time_of_day
 
 KEPT = 2000
@@ -39,12 +40,9 @@ class EventsData:
         self._rows: deque[EventRow] = deque(maxlen=KEPT)
         self.lost = 0
         """Overwritten before they were read."""
-        self._lost_before = 0
-        found = [_row(name, row) for name, reader in self._rings for row in reader.last(KEPT)]
         for _, reader in self._rings:
-            while reader.next():  # those have just been taken
-                pass
-        self._rows.extend(sorted(found, key=lambda row: row.order))
+            reader.rewind(KEPT)
+        self._take(KEPT)
 
     @property
     def names(self) -> list[str]:
@@ -53,17 +51,13 @@ class EventsData:
 
     def rows(self) -> list[EventRow]:
         """All that are known, the oldest first."""
-        found = []
-        for name, reader in self._rings:
-            for _ in range(A_LOOK):
-                if not reader.next():
-                    break
-                fields = (key for key in reader.dtype.names or ())
-                found.append(_row(name, {key: reader.field(key)[()] for key in fields}))
-        self.lost = sum(reader.lost for _, reader in self._rings)
-        if found:
-            self._rows.extend(sorted(found, key=lambda row: row.order))
+        self._take(A_LOOK)
         return list(self._rows)
+
+    def _take(self, most: int) -> None:
+        found = [_row(name, row) for name, reader in self._rings for row in rows_next(reader, most)]
+        self.lost = sum(reader.lost for _, reader in self._rings)
+        self._rows.extend(sorted(found, key=lambda row: row.order))
 
     def close(self) -> None:
         """Unmap."""
@@ -71,9 +65,16 @@ class EventsData:
             reader.close()
 
 
-def _row(name: str, event: Any) -> EventRow:
-    keys = event.keys() if isinstance(event, dict) else event.dtype.names
-    data = {key: plain(event[key]) for key in keys}
+def rows_next(reader: RingReader, most: int) -> Iterator[dict[str, Any]]:
+    """So many of the next records of a ring at most, in order."""
+    for _ in range(most):
+        if not reader.next():
+            return
+        yield {key: reader.field(key)[()] for key in reader.dtype.names or ()}
+
+
+def _row(name: str, event: dict[str, Any]) -> EventRow:
+    data = {key: plain(value) for key, value in event.items()}
     message = message_of(name, event)
     return EventRow(message["order"], time_of_day(int(data["local_ns"])), name, str(message["severity"]), kind_of(data),
                     text_of({**data, "hint": ""}), str(message["hint"]), data)

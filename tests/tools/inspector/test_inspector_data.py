@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
@@ -13,6 +13,7 @@ from typer.testing import CliRunner, Result
 
 from procs import codes
 from procs.crtk.topics import find
+from shm import directory
 from shm.clock import monotonic_ns
 from shm.ring_stamps import head_of, newest_stamps
 from shm.segment import Segment, segment_name
@@ -181,6 +182,41 @@ def test_events_are_chosen_by_severity_process_and_words(played: ScriptedRobot) 
         assert rows[2].data["limit"] == 0.05 and data.names[0] == "IO1" and data.lost == 0
     finally:
         data.close()
+
+
+def once(made: Callable[..., Any], meanwhile: Callable[[], object]) -> Callable[..., Any]:
+    """The same, but while it is called the first time something happens."""
+    left = [meanwhile]
+
+    def called(*arguments: Any) -> Any:
+        if left:
+            left.pop()()
+        return made(*arguments)
+
+    return called
+
+
+def test_events_that_come_while_it_opens_are_kept(played: ScriptedRobot, monkeypatch: pytest.MonkeyPatch) -> None:
+    played.events.status("PSM1: HOMED", "PSM1")
+    monkeypatch.setattr(events, "_row", once(events._row, lambda: played.events.status("PSM1: meanwhile", "PSM1")))
+    data = events.EventsData(played.name)
+    try:
+        assert [row.text for row in data.rows()] == ["PSM1: HOMED", "PSM1: meanwhile"] and data.lost == 0
+    finally:
+        data.close()
+
+
+def test_commands_that_come_while_it_opens_are_kept(played: ScriptedRobot, monkeypatch: pytest.MonkeyPatch) -> None:
+    ring = directory.writer(played.name, "PSM1", "audit", "arm")
+    ring.field("command")[...], ring.field("outcome")[...] = b"hold", b"accepted"
+    ring.publish(monotonic_ns())
+    monkeypatch.setattr(commands, "_row", once(commands._row, lambda: ring.publish(monotonic_ns())))
+    data = commands.CommandsData(played.name)
+    try:
+        assert [row.command for row in data.rows()] == ["hold", "hold"] and len(data.rows()) == 2
+    finally:
+        data.close()
+        ring.close()
 
 
 def test_a_fault_has_reason_and_remedy(played: ScriptedRobot) -> None:

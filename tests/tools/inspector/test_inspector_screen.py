@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import asyncio
+import dataclasses
 from collections.abc import Awaitable, Callable
+from typing import Any
 
 import pytest
 from textual.pilot import Pilot
 from textual.widgets import Static
 
 from procs import codes
+from shm.segment import segment_name, unlink
 from tests.conftest import World
 from tests.tools.robot import ScriptedRobot, robot
 from tools.inspector.app import PAGES, InspectorApp
+from tools.inspector.pages.page import InspectorPage
 from tools.inspector.pages.palette import DARK, LIGHT
+from tools.inspector.pages.values import ValuesPage
 
 SIZES = ((80, 24), (160, 50))
 PATIENCE = 200  # looks at the screen
@@ -75,6 +80,44 @@ def test_a_topic_is_chosen_and_its_values_live(world: World) -> None:
         await until(app, pilot, "0.5 0.5 0.5", "record 2")
         await pilot.press("n")
         await until(app, pilot, "PSM1/measured_js", "[5]")
+
+    play(world, story)
+
+
+def test_what_cannot_be_read_is_not_shown_with_the_values_of_another_topic(world: World) -> None:
+    async def story(app: InspectorApp, pilot: Pilot[None], played: ScriptedRobot) -> None:
+        await pilot.press("3", "slash", *"position", "enter")
+        app.query_one(ValuesPage).choose("PSM1/measured_js")
+        await until(app, pilot, "PSM1/measured_js: record 1", "0.25")
+        unlink(segment_name(played.name, "IO1", "state"))
+        app.query_one(ValuesPage).choose("IO1/state")
+        assert "0.25" not in await until(app, pilot, "IO1/state: ", "there is no such")
+
+    play(world, story)
+
+
+def test_a_page_that_was_left_while_it_was_read_delays_the_next_one_by_nothing(
+        world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def story(app: InspectorApp, pilot: Pilot[None], played: ScriptedRobot) -> None:
+        await pilot.press("2")
+        await until(app, pilot, "PSM1/state")
+        read, show, topics, told = app._read, app._show_head, app.page, set()
+
+        def slowly(page: InspectorPage, head_due: bool) -> Any:
+            found = read(page, head_due)
+            if page is not topics:
+                return found
+            app.call_from_thread(app.action_page, 5)
+            return dataclasses.replace(found, problem="of the page before")
+
+        def shown() -> None:
+            told.add((app._problem, app._page_ns == 0))
+            show()
+
+        monkeypatch.setattr(app, "_read", slowly)
+        monkeypatch.setattr(app, "_show_head", shown)
+        await until(app, pilot, "DISABLED")
+        assert ("", True) in told and "of the page before" not in {problem for problem, _ in told}
 
     play(world, story)
 
