@@ -45,7 +45,8 @@ class ScopedField:
 class Capture:
     """What was caught. `moment_ns`: stamp of the moment; `rows`: of each ring the records in the window.
 
-    `short`: what of the window before the moment no ring had any more, s, by topic.
+    `short`: what of the window's beginning no ring had any more, s, by topic; `unseen`: what of its end did not come,
+    or was not waited for.
     """
 
     moment_ns: int
@@ -53,6 +54,7 @@ class Capture:
     rows: dict[str, WindowRows]
     gaps: tuple[Gap, ...]
     short: dict[str, float]
+    unseen: dict[str, float]
 
 
 class Capturing:
@@ -141,14 +143,16 @@ class Capturing:
         with SystemTime(self.system) as time:
             begun_ns, end_ns = time.now_ns(), None if timeout_s is None else monotonic_ns() + round(timeout_s * 1e9)
             kept_ns = begun_ns - round(before_s * 1e9)
+            for topic, window in self._windows.items():
+                self._trigger.begin(topic, window.newest_before(begun_ns))
             while True:
                 for topic, window in self._windows.items():
                     records = window.collect(kept_ns)
                     self._trigger.take(topic, records[records["stamp_ns"] >= begun_ns])
-                stamps, flags = self._trigger.look()
+                stamps, flags = self._trigger.look(time.now_ns())
                 if flags.any():
                     moment_ns = int(stamps[np.argmax(flags)])
-                    self._follow(moment_ns + round(after_s * 1e9), after_s)
+                    self._follow(time, moment_ns + round(after_s * 1e9), after_s)
                     return self._cut(moment_ns, before_s, after_s)
                 if end_ns is not None and monotonic_ns() >= end_ns:
                     return None
@@ -160,21 +164,35 @@ class Capturing:
                     window.forget(min(newest_ns, time.now_ns()) - round(before_s * 1e9) - 1_000_000_000)
                 pause(POLL_S)
 
-    def _follow(self, until_ns: int, after_s: float) -> None:
-        """Take in what comes until the end of the window, or until nothing comes any more."""
+    def _follow(self, time: SystemTime, until_ns: int, after_s: float) -> None:
+        """Take in what comes until the end of the window, or until nothing comes any more.
+
+        What is written on events says by its silence nothing of where the window ends: that tells the system's time.
+        """
         limit_ns = monotonic_ns() + round((after_s * SLOWER + SILENT_S) * 1e9)
-        newest_ns, since_ns = 0, monotonic_ns()
+        shown = [self._windows[topic] for topic in {one.topic for one in self._scoped}]
+        seen, since_ns = (0, 0), monotonic_ns()
         while monotonic_ns() < limit_ns:
+            now_ns = time.now_ns()
             for window in self._windows.values():
                 window.collect()
-            shown = [self._windows[topic] for topic in {one.topic for one in self._scoped}]
-            if all(window.newest_ns >= until_ns for window in shown if window.rate_hz):
+            if now_ns >= until_ns and all(window.newest_ns >= until_ns for window in shown if window.rate_hz):
                 return
-            if (now_newest := self._newest_ns(or_ns=0)) != newest_ns:
-                newest_ns, since_ns = now_newest, monotonic_ns()
+            now_seen = min(now_ns, until_ns), max(window.newest_ns for window in shown)
+            if now_seen != seen:
+                seen, since_ns = now_seen, monotonic_ns()
             elif monotonic_ns() - since_ns > SILENT_S * 1e9:
                 return
+            if not is_up(self.system) and all(window.gone for window in shown):
+                return
             pause(POLL_S)
+
+    def _known_until_ns(self) -> int:
+        """Until then nothing of what is written on events is missing."""
+        if not self.is_up:
+            return self._newest_ns(or_ns=0)
+        with SystemTime(self.system) as time:
+            return time.now_ns()
 
     def _newest_ns(self, or_ns: int | None = None) -> int:
         newest = max((window.newest_ns for window in self._windows.values()), default=0)
@@ -186,8 +204,10 @@ class Capturing:
 
     def _cut(self, moment_ns: int, before_s: float, after_s: float) -> Capture:
         first_ns, last_ns = moment_ns - round(before_s * 1e9), moment_ns + round(after_s * 1e9)
+        until_ns = self._known_until_ns()
         rows: dict[str, WindowRows] = {}
         short: dict[str, float] = {}
+        unseen: dict[str, float] = {}
         for topic in dict.fromkeys(one.topic for one in self._scoped):
             kept = self._windows[topic].rows()
             rows[topic] = kept.between(first_ns, last_ns)
@@ -196,8 +216,11 @@ class Capturing:
             begin_ns = int(kept.stamps[0]) if rate_hz and len(kept) and int(kept.sequences[0]) > 1 else first_ns
             if begin_ns > first_ns + PERIODS * 1e9 / rate_hz if rate_hz else False:
                 short[topic] = min(begin_ns - first_ns, last_ns - first_ns) * 1e-9
+            end_ns = self._windows[topic].newest_ns if rate_hz else until_ns
+            if after_s and last_ns - end_ns > max(PERIODS / rate_hz if rate_hz else 0.0, POLL_S) * 1e9:
+                unseen[topic] = min(last_ns - end_ns, last_ns - first_ns) * 1e-9
         gaps = tuple(gap for topic, part in rows.items() for gap in gaps_of(topic, part))
-        return Capture(moment_ns, tuple(self._scoped), rows, gaps, short)
+        return Capture(moment_ns, tuple(self._scoped), rows, gaps, short, unseen)
 
     def __enter__(self) -> Capturing:
         return self

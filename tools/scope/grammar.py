@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 from procs.crtk.field_paths import BadPath, FieldPath, parse_path
@@ -37,12 +37,16 @@ class BadCondition(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """A field compared with a value; no operator: it is not 0, of text not empty. Of several: any of them."""
+    """A field compared with a value; no operator: it is not 0, of text not empty. Of several: any of them.
+
+    `written`: the value as it was typed, which is what a text is compared with.
+    """
 
     path: FieldPath
     operator: str = ""
     value: float | str = 0.0
     of_size: bool = False
+    written: str = field(default="", compare=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,7 +226,8 @@ class _Parser:
             return Comparison(path)
         operator = self._next.text
         self._place += 1
-        return Comparison(path, operator, self._value(), of_size)
+        written, value = self._next.text, self._value()
+        return Comparison(path, operator, value, of_size, value if isinstance(value, str) else written)
 
     def _value(self) -> float | str:
         token = self._next

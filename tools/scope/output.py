@@ -55,7 +55,7 @@ def as_json(capture: Capture, condition: str, before_s: float, after_s: float) -
                     "value": plain(each.values)} for each in series_of(capture)],
         "lost": lost(capture), "gaps": [{"topic": gap.topic, "stamp_ns": gap.stamp_ns, "lost": gap.lost}
                                         for gap in capture.gaps],
-        "missing_before_s": capture.short,
+        "missing_before_s": capture.short, "missing_after_s": capture.unseen,
     }
 
 
@@ -112,6 +112,8 @@ def remarks(capture: Capture) -> Iterator[str]:
     for topic, seconds in capture.short.items():
         missing = f"the first {seconds:.3f} s of" if len(capture.rows[topic]) else "all of"
         yield f"{topic}: its ring keeps no more: {missing} the window are missing"
+    for topic, seconds in capture.unseen.items():
+        yield f"{topic}: nothing more came: the last {seconds:.3f} s of the window are missing"
     for gap in capture.gaps:
         at_s = (gap.stamp_ns - capture.moment_ns) * 1e-9
         yield f"{gap.topic}: {gap.lost} records lost behind {at_s:+.4f} s: overwritten before they were read"

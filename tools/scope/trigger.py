@@ -28,7 +28,7 @@ Test = Callable[[NDArray[Any]], Flags]
 COMPARE: Final[Mapping[str, Callable[[Any, Any], Any]]] = {
     ">": operator.gt, ">=": operator.ge, "<": operator.lt, "<=": operator.le, "==": operator.eq, "!=": operator.ne}
 LAGS_NS: Final = 250_000_000
-"""A ring whose newest record is so much older than others' is not waited for."""
+"""A ring whose newest record is so much older than others', or than the time it is, is not waited for."""
 IO_FAULTS: Final = [fault.code.encode() for fault in FAULTS]
 YES: Final = {"true": 1.0, "yes": 1.0, "false": 0.0, "no": 0.0}
 
@@ -38,7 +38,7 @@ def field_test(leaf: Comparison, cells: FieldCells) -> Test:
     if cells.is_text:
         if leaf.operator not in ("", "==", "!=") or leaf.of_size:
             raise Misuse(f"{leaf.path.text} is text: allowed are == and !=")
-        word = b"" if not leaf.operator else _as_text(leaf.value).encode()
+        word = b"" if not leaf.operator else leaf.written.encode()
         compare = COMPARE[leaf.operator or "!="]
 
         def says(records: NDArray[Any]) -> Flags:
@@ -55,10 +55,6 @@ def field_test(leaf: Comparison, cells: FieldCells) -> Test:
         return some
 
     return holds
-
-
-def _as_text(value: float | str) -> str:
-    return value if isinstance(value, str) else f"{value:g}"
 
 
 def _number(leaf: Comparison, cells: FieldCells) -> float:
@@ -132,9 +128,16 @@ class Trigger:
         if len(records) and topic in self._newest:
             self._newest[topic] = int(records["stamp_ns"][-1])
 
-    def look(self, *, to_end: bool = False) -> tuple[Stamps, Flags]:
+    def begin(self, topic: str, record: NDArray[Any]) -> None:
+        """What holds at the beginning: `record` (1,) is the newest of a ring before it, which is no moment itself."""
+        for leaf in self._leaves:
+            if not leaf.is_event and topic in leaf.tests and len(record):
+                leaf.before = bool(leaf.tests[topic](record)[-1])
+
+    def look(self, now_ns: int = 0, *, to_end: bool = False) -> tuple[Stamps, Flags]:
         """Stamps that are new, in order, and whether the condition holds there; `to_end`: nothing more will come."""
-        moving = [stamp for stamp in self._newest.values() if stamp > max(self._newest.values()) - LAGS_NS]
+        newest_ns = max(now_ns, *self._newest.values(), 0)
+        moving = [stamp for stamp in self._newest.values() if stamp > newest_ns - LAGS_NS]
         horizon = np.iinfo(np.int64).max if to_end or not moving else min(moving)
         parts = [leaf.sorted() for leaf in self._leaves]
         looked = [stamps[stamps <= horizon] for stamps, _ in parts]

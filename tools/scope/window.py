@@ -16,7 +16,7 @@ Stamps = NDArray[np.int64]
 
 TRIES = 4
 SPARE = 64
-"""Records that come while we ask for so many newest ones."""
+"""Records that come while we ask for some newest ones, at most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +84,15 @@ class RingWindow:
         if len(records):
             self._pieces.append(self._rows(records))
         return records
+
+    def newest_before(self, stamp_ns: int) -> NDArray[Any]:
+        """The newest record that is older, whole: what a field was until then; none where none is kept."""
+        for count in (SPARE, self._reader.depth):  # usually it is among the newest few
+            records = self._reader.last(count)
+            records = records[records["stamp_ns"] < stamp_ns]
+            if len(records):
+                break
+        return records[-1:]
 
     def forget(self, before_ns: int) -> None:
         """What is older is needed no more."""

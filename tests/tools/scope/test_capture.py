@@ -6,7 +6,7 @@ import csv
 import io
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,7 @@ from tools.errors import Misuse, Problem
 from tools.scope import capture
 from tools.scope.capture import Capture, Capturing
 from tools.scope.grammar import parse_condition
-from tools.scope.output import as_json, lost, series_of
+from tools.scope.output import as_json, lost, remarks, series_of
 from tools.scope.window import gaps_of
 
 APP = cli.build()
@@ -206,6 +206,69 @@ def test_it_waits_and_takes_what_comes_after(played: ScriptedRobot, monkeypatch:
     with opened(played, f"{FIELD} > 0.5") as capturing:
         found = capturing.wait(60.0, 0.2, 30.0)
     assert values(found) == [0.95, 0.1, 0.2, 0.9, 0.3, 0.4, 0.5]
+
+
+def happening(monkeypatch: pytest.MonkeyPatch, *steps: Callable[[], object]) -> None:
+    """While it waits this happens, one after the other."""
+    left = iter(steps)
+    monkeypatch.setattr(capture, "pause", lambda seconds: next(left, lambda: None)())
+    monkeypatch.setattr(capture, "SILENT_S", 0.05)
+
+
+RESTARTS = "supervisor/state.restarts[1]"  # written on change
+
+
+@pytest.mark.parametrize(("when", "whose"), [(f"{RESTARTS} > 2 and {FIELD} > 0.5", "arm"),
+                                             (f"not {RESTARTS} > 2 and {FIELD} > 0.5", "supervisor")])
+def test_what_is_written_on_change_holds_from_before_it_began_to_wait(
+        played: ScriptedRobot, monkeypatch: pytest.MonkeyPatch, when: str, whose: str) -> None:
+    played.restarted(3, "killed by signal 9")
+    played.show_arm(0.1)
+    happening(monkeypatch, lambda: played.show_arm(0.8), lambda: played.restarted(1, "it ended"))
+    with opened(played, when) as capturing:
+        found = capturing.wait(1.0, 0.0, 30.0)
+    assert values(found) == [0.1, 0.8] and found is not None
+    assert found.moment_ns == getattr(played, whose).stamp_ns
+
+
+def test_what_was_written_long_before_is_found_behind_many_records(played: ScriptedRobot) -> None:
+    played.show_arm(0.25, age_s=1.0)
+    for _ in range(100):
+        played.arm.publish(monotonic_ns())
+    with opened(played) as capturing:
+        window = capturing._windows["PSM1/state"]
+        before = window.newest_before(monotonic_ns() - 500_000_000)
+        assert before["position"][:, 0].tolist() == [0.25] and not len(window.newest_before(1))
+
+
+def test_what_is_written_on_change_is_waited_for_until_the_window_ends(
+        played: ScriptedRobot, monkeypatch: pytest.MonkeyPatch) -> None:
+    played.show_arm(0.1)
+    happening(monkeypatch, lambda: played.show_arm(0.9), lambda: played.restarted(7, ""))
+    with opened(played, f"{FIELD} > 0.5", RESTARTS) as capturing:
+        found = capturing.wait(0.0, 0.3, 30.0)
+    assert values(found) == [7.0] and found is not None and found.unseen == {}
+    assert monotonic_ns() >= found.moment_ns + 300_000_000
+
+
+def test_what_did_not_come_at_the_end_of_a_window_is_told(
+        played: ScriptedRobot, monkeypatch: pytest.MonkeyPatch) -> None:
+    played.show_arm(0.1)
+    happening(monkeypatch, lambda: played.show_arm(0.9))
+    with opened(played, f"{FIELD} > 0.5") as capturing:
+        found = capturing.wait(0.0, 0.25, 30.0)
+    assert found is not None and found.unseen == {"PSM1/state": pytest.approx(0.25)}
+    assert "PSM1/state: nothing more came: the last 0.250 s of the window are missing" in remarks(found)
+    assert as_json(found, "", 0.0, 0.25)["missing_after_s"] == found.unseen
+
+
+def test_numbers_are_compared_with_texts_as_they_are_written(played: ScriptedRobot) -> None:
+    for k, reason in enumerate(("", "1234567", "0.10", "1e3")):
+        played.arm.field("reason")[...] = reason.encode()
+        show(played, 0.1 * k, 0.01 * k)
+    for reason, at in (("1234567", 0.1), ("0.10", 0.2), ("1e3", 0.3), ("'1e3'", 0.3)):
+        with opened(played, f"PSM1/state.reason == {reason}") as capturing:
+            assert values(capturing.past(0.0, 0.0)) == [at], reason
 
 
 def test_what_does_not_happen_in_time_is_none(played: ScriptedRobot) -> None:
