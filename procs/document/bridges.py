@@ -56,13 +56,18 @@ class WebConsole:
     makes_token: bool = False  # at each start: other machines may come, and nothing else says who
 
     def links(self, token: str = "", here: str = "") -> list[str]:
-        """Addresses for browsers; `token`: with it where one is asked for. `here`: this machine for all of its own."""
+        """Addresses for browsers; `token`: with it where one is asked for.
+
+        `here`: the name of this machine, where it listens at all of its addresses; then its own browsers have one more.
+        """
         found = []
         for address in self.listen:
             (host, port), scheme = host_and_port(address), "https" if self.certificate else "http"
             name = here if here and ip_address(host).is_unspecified else f"[{host}]" if ":" in host else host
             shown = f"/?token={token}" if token and not is_loopback(address) else ""
             found.append(f"{scheme}://{name}:{port}{shown}")
+            if here and ip_address(host).is_unspecified:
+                found.append(f"{scheme}://{'[::1]' if ':' in host else '127.0.0.1'}:{port}")
         return found
 
 

@@ -12,7 +12,7 @@ import hmac
 import logging
 from collections.abc import Callable, Iterable
 from http.cookies import CookieError, SimpleCookie
-from ipaddress import ip_address
+from ipaddress import IPv4Address, IPv6Address, ip_address
 from typing import Any, Final
 from urllib.parse import parse_qs, urlsplit
 
@@ -24,7 +24,7 @@ COOKIE: Final = "trocar"
 GUESS_S: Final = 1.0
 """That a wrong token has to wait; meanwhile nobody from that address tries another one."""
 GUESSING: Final = 32
-"""Addresses that may do so at a time."""
+"""Addresses that wait at a time; wrong tokens of further ones are refused at once: who has it is kept out by nobody."""
 MAX_FORM: Final = 4096
 HEADERS: Final = (
     # Nothing but this server's own files is ever fetched, whatever a library would like: labs are offline.
@@ -59,6 +59,8 @@ class Gate:
             return
         headers = {name.decode("latin-1"): value.decode("latin-1") for name, value in scope["headers"]}
         is_here = self._is_here(scope)
+        if is_here and self._token and not _is_loopback(_name(headers)):
+            is_here = False  # may be our own name, may be somebody's that leads here: the token tells
         why = refusal(headers, scope, is_here)
         if why:
             self._log.warning("%s: refused: %s", scope["client"], why)
@@ -72,8 +74,10 @@ class Gate:
 
     def _is_here(self, scope: Scope) -> bool:
         client, server = scope.get("client"), scope.get("server")
-        return bool(client and server and server[1] is not None and ip_address(client[0]).is_loopback
-                    and self._is_ours((client[0], client[1]), server[1]))
+        if not client or not server or server[1] is None:
+            return False
+        address = _address(client[0])
+        return address.is_loopback and self._is_ours((str(address), client[1]), server[1])
 
     def _has_cookie(self, headers: dict[str, str]) -> bool:
         try:
@@ -91,8 +95,8 @@ class Gate:
         form = await _body(receive) if scope["method"] == "POST" else scope["query_string"]
         given = parse_qs(form.decode("latin-1")).get("token", [""])[0]
         who = _network(scope)
-        if given and (who in self._guessing or len(self._guessing) >= GUESSING):
-            await _answer(scope, send, 429, FORM.format(why="One try at a time: wait a second."), (), b"text/html")
+        if given and who in self._guessing:
+            await self._refuse_for_now(scope, send)
             return
         if given and hmac.compare_digest(given.encode("latin-1", "replace"), self._token):
             secure = "; Secure" if scope.get("scheme") == "https" else ""
@@ -101,6 +105,9 @@ class Gate:
             # A page instead of a redirection: cookies of that kind are not sent where a link from elsewhere led here.
             text = f'<!doctype html><meta http-equiv="refresh" content="0;url={_path(to)}">'
             await _answer(scope, send, 200, text, [(b"set-cookie", cookie.encode())], b"text/html")
+            return
+        if given and len(self._guessing) >= GUESSING:
+            await self._refuse_for_now(scope, send)
             return
         if given:
             self._log.warning("%s: a wrong token", scope["client"])
@@ -112,22 +119,40 @@ class Gate:
         await _answer(scope, send, 401, FORM.format(why="This is not the token." if given else ""), (), b"text/html")
 
 
+    async def _refuse_for_now(self, scope: Scope, send: Send) -> None:
+        await _answer(scope, send, 429, FORM.format(why="One try at a time: wait a second."), (), b"text/html")
+
+
 def refusal(headers: dict[str, str], scope: Scope, is_here: bool) -> str:
     """Why a request is not for us, or not from our own page; empty: it is."""
     host, origin = headers.get("host", ""), headers.get("origin")
-    name = urlsplit(f"//{host}").hostname or ""
+    name = _name(headers)
     if is_here and not _is_loopback(name):  # a name of somebody's that leads here: his page would be ours
         return f"{name[:80]} is no name of this machine; take 127.0.0.1 or localhost"
-    if origin is not None and urlsplit(origin).netloc != host:
+    if origin is not None and origin.partition("://")[2] != host:
         return "that page is not from here"
     if scope["type"] == "http" and scope["method"] not in ("GET", "HEAD") and origin is None:
         return "that is from no page"
     return ""
 
 
+def _name(headers: dict[str, str]) -> str:
+    """Under which name the browser asked for us."""
+    try:
+        return urlsplit(f"//{headers.get('host', '')}").hostname or ""
+    except ValueError:  # [ without ]
+        return ""
+
+
+def _address(text: str) -> IPv4Address | IPv6Address:
+    """Of a client; the old kind as such where we listen for both."""
+    found = ip_address(text)
+    return (found.ipv4_mapped if isinstance(found, IPv6Address) else None) or found
+
+
 def _network(scope: Scope) -> str:
     """Whose it is: an address, of the new kind the network that one household has."""
-    client = ip_address(scope["client"][0])
+    client = _address(scope["client"][0])
     return str(client) if client.version == 4 else str(client.exploded[:19])
 
 

@@ -58,6 +58,7 @@ def test_a_token_is_made_at_start_where_others_may_come_and_nothing_says_who(hom
     gui = loaded.system.gui
     assert gui is not None and gui.makes_token
     assert gui.links("abc", "robot.lab") == ["http://127.0.0.1:8080", "http://robot.lab:8081/?token=abc",
-                                             "http://robot.lab:8082/?token=abc"]
+                                             "http://127.0.0.1:8081", "http://robot.lab:8082/?token=abc",
+                                             "http://[::1]:8082"]
     assert any("made at each start" in note for note in loaded.system.notes)
     assert from_json(to_json(loaded.system)) == loaded.system

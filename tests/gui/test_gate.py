@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -34,7 +35,8 @@ async def pages(scope: Any, receive: Any, send: Any) -> None:
 
 
 def ask(headers: dict[str, str], *, token: bytes = b"", ours: bool = True, client: str = "127.0.0.1",
-        kind: str = "http", method: str = "GET", path: str = "/", query: str = "", body: bytes = b"") -> Response:
+        kind: str = "http", method: str = "GET", path: str = "/", query: str = "", body: bytes = b"",
+        is_ours: Callable[[tuple[str, int], int], bool] | None = None) -> Response:
     scope = {"type": kind, "method": method, "path": path, "query_string": query.encode(), "scheme": "http",
              "client": (client, 4000), "server": (client, 8080),
              "headers": [(name.encode(), value.encode()) for name, value in headers.items()]}
@@ -43,7 +45,7 @@ def ask(headers: dict[str, str], *, token: bytes = b"", ours: bool = True, clien
         return {"type": "http.request", "body": body}
 
     asked = Response()
-    made = Gate(pages, token, False, logging.getLogger("gate"), lambda peer, port: ours)
+    made = Gate(pages, token, False, logging.getLogger("gate"), is_ours or (lambda peer, port: ours))
     asyncio.run(made(scope, receive, asked.send))
     return asked
 
@@ -53,6 +55,35 @@ def test_our_own_programs_on_this_machine_need_nothing() -> None:
     assert ask({"host": "localhost:8080"}).status == ask({"host": "[::1]:8080"}).status == 200
 
 
+def test_where_both_kinds_of_addresses_may_come_this_machine_is_known_by_both() -> None:
+    asked_for = []
+
+    def is_ours(peer: tuple[str, int], port: int) -> bool:
+        asked_for.append(peer)
+        return True
+
+    assert ask(HERE, client="::ffff:127.0.0.1", is_ours=is_ours).body == b"a page"
+    assert asked_for == [("127.0.0.1", 4000)], "as the kernel lists it"
+    assert ask(HERE, client="::ffff:10.0.0.7").status == 403
+
+
+def test_our_own_name_needs_the_token_where_it_leads_to_this_machine_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(gate, "GUESS_S", 0.0)
+    name = {"host": "robot.lab:8080"}  # Debian: 127.0.1.1 in /etc/hosts
+    asked = ask(name, token=TOKEN, client="127.0.1.1")
+    assert asked.status == 401 and b"<form" in asked.body
+    link = ask(name, token=TOKEN, client="127.0.1.1", query=f"token={TOKEN.decode()}")
+    cookie = link.headers["set-cookie"].split(";")[0]
+    assert ask({**name, "cookie": cookie}, token=TOKEN, client="127.0.1.1").body == b"a page"
+    assert "token is missing" in ask(name, token=TOKEN, client="127.0.1.1", kind="websocket").reason
+    assert ask({**name, "cookie": cookie, "origin": "https://evil.example"}, token=TOKEN).status == 403
+    assert ask(HERE, token=TOKEN).body == b"a page", "by its address it needs none, as before"
+
+
+def test_a_name_that_cannot_be_read_is_refused() -> None:
+    assert ask({"host": "[::1"}).status == 403
+
+
 @pytest.mark.parametrize(("headers", "words"), [
     ({"host": "evil.example:8080"}, "no name of this machine"),
     ({"host": "127.0.0.1.evil.example"}, "no name of this machine"),
@@ -60,6 +91,8 @@ def test_our_own_programs_on_this_machine_need_nothing() -> None:
     ({**HERE, "origin": "https://evil.example"}, "not from here"),
     ({**HERE, "origin": "http://127.0.0.1:9"}, "not from here"),
     ({**HERE, "origin": "null"}, "not from here"),
+    ({**HERE, "origin": "http://[::1"}, "not from here"),
+    ({**HERE, "origin": "http://127.0.0.1:8080@evil.example"}, "not from here"),
 ])
 @pytest.mark.parametrize("kind", ["http", "websocket"])
 def test_pages_of_others_cannot_come_through_our_browser(headers: dict[str, str], words: str, kind: str) -> None:
@@ -112,12 +145,14 @@ def test_who_guesses_has_to_wait_and_is_in_nobody_elses_way(monkeypatch: pytest.
     async def story() -> None:
         waiting = [asyncio.ensure_future(knock(client, "wrong")) for client in ("10.0.0.7", "fd00::1:0:0:0:1")]
         await asyncio.sleep(0)
-        for again in ("10.0.0.7", "fd00::1:0:0:0:2"):
+        for again in ("10.0.0.7", "::ffff:10.0.0.7", "fd00::1:0:0:0:2"):
             assert (await knock(again, TOKEN.decode())).status == 429, "not even the right one"
-        assert "set-cookie" in (await knock("10.0.0.8", TOKEN.decode())).headers
+        for other in ("10.0.0.8", "::ffff:10.0.0.9"):
+            assert "set-cookie" in (await knock(other, TOKEN.decode())).headers
         waiting += [asyncio.ensure_future(knock(f"10.0.1.{i}", "wrong")) for i in range(gate.GUESSING)]
         await asyncio.sleep(0)
-        assert (await knock("10.0.0.9", TOKEN.decode())).status == 429, "too many at a time"
+        assert (await knock("10.0.0.9", "wrong")).status == 429, "too many at a time"
+        assert "set-cookie" in (await knock("10.0.0.9", TOKEN.decode())).headers, "who has it is kept out by nobody"
         assert not any(each.done() for each in waiting[:2])
         for each in waiting:
             each.cancel()
