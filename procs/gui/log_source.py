@@ -31,10 +31,19 @@ class LogSource:
         self._shown: dict[str, Any] = {"age": 0.0, "rows": []}
 
     def read(self, now_ns: int) -> dict[str, Any]:
-        """`rows`, oldest first: local time, level and text; the first two are empty in lines of libraries."""
-        if now_ns < self._look_ns:
-            return self._shown
-        self._look_ns = now_ns + LOOK_NS
+        """`rows`, oldest first: local time, level and text; the first two are empty in lines of libraries.
+
+        `problem` in their place while the file cannot be read.
+        """
+        if now_ns >= self._look_ns:
+            self._look_ns = now_ns + LOOK_NS
+            try:
+                self._look()
+            except OSError as error:
+                self._seen, self._shown = (), {"age": None, "problem": str(error)}
+        return self._shown
+
+    def _look(self) -> None:
         with self._path.open("rb") as file:
             status = os.fstat(file.fileno())
             seen = status.st_ino, status.st_size, status.st_mtime_ns
@@ -46,7 +55,6 @@ class LogSource:
                     del lines[0]  # its beginning is missing
                 rows = [parsed(line[:LETTERS]) for line in lines if line][-LINES:]
                 self._shown = {"age": 0.0, "rows": [(row.local[11:23], row.level, row.text) for row in rows]}
-        return self._shown
 
     def close(self) -> None:
         """Nothing stays open."""

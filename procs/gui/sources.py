@@ -101,6 +101,7 @@ class Sources:
         self._users: dict[str, int] = {}
         self._encoded: dict[str, bytes] = {}
         self._retry_ns: dict[str, int] = {}
+        self._problems: dict[str, str] = {}
         self._now_ns = 0
 
     def check(self, name: str) -> None:
@@ -141,11 +142,12 @@ class Sources:
         try:
             if source is None:
                 if self._now_ns < self._retry_ns.get(name, 0):
-                    return {"age": None}
+                    return {"age": None, "problem": self._problems.get(name, "")}
                 self._retry_ns[name] = self._now_ns + AGAIN_NS
                 source = self._open[name] = self._makers[name]()
             return source.read(self._now_ns)
         except (SegmentError, OSError, ValueError) as error:
+            self._problems[name] = str(error)
             return {"age": None, "problem": str(error)}
 
     @property

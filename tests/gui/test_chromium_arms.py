@@ -110,6 +110,36 @@ def test_a_tip_moves_to_a_pose_that_was_seen_before(page: BrowserPage) -> None:
     page.until("/is none/.test(document.querySelector('.note.bad')?.textContent)")
 
 
+def test_what_is_typed_keeps_its_meaning_where_units_change(page: BrowserPage) -> None:
+    page.open("/arm/PSM1")
+    turning, sliding, jaw = "[data-goal='0']", "[data-goal='2']", "#jaw-goal"
+    x, turn = "[data-pose=tip][data-part='0']", "[data-pose=tip][data-part='3']"
+    page.until(f"document.querySelector(\"{x}\")?.value && document.querySelector(\"{sliding}\")?.value")
+    for css, text in ((turning, "11,5"), (sliding, "120"), (jaw, "20"), (x, "12.5"), (turn, "nothing")):
+        typed(page, css, text)
+
+    def seen() -> list[str]:
+        return [str(page.find(css).get_attribute("value")) for css in (turning, sliding, jaw, x, turn)]
+
+    page.click("[data-does=units]")
+    assert seen() == ["0.2007129", "0.12", "0.3490659", "0.0125", "nothing"]
+    page.until("[...document.querySelectorAll('[data-unit=r]')].every((unit) => unit.textContent === 'rad')")
+    tab = page.driver.current_window_handle
+    page.driver.switch_to.new_window("tab")
+    page.open("/arm/PSM1")
+    page.click("[data-does=units]")
+    page.driver.close()
+    page.driver.switch_to.window(tab)
+    page.until("trocar && document.querySelector('#jaw-goal').value === '20'")
+    assert seen() == ["11.5", "120", "20", "12.5", "nothing"]
+    page.take_control()
+    page.js("document.querySelector('[data-does=jaw]').click()")  # hidden: this arm carries none
+    page.until("document.getElementById('confirm').open")
+    assert "jaw of PSM1 to 20 °?" in page.find("#confirm-text").text
+    page.find("#confirm button.quiet").click()
+    assert page.wrongs() == []
+
+
 def test_a_base_frame_is_set_and_forgotten(page: BrowserPage) -> None:
     page.open("/arm/PSM1")
     page.take_control()
@@ -119,6 +149,9 @@ def test_a_base_frame_is_set_and_forgotten(page: BrowserPage) -> None:
     typed(page, "[data-pose=base][data-part='2']", "100,5")
     typed(page, "#base-in", "table")
     page.find("[data-does=set-base]").click()
+    page.until("document.getElementById('confirm').open")
+    asked = page.find("#confirm-text").text
+    assert "z 100.50 mm" in asked and ", in table?" in asked
     page.answer_yes()
     page.until(f"Math.abs(trocar.value('PSM1/state.measured_cp')[2] - {before[2]} - 0.1005) < 1e-6")
     assert page.value("PSM1/state.reference_frame") == "table"

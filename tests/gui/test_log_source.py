@@ -8,6 +8,7 @@ import pytest
 
 from procs.document.system import from_json
 from procs.gui.log_source import LETTERS, LINES, LOOK_NS, LogSource, log_of
+from procs.gui.sources import AGAIN_NS, Sources
 from shm import directory
 from tests.conftest import World
 from tests.tools.robot import robot
@@ -44,5 +45,26 @@ def test_only_logs_of_processes_are_shown(world: World, tmp_path: Path, monkeypa
         for name in ("../PSM1", "/etc/passwd", "", "PSM1.1"):
             with pytest.raises(ValueError, match="no process"):
                 log_of(document, name)
-        with pytest.raises(OSError, match=r"PSM1\.log"):
-            log_of(document, "PSM1")().read(0)
+        assert "PSM1.log" in log_of(document, "PSM1")().read(0)["problem"]
+
+
+def test_a_log_that_is_not_there_says_so_all_the_time_and_is_shown_when_it_comes(tmp_path: Path) -> None:
+    file = tmp_path / "PSM1.log"
+    source = LogSource(file)
+    for now_ns in (0, 1, LOOK_NS // 2, LOOK_NS, LOOK_NS + 1):
+        shown = source.read(now_ns)
+        assert "PSM1.log" in shown["problem"] and "rows" not in shown, now_ns
+    file.write_text(LINE)
+    assert len(source.read(3 * LOOK_NS)["rows"]) == 1
+    file.unlink()
+    assert "rows" not in source.read(4 * LOOK_NS)
+
+
+def test_a_source_that_cannot_be_opened_says_why_until_it_is_tried_again() -> None:
+    def absent() -> LogSource:
+        raise OSError("it is not there")
+
+    sources = Sources({"one": absent})
+    for now_ns in (0, 1, AGAIN_NS - 1, AGAIN_NS):
+        sources.begin(now_ns)
+        assert b"it is not there" in sources.part("one"), now_ns

@@ -109,7 +109,7 @@ def _joint(state: str, i: int, kind: str) -> None:
                 Part("button", "jog commands", text, type="button", data_joint=str(i), data_sign=str(sign),
                      aria_label=f"Jog joint {i + 1} {text}")
         with Part("td"):
-            Part("input", type="text", inputmode="decimal", data_goal=str(i), autocomplete="off",
+            Part("input", type="text", inputmode="decimal", data_goal=str(i), data_typed=kind, autocomplete="off",
                  aria_label=f"Goal of joint {i + 1}")
         Part("td", "quiet", data_unit=kind)
 
@@ -124,7 +124,8 @@ def _jaw(state: str) -> None:
         Part("span", "quiet", "effort")
         live(f"{state}.jaw_effort", "num:3")
         box("spacer")
-        Part("input", type="text", inputmode="decimal", id="jaw-goal", value="0", size="6", aria_label="Jaw goal")
+        Part("input", type="text", inputmode="decimal", id="jaw-goal", value="0", size="6", aria_label="Jaw goal",
+             data_typed="r")
         Part("button", "commands", "Move jaw", type="button", data_does="jaw")
 
 
@@ -199,7 +200,8 @@ def _inputs(what: str, pose: str, place: str) -> None:
             Part("span", "", data_unit=kind)
         for i, axis in enumerate("xyz"):
             Part("input", type="text", inputmode="decimal", autocomplete="off", size="7", data_pose=pose,
-                 data_part=str(first + i), aria_label=f"{what}: {'turn about ' if first else ''}{axis}")
+                 data_typed=kind, data_part=str(first + i),
+                 aria_label=f"{what}: {'turn about ' if first else ''}{axis}")
 
 
 def _base(arm: ArmConfig, state: str) -> None:

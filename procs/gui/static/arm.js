@@ -1,5 +1,6 @@
 // The page of an arm: jog while held, goals as people type them, a preview in 3D before anything moves.
-import { ask, asked, data, fixed, jogBegins, note, onTick, typed, unit, units, value } from "./live.js";
+import { ask, asked, data, fixed, jogBegins, note, onTick, value } from "./live.js";
+import { onUnits, perUnit, typed, unit, units } from "./units.js";
 
 const page = document.querySelector("[data-arm]");
 export const arm = page.dataset.arm;
@@ -8,7 +9,7 @@ const slides = (i) => page.dataset.slides.split("")[i] === "1";
 const count = () => value(`${state}.count`) || 0;
 const measured = () => (value(`${state}.position`) || []).slice(0, count());
 const goals = () => [...page.querySelectorAll("input[data-goal]")].slice(0, count());
-const factor = (i) => (units() === "deg" ? (slides(i) ? 1000 : 180 / Math.PI) : 1);
+const factor = (i) => perUnit(slides(i));
 const speed = () => Number(document.getElementById("jog-speed").value) / 100;
 const FULL = { slides: 0.03, turns: 0.5 }; // m/s, rad/s of a jog at 100 %
 
@@ -72,15 +73,15 @@ page.addEventListener("click", async (event) => {
   const button = event.target.closest("button");
   if (!button) return;
   if (button.dataset.does === "read") read();
-  else if (button.dataset.does === "units") setTimeout(() => (read(), shownSpeed()));
   else if (button.dataset.does === "move") {
     if (!(await preview())) return note(button, "bad", goal() ? document.getElementById("preview-says").textContent : "A number is missing, or is none.");
     button.dataset.confirm = `Move ${arm} to this place? The green shape shows where.`;
     if (await asked(button, [[[arm, "move_jp", goal(), ""]]])) stage()?.preview(null);
   } else if (button.dataset.does === "jaw") {
-    const degrees = typed(document.getElementById("jaw-goal").value);
-    if (degrees === null) return note(button, "bad", "This is no number.");
-    asked(button, [[[arm, "jaw/move_jp", [units() === "deg" ? (degrees * Math.PI) / 180 : degrees], ""]]]);
+    const angle = typed(document.getElementById("jaw-goal").value);
+    if (angle === null) return note(button, "bad", "This is no number.");
+    button.dataset.confirm = `Move the jaw of ${arm} to ${angle} ${unit(false)}?`;
+    asked(button, [[[arm, "jaw/move_jp", [angle / perUnit(false)], ""]]]);
   } else if (button.dataset.says) {
     const chosen = document.getElementById(button.dataset.with);
     asked(button, [[[arm, button.dataset.says, [], chosen.value]]]);
@@ -131,4 +132,5 @@ onTick(() => {
     document.getElementById("ratio").value = Math.round(ratio * 100);
   }
 });
+onUnits(shownSpeed);
 shownSpeed();

@@ -1,5 +1,6 @@
 // Switches, which show whether something is on, and forms: inputs whose values go out with a command.
-import { asked, call, confirmed, hasControl, note, onTick, perform, send, typed, unit, units, value } from "./live.js";
+import { asked, call, confirmed, hasControl, note, onTick, perform, send, value } from "./live.js";
+import { perUnit, typed, unit, units } from "./units.js";
 
 // What a person typed, as the number that is sent; null where it is none, or too much.
 function number(input, slides) {
@@ -51,7 +52,7 @@ async function flip(button) {
 function read(form) {
   for (const input of form.querySelectorAll("[data-now]")) {
     const v = value(input.dataset.now);
-    const factor = units() !== "deg" ? 1 : input.dataset.arg === "joint-p" ? 1000 : 180 / Math.PI;
+    const factor = perUnit(input.dataset.arg === "joint-p");
     if (typeof v === "number") input.value = (v * factor).toFixed(units() === "deg" ? 2 : 4);
     input.classList.remove("wrong");
   }

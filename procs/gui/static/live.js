@@ -1,6 +1,7 @@
 // One connection a page: data come in one message a tick, commands go out, answers are shown where one pressed.
 // Elements say what they show by attributes, see procs/gui/pages/parts.py.
 import { turns } from "./pose.js";
+import { onUnits, turnUnits, unit, units } from "./units.js";
 
 const sources = {}; // newest data by source
 const heard = {}; // when each source last changed, ms
@@ -26,8 +27,6 @@ export function value(path) {
   return found;
 }
 
-export const units = () => localStorage.getItem("units") || "deg";
-
 export const fixed = (v, digits) => {
   const text = v.toFixed(digits);
   return /^-0\.?0*$/.test(text) ? text.slice(1) : text; // no flicker between 0.0 and -0.0
@@ -45,8 +44,6 @@ const FORMATS = {
   joint: (v, slides) =>
     slides === "p" ? (units() === "deg" ? fixed(v * 1000, 2) : fixed(v, 5)) : units() === "deg" ? fixed((v * 180) / Math.PI, 2) : fixed(v, 4),
 };
-
-export const unit = (slides) => (units() === "deg" ? (slides ? "mm" : "°") : slides ? "m" : "rad");
 
 function formatted(v, format) {
   if (v === null || v === undefined || v === "") return "–";
@@ -126,20 +123,31 @@ const say = (message) => socket?.readyState === 1 && socket.send(JSON.stringify(
 
 function connect() {
   socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/live`);
+  let isGreeted = false;
   socket.onopen = () => {
     wanted = "";
     lastTick = performance.now();
     want();
   };
-  socket.onmessage = (event) => heed(JSON.parse(event.data));
+  socket.onmessage = (event) => {
+    isGreeted = true;
+    heed(JSON.parse(event.data));
+  };
   socket.onclose = () => {
     you = false;
     holder = "";
     for (const [, call] of waiting) call("lost", "the connection was lost; what became of it is not known");
     waiting.clear();
     shown();
+    if (!isGreeted) askAgain();
     setTimeout(connect, 700);
   };
+}
+
+// Where we are not let in: is it that another token is needed now? Then the page that asks for it.
+async function askAgain() {
+  const answer = await fetch(import.meta.url, { method: "HEAD", cache: "no-store" }).catch(() => null);
+  if (answer?.status === 401) location.reload();
 }
 
 function heed(message) {
@@ -277,10 +285,8 @@ document.addEventListener("click", (event) => {
   else if (button.dataset.does === "dismiss") {
     localStorage.setItem("first-steps", "closed");
     document.getElementById("first-steps").remove();
-  } else if (button.dataset.does === "units") {
-    localStorage.setItem("units", units() === "deg" ? "si" : "deg");
-    render();
-  } else if (button.dataset.does === "theme") theme(document.documentElement.dataset.theme === "dark" ? "light" : "dark");
+  } else if (button.dataset.does === "units") turnUnits();
+  else if (button.dataset.does === "theme") theme(document.documentElement.dataset.theme === "dark" ? "light" : "dark");
 });
 
 // A held jog: said every 50 ms while it is pressed; the arm ends it by itself 0.1 s after the last time.
@@ -327,12 +333,6 @@ function theme(name) {
   document.documentElement.style.colorScheme = name;
 }
 
-// A number as people type it, with a comma or a point; null when it is none.
-export function typed(text) {
-  const found = Number(text.trim().replace(",", ".").replace("−", "-"));
-  return text.trim() && Number.isFinite(found) ? found : null;
-}
-
 // --- messages: a list, made anew when it changes
 
 export const cell = (tag, text, className = "") => Object.assign(document.createElement(tag), { textContent: text, className });
@@ -373,6 +373,7 @@ function remedies() {
   }
 }
 
+onUnits(render);
 onTick(messages);
 onTick(remedies);
 document.addEventListener("change", messages);

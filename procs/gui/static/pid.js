@@ -1,7 +1,8 @@
 // The page PID: gains that are edited and applied, the plot of one joint, and a step to try them.
-import { confirmed, data, hasControl, note, onTick, perform, typed, unit, units, value } from "./live.js";
+import { confirmed, data, hasControl, note, onTick, perform, value } from "./live.js";
 import { made } from "./forms.js";
 import { Trace } from "./trace.js";
+import { perUnit, typed, unit } from "./units.js";
 
 const TEXT = 64; // letters of a command's text
 const page = await made("pid");
@@ -136,8 +137,7 @@ function draw() {
 
 function paint() {
   const chosen = [...page.querySelectorAll(".legend input:checked")].map((box) => +box.value);
-  const factor = units() !== "deg" ? 1 : slides() ? 1000 : 180 / Math.PI;
-  trace.draw(chosen, +at("span").value, factor, unit(slides()), slides() ? "N" : "N·m");
+  trace.draw(chosen, +at("span").value, perUnit(slides()), unit(slides()), slides() ? "N" : "N·m");
 }
 
 function take() {

@@ -1,10 +1,11 @@
 // Poses as people type them: where the tip is to go, seen before it moves; where the base stands.
 import { arm, previewed, stage, state } from "./arm.js";
-import { asked, data, fixed, note, onTick, typed, units, value } from "./live.js";
+import { asked, data, fixed, note, onTick, value } from "./live.js";
 import { quaternion, turns } from "./pose.js";
+import { perUnit, typed, unit, units } from "./units.js";
 
 const inputs = (pose) => [...document.querySelectorAll(`input[data-pose="${pose}"]`)];
-const factor = (i) => (units() !== "deg" ? 1 : i < 3 ? 1000 : 180 / Math.PI);
+const factor = (i) => perUnit(i < 3);
 
 function read(pose, from) {
   const now = value(from);
@@ -26,6 +27,12 @@ function wanted(pose) {
   return found.includes(null) ? null : [...found.slice(0, 3), ...quaternion(found.slice(3))];
 }
 
+// A pose in words, as it goes out.
+function said(pose) {
+  const parts = [...pose.slice(0, 3), ...turns(pose.slice(3))].map((v, i) => fixed(v * factor(i), units() === "deg" ? 2 : 5));
+  return `x ${parts[0]}, y ${parts[1]}, z ${parts[2]} ${unit(true)}, turned about x ${parts[3]}, y ${parts[4]}, z ${parts[5]} ${unit(false)}`;
+}
+
 const says = () => document.getElementById("tip-says");
 const preview = (pose) => previewed({ pose }, says());
 const NO_NUMBER = "A number is missing, or is none.";
@@ -43,7 +50,6 @@ document.addEventListener("click", async (event) => {
     says().textContent = "";
     stage()?.preview(null);
   } else if (does === "read-base") read("base", `${state}.base_frame`);
-  else if (does === "units") setTimeout(() => (read("tip", `${state}.measured_cp`), read("base", `${state}.base_frame`)));
   else if (does === "move-tip") {
     const pose = wanted("tip");
     if (!pose || !(await preview(pose))) return note(button, "bad", pose ? says().textContent : NO_NUMBER);
@@ -54,7 +60,8 @@ document.addEventListener("click", async (event) => {
     const frame = document.getElementById("base-in");
     frame.classList.toggle("wrong", !frame.checkValidity());
     if (!pose || !frame.checkValidity()) return note(button, "bad", pose ? "Names have letters, digits and signs, no blanks." : NO_NUMBER);
-    button.dataset.confirm = `Tell ${arm} that its base stands there? All its poses change; who follows by them stops.`;
+    const place = frame.value || value(`${state}.reference_frame`);
+    button.dataset.confirm = `Tell ${arm} that its base stands at ${said(pose)}${place ? `, in ${place}` : ""}? All its poses change; who follows by them stops.`;
     asked(button, [[[arm, "set_base_frame", pose, frame.value]]]);
   }
 });
