@@ -43,4 +43,4 @@ def told(system: SystemConfig, *, to_a_terminal: bool) -> str:
     if not to_a_terminal:
         return f"gui: the token of this start is in {path}"
     links = system.gui.links(path.read_text().strip(), socket.gethostname())
-    return f"gui: from other machines, until it goes down: {', '.join(links)}"
+    return f"gui: in a browser, until it goes down: {', '.join(links)}"
