@@ -19,8 +19,9 @@ A script that is ended with Ctrl-C says so in one line, without a traceback.
 
 from __future__ import annotations
 
+import importlib
 import sys
-from types import TracebackType
+from types import ModuleType, TracebackType
 
 from tools.client.scripting import *  # noqa: F403
 from tools.client.scripting import __all__ as __all__
@@ -35,3 +36,19 @@ def _ended(kind: type[BaseException], error: BaseException, trace: TracebackType
 
 
 _usual, sys.excepthook = sys.excepthook, _ended
+
+
+def __getattr__(name: str) -> ModuleType:
+    """`trocar.rl`, environments for Gymnasium: loaded when it is asked for, as most scripts do without."""
+    if name != "rl":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    try:
+        return importlib.import_module("procs.rl.door")
+    except ModuleNotFoundError as error:
+        if error.name != "gymnasium":
+            raise
+        raise ModuleNotFoundError("trocar.rl needs gymnasium: pip install 'trocar[rl]'", name=error.name) from None
+
+
+if "gymnasium" in sys.modules:  # so that gymnasium.make("trocar:trocar/PsmReach-v0") finds its names
+    importlib.import_module("procs.rl.registration")

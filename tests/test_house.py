@@ -28,7 +28,7 @@ LET_OFF = {ROOT / "procs" / "io"}  # the interpreter loads its own io before it 
 NAMED_BY_THE_TREE = {"shm/mailbox.py"}  # the house's own plan has it; nothing in shm/ is ever run as a script
 WIRE = ("procs/fpga/", "procs/io/", "procs/boards/")  # speak big-endian
 # of several processes in one, on a clock of their own
-STEPS_LOOPS = ("tools/bench/arm.py", "procs/host/")
+STEPS_LOOPS = ("tools/bench/arm.py", "procs/host/", "procs/rl/model.py")
 NATIVE_DTYPE = re.compile(r"^(\([^)]*\))?[<=|][iufbSV?c][0-9]+$|^\([^)]*\)[<=|>]?[iufbSV?][0-9]*$")
 BIG_ENDIAN = re.compile(r"^(\([^)]*\))?>[iuf][0-9]+$")
 ENVIRONMENT = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}

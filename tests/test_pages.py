@@ -140,6 +140,6 @@ def test_every_part_stands_on_a_storey() -> None:
 
 def test_the_architecture_shows_the_storeys() -> None:
     text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
-    (block,) = re.findall(r"```\n(host\ntools [^`]*\nshm\n)```", text)
+    (block,) = re.findall(r"```\n(rl\nhost\ntools [^`]*\nshm\n)```", text)
     shown = [set(re.findall(r"\w+", line)) for line in block.splitlines()]
     assert [{name if name in ("tools", "shm") else f"procs/{name}" for name in row} for row in shown] == storeys()

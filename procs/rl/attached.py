@@ -1,0 +1,188 @@
+"""The robot of an environment as a running system: a real one, emulated boards or KINEMATIC arms, on any clock.
+
+It asks for motions of arms that a person has powered and homed, and for nothing else: it never enables, homes, resumes
+or clears. All that it asks is one command of the person who made it: nothing of it is carried out after a fault.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final, NoReturn
+
+from procs.document.system import SystemConfig
+from procs.kinematics.poses import matrix_from_pose
+from procs.rl.backend import RobotStopped
+from procs.rl.link import ArmLink
+from procs.rl.model import ArmModel, StartPose
+from shm import directory
+from shm.client import Client, MailboxFull, begin
+from shm.clock import boottime_ns
+from shm.segment import SegmentError
+from shm.system_time import SystemTime
+from tools.errors import Problem
+from tools.inspect.watch import arm_names, document_of
+from tools.systems import chosen_system
+
+GAP_NS: Final = 100_000_000
+"""Setpoints that come so much later than they should belong to no stream any more; the arm has the same limit."""
+STANDS_S: Final = 10.0
+"""Of a system's time that does not go on."""
+MOVE_S: Final = 120.0
+POLL_S: Final = 0.01
+FRESH_NS: Final = 200_000_000
+SLOWEST_RATIO, FASTEST_RATIO = 0.01, 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Attached:
+    """Which running system an environment is to command. It can be pickled.
+
+    `system`: default the only one that is up. `arms`: names of the arms, default those of the task. `reset_ratio`:
+    speed and acceleration of the moves to where episodes begin, of what the arms may do (0.01 to 0.5).
+    """
+
+    system: str = ""
+    arms: tuple[str, ...] = ()
+    reset_ratio: float = 0.1
+
+    def __post_init__(self) -> None:
+        if not SLOWEST_RATIO <= self.reset_ratio <= FASTEST_RATIO:
+            raise ValueError(f"reset_ratio is {self.reset_ratio:g}; allowed: {SLOWEST_RATIO:g} to {FASTEST_RATIO:g}")
+
+
+class AttachedRobot:
+    """Arms of a running system."""
+
+    def __init__(self, where: Attached, arms: Sequence[str], jaws: Sequence[float]) -> None:
+        """`jaws`: of the starts. RobotStopped where an arm is not powered and homed, Problem where there is none."""
+        self._system, self._ratio = chosen_system(where.system or None), where.reset_ratio
+        self._stopped = ""
+        names = arm_names(self._system, where.arms or arms)
+        with contextlib.ExitStack() as stack:
+            self._time = stack.enter_context(SystemTime(self._system))
+            self._gap_ns: Callable[[], int] = self._time.now_ns if self._time.simulated else boottime_ns
+            self.links: Sequence[ArmLink] = [self._attached(name, stack) for name in names]
+            self.models: Sequence[ArmModel] = [self._model(document_of(self._system), link, jaw)
+                           for link, jaw in zip(self.links, jaws, strict=True)]
+            self.frame = self.links[0].frame
+            if len(frames := {link.frame for link in self.links}) > 1:
+                raise Problem(f"{', '.join(names)} tell their poses in different frames: {', '.join(sorted(frames))}")
+            self._held = stack.pop_all()
+        self._due_ns: int | None = None
+        """When the next setpoint is due, on the clock that shows gaps; None: no stream is under way."""
+
+    def _attached(self, name: str, stack: contextlib.ExitStack) -> ArmLink:
+        reader = stack.enter_context(contextlib.closing(directory.reader(self._system, name, "state")))
+        client = stack.enter_context(contextlib.closing(Client(self._system, name)))
+        client.on_behalf(begin(self._system))
+        link = ArmLink(name, reader, client)
+        if why := self._not_ready(link):
+            raise RobotStopped(f"{why}; first: trocar home {name}")
+        return link
+
+    @staticmethod
+    def _model(document: SystemConfig, link: ArmLink, jaw: float) -> ArmModel:
+        return ArmModel(document.arm(link.name), link.carried, matrix_from_pose(link.base), jaw)
+
+    def _not_ready(self, link: ArmLink) -> str:
+        """Why an arm cannot be commanded; empty: it can."""
+        if not link.look() or self.now_ns() - link.stamp_ns > FRESH_NS:
+            return f"{link.name} does not show its state"
+        if link.is_ready:
+            return ""
+        return f"{link.name} is {link.state} and not homed" + (f": {link.reason}" if link.reason else "")
+
+    def now_ns(self) -> int:
+        """The system's time."""
+        return self._time.now_ns()
+
+    def begin(self, number: int, starts: Sequence[StartPose], seed: int) -> None:
+        """See RobotBackend: a slow move of all joints, of one arm after the other. RobotStopped after a fault."""
+        self._check()
+        self._due_ns = None
+        for link, start, model in zip(self.links, starts, self.models, strict=True):
+            if why := self._not_ready(link):
+                self._give_up(why)
+            if link.carried != model.carried:
+                self._give_up(f"{link.name} carries {link.carried or 'nothing'}, not {model.carried} any more")
+            self._slowly(link, start, model.has_jaw)
+
+    def _slowly(self, link: ArmLink, start: StartPose, has_jaw: bool) -> None:
+        velocity, acceleration = link.ratios
+        self._done(link, "trajectory_j/set_ratio", (self._ratio,))
+        try:
+            self._done(link, "move_jp", tuple(start.joints))
+            if has_jaw:
+                self._done(link, "jaw/move_jp", (start.jaw,))
+        finally:
+            with contextlib.suppress(RobotStopped):
+                self._done(link, "trajectory_j/set_ratio_v", (velocity,))
+                self._done(link, "trajectory_j/set_ratio_a", (acceleration,))
+
+    def _done(self, link: ArmLink, command: str, values: tuple[float, ...]) -> None:
+        """Ask, and wait for the end; RobotStopped where it is no good one."""
+        link.forget()
+        try:
+            number = link.send(command, values)
+        except (MailboxFull, SegmentError) as error:
+            self._give_up(str(error))
+        end_ns = self.now_ns() + round(MOVE_S * 1e9)
+        try:
+            while not (ended := link.hear(number)):
+                if (why := self._not_ready(link)) or self.now_ns() > end_ns:
+                    self._give_up(why or f"{link.name}: {command} is not done after {MOVE_S:g} s")
+                self._time.pause(POLL_S, STANDS_S)
+        except KeyboardInterrupt:
+            self._hold()
+            raise
+        if ended != "done":
+            self._give_up(f"{link.name}: {command} was {ended}: {link.refusal}")
+
+    def wait_until(self, deadline_ns: int) -> None:
+        """See RobotBackend. RobotStopped where we, or the system's time, were held up."""
+        self._check()
+        try:
+            self._time.pause_until(deadline_ns, STANDS_S)
+        except KeyboardInterrupt:
+            self._hold()
+            raise
+        if self.now_ns() < deadline_ns:
+            self._give_up(f"the system's time has stood still for {STANDS_S:g} s")
+
+    def keeps_pace(self, period_ns: int) -> None:
+        """A setpoint is sent now, the next one a period later; RobotStopped where this one comes much too late."""
+        self._check()
+        now_ns = self._gap_ns()
+        late_ns = 0 if self._due_ns is None else now_ns - self._due_ns
+        self._due_ns = now_ns + period_ns
+        if late_ns > GAP_NS:
+            self._give_up(f"this program was held up for {late_ns * 1e-9:.2f} s")
+
+    def _check(self) -> None:
+        if self._stopped:
+            raise RobotStopped(self._stopped)
+
+    def stop(self, why: str) -> None:
+        """See RobotBackend: from now on everything raises RobotStopped."""
+        if not self._stopped:
+            self._hold()
+            self._stopped = f"{why}. Look at the robot (trocar status); then make a new environment"
+
+    def _give_up(self, why: str) -> NoReturn:
+        self.stop(why)
+        raise RobotStopped(self._stopped)
+
+    def _hold(self) -> None:
+        """All arms stay where they are asked to be."""
+        for link in self.links:
+            with contextlib.suppress(MailboxFull, SegmentError):
+                link.send("hold")
+
+    def close(self) -> None:
+        """See RobotBackend: the arms hold."""
+        if not self._stopped:
+            self._hold()
+            self._stopped = "this environment is closed"
+        self._held.close()

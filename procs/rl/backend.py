@@ -1,0 +1,50 @@
+"""What plays the robot of an environment: a host in this process, or a running system."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final, Protocol
+
+from procs.rl.link import ArmLink
+from procs.rl.model import ArmModel, StartPose
+
+KINEMATIC, BOARDS, ATTACHED = "kinematic", "boards", "attached"
+BACKENDS: Final = (KINEMATIC, BOARDS, ATTACHED)
+
+
+class RobotStopped(RuntimeError):
+    """The robot of an environment stands, and a person has to look at it: nothing here switches it on again.
+
+    A fault, a hold-up or a refused move has ended what the environment may do; the text says which. Once the robot is
+    as it should be (`trocar status`, `trocar home`), make a new environment: that is the command to go on.
+    """
+
+
+class RobotBackend(Protocol):
+    """The arms of one environment, in its order."""
+
+    models: Sequence[ArmModel]
+    links: Sequence[ArmLink]
+    frame: str
+    """In which poses are told."""
+
+    def now_ns(self) -> int:
+        """The system's time."""
+
+    def begin(self, number: int, starts: Sequence[StartPose], seed: int) -> None:
+        """An episode begins: bring all arms to their starts, number `number` of them. RobotStopped says why not.
+
+        `seed`: of the noise of emulated sensors.
+        """
+
+    def wait_until(self, deadline_ns: int) -> None:
+        """Let the system's time come; RobotStopped where it came so late that nothing may go on."""
+
+    def keeps_pace(self, period_ns: int) -> None:
+        """Setpoints are sent now, the next ones a period later; RobotStopped where these come much too late."""
+
+    def stop(self, why: str) -> None:
+        """The episode has failed: where a person has to look at the robot, nothing more is asked of it."""
+
+    def close(self) -> None:
+        """The end of it; harmless when it is closed."""

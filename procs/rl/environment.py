@@ -1,0 +1,313 @@
+"""What all environments have in common: an episode on a robot, whatever plays it, and the words of Gymnasium."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar, Final
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from gymnasium.utils import EzPickle
+from numpy.typing import NDArray
+
+from procs.rl.attached import Attached, AttachedRobot
+from procs.rl.backend import ATTACHED, BACKENDS, KINEMATIC, RobotBackend, RobotStopped
+from procs.rl.hosted import HostedRobot
+from procs.rl.interpolation import Interpolator
+from procs.rl.model import STARTS
+from procs.rl.picture import Picture
+from procs.rl.rotations import axes_of
+from procs.rl.scene import Drawn, scene_of
+from procs.rl.steering import CARTESIAN, CONTROLS, Steering
+from procs.rl.systems import PERIOD_S, document
+
+Array = NDArray[np.float64]
+Observation = dict[str, Array]
+Info = dict[str, Any]
+
+DENSE, SPARSE = "dense", "sparse"
+POLICY_HZ: Final = (10, 50)
+STREAM_HZ: Final = (100, 200)
+FURTHEST, QUICKEST = 10.0, 100.0
+"""Bounds of what is observed: m and rad, m/s and rad/s."""
+NS: Final = 1_000_000_000
+MAX_PIXELS: Final = 4096
+
+
+class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
+    """A task for arms of the real stack; those below say which. Pickled, it is made anew of what it was made of."""
+
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012  # as in Gymnasium
+    FILES: ClassVar[Mapping[str, str]] = {}
+    """The system file of each backend in this process."""
+    ARMS: ClassVar[tuple[str, ...]] = ()
+    JAWS: ClassVar[tuple[float, ...]] = ()
+    """In which each arm begins, rad."""
+    GOAL: ClassVar[int] = 3
+    """Numbers of a goal."""
+    FLOOR_M: ClassVar[float] = 0.05
+    VIEW_M: ClassVar[float] = 0.12
+    """Pictures show so much below and above where the tips are at the centre of the starts; below is the floor."""
+    EXTRA: ClassVar[tuple[str, ...]] = ()
+    """What the task adds to the observation."""
+
+    def __init__(self, *, backend: str | Attached = KINEMATIC, control: str = CARTESIAN, reward: str = DENSE,
+                 policy_hz: int = 20, stream_hz: int = 100, horizon: int = 100, speed: float = 0.2,
+                 tolerance_m: float = 0.005, noise_m: float = 0.0, starts: int = STARTS, period_s: float = PERIOD_S,
+                 physics_s: float = PERIOD_S, render_mode: str | None = None, width: int = 480,
+                 height: int = 360) -> None:
+        """ValueError names what is not allowed. `backend`: "kinematic", "boards", "attached" or an `Attached`.
+
+        `horizon`: steps of an episode; `speed`: share of the arm's own velocity limits; `noise_m`: standard deviation
+        of what is added to observed places; `starts`: in so many poses episodes begin.
+        """
+        EzPickle.__init__(self, backend=backend, control=control, reward=reward, policy_hz=policy_hz,
+                          stream_hz=stream_hz, horizon=horizon, speed=speed, tolerance_m=tolerance_m, noise_m=noise_m,
+                          starts=starts, period_s=period_s, physics_s=physics_s, render_mode=render_mode, width=width,
+                          height=height)
+        _one_of("control", control, CONTROLS)
+        _one_of("reward", reward, (DENSE, SPARSE))
+        _one_of("render_mode", render_mode, (None, *self.metadata["render_modes"]))
+        for name, value, least, most in (
+                ("policy_hz", policy_hz, *POLICY_HZ), ("stream_hz", stream_hz, *STREAM_HZ), ("speed", speed, 0.01, 1.0),
+                ("horizon", horizon, 1, 1_000_000), ("starts", starts, 1, STARTS), ("noise_m", noise_m, 0.0, 0.1),
+                ("tolerance_m", tolerance_m, 1e-4, 0.1), ("width", width, 16, MAX_PIXELS),
+                ("height", height, 16, MAX_PIXELS)):
+            if not least <= value <= most:
+                raise ValueError(f"{name} is {value}; allowed: {least} to {most}")
+        if stream_hz % policy_hz:
+            raise ValueError(f"stream_hz is {stream_hz}; it has to be a multiple of policy_hz, {policy_hz}")
+        self.metadata = {**self.metadata, "render_fps": policy_hz}
+        self.render_mode, self.horizon, self.tolerance_m, self.noise_m = render_mode, horizon, tolerance_m, noise_m
+        self.period_s, self._tick_ns = 1.0 / policy_hz, NS // stream_hz
+        self._is_sparse, self._size, self._starts_count = reward == SPARSE, (width, height), starts
+        self.robot = self._robot(backend, period_s, physics_s)
+        models = self.robot.models
+        self._steering = [Steering(model, control, speed, self.period_s) for model in models]
+        self._lines = [Interpolator(steering, stream_hz // policy_hz) for steering in self._steering]
+        self._parts = stream_hz // policy_hz
+        self._starts = [model.starts() for model in models]
+        self.contents = self._named()
+        """What the numbers of `observation` are, with units."""
+        self._actions = sum(each.size for each in self._steering)
+        self._most = np.array([QUICKEST if "/s" in name else FURTHEST for name in self.contents])
+        goals = np.full(self.GOAL, FURTHEST)
+        # typed as spaces of any numbers there: actions are float32, as learners have them
+        self.action_space: Any = spaces.Box(-1.0, 1.0, (self._actions,), np.float32)
+        self.observation_space: Any = spaces.Dict({
+            "observation": _bounded(self._most), "achieved_goal": _bounded(goals), "desired_goal": _bounded(goals)})
+        self._seen = [np.zeros(2 * model.count + 1 + 7) for model in models]
+        self.tips = np.zeros((len(models), 3))
+        """Where the tips were seen last, m; with noise, where there is some."""
+        self.steps, self._grid_ns, self._fault = 0, 0, ""
+        self.goal = np.zeros(self.GOAL)
+        self._picture: Picture | None = None
+
+    def _robot(self, backend: str | Attached, period_s: float, physics_s: float) -> RobotBackend:
+        if isinstance(backend, Attached):
+            return AttachedRobot(backend, self.ARMS, self.JAWS)
+        _one_of("backend", backend, BACKENDS)
+        if backend == ATTACHED:
+            return AttachedRobot(Attached(), self.ARMS, self.JAWS)
+        if backend not in self.FILES:
+            raise ValueError(f"{type(self).__name__} has no backend {backend}; it has {', '.join(self.FILES)}")
+        return HostedRobot(document(self.FILES[backend], backend, period_s, physics_s), self.ARMS, self.JAWS)
+
+    def _named(self) -> tuple[str, ...]:
+        names: list[str] = []
+        for model in self.robot.models:
+            space = model.space
+            units = [space.unit(axis) for axis in range(model.count)]
+            joints = [f"{model.name} {space.name(axis)}" for axis in range(model.count)]
+            names += [f"{joint} [{unit}]" for joint, unit in zip(joints, units, strict=True)]
+            names += [f"{joint} velocity [{unit}/s]" for joint, unit in zip(joints, units, strict=True)]
+            names += [f"{model.name} jaw [rad]"] if model.has_jaw else []
+            names += [f"{model.name} tip {axis} [m]" for axis in "xyz"]
+            names += [f"{model.name} tip's {own} axis, {axis}" for own in "xz" for axis in "xyz"]
+        return (*names, *self.EXTRA)
+
+    # episodes
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
+        """Begin an episode. `options`: "start", number of a start pose; "goal", the goal (GOAL,).
+
+        Attached, the arms move there slowly; RobotStopped when a person has to look at them first.
+        """
+        super().reset(seed=seed)
+        options = options or {}
+        number = int(self.np_random.integers(self._starts_count))
+        noise = int(self.np_random.integers(1 << 31))
+        number = _given_start(options.get("start", number))
+        self.robot.begin(number, [starts[number] for starts in self._starts], noise)
+        self.steps, self._grid_ns, self._fault = 0, self.robot.now_ns(), ""
+        for link, steering, line in zip(self.robot.links, self._steering, self._lines, strict=True):
+            link.look()
+            link.forget()
+            steering.begin(*link.setpoint(steering.model.count))
+            line.begin()
+        self._look()
+        self._begin_task(self.np_random)
+        if (goal := options.get("goal")) is not None:
+            self.goal = _given_goal(goal, self.GOAL)
+        return self._observation(), self._info()
+
+    def step(self, action: Array) -> tuple[Observation, float, bool, bool, Info]:
+        """Act for one period of the policy. Terminated: a fault; truncated: `horizon` steps have passed."""
+        given = np.asarray(action, dtype=np.float64).reshape(-1)
+        if len(given) != self._actions or not np.isfinite(given).all():
+            raise ValueError(f"an action is {self._actions} finite numbers, not {action!r}")
+        first = 0
+        for steering in self._steering:
+            steering.take(given[first : first + steering.size])
+            first += steering.size
+        try:
+            self._stream()
+        except RobotStopped as stopped:
+            if self._fault:
+                raise
+            self._fault = str(stopped)
+        self.steps += 1
+        self._look()
+        self._go_on()
+        observation, info = self._observation(), self._info()
+        reward = float(self.compute_reward(observation["achieved_goal"], observation["desired_goal"], info))
+        return observation, reward, bool(self._fault), self.steps >= self.horizon, info
+
+    def _stream(self) -> None:
+        """Send setpoints at equal times; a step begins where the one before ended, unless we are late."""
+        robot, tick_ns = self.robot, self._tick_ns
+        now_ns = robot.now_ns()
+        start_ns = self._grid_ns if now_ns - self._grid_ns < tick_ns else now_ns
+        for link in robot.links:
+            link.forget()
+        for part, setpoints in enumerate(zip(*(line.setpoints() for line in self._lines), strict=True), 1):
+            robot.keeps_pace(tick_ns)
+            for link, commands in zip(robot.links, setpoints, strict=True):
+                for command, values in commands:
+                    link.send(command, values)
+            robot.wait_until(start_ns + part * tick_ns)
+            for link in robot.links:
+                link.hear()
+        self._grid_ns = start_ns + self._parts * tick_ns
+
+    def _look(self) -> None:
+        """See all arms; of one that has failed what was seen last stays."""
+        for number, (link, model, seen) in enumerate(zip(self.robot.links, self.robot.models, self._seen, strict=True)):
+            link.look()
+            if not link.is_ready:
+                self._fail(f"{link.name} is {link.state}" + (f": {link.reason}" if link.reason else ""))
+                continue
+            n = model.count
+            seen[:n], seen[n : 2 * n], seen[2 * n] = link.joints(n)
+            seen[2 * n + 1 :] = link.pose()
+            self.tips[number] = seen[2 * n + 1 : 2 * n + 4]
+        if self.noise_m:
+            self.tips += self.np_random.normal(0.0, self.noise_m, self.tips.shape)
+
+    def _fail(self, why: str) -> None:
+        if not self._fault:
+            self._fault = why
+            self.robot.stop(why)
+
+    def _observation(self) -> Observation:
+        parts: list[Array] = []
+        for tip, model, seen in zip(self.tips, self.robot.models, self._seen, strict=True):
+            n = model.count
+            parts += [seen[: 2 * n + int(model.has_jaw)], tip, axes_of(seen[2 * n + 4 :])]
+        numbers = np.concatenate((*parts, self._extra()))
+        return {"observation": np.clip(numbers, -self._most, self._most), "achieved_goal": self._achieved(),
+                "desired_goal": self.goal.copy()}
+
+    def _info(self) -> Info:
+        refused = "; ".join(f"{link.name}: {link.refusal}" for link in self.robot.links if link.refusal)
+        distance = float(self.distance(self._really_achieved(), self.goal))
+        return {"is_success": distance < self.tolerance_m and not self._fault, "distance_m": distance,
+                "state": ", ".join(link.state for link in self.robot.links), "fault": self._fault, "refused": refused,
+                "time_s": self.steps * self.period_s}
+
+    def compute_reward(self, achieved_goal: Array, desired_goal: Array, info: object) -> Any:
+        """Rewards (...) of goals (..., GOAL): minus their distance in m, or, sparse, 0 where it is reached, else −1."""
+        distance = self.distance(achieved_goal, desired_goal)
+        return np.where(distance < self.tolerance_m, 0.0, -1.0)[()] if self._is_sparse else -distance
+
+    def distance(self, achieved_goal: Array, desired_goal: Array) -> Array:
+        """How far goals (..., GOAL) are from each other (...), m."""
+        return np.asarray(np.linalg.norm(np.asarray(achieved_goal) - np.asarray(desired_goal), axis=-1))
+
+    # the task
+
+    def _begin_task(self, random: np.random.Generator) -> None:
+        """Draw a goal."""
+        raise NotImplementedError
+
+    def _go_on(self) -> None:
+        """A step has passed: goals and objects go on."""
+
+    def _achieved(self) -> Array:
+        """What is achieved (GOAL,), as it is seen."""
+        return self.tips[0].copy()
+
+    def _really_achieved(self) -> Array:
+        """The same without noise."""
+        return self.seen_pose(0)[:3]
+
+    def _extra(self) -> Array:
+        """What EXTRA names."""
+        return np.zeros(0)
+
+    def seen_pose(self, number: int) -> Array:
+        """Pose (7,) of the tip of an arm, without noise."""
+        return np.array(self._seen[number][2 * self.robot.models[number].count + 1 :])
+
+    def seen_joints(self, number: int) -> tuple[Array, float]:
+        """Measured joints (count,) and jaw of an arm."""
+        n = self.robot.models[number].count
+        return self._seen[number][:n].copy(), float(self._seen[number][2 * n])
+
+    # pictures
+
+    def render(self) -> Any:
+        """A picture (height, width, 3) where render_mode is "rgb_array"; PictureError where none can be drawn."""
+        if self.render_mode is None:
+            return None
+        if self._picture is None:
+            self._picture = Picture(*self._size)
+        arms = [(model, *self.seen_joints(number)) for number, model in enumerate(self.robot.models)]
+        middle = np.mean([model.middle for model in self.robot.models], axis=0)
+        middle[2] += 0.5 * (self.VIEW_M - self.FLOOR_M)
+        floor_m = float(middle[2]) - 0.5 * (self.VIEW_M + self.FLOOR_M)
+        return self._picture.draw(scene_of(arms, self._things()), middle, floor_m, 2.4 * (self.VIEW_M + self.FLOOR_M))
+
+    def _things(self) -> list[Drawn]:
+        """What is to be seen beside the arms."""
+        return []
+
+    def close(self) -> None:
+        """The end of it; attached, the arms hold."""
+        if self._picture is not None:
+            self._picture.close()
+            self._picture = None
+        self.robot.close()
+
+
+def _one_of(name: str, given: object, allowed: tuple[object, ...]) -> None:
+    if given not in allowed:
+        raise ValueError(f"{name} is {given!r}; allowed: {', '.join(map(repr, allowed))}")
+
+
+def _bounded(most: Array) -> spaces.Box:
+    return spaces.Box(-most, most, dtype=np.float64)
+
+
+def _given_start(number: object) -> int:
+    if not isinstance(number, int | np.integer) or not 0 <= number < STARTS:
+        raise ValueError(f"start is {number!r}; allowed: 0 to {STARTS - 1}")
+    return int(number)
+
+
+def _given_goal(goal: object, size: int) -> Array:
+    found = np.asarray(goal, dtype=np.float64)
+    if found.shape != (size,) or not (np.abs(found) <= FURTHEST).all():
+        raise ValueError(f"a goal is {size} numbers from {-FURTHEST:g} to {FURTHEST:g}, not {goal!r}")
+    return found.copy()

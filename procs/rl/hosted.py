@@ -1,0 +1,108 @@
+"""The robot of an environment as a host in this process (procs/host): its episodes begin from snapshots."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.document.arms import ArmConfig
+from procs.document.system import SystemConfig
+from procs.host.host import Host
+from procs.host.snapshot import HostSnapshot
+from procs.rl.backend import RobotStopped
+from procs.rl.link import ArmLink
+from procs.rl.model import ArmModel, StartPose
+
+Array = NDArray[np.float64]
+Values = Array | tuple[float, ...]
+
+FIRST_S: Final = 0.05
+"""Until io and arms have seen each other."""
+POLL_S: Final = 0.02
+LIMIT_S: Final = 120.0
+"""A homing or move that takes longer has failed."""
+REST_S: Final = 0.25
+"""After a move, until the robot stands."""
+
+
+class HostedRobot:
+    """Arms of a system that lives in this process from the first episode on. Time passes in steps only."""
+
+    def __init__(self, document: SystemConfig, arms: Sequence[str], jaws: Sequence[float]) -> None:
+        """`jaws`: of the starts, one for each arm."""
+        self._document, self._pid = document, os.getpid()
+        self.models: Sequence[ArmModel] = [_model(document.arm(name), jaw)
+                                           for name, jaw in zip(arms, jaws, strict=True)]
+        self.frame = document.arm(arms[0]).reference_frame or f"{arms[0]}_base"
+        self.links: Sequence[ArmLink] = ()
+        self.host: Host | None = None
+        self._snapshots: dict[int, HostSnapshot] = {}
+
+    def _open(self) -> Host:
+        """The host, homed; its snapshot is number −1. RobotStopped: an arm could not be homed."""
+        if os.getpid() != self._pid:
+            raise RobotStopped("this environment was made by the process that forked us; make one here")
+        if self.host is not None:
+            return self.host
+        host = self.host = Host(self._document)
+        self.links = [ArmLink(model.name, host.reader(model.name), host.client(model.name)) for model in self.models]
+        host.run(FIRST_S)
+        for word in ("enable", "home"):
+            self._all(host, "state_command", [()] * len(self.links), word)
+        self._snapshots[-1] = host.snapshot()
+        return host
+
+    def now_ns(self) -> int:
+        """The host's time."""
+        return self._open().now_ns
+
+    def begin(self, number: int, starts: Sequence[StartPose], seed: int) -> None:
+        """See RobotBackend: back to a snapshot, which is made when this start is asked for the first time."""
+        host = self._open()
+        if number not in self._snapshots:
+            host.restore(self._snapshots[-1])
+            self._all(host, "move_jp", [start.joints for start in starts])
+            self._all(host, "jaw/move_jp", [(start.jaw,) if model.has_jaw else None
+                                            for start, model in zip(starts, self.models, strict=True)])
+            host.run(REST_S)
+            self._snapshots[number] = host.snapshot()
+        host.restore(self._snapshots[number], seed)
+
+    def _all(self, host: Host, command: str, values: Sequence[Values | None], text: str = "") -> None:
+        """Ask all arms at once, but those for which there is None, and let time pass until it is done."""
+        asked = [(link, link.send(command, each, text))
+                 for link, each in zip(self.links, values, strict=True) if each is not None]
+        end_ns = host.now_ns + round(LIMIT_S * 1e9)
+        for link, number in asked:
+            while not (ended := link.hear(number)) and host.now_ns < end_ns:
+                host.run(POLL_S)
+            if ended != "done":
+                link.look()
+                why = link.refusal or link.reason or "it takes too long"
+                raise RobotStopped(f"{link.name}: {text or command} was {ended or 'not done'}: {why}")
+
+    def wait_until(self, deadline_ns: int) -> None:
+        """See RobotBackend: here time passes at once."""
+        self._open().run_until(deadline_ns)
+
+    def keeps_pace(self, period_ns: int) -> None:
+        """See RobotBackend: time waits for us."""
+
+    def stop(self, why: str) -> None:
+        """See RobotBackend: a snapshot mends it."""
+
+    def close(self) -> None:
+        """See RobotBackend. In a forked child nothing is done: the host is the parent's."""
+        if self.host is not None and os.getpid() == self._pid:
+            self.host.close()
+            self.host, self.links, self._snapshots = None, (), {}
+
+
+def _model(arm: ArmConfig, jaw: float) -> ArmModel:
+    """Of an arm that carries what its file says."""
+    base = np.eye(4) if arm.base_frame is None else np.array(arm.base_frame)
+    return ArmModel(arm, arm.endoscope or (arm.tool.name if arm.tool is not None else ""), base, jaw)

@@ -1,0 +1,113 @@
+"""One arm of a system, hosted or running, as an environment sees and commands it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.crtk.plain import plain
+from shm.client import Client
+from shm.ring import RingReader
+
+Array = NDArray[np.float64]
+
+ENABLED = b"ENABLED"
+REFUSED = ("refused", "failed")
+
+
+class ArmLink:
+    """The newest state record of an arm, after each `look`, and its mailbox."""
+
+    def __init__(self, name: str, reader: RingReader, client: Client) -> None:
+        """Both are closed by who made them."""
+        self.name, self._reader, self._client = name, reader, client
+        self._valid, self._posed = reader.field("valid"), reader.field("reference_valid")
+        self._position, self._velocity = reader.field("position"), reader.field("velocity")
+        self._setpoint, self._jaw_setpoint = reader.field("setpoint_position"), reader.field("jaw_setpoint_position")
+        self._jaw, self._pose, self._base = reader.field("jaw_position"), reader.field("measured_cp"), \
+            reader.field("base_frame")
+        self._state, self._homed, self._reason = reader.field("state"), reader.field("is_homed"), \
+            reader.field("reason")
+        self._frame, self._carried = reader.field("reference_frame"), reader.field("tool")
+        self._count = reader.field("count")
+        self._ratio = reader.field("trajectory_ratio_v"), reader.field("trajectory_ratio_a")
+        self.stamp_ns = 0
+        self.refusal = ""
+        """Why a command of ours was refused since `forget`; empty: none was."""
+
+    def look(self) -> bool:
+        """Take the newest record; False: there is none."""
+        if not self._reader.newest():
+            return False
+        self.stamp_ns = self._reader.stamp_ns
+        return True
+
+    @property
+    def is_ready(self) -> bool:
+        """Powered and homed, its values valid: it can be commanded."""
+        return bool(self._state[()] == ENABLED and self._homed[()] and self._valid[()] and self._posed[()])
+
+    @property
+    def state(self) -> str:
+        """Its operating state."""
+        return str(plain(self._state.item()))
+
+    @property
+    def reason(self) -> str:
+        """Why it is in FAULT, or what it waits for."""
+        return str(plain(self._reason.item()))
+
+    @property
+    def frame(self) -> str:
+        """In which poses are told."""
+        return str(plain(self._frame.item()))
+
+    @property
+    def carried(self) -> str:
+        """Its instrument or endoscope."""
+        return str(plain(self._carried.item()))
+
+    @property
+    def count(self) -> int:
+        """Of its joints."""
+        return int(self._count[()])
+
+    @property
+    def ratios(self) -> tuple[float, float]:
+        """Of velocity and acceleration, in moves."""
+        return float(self._ratio[0][()]), float(self._ratio[1][()])
+
+    @property
+    def base(self) -> Array:
+        """Pose (7,) of its base where poses are told."""
+        return self._base.copy()
+
+    def joints(self, count: int) -> tuple[Array, Array, float]:
+        """Measured positions (count,), velocities (count,), and the jaw; views that the next look changes."""
+        return self._position[:count], self._velocity[:count], float(self._jaw[()])
+
+    def setpoint(self, count: int) -> tuple[Array, float]:
+        """Where joints (count,) and jaw are asked to be now."""
+        return self._setpoint[:count].copy(), float(self._jaw_setpoint[()])
+
+    def pose(self) -> Array:
+        """Measured pose (7,) of the tip; a view that the next look changes."""
+        return self._pose
+
+    def send(self, command: str, values: Array | tuple[float, ...] = (), text: str = "") -> int:
+        """Ask for something; its number. MailboxFull or SegmentError where nobody takes it."""
+        return self._client.send(command, values, text)
+
+    def forget(self) -> None:
+        """A step begins: what was refused before is no news."""
+        self.refusal = ""
+
+    def hear(self, number: int = 0) -> str:
+        """Take answers in; the outcome of command `number`, where it has ended, else empty."""
+        ended = ""
+        for reply in self._client.poll():
+            if reply.outcome in REFUSED:
+                self.refusal = self.refusal or reply.text or reply.outcome
+            if reply.id == number and reply.outcome != "accepted":
+                ended = reply.outcome
+        return ended

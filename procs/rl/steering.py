@@ -1,0 +1,103 @@
+"""From actions to goals: increments bounded by what the arm's joints may do in the time, within its limits and room."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.kinematics.poses import compose, inverse, rotation_from_vector
+from procs.rl.model import INSERTION, ROOM_M, ArmModel
+
+Array = NDArray[np.float64]
+
+JOINT, CARTESIAN = "joint", "cartesian"
+CONTROLS: Final = (JOINT, CARTESIAN)
+LESS: Final = 0.98
+"""Of what a joint may do, where it would have to do more: joints are not quite in proportion to the way of the tip."""
+FASTEST_TURN: Final = 2.0 * math.pi
+"""Of the tip in Cartesian control, rad/s at speed 1, where the last joint is as quick as that."""
+
+
+class Steering:
+    """The goal of one arm. An action (size,) is its change, each number from −1 to 1 of the most that is allowed.
+
+    Joint control: a number for each joint. Cartesian control: the tip's shift along x y z and its turn about them, axes
+    of the frame in which poses are told. Then, where there is one, the jaw.
+    """
+
+    def __init__(self, model: ArmModel, control: str, speed: float, period_s: float) -> None:
+        """`speed`: share of the velocities of moves at ratio 1 that is allowed; `period_s`: of an action."""
+        self.model, self.control = model, control
+        self._most = model.v_max[: model.count] * speed * period_s
+        self._most_jaw = float(model.v_max[-1]) * speed * period_s if model.has_jaw else 0.0
+        self._shift = float(self._most[INSERTION])
+        self._turn = min(float(model.v_max[model.count - 1]), FASTEST_TURN) * speed * period_s
+        self.moves = model.count if control == JOINT else 6
+        self.size = self.moves + int(model.has_jaw)
+        self._to_base = inverse(model.base)
+        self._centre = model.local_tip(model.centre)[:3, 3].copy()
+        self.joints, self.jaw = model.centre.copy(), model.jaw
+        self.tip = model.local_tip(self.joints)
+        """The goal of the tip (4, 4) in the arm's base."""
+
+    def begin(self, joints: Array, jaw: float) -> None:
+        """The goal is here: joints (count,), jaw in rad."""
+        self.joints, self.jaw = np.array(joints), jaw
+        self.tip = self.model.local_tip(self.joints)
+
+    def pose(self) -> Array:
+        """The goal of the tip (4, 4) where poses are told."""
+        return compose(self.model.base, self.tip)
+
+    def take(self, action: Array) -> None:
+        """Change the goal; what would leave the room around the centre is not done, but for the jaw."""
+        bounded = np.clip(action, -1.0, 1.0)
+        if self.model.has_jaw:
+            space = self.model.space
+            self.jaw = min(max(self.jaw + float(bounded[-1]) * self._most_jaw, float(space.lower[-1])),
+                           float(space.upper[-1]))
+        found = self._by_joints(bounded) if self.control == JOINT else self._by_tip(bounded)
+        if found is not None:
+            self.joints, self.tip = found
+
+    def _by_joints(self, action: Array) -> tuple[Array, Array] | None:
+        n, space = self.model.count, self.model.space
+        joints = self.joints + action[:n] * self._most
+        if space.paired is not None:
+            joints = (space.paired @ np.append(joints, self.jaw))[:n]
+        np.clip(joints, space.lower[:n], space.upper[:n], out=joints)
+        return self._kept(joints)
+
+    def _by_tip(self, action: Array) -> tuple[Array, Array] | None:
+        """As much of it as limits and velocities allow: less in the same direction, else as near as one can come."""
+        if not action[:6].any():
+            return None
+        solver, goal = self.model.inverse, self._shifted(action, 1.0)
+        if solver.solve(goal, self.joints):
+            excess = float((np.abs(solver.q - self.joints) / self._most).max())
+            if excess <= 1.0 or self._fits(self._shifted(action, LESS / excess)):
+                return self._kept(solver.q.copy())
+        solver.approach(goal, self.joints, self._most)
+        return self._kept(solver.q.copy())
+
+    def _shifted(self, action: Array, share: float) -> Array:
+        """The goal of the tip after a share of an action."""
+        axes, goal = self._to_base[:3, :3], self.tip.copy()
+        goal[:3, 3] += axes @ (action[:3] * (self._shift * share))
+        goal[:3, :3] = rotation_from_vector(axes @ (action[3:6] * (self._turn * share))) @ goal[:3, :3]
+        return goal
+
+    def _fits(self, goal: Array) -> bool:
+        """Whether there are joints for it that can be had in the time."""
+        solver = self.model.inverse
+        return solver.solve(goal, self.joints) and bool((np.abs(solver.q - self.joints) <= self._most).all())
+
+    def _kept(self, joints: Array) -> tuple[Array, Array] | None:
+        """These and their tip, unless that would leave its room; back into it is always allowed."""
+        tip = self.model.local_tip(joints)
+        away, before = tip[:3, 3] - self._centre, self.tip[:3, 3] - self._centre
+        distance = math.sqrt(float(away @ away))
+        return (joints, tip) if distance <= ROOM_M or distance < math.sqrt(float(before @ before)) else None

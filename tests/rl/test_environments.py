@@ -1,0 +1,218 @@
+"""Episodes in environments on a host: the same bit by bit, whatever went before, and as Gymnasium wants them."""
+
+from __future__ import annotations
+
+import pickle
+import warnings
+from collections.abc import Iterator
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from procs.rl.environment import RobotEnv
+from procs.rl.hand_over import FIRST, SECOND, PsmHandOver
+from procs.rl.hosted import HostedRobot
+from procs.rl.systems import document
+from procs.rl.tasks import EcmAim, PsmReach, PsmTrack
+from shm.segment import names_of
+from tests.rl.playing import drawn, toward
+
+TASKS = (PsmReach, PsmTrack, EcmAim, PsmHandOver)
+
+
+@pytest.fixture(scope="module")
+def reach() -> Iterator[PsmReach]:
+    env = PsmReach(starts=2)
+    yield env
+    env.close()
+
+
+@pytest.fixture(scope="module")
+def boards() -> Iterator[PsmReach]:
+    env = PsmReach(backend="boards", starts=2)
+    yield env
+    env.close()
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_gymnasium_finds_nothing_wrong_with_it(task: type[RobotEnv]) -> None:
+    env = task(starts=1)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*alternative render modes.*")  # has tests of its own
+        check_env(env, skip_render_check=True)
+    assert len(env.contents) == len(env.reset()[0]["observation"])
+    env.close()
+    env.close()
+
+
+@pytest.mark.parametrize("control", ["joint", "cartesian"])
+def test_episodes_are_the_same_in_any_environment_and_order(control: str) -> None:
+    one, other = PsmReach(control=control, starts=2), PsmReach(control=control, starts=2)
+    first = drawn(one, 5, 12)
+    drawn(one, 6, 5, start=0)
+    assert drawn(one, 5, 12) == first == drawn(other, 5, 12)
+    assert drawn(other, 7, 12) != first
+    one.close()
+    other.close()
+
+
+def test_episodes_on_boards_are_the_same_also_out_of_an_emergency_stop(boards: PsmReach) -> None:
+    first = drawn(boards, 5, 12)
+    boards.reset(seed=8)
+    robot = boards.robot
+    assert isinstance(robot, HostedRobot) and robot.host is not None
+    robot.host.client("boards").send("emergency_stop", (1.0,))
+    info: dict[str, Any] = {}
+    for _ in range(20):
+        _, _, terminated, _, info = boards.step(np.zeros(7))
+        if terminated:
+            break
+    assert terminated and info["state"] == "FAULT" and "PSM1 is FAULT" in info["fault"], info
+    assert not info["is_success"]
+    assert drawn(boards, 5, 12) == first
+
+
+def test_time_truncates_and_a_goal_that_is_reached_does_not_end_it(reach: PsmReach) -> None:
+    observation, info = reach.reset(seed=3)
+    first_m, ends = info["distance_m"], []
+    for _ in range(reach.horizon):
+        observation, reward, terminated, truncated, info = reach.step(toward(observation, 7))
+        ends.append((terminated, truncated))
+    assert ends == [(False, False)] * (reach.horizon - 1) + [(False, True)]
+    assert info["is_success"] and info["distance_m"] < 1e-3 < first_m
+    assert reward == -info["distance_m"] and info["time_s"] == pytest.approx(5.0)
+
+
+def test_each_goal_and_start_can_be_had_and_is_within_reach(reach: PsmReach) -> None:
+    goals = np.array([reach.reset(seed=seed)[0]["desired_goal"] for seed in range(50)])
+    away = np.linalg.norm(goals - reach.robot.models[0].middle, axis=1)
+    assert 0.02 < away.max() <= 0.035 and away.min() < 0.02
+    np.testing.assert_array_equal(reach.reset(options={"goal": (0.01, 0.0, -0.1)})[0]["desired_goal"],
+                                  (0.01, 0.0, -0.1))
+    places = [reach.reset(options={"start": start})[0]["observation"][:6] for start in (0, 1)]
+    starts = reach.robot.models[0].starts()
+    np.testing.assert_allclose(places, [start.joints for start in starts[:2]], atol=1e-6)
+
+
+def test_rewards_are_for_many_goals_at_a_time(reach: PsmReach) -> None:
+    achieved, desired = np.zeros((4, 5, 3)), np.full((4, 5, 3), 0.01)
+    np.testing.assert_allclose(reach.compute_reward(achieved, desired, {}), np.full((4, 5), -0.01 * 3**0.5))
+    sparse = PsmReach(reward="sparse")
+    assert sparse.compute_reward(np.zeros(3), np.array((0.004, 0.0, 0.0)), {}) == 0.0
+    np.testing.assert_array_equal(sparse.compute_reward(achieved, desired, {}), np.full((4, 5), -1.0))
+    over = PsmHandOver()
+    assert over.compute_reward(np.zeros(4), np.array((0.0, 0.0, 0.0, 1.0)), {}) == -0.1
+
+
+def test_noise_is_of_the_seed_and_not_in_what_counts_as_success() -> None:
+    env = PsmReach(noise_m=0.002, starts=1)
+    one, info = env.reset(seed=4)
+    other, _ = env.reset(seed=4)
+    np.testing.assert_array_equal(one["achieved_goal"], other["achieved_goal"])
+    really = env.seen_pose(0)[:3]
+    assert 1e-5 < np.linalg.norm(one["achieved_goal"] - really) < 0.02
+    assert info["distance_m"] == np.linalg.norm(really - one["desired_goal"])
+    env.close()
+
+
+def test_a_goal_moves_smoothly_and_its_velocity_is_told() -> None:
+    env = PsmTrack(starts=1)
+    observation, _ = env.reset(seed=2)
+    for _ in range(5):
+        before = observation
+        observation, *_ = env.step(toward(observation, 7))
+        moved = (observation["desired_goal"] - before["desired_goal"]) / env.period_s
+        told = 0.5 * (observation["observation"][-3:] + before["observation"][-3:])
+        np.testing.assert_allclose(moved, told, atol=1e-4)
+    assert np.abs(told).max() < 0.02
+    env.close()
+
+
+def test_an_endoscope_looks_at_its_goal() -> None:
+    env = EcmAim(starts=1, horizon=60)
+    observation, info = env.reset(seed=2)
+    for _ in range(60):
+        action = np.zeros(6)
+        action[:3] = np.clip((observation["desired_goal"] - observation["achieved_goal"]) / 0.002, -1.0, 1.0)
+        observation, _, _, _, info = env.step(action)
+    assert info["is_success"], info
+    env.close()
+
+
+def test_a_peg_is_handed_over_and_falls_when_nobody_holds_it() -> None:
+    env = PsmHandOver(starts=1, horizon=300)
+    env.reset(seed=3)
+    seen = []
+    for _ in range(150):
+        action, (grips, _) = np.zeros(14), env.grips()
+        peg, holders = env.peg.pose[:3, 3], list(env.peg.holders)
+        seen += [holders] if holders not in seen else []
+        if holders == [FIRST]:
+            action[7:10] = np.clip((peg - grips[SECOND][:3, 3]) / 0.002, -1.0, 1.0)
+            action[13] = -1.0 if np.linalg.norm(peg - grips[SECOND][:3, 3]) < 0.002 else 0.0
+        elif holders == [FIRST, SECOND]:
+            action[6] = 1.0
+        else:
+            action[7:10] = np.clip((env.goal[:3] - peg) / 0.002, -1.0, 1.0)
+        _, _, _, _, info = env.step(action)
+        if info["is_success"]:
+            break
+    assert info["is_success"] and seen == [[FIRST], [FIRST, SECOND], [SECOND]], (seen, info)
+    for _ in range(4):
+        observation, *_ = env.step(np.array((*np.zeros(13), 1.0)))
+    assert not env.peg.holders and observation["achieved_goal"][2] < -0.04 and observation["achieved_goal"][3] == 0.0
+    assert env.reset(seed=3)[0]["achieved_goal"][2] > -0.04
+    env.close()
+
+
+@pytest.mark.parametrize(("options", "told"), [
+    ({"backend": "real"}, "backend is 'real'; allowed: 'kinematic', 'boards', 'attached'"),
+    ({"control": "torque"}, "control is 'torque'; allowed: 'joint', 'cartesian'"),
+    ({"policy_hz": 5}, "policy_hz is 5; allowed: 10 to 50"),
+    ({"policy_hz": 30}, "has to be a multiple of policy_hz, 30"),
+    ({"speed": float("nan")}, "speed is nan; allowed: 0.01 to 1.0"),
+    ({"backend": "boards", "physics_s": 0.004}, "physics_s is 0.004 s; allowed with arms on boards: 0.0005 to 0.002 s"),
+    ({"period_s": 0.01}, "period_s is 0.01 s; allowed: 0.0005 to 0.002 s"),
+    ({"render_mode": "human"}, "render_mode is 'human'"),
+])
+def test_what_cannot_be_is_refused_with_what_can(options: dict[str, Any], told: str) -> None:
+    with pytest.raises(ValueError, match=told):
+        PsmReach(**options)
+
+
+def test_wrong_actions_and_options_are_refused(reach: PsmReach) -> None:
+    reach.reset(seed=1)
+    for action in (np.zeros(6), np.full(7, np.nan)):
+        with pytest.raises(ValueError, match="an action is 7 finite numbers"):
+            reach.step(action)
+    with pytest.raises(ValueError, match="start is 99; allowed: 0 to 7"):
+        reach.reset(options={"start": 99})
+    with pytest.raises(ValueError, match="a goal is 3 numbers"):
+        reach.reset(options={"goal": (0.0, np.inf, 0.0)})
+
+
+def test_pickled_it_is_made_anew(reach: PsmReach) -> None:
+    first = drawn(reach, 5, 3)
+    again = pickle.loads(pickle.dumps(reach))
+    assert isinstance(again, PsmReach) and again.robot is not reach.robot
+    assert drawn(again, 5, 3) == first
+    again.close()
+
+
+def test_several_are_stepped_side_by_side_and_leave_nothing() -> None:
+    before = set(names_of())
+    vector = gymnasium.vector.SyncVectorEnv([lambda: PsmReach(starts=1, horizon=3)] * 2)
+    observations, _ = vector.reset(seed=[1, 1])
+    for _ in range(4):
+        observations, rewards, _, _, infos = vector.step(np.zeros((2, 7)))
+    assert rewards[0] == rewards[1] and observations["observation"].shape == (2, 22) and "is_success" in infos
+    vector.close()
+    assert set(names_of()) == before
+
+
+def test_a_system_of_ours_has_a_name_of_its_own() -> None:
+    assert document("kinematic.yaml", "kinematic", 0.002, 0.002).name != document(
+        "kinematic.yaml", "kinematic", 0.002, 0.002).name

@@ -1,0 +1,42 @@
+"""How people come to the environments: by `trocar.rl`, and by their names in Gymnasium."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def python(code: str) -> str:
+    """What a fresh interpreter prints."""
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=120,
+                          env={**os.environ, "PYTHONPATH": str(ROOT)}, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+def test_scripts_do_without_gymnasium_until_they_ask_for_it() -> None:
+    assert python("import sys, trocar\nprint('gymnasium' in sys.modules, 'procs.rl' in sys.modules)") == "False False"
+
+
+def test_who_lacks_gymnasium_is_told_how_to_get_it() -> None:
+    said = python("import sys, trocar\nsys.modules['gymnasium'] = None\n"
+                  "try: trocar.rl\nexcept ModuleNotFoundError as error: print(error)\n"
+                  "print(hasattr(trocar, 'rm'))")
+    assert said.splitlines() == ["trocar.rl needs gymnasium: pip install 'trocar[rl]'", "False"]
+
+
+@pytest.mark.slow
+def test_gymnasium_makes_them_by_their_names() -> None:
+    said = python("import gymnasium\nenv = gymnasium.make('trocar:trocar/PsmReach-v0', starts=1)\nenv.reset()\n"
+                  "import trocar\nprint(type(env.unwrapped) is trocar.rl.PsmReach)\nenv.close()")
+    assert said == "True"
+    said = python("import trocar, gymnasium\ngymnasium.register_envs(trocar.rl)\n"
+                  "names = [n for n in gymnasium.registry if n.startswith('trocar/')]\n"
+                  "for n in names: gymnasium.make(n, starts=1).close()\nprint(*sorted(names))")
+    assert said == "trocar/EcmAim-v0 trocar/PsmHandOver-v0 trocar/PsmReach-v0 trocar/PsmTrack-v0"
