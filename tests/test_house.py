@@ -199,7 +199,7 @@ def test_nobody_imports_a_process() -> None:
 IMPORT_QUIETLY = """
 import os, sys, threading
 roots = (os.path.realpath(sys.prefix), os.path.realpath(sys.base_prefix), os.path.realpath({root!r}))
-libraries = "ctypes numpy yaml pydantic typer rich psutil ruckig mujoco posix_ipc json logging textual"
+libraries = "ctypes numpy yaml pydantic typer rich psutil ruckig mujoco posix_ipc json logging textual gymnasium"
 for name in libraries.split():
     try: __import__(name)
     except ImportError: pass

@@ -36,7 +36,7 @@ SLOWEST_RATIO, FASTEST_RATIO = 0.01, 0.5
 
 
 @dataclass(frozen=True, slots=True)
-class Attached:
+class RunningSystem:
     """Which running system an environment is to command. It can be pickled.
 
     `system`: default the only one that is up. `arms`: names of the arms, default those of the task. `reset_ratio`:
@@ -55,7 +55,7 @@ class Attached:
 class AttachedRobot:
     """Arms of a running system."""
 
-    def __init__(self, where: Attached, arms: Sequence[str], jaws: Sequence[float]) -> None:
+    def __init__(self, where: RunningSystem, arms: Sequence[str], jaws: Sequence[float]) -> None:
         """`jaws`: of the starts. RobotStopped where an arm is not powered and homed, Problem where there is none."""
         self._system, self._ratio = chosen_system(where.system or None), where.reset_ratio
         self._stopped = ""
@@ -78,7 +78,8 @@ class AttachedRobot:
         client = stack.enter_context(contextlib.closing(Client(self._system, name)))
         client.on_behalf(begin(self._system))
         link = ArmLink(name, reader, client)
-        if why := self._not_ready(link):
+        link.look()
+        if why := self.problem(link):
             raise RobotStopped(f"{why}; first: trocar home {name}")
         return link
 
@@ -86,13 +87,10 @@ class AttachedRobot:
     def _model(document: SystemConfig, link: ArmLink, jaw: float) -> ArmModel:
         return ArmModel(document.arm(link.name), link.carried, matrix_from_pose(link.base), jaw)
 
-    def _not_ready(self, link: ArmLink) -> str:
-        """Why an arm cannot be commanded; empty: it can."""
-        if not link.look() or self.now_ns() - link.stamp_ns > FRESH_NS:
-            return f"{link.name} does not show its state"
-        if link.is_ready:
-            return ""
-        return f"{link.name} is {link.state} and not homed" + (f": {link.reason}" if link.reason else "")
+    def problem(self, link: ArmLink) -> str:
+        """See RobotBackend; who shows nothing any more has one, too."""
+        is_old = self.now_ns() - link.stamp_ns > FRESH_NS
+        return f"{link.name} does not show its state any more" if is_old else link.problem
 
     def now_ns(self) -> int:
         """The system's time."""
@@ -103,7 +101,8 @@ class AttachedRobot:
         self._check()
         self._due_ns = None
         for link, start, model in zip(self.links, starts, self.models, strict=True):
-            if why := self._not_ready(link):
+            link.look()
+            if why := self.problem(link):
                 self._give_up(why)
             if link.carried != model.carried:
                 self._give_up(f"{link.name} carries {link.carried or 'nothing'}, not {model.carried} any more")
@@ -131,7 +130,8 @@ class AttachedRobot:
         end_ns = self.now_ns() + round(MOVE_S * 1e9)
         try:
             while not (ended := link.hear(number)):
-                if (why := self._not_ready(link)) or self.now_ns() > end_ns:
+                link.look()
+                if (why := self.problem(link)) or self.now_ns() > end_ns:
                     self._give_up(why or f"{link.name}: {command} is not done after {MOVE_S:g} s")
                 self._time.pause(POLL_S, STANDS_S)
         except KeyboardInterrupt:
@@ -181,8 +181,8 @@ class AttachedRobot:
                 link.send("hold")
 
     def close(self) -> None:
-        """See RobotBackend: the arms hold."""
-        if not self._stopped:
+        """See RobotBackend: the arms hold, unless others may have them already."""
+        if not self._stopped and self._due_ns is not None and self._gap_ns() - self._due_ns < GAP_NS:
             self._hold()
-            self._stopped = "this environment is closed"
+        self._stopped = self._stopped or "this environment is closed"
         self._held.close()

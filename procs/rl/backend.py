@@ -31,6 +31,9 @@ class RobotBackend(Protocol):
     def now_ns(self) -> int:
         """The system's time."""
 
+    def problem(self, link: ArmLink) -> str:
+        """Why an arm, as it was looked at last, cannot be commanded; empty: it can."""
+
     def begin(self, number: int, starts: Sequence[StartPose], seed: int) -> None:
         """An episode begins: bring all arms to their starts, number `number` of them. RobotStopped says why not.
 

@@ -11,7 +11,7 @@ from gymnasium import spaces
 from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
-from procs.rl.attached import Attached, AttachedRobot
+from procs.rl.attached import AttachedRobot, RunningSystem
 from procs.rl.backend import ATTACHED, BACKENDS, KINEMATIC, RobotBackend, RobotStopped
 from procs.rl.hosted import HostedRobot
 from procs.rl.interpolation import Interpolator
@@ -21,6 +21,8 @@ from procs.rl.rotations import axes_of
 from procs.rl.scene import Drawn, scene_of
 from procs.rl.steering import CARTESIAN, CONTROLS, Steering
 from procs.rl.systems import PERIOD_S, document
+from shm.client import MailboxFull
+from shm.segment import SegmentError
 
 Array = NDArray[np.float64]
 Observation = dict[str, Array]
@@ -52,12 +54,12 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
     EXTRA: ClassVar[tuple[str, ...]] = ()
     """What the task adds to the observation."""
 
-    def __init__(self, *, backend: str | Attached = KINEMATIC, control: str = CARTESIAN, reward: str = DENSE,
+    def __init__(self, *, backend: str | RunningSystem = KINEMATIC, control: str = CARTESIAN, reward: str = DENSE,
                  policy_hz: int = 20, stream_hz: int = 100, horizon: int = 100, speed: float = 0.2,
                  tolerance_m: float = 0.005, noise_m: float = 0.0, starts: int = STARTS, period_s: float = PERIOD_S,
                  physics_s: float = PERIOD_S, render_mode: str | None = None, width: int = 480,
                  height: int = 360) -> None:
-        """ValueError names what is not allowed. `backend`: "kinematic", "boards", "attached" or an `Attached`.
+        """ValueError names what is not allowed. `backend`: "kinematic", "boards", "attached" or a `RunningSystem`.
 
         `horizon`: steps of an episode; `speed`: share of the arm's own velocity limits; `noise_m`: standard deviation
         of what is added to observed places; `starts`: in so many poses episodes begin.
@@ -102,14 +104,15 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
         """Where the tips were seen last, m; with noise, where there is some."""
         self.steps, self._grid_ns, self._fault = 0, 0, ""
         self.goal = np.zeros(self.GOAL)
+        self._has_begun = False
         self._picture: Picture | None = None
 
-    def _robot(self, backend: str | Attached, period_s: float, physics_s: float) -> RobotBackend:
-        if isinstance(backend, Attached):
+    def _robot(self, backend: str | RunningSystem, period_s: float, physics_s: float) -> RobotBackend:
+        if isinstance(backend, RunningSystem):
             return AttachedRobot(backend, self.ARMS, self.JAWS)
         _one_of("backend", backend, BACKENDS)
         if backend == ATTACHED:
-            return AttachedRobot(Attached(), self.ARMS, self.JAWS)
+            return AttachedRobot(RunningSystem(), self.ARMS, self.JAWS)
         if backend not in self.FILES:
             raise ValueError(f"{type(self).__name__} has no backend {backend}; it has {', '.join(self.FILES)}")
         return HostedRobot(document(self.FILES[backend], backend, period_s, physics_s), self.ARMS, self.JAWS)
@@ -150,10 +153,13 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
         self._begin_task(self.np_random)
         if (goal := options.get("goal")) is not None:
             self.goal = _given_goal(goal, self.GOAL)
+        self._has_begun = True
         return self._observation(), self._info()
 
     def step(self, action: Array) -> tuple[Observation, float, bool, bool, Info]:
         """Act for one period of the policy. Terminated: a fault; truncated: `horizon` steps have passed."""
+        if not self._has_begun:
+            raise gymnasium.error.ResetNeeded("an episode begins with reset")
         given = np.asarray(action, dtype=np.float64).reshape(-1)
         if len(given) != self._actions or not np.isfinite(given).all():
             raise ValueError(f"an action is {self._actions} finite numbers, not {action!r}")
@@ -163,10 +169,10 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
             first += steering.size
         try:
             self._stream()
-        except RobotStopped as stopped:
+        except (RobotStopped, MailboxFull, SegmentError) as error:
             if self._fault:
                 raise
-            self._fault = str(stopped)
+            self._fail(str(error))
         self.steps += 1
         self._look()
         self._go_on()
@@ -195,8 +201,8 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
         """See all arms; of one that has failed what was seen last stays."""
         for number, (link, model, seen) in enumerate(zip(self.robot.links, self.robot.models, self._seen, strict=True)):
             link.look()
-            if not link.is_ready:
-                self._fail(f"{link.name} is {link.state}" + (f": {link.reason}" if link.reason else ""))
+            if why := self.robot.problem(link):
+                self._fail(why)
                 continue
             n = model.count
             seen[:n], seen[n : 2 * n], seen[2 * n] = link.joints(n)
@@ -246,11 +252,11 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
 
     def _achieved(self) -> Array:
         """What is achieved (GOAL,), as it is seen."""
-        return self.tips[0].copy()
+        return np.array(self.tips[0])
 
     def _really_achieved(self) -> Array:
         """The same without noise."""
-        return self.seen_pose(0)[:3]
+        return np.array(self.seen_pose(0)[:3])
 
     def _extra(self) -> Array:
         """What EXTRA names."""
@@ -288,6 +294,7 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
         if self._picture is not None:
             self._picture.close()
             self._picture = None
+        self._has_begun = False
         self.robot.close()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Sequence
 from typing import Final
@@ -49,6 +50,9 @@ class HostedRobot:
         if self.host is not None:
             return self.host
         host = self.host = Host(self._document)
+        for name in host.loops:  # what they warn of is in `info`; who wants their log sets logging up
+            if not logging.getLogger(name).handlers:
+                logging.getLogger(name).addHandler(logging.NullHandler())
         self.links = [ArmLink(model.name, host.reader(model.name), host.client(model.name)) for model in self.models]
         host.run(FIRST_S)
         for word in ("enable", "home"):
@@ -59,6 +63,10 @@ class HostedRobot:
     def now_ns(self) -> int:
         """The host's time."""
         return self._open().now_ns
+
+    def problem(self, link: ArmLink) -> str:
+        """See RobotBackend."""
+        return link.problem
 
     def begin(self, number: int, starts: Sequence[StartPose], seed: int) -> None:
         """See RobotBackend: back to a snapshot, which is made when this start is asked for the first time."""

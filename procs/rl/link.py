@@ -48,6 +48,14 @@ class ArmLink:
         return bool(self._state[()] == ENABLED and self._homed[()] and self._valid[()] and self._posed[()])
 
     @property
+    def problem(self) -> str:
+        """Why it cannot be commanded; empty: it can."""
+        if self.is_ready:
+            return ""
+        what = f"{self.name} is {self.state}" + ("" if self._homed[()] else " and not homed")
+        return what + (f": {self.reason}" if self.reason else "")
+
+    @property
     def state(self) -> str:
         """Its operating state."""
         return str(plain(self._state.item()))

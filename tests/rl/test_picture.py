@@ -1,4 +1,4 @@
-"""Pictures without a screen: where this machine can draw at all, the instrument, its goal and the ground are on them."""
+"""Pictures without a screen, where this machine can draw: the instrument, its goal and the ground are on them."""
 
 from __future__ import annotations
 

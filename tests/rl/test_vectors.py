@@ -3,45 +3,60 @@
 from __future__ import annotations
 
 import multiprocessing
-import warnings
+import os
+import subprocess
+import sys
+from pathlib import Path
 
-import gymnasium
 import numpy as np
-import psutil
 import pytest
 
 from procs.rl.backend import RobotStopped
 from procs.rl.tasks import PsmReach
-from shm.segment import FOLDER, names_of
+from shm.segment import FOLDER
 
 pytestmark = pytest.mark.slow
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def made() -> PsmReach:
     return PsmReach(starts=2, horizon=5)
 
 
+PLAYED = """
+import functools, warnings
+import gymnasium, numpy, psutil
+from procs.rl.tasks import PsmReach
+made = functools.partial(PsmReach, starts=2, horizon=5)
+ours = made()
+first, _ = ours.reset(seed=3, options={"start": 1})
+with warnings.catch_warnings():
+    warnings.filterwarnings("ignore", category=DeprecationWarning, message=".*fork.*")  # from Python 3.12 on
+    vector = gymnasium.vector.AsyncVectorEnv([made] * 2, context=CONTEXT)
+seen, _ = vector.reset(seed=[3, 3], options={"start": 1})
+numpy.testing.assert_array_equal(seen["observation"], [first["observation"]] * 2)
+for _ in range(5):
+    action = numpy.full(7, 0.5, dtype=numpy.float32)
+    expected = ours.step(action)
+    seen, rewards, _, truncated, _ = vector.step(numpy.tile(action, (2, 1)))
+    numpy.testing.assert_array_equal(seen["observation"], [expected[0]["observation"]] * 2)
+    assert list(rewards) == [expected[1]] * 2
+assert truncated.all()
+vector.close()
+left = [" ".join(child.cmdline()) for child in psutil.Process().children()]
+print("left:", *[command for command in left if "resource_tracker" not in command])
+"""
+
+
 @pytest.mark.parametrize("context", ["fork", "spawn"])
 def test_each_process_plays_the_same_episode(context: str) -> None:
-    ours = made()
-    first, _ = ours.reset(seed=3, options={"start": 1})
-    files, segments = set(FOLDER.iterdir()), set(names_of())
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", category=DeprecationWarning, message=".*fork.*")  # from Python 3.12 on
-        vector = gymnasium.vector.AsyncVectorEnv([made] * 2, context=context)
-    observations, _ = vector.reset(seed=[3, 3], options={"start": 1})
-    np.testing.assert_array_equal(observations["observation"], [first["observation"]] * 2)
-    for _ in range(5):
-        action = np.full(7, 0.5, dtype=np.float32)
-        expected = ours.step(action)
-        observations, rewards, _, truncated, _ = vector.step(np.tile(action, (2, 1)))
-        np.testing.assert_array_equal(observations["observation"], [expected[0]["observation"]] * 2)
-        assert list(rewards) == [expected[1]] * 2
-    assert truncated.all()
-    vector.close()
-    assert set(FOLDER.iterdir()) <= files and set(names_of()) == segments
-    assert not [child for child in psutil.Process().children() if "resource_tracker" not in " ".join(child.cmdline())]
-    ours.close()
+    with subprocess.Popen([sys.executable, "-c", f"CONTEXT = {context!r}\n{PLAYED}"], cwd=ROOT, text=True,
+                          stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                          env={**os.environ, "PYTHONPATH": str(ROOT)}) as process:
+        out, errors = process.communicate(timeout=120)
+    assert process.returncode == 0, errors
+    assert out.strip() == "left:"
+    assert not list(FOLDER.glob("*~rl*"))
 
 
 def test_a_forked_child_cannot_go_on_with_what_is_its_parent_s() -> None:
