@@ -154,14 +154,17 @@ class _Rate:
         }
 
     def _changes(self, rows: NDArray[Any]) -> int | None:
-        """How often the value of the field was another than in the record before."""
+        """How often the value of the field was another than in the record before; not known stays not known."""
         if self._path is None or not self._path.field or not len(rows):
             return None
         try:
             values = cells_of(self._entry, self._path, rows[-1:]).raw(rows)
         except BadPath as error:
             raise Misuse(str(error)) from None
-        return int(np.any(values[1:] != values[:-1], axis=1).sum())
+        others = values[1:] != values[:-1]
+        if values.dtype.kind == "f":
+            others &= ~(np.isnan(values[1:]) & np.isnan(values[:-1]))
+        return int(np.any(others, axis=1).sum())
 
     def close(self) -> None:
         if self._reader is not None:
