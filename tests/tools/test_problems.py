@@ -125,10 +125,10 @@ def test_torn_records_are_told(kinematic: ScriptedRobot) -> None:
     kinematic.show_arm()
     tear(kinematic)
     measured = rows(run(kinematic, "hz", "--window", "0.05", "--json"))
-    assert measured["PSM1/state"]["problem"] == "1 reads found no whole record"
+    assert measured["PSM1/state"]["problem"] == "2 reads found no whole record", "the one with which it came, too"
     failed = run(kinematic, "echo", "PSM1/state", "--once", "--timeout", "0")
     assert failed.exit_code == 1
-    assert "PSM1/state: no record is whole (1 reads found no whole record)" in failed.stderr
+    assert "PSM1/state: no record is whole (2 reads found no whole record)" in failed.stderr
     page = " ".join(run(kinematic, "attach", "--once").stdout.split())
     assert "no record is whole" in page
 
