@@ -181,7 +181,9 @@ def _something_wrong() -> tuple[type[Exception], ...]:
 
 
 def _reported(error: Exception, code: int) -> int:
-    print(f"trocar: {error}", file=sys.stderr, flush=True)
+    from tools.printing import note
+
+    note(f"trocar: {error}")
     return code
 
 

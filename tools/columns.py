@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from procs.crtk.field_paths import BadPath, FieldCells, FieldPath, parse_path
 from procs.crtk.plain import plain
 from tools.errors import Misuse, Problem
+from tools.printing import printable
 
 STDOUT = "-"
 
@@ -34,10 +35,13 @@ class ColumnsFile:
 
     def __init__(self, stream: Any, names: Sequence[str]) -> None:
         self._stream, self._writer = stream, csv.writer(stream, lineterminator="\n")
+        self._is_terminal = stream.isatty()
         self._writer.writerow(names)
 
     def row(self, values: Sequence[Any]) -> None:
         """One, out at once."""
+        if self._is_terminal:
+            values = [printable(value) if isinstance(value, str) else value for value in values]
         self._writer.writerow(["" if value is None else value for value in values])
         self._stream.flush()
 

@@ -1,4 +1,8 @@
-"""How verbs talk: JSON lines for programs, tables for eyes, progress on the error stream."""
+"""How verbs talk: JSON lines for programs, tables for eyes, progress on the error stream.
+
+What they say is partly text of others: of processes, boards, files. A terminal would obey what is in it (ESC begins a
+command), so nothing gets there that has not passed `printable`.
+"""
 
 from __future__ import annotations
 
@@ -14,11 +18,24 @@ from shm.clock import monotonic_ns
 
 SLOW_NS = 2_000_000_000
 Say = Callable[[str, float | None], None]
+REPLACED = "\ufffd"
+
+
+def printable(text: str, keep: str = "\n\t") -> str:
+    """Text of others as a terminal may have it: what it would obey, or hide, instead of showing it is �."""
+    return text if text.isprintable() else "".join(c if c.isprintable() or c in keep else REPLACED for c in text)
+
+
+def tell(text: str, *, flush: bool = False) -> None:
+    """A line, or some, for a person."""
+    print(printable(text), flush=flush)
 
 
 def emit(row: Any) -> None:
-    """One JSON object on one line, out at once."""
-    print(json.dumps(plain(row), ensure_ascii=False), flush=True)
+    """One JSON object on one line, out at once; what is not printable is escaped, and comes back as it was."""
+    text = json.dumps(plain(row), ensure_ascii=False)
+    print(text if text.isprintable() else "".join(c if c.isprintable() else json.dumps(c)[1:-1] for c in text),
+          flush=True)
 
 
 def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], right: Sequence[str] = ()) -> None:
@@ -37,18 +54,19 @@ def made_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]]
     from rich.table import Table
     from rich.text import Text
 
-    made = Table(title=title or None, box=SIMPLE_HEAD, title_justify="left", pad_edge=False, collapse_padding=True)
+    made = Table(title=Text(printable(title), "table.title") if title else None, box=SIMPLE_HEAD, title_justify="left",
+                 pad_edge=False, collapse_padding=True)
     for column in columns:
         whole = column in right or column == columns[0]
         made.add_column(column, justify="right" if column in right else "left", no_wrap=whole)
     for row in rows:
-        made.add_row(*(Text(cell) for cell in row))
+        made.add_row(*(Text(printable(cell)) for cell in row))
     return made
 
 
 def note(text: str) -> None:
     """A line for a person, on the error stream: it never mixes with data."""
-    print(text, file=sys.stderr, flush=True)
+    print(printable(text), file=sys.stderr, flush=True)
 
 
 @contextlib.contextmanager
@@ -58,6 +76,7 @@ def progress(what: str) -> Iterator[Say]:
         yield lambda text, fraction: None
         return
     from rich.console import Console
+    from rich.markup import escape
     from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
     columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
@@ -69,7 +88,7 @@ def progress(what: str) -> Iterator[Say]:
         if not bar.live.is_started and monotonic_ns() - begin > SLOW_NS:
             bar.start()
         total = None if fraction is None else 1.0
-        bar.update(task, description=text, total=total, completed=fraction or 0.0)
+        bar.update(task, description=escape(printable(text)), total=total, completed=fraction or 0.0)
 
     try:
         yield say

@@ -12,6 +12,7 @@ from typing import Final, Protocol
 from shm.clock import monotonic_ns
 from tools.commission.subject import Subject
 from tools.errors import Misuse, Problem
+from tools.printing import printable, tell
 
 PATIENCE_S: Final = 120.0
 
@@ -95,7 +96,7 @@ class AtTerminal:
 
     def confirm(self, danger: str, word: str) -> None:
         """See Person."""
-        print(f"\n{danger}", flush=True)
+        tell(f"\n{danger}", flush=True)
         reported = input(f"Type {word} to go on, anything else stops: ").strip()
         if reported != word:
             raise Declined(f"not confirmed: {reported or 'nothing'!r} was typed, not {word!r}; nothing was switched on")
@@ -118,7 +119,7 @@ class AtTerminal:
 
     def doing(self, act: Act, text: str) -> Iterator[None]:
         """Until Enter, or for two minutes."""
-        print(f"\n{text}\n(Enter when it is done)", flush=True)
+        tell(f"\n{text}\n(Enter when it is done)", flush=True)
         end = monotonic_ns() + round(PATIENCE_S * 1e9)
         with contextlib.suppress(GeneratorExit):
             while monotonic_ns() < end:
@@ -130,8 +131,8 @@ class AtTerminal:
 
     def show(self, line: str) -> None:
         """See Person."""
-        print(f"\r\033[K{line}", end="", flush=True)
+        print(f"\r\033[K{printable(line, '')}", end="", flush=True)
 
     def report(self, line: str) -> None:
         """See Person."""
-        print(line, flush=True)
+        tell(line, flush=True)

@@ -24,7 +24,7 @@ from tools.commission.stages import NAMES, STAGES, CommissionStage
 from tools.commission.subject import subjects_of
 from tools.errors import Misuse, Problem
 from tools.options import JsonOption
-from tools.printing import emit, note, table
+from tools.printing import emit, note, table, tell
 from tools.supervising import StartRequest, up_meanwhile
 from tools.systems import system_file
 
@@ -155,7 +155,7 @@ def _go(job: Job, book: CommissionReport, files: str, due: list[CommissionStage]
                       "figures": tried.figures})
             if not tried.passed:
                 if not as_json:
-                    print("\n".join(f"STOP {text}" for text in tried.problems))
+                    tell("\n".join(f"STOP {text}" for text in tried.problems))
                 note(f"stage {row.name} stopped, everything is off; mend it and run the same command again "
                      f"({book.path})")
                 return 1

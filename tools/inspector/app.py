@@ -26,6 +26,7 @@ from tools.inspector.pages.palette import palette
 from tools.inspector.pages.processes import ProcessesPage
 from tools.inspector.pages.topics import TopicChosen, TopicsPage
 from tools.inspector.pages.values import ValuesPage
+from tools.printing import printable
 
 PAGES: tuple[type[InspectorPage], ...] = (ProcessesPage, TopicsPage, ValuesPage, EventsPage, ArmsPage, CommandsPage)
 TICK_S = 0.1
@@ -206,6 +207,7 @@ class InspectorApp(App[None]):
 
     def _update(self, where: str, text: Text) -> None:
         """Only where it says something else: nothing is drawn again for nothing."""
+        text.plain = printable(text.plain)
         widget = self.query_one(where, Static)
         if getattr(widget, "shown_text", None) != (shown := (text.plain, str(text.spans))):
             widget.update(text)

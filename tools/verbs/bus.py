@@ -15,7 +15,7 @@ from tools.bus_client import BusClient, FoundBoard, shared_id
 from tools.errors import Misuse, Problem
 from tools.inspect import register_names, samples, serials
 from tools.options import JsonOption
-from tools.printing import emit, made_table, note, number, table
+from tools.printing import emit, made_table, note, number, printable, table, tell
 
 PERIOD_S: Final = 0.1  # of the live view
 MAX_REGISTERS: Final = 1024
@@ -111,7 +111,7 @@ def read(
         return 0
     if len(rows) == 1:
         row = rows[0]
-        print(f"{info.title} {row['register']} = {row['hex']}" + (f"  {row['meaning']}" if row["meaning"] else ""))
+        tell(f"{info.title} {row['register']} = {row['hex']}" + (f"  {row['meaning']}" if row["meaning"] else ""))
     else:
         cells = [(row["register"], f"0x{row['address']:04X}", row["hex"], row["meaning"]) for row in rows]
         table(info.title, ("register", "address", "value", "meaning"), cells)
@@ -152,7 +152,7 @@ def write(
         old = {info.board: desk.read(info.board, address) for info in targets}
         _announce(address, new, targets, old, everyone=wanted is None)
         if not yes and not typer.confirm("Write it?", err=True):
-            print("nothing was written", file=sys.stderr)
+            note("nothing was written")
             return 1
         desk.write(ALL_BOARDS if wanted is None else wanted, address, new)
         for info in targets:
@@ -160,7 +160,7 @@ def write(
             if as_json:
                 emit({**now, "old": old[info.board], "written": new})
             else:
-                print(f"written; board {info.board} now reads {now['hex']}  {now['meaning']}".rstrip())
+                tell(f"written; board {info.board} now reads {now['hex']}  {now['meaning']}".rstrip())
     return 0
 
 
@@ -283,7 +283,7 @@ def _page(sample: samples.BoardSample, hint: str) -> Any:
     cells = [(str(axis.axis), _bits(axis.pot_bits), _bits(axis.current_bits),
               _bits(axis.encoder_counts) + (" !" if axis.overflow else ""), number(axis.velocity_counts_s),
               axis.amplifier, axis.inputs) for axis in sample.axes]
-    return Group(Text(sample.board.title + hint), made_table("", ("", "now"), facts),
+    return Group(Text(printable(sample.board.title + hint)), made_table("", ("", "now"), facts),
                  made_table("", columns, cells, right=columns[:5]),
                  Text("pot and current in bits; ! overflow; inputs: - + h are high limit and home pins"))
 

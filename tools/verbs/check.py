@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from procs.config import Checked, check_file
-from tools.printing import emit
+from tools.printing import emit, tell
 
 FINE, WRONG = 0, 1
 
@@ -28,10 +28,10 @@ def run(files: Sequence[Path], path: Sequence[Path], as_json: bool, boards: str 
             emit(_row(result))
             continue
         for problem in result.problems:
-            print(problem)
+            tell(str(problem))
         for note in result.notes:
-            print(f"{result.path}: note: {note}")
-        print(f"{result.path}: {result.kind} file, {_verdict(result)}")
+            tell(f"{result.path}: note: {note}")
+        tell(f"{result.path}: {result.kind} file, {_verdict(result)}")
     return WRONG if any(_count(result, "error") for result in results) else FINE
 
 

@@ -9,7 +9,7 @@ import typer
 
 from tools.errors import Misuse
 from tools.options import JsonOption
-from tools.printing import emit, note, number, progress, table
+from tools.printing import emit, note, number, progress, table, tell
 from tools.recorded.choosing import FromOption, ToOption, TopicsOption, opened, stretch
 from tools.recorded.comparing import DIFFERENT, EQUAL, Comparing, RecordingDifference, as_dict
 from tools.recorded.differences import ALIGNMENTS, STAMP, FieldDifference, TopicDifference
@@ -60,28 +60,28 @@ def show(found: RecordingDifference) -> None:
     for text in found.problems:
         note(f"problem: {text}")
     for text in found.left_out:
-        print(f"not compared: {text}")
+        tell(f"not compared: {text}")
     rows = [(f"{topic.name}.{field.name}", *_cells(field)) for topic in found.topics for field in topic.fields]
     if rows:
         columns = ("field", "records", "beyond", "largest", "RMS", "unit", "first at s", "A", "B")
         table("", columns, rows[:MAX_ROWS], ("records", "beyond", "largest", "RMS", "first at s"))
         if len(rows) > MAX_ROWS:
-            print(f"… and {len(rows) - MAX_ROWS} fields more: --topics, --json")
+            tell(f"… and {len(rows) - MAX_ROWS} fields more: --topics, --json")
     for topic in found.topics:
         for text in _missing(topic):
-            print(f"{topic.name}: {text}")
+            tell(f"{topic.name}: {text}")
     for names, where in ((found.only_a, "A"), (found.only_b, "B")):
         if names:
-            print(f"only {where} has {', '.join(names)}")
+            tell(f"only {where} has {', '.join(names)}")
     compared = sum(topic.compared for topic in found.topics)
     if found.outcome == EQUAL:
-        print(f"equal: {compared} records of {len(found.topics)} topics, bit for bit")
+        tell(f"equal: {compared} records of {len(found.topics)} topics, bit for bit")
     elif not found.topics:
-        print("different: they have no topic in common")
+        tell("different: they have no topic in common")
     else:
         bad = [topic.name for topic in found.topics if not topic.is_within]
         same = sum(topic.is_equal for topic in found.topics)
-        print(f"{'different' if found.outcome == DIFFERENT else 'within the tolerances'}: {compared} records compared, "
+        tell(f"{'different' if found.outcome == DIFFERENT else 'within the tolerances'}: {compared} records compared, "
               f"{same} of {len(found.topics)} topics equal" + (f"; different: {', '.join(bad)}" if bad else ""))
 
 

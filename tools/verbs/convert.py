@@ -12,7 +12,7 @@ from tools.converters import LOST
 from tools.converters.converting import Conversion, Result
 from tools.errors import Misuse
 from tools.options import JsonOption
-from tools.printing import emit
+from tools.printing import emit, tell
 
 FINE, WRONG = 0, 1
 
@@ -42,21 +42,21 @@ def convert(
 
 def _print(result: Result) -> None:
     for change in result.converted.changes:
-        print(change)
+        tell(str(change))
     for problem in result.problems:
-        print(problem)
+        tell(str(problem))
     for check in result.checks:
         for problem in check.problems:
-            print(problem)
+            tell(str(problem))
         errors = sum(problem.severity == "error" for problem in check.problems)
         verdict = f"{errors} error{'s' if errors > 1 else ''} left" if errors else "fine"
         what = f"wrote {check.path}" if check.path in result.written else f"{check.path} is there already and equal"
-        print(f"{result.file}: {what}: {check.kind} file, {verdict}")
+        tell(f"{result.file}: {what}: {check.kind} file, {verdict}")
     lost = sum(change.outcome == LOST for change in result.converted.changes)
     if lost:
-        print(f"{result.file}: {lost} key{'s' if lost > 1 else ''} could not be converted")
+        tell(f"{result.file}: {lost} key{'s' if lost > 1 else ''} could not be converted")
     if not result.written and not result.equal:
-        print(f"{result.file}: nothing was written")
+        tell(f"{result.file}: nothing was written")
 
 
 def _row(result: Result) -> dict[str, object]:

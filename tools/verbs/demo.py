@@ -26,7 +26,7 @@ from tools.inspect.processes import statuses
 from tools.inspect.tracing import Trace
 from tools.inspect.watch import arm_document
 from tools.options import ClockOption, JsonOption, clock_set
-from tools.printing import emit, note, number, progress, table
+from tools.printing import emit, note, number, printable, progress, table, tell
 from tools.supervising import StartRequest, up_meanwhile
 from tools.systems import ROOT
 from tools.web_address import web_addresses
@@ -177,7 +177,7 @@ def _line() -> Iterator[Callable[[str], None]]:
         yield now_and_then
         return
     try:
-        yield lambda text: print(f"\r\033[K{text}", end="", file=sys.stderr, flush=True)
+        yield lambda text: print(f"\r\033[K{printable(text, '')}", end="", file=sys.stderr, flush=True)
     finally:
         print(file=sys.stderr)
 
@@ -218,6 +218,6 @@ def _show(summary: dict[str, Any]) -> None:
         table("processes, while following", ("process", "Hz", "cycles", "missed", "overruns", "restarts"), processes,
               ("Hz", "cycles", "missed", "overruns", "restarts"))
     for problem in summary["problems"]:
-        print(f"PROBLEM: {problem}")
+        tell(f"PROBLEM: {problem}")
     if "processes" in summary and not summary["problems"]:
-        print("everything stayed healthy")
+        tell("everything stayed healthy")

@@ -6,7 +6,7 @@ import dataclasses
 
 from tools.machine import BAD, findings
 from tools.options import JsonOption
-from tools.printing import emit
+from tools.printing import emit, tell
 
 
 def doctor(as_json: JsonOption = False) -> int:
@@ -22,7 +22,7 @@ def doctor(as_json: JsonOption = False) -> int:
         if as_json:
             emit(dataclasses.asdict(finding))
             continue
-        print(f"{finding.state:5} {finding.check:16} {finding.found}", flush=True)
+        tell(f"{finding.state:5} {finding.check:16} {finding.found}", flush=True)
         if finding.mend:
-            print(f"{'':22} → {finding.mend}")
+            tell(f"{'':22} → {finding.mend}")
     return 1 if bad else 0

@@ -11,7 +11,7 @@ from shm.directory import systems
 from tools.dumping import keep_left_over
 from tools.ending import STOP_S, stop_system
 from tools.options import JsonOption, SystemOption
-from tools.printing import emit, progress
+from tools.printing import emit, progress, tell
 from tools.systems import chosen_system, left_over, those_up
 
 
@@ -40,8 +40,8 @@ def down(
         emit({"stopped": stopped, "cleared": cleared})
         return 0
     for name, count in cleared.items():
-        print(f"cleared {count} segments that {name} left behind")
+        tell(f"cleared {count} segments that {name} left behind")
     if stopped:
-        print(f"system {stopped} is down")
+        tell(f"system {stopped} is down")
     return 0
 

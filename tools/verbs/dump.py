@@ -12,7 +12,7 @@ from procs.recordings.names import DUMP
 from tools.dumping import dump as dumped
 from tools.dumping import dump_by_time
 from tools.options import JsonOption, SystemOption
-from tools.printing import emit, note, progress
+from tools.printing import emit, note, progress, tell
 from tools.systems import chosen_system, is_up
 
 
@@ -38,6 +38,6 @@ def dump(
     if as_json:
         emit(dataclasses.asdict(found) | {"file": str(found.file)})
     else:
-        print(f"{found.file}: {sum(found.records.values())} records of {len(found.records)} rings, "
+        tell(f"{found.file}: {sum(found.records.values())} records of {len(found.records)} rings, "
               f"{found.bytes / 1e6:.1f} MB")
     return 1 if found.problems else 0

@@ -21,7 +21,7 @@ from tools.errors import Misuse, Problem
 from tools.inspect.enumerations import in_words
 from tools.inspect.messages import line
 from tools.options import JsonOption, SystemOption
-from tools.printing import emit, note
+from tools.printing import emit, note, tell
 from tools.systems import chosen_system
 
 POLL_S = 0.005
@@ -144,7 +144,7 @@ def _events(system: str, source: OpenTopic, most: int, timeout: float | None, as
 
 def _report(source: OpenTopic, row: dict[str, Any], as_json: bool) -> None:
     if not as_json:
-        print(line(row), flush=True)
+        tell(line(row), flush=True)
     elif source.entry.kind == RECORD:
         emit(row)
     else:
@@ -201,7 +201,7 @@ def _show_field(source: OpenTopic, path: FieldPath, cells: FieldCells, as_json: 
         return
     shown = _text(in_words(cells.field, value))
     unit = f"  {cells.field.unit}" if cells.field.unit and value is not None else ""
-    print(f"{source.stamp_ns * 1e-9:.6f}  {shown}{unit}" + (f"  problem: {problem}" if problem else ""), flush=True)
+    tell(f"{source.stamp_ns * 1e-9:.6f}  {shown}{unit}" + (f"  problem: {problem}" if problem else ""), flush=True)
 
 
 def _show(source: OpenTopic, row: dict[str, Any], as_json: bool) -> None:
@@ -211,15 +211,15 @@ def _show(source: OpenTopic, row: dict[str, Any], as_json: bool) -> None:
         return
     fields = {field.name: field for field in source.entry.fields}
     parts = dict(source.entry.view.fields) if source.entry.view is not None else {}
-    print(f"{source.entry.name}  sequence {row['sequence']}  age {source.age_s * 1e3:.1f} ms")
+    tell(f"{source.entry.name}  sequence {row['sequence']}  age {source.age_s * 1e3:.1f} ms")
     if problem:
-        print(f"  problem: {problem}")
+        tell(f"  problem: {problem}")
     for key, value in row.items():
         if key not in ("stamp_ns", "sequence"):
             field = fields.get(parts.get(key, key))
             unit = field.unit if field is not None else ""
             shown = _text(in_words(field, value) if field is not None else value)
-            print(f"  {key:<22} {shown}" + (f"  {unit}" if unit and value is not None else ""))
+            tell(f"  {key:<22} {shown}" + (f"  {unit}" if unit and value is not None else ""))
 
 
 def _text(value: Any) -> str:

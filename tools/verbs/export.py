@@ -9,7 +9,7 @@ import typer
 
 from tools.errors import Misuse, Problem
 from tools.options import JsonOption
-from tools.printing import emit, note, progress
+from tools.printing import emit, note, progress, tell
 from tools.recorded.choosing import FromOption, ToOption, TopicsOption, chosen_topics, opened, stretch
 from tools.recorded.exporting import CSV, PARQUET, ROSBAG2, STDOUT, RecordingTables
 
@@ -62,7 +62,7 @@ def export(
     if as_json:
         emit({"folder": str(folder), "files": [str(path) for path in written], "topics": wanted})
     else:
-        print(f"{folder}: {', '.join(path.name for path in written)}")
+        tell(f"{folder}: {', '.join(path.name for path in written)}")
     return code
 
 

@@ -22,6 +22,7 @@ from procs.kinematics.inverse.arms import inverse_of
 from procs.kinematics.master_gravity import MasterGravity
 from procs.kinematics.poses import PoseError, check_matrix
 from tools.errors import Misuse, Problem
+from tools.printing import tell
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]
@@ -156,7 +157,7 @@ def answered(answer: Answer) -> int:
             reported = {**row, **answer(row)}
         except Wrong as wrong:
             code, reported = 1, {"line": number, "error": str(wrong)}
-        print(json.dumps(reported, allow_nan=False), flush=True)
+        tell(json.dumps(reported, allow_nan=False), flush=True)
     return code
 
 

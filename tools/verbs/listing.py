@@ -20,7 +20,7 @@ from shm.segment import SegmentError
 from tools.columns import columns_file, path_of
 from tools.errors import Misuse
 from tools.options import JsonOption, SystemOption
-from tools.printing import emit, number, table
+from tools.printing import emit, number, table, tell
 from tools.systems import chosen_system
 
 WINDOW_S = 1.0
@@ -43,10 +43,10 @@ def list_topics(
         for entry in entries:
             rate = f", nominal {entry.rate_hz:g} Hz" if entry.rate_hz else ""
             rate += f", {entry.simulation}" if entry.simulation else ""
-            print(f"{entry.name}  ({entry.kind}{rate})" + (f"  {entry.problem}" if entry.problem else ""))
+            tell(f"{entry.name}  ({entry.kind}{rate})" + (f"  {entry.problem}" if entry.problem else ""))
             if entry.kind != "event":
                 for f in entry.fields:
-                    print(f"    {f.name:<22} {f.dtype:<10} {f.unit:<12} {f.text}")
+                    tell(f"    {f.name:<22} {f.dtype:<10} {f.unit:<12} {f.text}")
     else:
         rows = [(e.name, f"{e.kind} {e.simulation}".rstrip(), number(e.rate_hz or None, "g"), _names(e), e.problem)
                 for e in entries]

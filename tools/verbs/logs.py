@@ -17,7 +17,7 @@ from shm.loglines import LogLine, parsed
 from tools.errors import Problem
 from tools.inspect.asked import in_words, rows_of
 from tools.options import JsonOption, SystemOption
-from tools.printing import emit
+from tools.printing import emit, tell
 from tools.recorded.as_system import RecordingOption
 from tools.recorded.said import recorded_lines
 from tools.systems import chosen_system, unknown
@@ -47,11 +47,11 @@ def logs(
     """
     if recording is not None:
         for said in recorded_lines(recording, instance, lines, commands):
-            emit(said.row) if as_json else print(said.text)
+            emit(said.row) if as_json else tell(said.text)
         return 0
     if commands:
         for row in rows_of(system or chosen_system(), instance, lines):
-            emit(row) if as_json else print(in_words(row))
+            emit(row) if as_json else tell(in_words(row))
         return 0
     folder = log_folder(os.environ, system or chosen_system())
     if not is_folder(folder):
@@ -102,7 +102,7 @@ def _print(name: str, line: LogLine, several: bool, as_json: bool) -> None:
               "level": line.level or None, "line": line.text})
     else:
         when = line.local[11:23]
-        print("  ".join(part for part in (when, name if several else "", line.level, line.text) if part), flush=True)
+        tell("  ".join(part for part in (when, name if several else "", line.level, line.text) if part), flush=True)
 
 
 def tail(path: Path, lines: int) -> str:

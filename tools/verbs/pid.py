@@ -14,7 +14,7 @@ from shm.mailbox_map import MAX_TEXT
 from tools.errors import Misuse, Problem
 from tools.inspect.gains import ALL, Present, present
 from tools.options import JsonOption, SystemOption
-from tools.printing import emit, note, table
+from tools.printing import emit, note, table, tell
 from tools.remote import Remote
 from tools.systems import chosen_system, unknown
 
@@ -83,7 +83,7 @@ def set_gains(
                   "old": {key: old[key] for key, _ in pairs}, "new": dict(pairs)})
         else:
             steps = ", ".join(f"{key} {old[key]:.9g} → {value:.9g}" for key, value in pairs)
-            print(f"{found.robot} axis {number} {found.names[number]}: {steps}")
+            tell(f"{found.robot} axis {number} {found.names[number]}: {steps}")
     return 0
 
 
@@ -136,7 +136,7 @@ def save(
                                "backup": str(saved.backup or ""), "notes": saved.notes}
         emit(row)
         return 0
-    print(f"{file}: {saved.changed} values differ from {found.file or 'nothing'}")
+    tell(f"{file}: {saved.changed} values differ from {found.file or 'nothing'}")
     for text in saved.notes:
         note(text)
     return 0

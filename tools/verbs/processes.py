@@ -14,7 +14,7 @@ from shm.segment import SegmentError
 from tools.errors import Misuse, Problem, Refused
 from tools.inspect.watch import document_of
 from tools.options import JsonOption, SystemOption
-from tools.printing import emit, progress
+from tools.printing import emit, note, progress, tell
 from tools.remote import Remote
 from tools.running import SUPERVISOR
 from tools.systems import chosen_system, unknown
@@ -98,10 +98,10 @@ def _confirmed(what: str, name: str, yes: bool, system: str) -> bool:
     lines += [f"depends on it: {each.name} ({each.kind})" for each in after]
     if not sys.stdin.isatty():
         raise Misuse("\n".join([*lines, "here is no terminal to ask: --yes goes on without"]))
-    print("\n".join(lines), file=sys.stderr)
+    note("\n".join(lines))
     if typer.confirm("Go on?", err=True):
         return True
-    print("nothing was done", file=sys.stderr)
+    note("nothing was done")
     return False
 
 
@@ -115,5 +115,5 @@ def _asked(what: str, name: str, as_json: bool, system: str) -> int:
     if as_json:
         emit({"process": name, "outcome": reply.outcome, "text": reply.text})
     else:
-        print(reply.text)
+        tell(reply.text)
     return 0

@@ -10,7 +10,7 @@ from procs.document.user_process import PROPERTIES, SET_PROPERTY
 from shm import directory
 from tools.errors import Misuse
 from tools.options import JsonOption, SystemOption
-from tools.printing import emit, plain
+from tools.printing import emit, plain, tell
 from tools.remote import Remote
 from tools.systems import chosen_system, unknown
 
@@ -39,7 +39,7 @@ def get(
             if as_json:
                 emit({"name": instance, "property": key, "value": values[key]})
             else:
-                print(f"{instance}.{key} = {values[key]}")
+                tell(f"{instance}.{key} = {values[key]}")
     return 0
 
 
@@ -66,7 +66,7 @@ def set_property(
         remote.ask(SET_PROPERTY, values, text)
         if save:
             remote.ask("save_properties")
-    print(f"{name} = {_values(chosen, owner)[wanted]}")
+    tell(f"{name} = {_values(chosen, owner)[wanted]}")
     return 0
 
 

@@ -16,7 +16,7 @@ from shm.segment import SegmentError
 from tools.errors import Misuse, Problem, Refused
 from tools.inspect.fault_file import fault_path
 from tools.options import JsonOption, SystemOption
-from tools.printing import Say, emit, note, plain, progress
+from tools.printing import Say, emit, note, plain, progress, tell
 from tools.remote import Remote
 from tools.systems import chosen_system
 
@@ -69,7 +69,7 @@ def record(
         _begun(remote, number)
         if detach:
             found = _seen(state)
-            emit(found) if as_json else print(f"recording {name} into {found['path']}; trocar record {name} --stop")
+            emit(found) if as_json else tell(f"recording {name} into {found['path']}; trocar record {name} --stop")
             return 0
         with progress(f"recording {name}") as say:
             said = _watch(remote, number, state, name, seconds, as_json, say)
@@ -128,7 +128,7 @@ def _ended(said: str, found: dict[str, Any], as_json: bool) -> int:
     if as_json:
         emit(found)
     else:
-        print(said)
+        tell(said)
     if found.get("problem"):
         note(f"the disk: {found['problem']}")
     return int(bool(found.get("lost")))
@@ -142,7 +142,7 @@ def _kept(remote: Remote, state: RingReader, why: str, as_json: bool) -> int:
         if monotonic_ns() >= end:
             raise Problem("the recorder did not keep anything; trocar logs recorder says why")
         pause(POLL_S)
-    emit({"path": path}) if as_json else print(f"kept in {path}")
+    emit({"path": path}) if as_json else tell(f"kept in {path}")
     return 0
 
 

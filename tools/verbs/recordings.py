@@ -12,7 +12,7 @@ from procs.recordings import names
 from procs.recordings.reading import RecordingError, open_recording
 from tools.errors import Problem
 from tools.options import JsonOption, SystemOption
-from tools.printing import emit, table
+from tools.printing import emit, table, tell
 from tools.recorded.places import folder_of
 from tools.systems import chosen_system
 
@@ -40,7 +40,7 @@ def recordings(
             emit(row)
         return 0
     if not rows:
-        print(f"no recordings{' of this kind' if kinds else ''} in {folder}")
+        tell(f"no recordings{' of this kind' if kinds else ''} in {folder}")
         return 0
     table(str(folder), COLUMNS, (
         (row["file"], row["kind"], f"{datetime.fromtimestamp(row['begin_ns'] * 1e-9):%Y-%m-%d %H:%M:%S}",

@@ -13,7 +13,7 @@ from procs.recordings.reading import RecordingReader
 from tools.errors import Misuse, Problem
 from tools.inspect.watch import arm_names
 from tools.options import JsonOption, SystemOption
-from tools.printing import emit, note, number, progress, table
+from tools.printing import emit, note, number, progress, table, tell
 from tools.recorded.choosing import FromOption, Stretch, ToOption, TopicsOption, chosen_topics, opened, stretch
 from tools.recorded.comparing import DIFFERENT, Comparing, as_dict
 from tools.recorded.differences import STAMP
@@ -71,7 +71,7 @@ def replay(
                     shown = showing.play(speed, say)
                 except KeyboardInterrupt:
                     return 0
-            emit({"system": name, "records": shown}) if as_json else print(f"{shown} records shown")
+            emit({"system": name, "records": shown}) if as_json else tell(f"{shown} records shown")
             return 0
         return _live(recording, chosen_system(system), arms, part, speed, commands, real, as_json, say)
 
@@ -97,7 +97,7 @@ def _live(recording: RecordingReader, system: str, wanted: Sequence[str] | None,
             emit(row)
         elif commands:
             said = " ".join([row["command"], row["text"], *(f"{value:g}" for value in row["values"])])
-            print(f"{row['arm']}: {said}: {row['outcome']} {row['reply']}".rstrip())
+            tell(f"{row['arm']}: {said}: {row['outcome']} {row['reply']}".rstrip())
         else:
             _show_tracking(row)
     refused = [f"{row['arm']} refused {row['refused']} goals: {row['refusal']}" for row in rows if row.get("refused")]
@@ -131,6 +131,6 @@ def _fresh(file: Path, into: Path | None, as_json: bool) -> int:
         emit({"file": str(run.file), "commands": run.commands, "simulated_s": run.simulated_s, "real_s": run.real_s,
               "notes": run.notes, "difference": as_dict(found)})
     else:
-        print(f"{run.file}: {run.commands} commands in {run.simulated_s:.1f} s of simulated time, {run.real_s:.1f} s")
+        tell(f"{run.file}: {run.commands} commands in {run.simulated_s:.1f} s of simulated time, {run.real_s:.1f} s")
         show(found)
     return 1 if found.outcome == DIFFERENT else 0

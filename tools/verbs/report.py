@@ -11,7 +11,7 @@ import typer
 
 from tools.errors import Problem
 from tools.options import JsonOption, SystemOption
-from tools.printing import emit, note, progress
+from tools.printing import emit, note, progress, tell
 
 
 def report(
@@ -46,5 +46,5 @@ def report(
     if as_json:
         emit(dataclasses.asdict(found) | {"file": str(file), "bytes": size})
     else:
-        print(f"{file}: {len(found.files)} files, {size / 1e6:.1f} MB")
+        tell(f"{file}: {len(found.files)} files, {size / 1e6:.1f} MB")
     return 0

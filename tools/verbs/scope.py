@@ -15,7 +15,7 @@ from shm.clock import local_ns, monotonic_ns
 from tools.errors import Misuse, Problem
 from tools.inspect.messages import time_of_day
 from tools.options import JsonOption, SystemOption
-from tools.printing import emit, note, progress
+from tools.printing import emit, note, progress, tell
 from tools.recorded.as_system import RecordingOption, system_or_recording
 from tools.scope.capture import Capture, Capturing
 from tools.scope.grammar import BadCondition, parse_condition
@@ -115,11 +115,11 @@ def _show(system: str, found: Capture, when: str, window_s: tuple[float, float],
             note(line)
         return
     width = min(MAX_WIDTH, max(MIN_WIDTH, get_terminal_size().columns)) if sys.stdout.isatty() else 80
-    print(title)
+    tell(title)
     for line in output.text_lines(found, -window_s[0], window_s[1], width, height):
-        print(line)
+        tell(line)
     for line in output.remarks(found):
-        print(line)
+        tell(line)
 
 
 def _title(system: str, found: Capture, when: str) -> str:

@@ -11,7 +11,7 @@ from shm.segment import names_of
 from tools.errors import Misuse, Problem
 from tools.inspect.watch import document_of
 from tools.options import JsonOption, SystemOption
-from tools.printing import emit, table
+from tools.printing import emit, table, tell
 from tools.remote import Remote
 from tools.systems import chosen_system, unknown
 
@@ -58,7 +58,7 @@ def send(
         emit({"component": component, "command": command, "outcome": reply.outcome, "text": reply.text})
     elif good:
         colon = ", " if reply.text.startswith("clipped") else ": "  # done, clipped: insertion 5.000 → 0.240 m
-        print(reply.outcome + (f"{colon}{reply.text}" if reply.text else ""))
+        tell(reply.outcome + (f"{colon}{reply.text}" if reply.text else ""))
     else:
         raise Problem(f"{component} {command} {reply.outcome}: {reply.text or 'no reason given'}")
     return 0 if good else 1

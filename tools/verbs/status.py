@@ -11,7 +11,7 @@ from tools.inspect.fault_file import fault_recording
 from tools.inspect.processes import COLUMNS, RIGHT, cells, remarks, statuses
 from tools.inspect.standing import first_thing, next_step, standings
 from tools.options import JsonOption, SystemOption
-from tools.printing import emit, table
+from tools.printing import emit, table, tell
 from tools.systems import chosen_system
 
 
@@ -41,13 +41,13 @@ def status(as_json: JsonOption = False, system: SystemOption = None) -> int:
         table(f"system {name}, clock {reported}", COLUMNS, [cells(process) for process in processes], RIGHT)
         for process in processes:
             if remarks(process):
-                print(f" {process.name}: {remarks(process)}")
+                tell(f" {process.name}: {remarks(process)}")
         if rights:
-            print(rights)
+            tell(rights)
         table("", standing.COLUMNS, [standing.cells(one) for one in found])
         if recorded:
-            print(f"what led to it was recorded: {recorded}")
-        print(f"first: {first}" if first else _well(next_step(found)))
+            tell(f"what led to it was recorded: {recorded}")
+        tell(f"first: {first}" if first else _well(next_step(found)))
     return 1 if any(process.problem for process in processes) or any(one.is_fault for one in found) else 0
 
 

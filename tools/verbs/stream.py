@@ -15,7 +15,7 @@ from tools.errors import Misuse, Problem
 from tools.following import MAX_GAP_S, Follower, beats, holding_at_end
 from tools.inspect.watch import Watch, arm_names, tool_on
 from tools.options import JsonOption, SystemOption
-from tools.printing import Say, emit, note, progress, table
+from tools.printing import Say, emit, note, progress, table, tell
 from tools.remote import Remote
 from tools.setpoints import ClippedRows, Setpoints, clipped, read_setpoints
 from tools.systems import chosen_system
@@ -116,4 +116,4 @@ def _show(result: dict[str, Any], follower: Follower) -> None:
     title = f"{result['arm']}: {result['rows']} rows at {result['rate_hz']:g} Hz, {result['skipped_rows']} skipped"
     table(title, ("joint", "RMS error rad|m", "largest"), rows, right=("RMS error rad|m", "largest"))
     if follower.clipped_by_arm:
-        print(f"{follower.clipped_by_arm} setpoints were clipped by the arm to its joint limits")
+        tell(f"{follower.clipped_by_arm} setpoints were clipped by the arm to its joint limits")

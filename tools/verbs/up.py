@@ -12,7 +12,7 @@ import typer
 from tools.dumping import keep_left_over
 from tools.errors import Misuse
 from tools.options import ClockOption, JsonOption, clock_set
-from tools.printing import emit, note, progress
+from tools.printing import emit, note, progress, tell
 from tools.supervising import Background, StartRequest, refuse_taken
 from tools.systems import ROOT, environment, system_file
 from tools.verbs.logs import tail
@@ -65,6 +65,6 @@ def up(
         emit({"system": system, "pid": background.popen.pid, "log": str(background.log), "web_console": links})
     else:
         if links:
-            print(f"in a browser: {', '.join(links)}")
-        print(f"system {system} is up (pid {background.popen.pid}); trocar status shows it, trocar down stops it")
+            tell(f"in a browser: {', '.join(links)}")
+        tell(f"system {system} is up (pid {background.popen.pid}); trocar status shows it, trocar down stops it")
     return 0

@@ -122,6 +122,23 @@ def test_a_page_that_was_left_while_it_was_read_delays_the_next_one_by_nothing(
     play(world, story)
 
 
+def test_what_processes_say_does_not_steer_the_terminal(world: World) -> None:
+    async def story(app: InspectorApp, pilot: Pilot[None], played: ScriptedRobot) -> None:
+        evil = "\x1b]0;owned\x07\x9b2J red"
+        played.events.report(codes.TRACKING, evil, "PSM1", 2, 0.06, 0.05, 6)
+        played.arm.field("reason")[...] = evil.encode()
+        played.show_arm(0.1, "FAULT")
+        app.query_one(ValuesPage).choose("PSM1/state")
+        for number, words in ((4, ("red",)), (5, ("why: ", "red")), (3, ("reason", "red"))):
+            await pilot.press(str(number))
+            if number == 3:
+                await pilot.press("slash", *"reason", "enter")
+            shown = await until(app, pilot, *words)
+            assert not set(shown) & {"\x1b", "\x07", "\x9b"}, number
+
+    play(world, story)
+
+
 def test_frozen_it_says_so_and_changes_nothing(world: World) -> None:
     async def story(app: InspectorApp, pilot: Pilot[None], played: ScriptedRobot) -> None:
         await pilot.press("4")

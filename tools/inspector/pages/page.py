@@ -12,6 +12,7 @@ from textual.widgets import Static
 
 from tools.inspector.pages.palette import Palette, palette
 from tools.inspector.pages.table import Head, LiveTable, TableRow
+from tools.printing import printable
 
 if TYPE_CHECKING:
     from tools.inspector.overview import Overview
@@ -89,7 +90,7 @@ class InspectorPage(Vertical):
         """Below the table; only when it is something else, as the screen is laid out anew by it."""
         if text != self._told:
             self._told = text
-            self.query_one(".details", Static).update(Text(text, overflow="ellipsis"))
+            self.query_one(".details", Static).update(Text(printable(text), overflow="ellipsis"))
 
     def show_details(self) -> None:
         """The lines below the table, of the row that the cursor is on."""

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from rich.text import Text
 from textual.widgets import DataTable
 
+from tools.printing import printable
+
 WIDE = 110
 """From so many columns of the terminal on, those columns of a table that are for wide ones are shown."""
 
@@ -34,7 +36,7 @@ class TableRow:
     def texts(self, columns: Sequence[Head], widths: Mapping[int, int]) -> list[Text]:
         """The cells that are shown, by their places, in so many characters each."""
         own = dict(self.styles)
-        made = [Text(self.cells[k].replace("\n", " "), style=own.get(k, self.style), no_wrap=True,
+        made = [Text(printable(self.cells[k].replace("\n", " "), ""), style=own.get(k, self.style), no_wrap=True,
                      justify="right" if columns[k].is_right else "left", end="") for k in widths]
         for text, width in zip(made, widths.values(), strict=True):
             text.truncate(width, overflow="ellipsis")

@@ -1,0 +1,83 @@
+"""What verbs say: nothing that others wrote steers the terminal."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from tests.conftest import World
+from tests.tools.robot import ScriptedRobot, robot
+from tools import cli, printing
+from tools.columns import columns_file
+from tools.printing import printable
+
+ROOT = Path(cli.__file__).parent
+EVIL = "\x1b]0;owned\x07\x1b[2J\x9b31m red \u202e"
+STEERS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
+APP = cli.build()
+
+
+@pytest.fixture
+def evil(world: World) -> Iterator[ScriptedRobot]:
+    """A system whose arm says what a terminal would obey."""
+    with robot(world.name) as made:
+        made.arm.field("reason")[...] = EVIL.encode()
+        made.show_arm(0.25, "FAULT")
+        made.events.status(f"PSM1: {EVIL}", "PSM1")
+        made.restarted(1, EVIL)
+        yield made
+
+
+def run(played: ScriptedRobot, *words: str) -> Result:
+    return CliRunner().invoke(APP, [*words, "--system", played.name])
+
+
+def test_what_is_printable_stays_and_what_steers_is_replaced() -> None:
+    assert printable("3.5 °, ß – …\n\tline") == "3.5 °, ß – …\n\tline"
+    assert not STEERS.search(printable(EVIL)) and printable(EVIL).endswith("31m red \ufffd")
+    assert printable("a\nb\tc", "") == "a\ufffdb\ufffdc"
+
+
+@pytest.mark.parametrize("words", [
+    ("status",), ("attach",), ("echo", "PSM1/state", "--once"), ("echo", "PSM1/state.reason", "--once"),
+    ("echo", "PSM1/events", "-n", "1"), ("scope", "PSM1/state.reason"), ("list",)])
+def test_what_a_process_says_never_reaches_the_terminal_as_it_is(evil: ScriptedRobot, words: tuple[str, ...]) -> None:
+    shown = run(evil, *words)
+    assert shown.stdout and not STEERS.search(shown.stdout + shown.stderr), words
+    if words[0] != "list":
+        assert "\ufffd" in shown.stdout, words
+
+
+def test_documents_keep_every_character_and_show_none_that_steers(evil: ScriptedRobot) -> None:
+    shown = run(evil, "echo", "PSM1/state", "--once", "--json")
+    assert not STEERS.search(shown.stdout) and json.loads(shown.stdout)["reason"] == EVIL
+
+
+def test_tables_notes_and_files_on_a_terminal(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+                                              ) -> None:
+    printing.table(f"[bold]{EVIL}", ("who", "why"), [("PSM1", EVIL)])
+    printing.note(EVIL)
+    printing.tell(EVIL)
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True, raising=False)
+    with columns_file("-", ("why",)) as file:
+        file.row([EVIL])
+    shown = capsys.readouterr()
+    assert "[bold]" in shown.out, "it is no markup of ours"
+    assert not STEERS.search(shown.out + shown.err) and (shown.out + shown.err).count("red") == 5
+
+
+def test_problems_are_told_without_what_steers(evil: ScriptedRobot) -> None:
+    shown = run(evil, "echo", f"PSM1/{EVIL}")
+    assert shown.exit_code and not STEERS.search(shown.stderr)
+
+
+def test_verbs_print_by_these_functions_alone() -> None:
+    ours = re.compile(r"(?<![\w.])print\((?!f?\"\\r|file=)")
+    found = [f"{path.name}: {line.strip()}" for folder in ("verbs", "commission") for path in
+             sorted((ROOT / folder).glob("*.py")) for line in path.read_text().splitlines() if ours.search(line)]
+    assert found == [], "tell, note and emit of tools/printing.py know what a terminal may have"
