@@ -34,6 +34,10 @@ HISTORY = 8
 """Records that rings keep but those of events, unless somebody wants more."""
 
 
+COARSEST_S = 0.002
+"""Of the physics of a PSM on boards: with longer steps the light joints of its wrist ring, and io trips."""
+
+
 class CommandNumbers:
     """Numbers of the persons' commands in a host, the same ones each time (shm/origins.py)."""
 
@@ -50,7 +54,10 @@ class Host:
     """One system. Time begins at EPOCH_NS (shm/lockstep.py) and passes in `run` only."""
 
     def __init__(self, document: SystemConfig, history: int = HISTORY) -> None:
-        """HostError for what cannot run here: real boards, users' processes. `history`: records that rings keep."""
+        """HostError for what cannot run here: real boards, users' processes, PSMs on boards with coarse physics.
+
+        `history`: records that rings keep.
+        """
         self.document, self.name = document, document.name
         self.clock = SteppedClock()
         self.loops: dict[str, Loop] = {}
@@ -63,6 +70,7 @@ class Host:
         wanted = [row for row in document.processes if proc(row.kind).in_time]
         if users := [row.name for row in document.users]:
             raise HostError(f"{', '.join(users)}: processes of users do not run in a host")
+        _refuse_coarse(document)
         private.keep(self.name)
         try:
             self._held.callback(private.forget, self.name)
@@ -97,17 +105,18 @@ class Host:
         clock, turns = self.clock, self._turns
         while (now := min([node.due_ns for node, _, _ in turns])) <= end_ns:
             clock.time_ns = now
-            for node, wait, cycle in turns:
-                if node.due_ns <= now:
-                    node.go_on()
-                    cycle(now, 0)
-                    wait()
-            while any(node.is_woken() for node, _, _ in turns):
+            is_due = True
+            while is_due:
                 for node, wait, cycle in turns:
                     if node.due_ns <= now:
                         node.go_on()
                         cycle(now, 0)
                         wait()
+                is_due = False
+                for node, _, _ in turns:
+                    if node.news is not None and node.is_woken():
+                        is_due = True
+                        break
         clock.time_ns = end_ns
 
     def client(self, instance: str) -> Client:
@@ -178,6 +187,14 @@ class Host:
 
     def __exit__(self, *exception: object) -> None:
         self.close()
+
+
+def _refuse_coarse(document: SystemConfig) -> None:
+    period_s = document.emulation.period_s if document.emulation is not None else 0.0
+    psms = [arm.name for arm in document.arms if arm.type == "PSM" and document.io(arm.io).port]
+    if psms and period_s > COARSEST_S:
+        raise HostError(f"{', '.join(psms)}: emulation.period_s is {period_s:g} s; allowed with a PSM on boards: at most "
+                        f"{COARSEST_S:g} s, or its wrist rings")
 
 
 def _begin_anew(handle: Client | RingReader) -> None:

@@ -82,6 +82,14 @@ def test_processes_of_users_are_refused_by_name() -> None:
     assert not [name for name in names_of() if name[0].startswith("hosted")]
 
 
+def test_physics_too_coarse_for_a_wrist_is_refused() -> None:
+    coarse = document("demo.yaml", "emulated", ("emulation.period_s=0.005",))
+    with pytest.raises(HostError, match=r"PSM1: emulation.period_s is 0.005 s; allowed with a PSM on boards: at most 0"):
+        Host(coarse)
+    with Host(document("demo-ecm.yaml", "emulated", ("emulation.period_s=0.005",))) as host:
+        host.run(0.02)
+
+
 def test_what_fails_while_it_begins_leaves_nothing() -> None:
     one = document(*BOARDS)
     assert one.emulation is not None
