@@ -1,0 +1,146 @@
+"""The same run twice: what an arm of a system in lock-step wrote, asked for from outside, and what a host makes of it.
+
+Commands come to processes when they come; the audits say in which cycles. In the host each is sent so that it comes in
+that cycle, too, and then every record of the arm has to be the same, bit by bit.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.document.system import SystemConfig, from_json
+from procs.host.host import Host
+from shm import directory
+from shm.client import Client
+from shm.clock import monotonic_ns, pause
+from tools.errors import Problem
+
+LOOK_S = 0.002
+PATIENCE_S = 120.0
+AUDITED = 50
+TAKEN = (b"accepted", b"done")
+HISTORY, SECOND_NS = 4096, 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class AskedFor:
+    """A command, and the cycle of its owner in which it came."""
+
+    stamp_ns: int
+    instance: str
+    command: str
+    values: tuple[float, ...]
+    text: str
+
+
+class LockstepRun:
+    """A running system in lock-step and one of its arms: it is asked for something, and all that it writes is kept."""
+
+    def __init__(self, system: str, arm: str, others: Sequence[str] = ()) -> None:
+        """`others` are instances besides the arm that are asked for something."""
+        self.document: SystemConfig = from_json(directory.document(system))
+        self._arm, self._held = arm, contextlib.ExitStack()
+        self._ring = self._held.enter_context(contextlib.closing(directory.reader(system, arm, "state")))
+        names = (arm, *others)
+        self._audits = {name: self._held.enter_context(contextlib.closing(directory.reader(system, name, "audit")))
+                        for name in names}
+        self._clients = {name: self._held.enter_context(contextlib.closing(Client(system, name))) for name in names}
+        self._rows: list[bytes] = []
+        self._outcomes: dict[tuple[str, int], str] = {}
+
+    def send(self, instance: str, command: str, values: Sequence[float] = (), text: str = "") -> int:
+        """Ask for something; its number."""
+        return self._clients[instance].send(command, values, text)
+
+    def ask(self, instance: str, command: str, values: Sequence[float] = (), text: str = "") -> None:
+        """Ask for something, and wait until it is done; Problem: it was not."""
+        number = self.send(instance, command, values, text)
+        self.wait(lambda: self._outcomes.get((instance, number), "accepted") != "accepted", f"{instance} {command}")
+        if (outcome := self._outcomes[instance, number]) != "done":
+            raise Problem(f"{instance}: {command} {text} was {outcome}")
+
+    def wait(self, has_come: Callable[[], bool], what: str) -> None:
+        """Keep what is written until something has come; Problem: it does not come."""
+        end_ns = monotonic_ns() + round(PATIENCE_S * 1e9)
+        while not has_come():
+            if monotonic_ns() > end_ns:
+                raise Problem(f"{what} takes more than {PATIENCE_S:g} s")
+            pause(LOOK_S)
+            self.look()
+
+    def look(self) -> None:
+        """Take what is there."""
+        while self._ring.next():
+            self._rows.append(bytes(self._ring.record))
+        for name, client in self._clients.items():
+            self._outcomes.update({(name, reply.id): reply.outcome for reply in client.poll()})
+
+    def state(self) -> str:
+        """The arm's."""
+        return bytes(self._ring.field("state")[()]).decode()
+
+    @property
+    def asked_for(self) -> list[AskedFor]:
+        """All that has been asked for and was not refused, in order."""
+        found: dict[tuple[str, int, int], AskedFor] = {}
+        for name, audit in self._audits.items():
+            for row in audit.last(AUDITED):
+                key = name, int(row["place"]), int(row["id"])
+                if row["outcome"] in TAKEN and key not in found:  # else it is what became of it later
+                    found[key] = AskedFor(int(row["stamp_ns"]), name, row["command"].decode(),
+                                          tuple(map(float, row["values"][: int(row["count"])])), row["text"].decode())
+        return sorted(found.values(), key=lambda one: one.stamp_ns)
+
+    @property
+    def records(self) -> NDArray[Any]:
+        """Those of the arm so far; Problem: some were lost."""
+        if self._ring.lost:
+            raise Problem(f"{self._ring.lost} records of {self._arm} were lost")
+        return np.frombuffer(b"".join(self._rows), self._ring.dtype)
+
+    def differences(self) -> list[str]:
+        """Fields in which a host's records of this run are others; records that it does not have."""
+        theirs = self.records
+        document = dataclasses.replace(self.document, name=f"{self.document.name}h")
+        ours = hosted(document, self._arm, self.asked_for, int(theirs["stamp_ns"][-1]))
+        _, mine, others = np.intersect1d(ours["stamp_ns"], theirs["stamp_ns"], return_indices=True)
+        missing = [f"{len(theirs) - len(others)} records"] * (len(others) < len(theirs))
+        return missing + [name for name in theirs.dtype.names or ()
+                          if ours[name][mine].tobytes() != theirs[name][others].tobytes()]
+
+    def close(self) -> None:
+        """Detach."""
+        self._held.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def hosted(document: SystemConfig, arm: str, asked_for: Sequence[AskedFor], end_ns: int) -> NDArray[Any]:
+    """All records of the arm in a host in which the same commands come in the same cycles."""
+    rows: list[bytes] = []
+    with Host(document, history=HISTORY) as host:
+        ring = host.reader(arm)
+        clients = {name: host.client(name) for name in {one.instance for one in asked_for}}
+
+        def run_until(stamp_ns: int) -> None:
+            while host.now_ns < stamp_ns:
+                host.run_until(min(stamp_ns, host.now_ns + SECOND_NS))
+                while ring.next():
+                    rows.append(bytes(ring.record))
+
+        for one in asked_for:
+            run_until(one.stamp_ns - 1)
+            clients[one.instance].send(one.command, one.values, one.text)
+        run_until(end_ns)
+        return np.frombuffer(b"".join(rows), ring.dtype)
