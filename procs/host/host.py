@@ -31,7 +31,9 @@ from shm.ring import RingReader
 from shm.segment import Make, create, names_of
 
 HISTORY = 8
-"""Records that rings keep but those of events, unless somebody wants more."""
+"""Records that rings keep, unless somebody wants more."""
+TOLD = 128
+"""Of events and audits, of which each counts, at least so many: what is told in a second or two."""
 
 
 COARSEST_S = 0.002
@@ -56,7 +58,7 @@ class Host:
     def __init__(self, document: SystemConfig, history: int = HISTORY) -> None:
         """HostError for what cannot run here: real boards, users' processes, PSMs on boards with coarse physics.
 
-        `history`: records that rings keep.
+        `history`: records that rings keep; of events and audits TOLD at least.
         """
         self.document, self.name = document, document.name
         self.clock = SteppedClock()
@@ -193,8 +195,8 @@ def _refuse_coarse(document: SystemConfig) -> None:
     period_s = document.emulation.period_s if document.emulation is not None else 0.0
     psms = [arm.name for arm in document.arms if arm.type == "PSM" and document.io(arm.io).port]
     if psms and period_s > COARSEST_S:
-        raise HostError(f"{', '.join(psms)}: emulation.period_s is {period_s:g} s; allowed with a PSM on boards: at most "
-                        f"{COARSEST_S:g} s, or its wrist rings")
+        raise HostError(f"{', '.join(psms)}: emulation.period_s is {period_s:g} s; allowed with a PSM on boards: at "
+                        f"most {COARSEST_S:g} s, or its wrist rings")
 
 
 def _begin_anew(handle: Client | RingReader) -> None:
@@ -207,9 +209,9 @@ def _begin_anew(handle: Client | RingReader) -> None:
 
 
 def _short(history: int) -> Make:
-    """Make segments whose rings keep so many records, but for those of which each counts."""
+    """Make segments whose rings keep so many records."""
     def make(name: str, kind: str, schema: Schema, depth: int, info: dict[str, Any] | None = None) -> int:
-        is_complete = name.endswith(("~events", "~audit")) or kind != directory.RING
-        return create(name, kind, schema, depth if is_complete else min(depth, history), info)
+        wanted = max(history, TOLD) if name.endswith(("~events", "~audit")) else history
+        return create(name, kind, schema, min(depth, wanted) if kind == directory.RING else depth, info)
 
     return make

@@ -209,10 +209,10 @@ class RememberedObjects:
         for memory, said in self._bytes:
             memory[:] = said
         for own, named in self._attributes:
-            if own.keys() != named.keys():
+            own.update(named)
+            if len(own) != len(named):
                 for name in own.keys() - named.keys():
                     del own[name]
-            own.update(named)
         for mapping, rows in self._mappings:
             mapping.clear()  # their order, too
             mapping.update(rows)

@@ -28,7 +28,7 @@ BENCHES = {
     "arm": Measurement("tools.bench.arm"), "teleop": Measurement("tools.bench.teleop", ("seconds", "sets")),
     "start": Measurement("tools.bench.start"), "lifecycle": Measurement("tools.bench.lifecycle"),
     "deaths": Measurement("tools.bench.deaths"), "bridges": Measurement("tools.bench.bridges", ("seconds",)),
-    "recorder": Measurement("tools.bench.recorder", ("seconds",)),
+    "recorder": Measurement("tools.bench.recorder", ("seconds",)), "rl": Measurement("tools.bench.rl", ("seconds",)),
     "gui": Measurement("tools.bench.gui", ("seconds", "browser")),
     "system": Measurement("tools.bench.system", ("file", "paths", "boards", "seconds", "sets")),
 }
@@ -40,7 +40,7 @@ def bench(
     path: Annotated[list[Path] | None, typer.Option("--path", help="system: also look for named files here.")] = None,
     boards: Annotated[str, typer.Option("--boards", help="system: `emulated`, no hardware.")] = "",
     seconds: Annotated[float, typer.Option(
-        "--seconds", min=0.0, help="teleop, system, bridges, gui, recorder: so long; 0: the usual.")] = 0.0,
+        "--seconds", min=0.0, help="teleop, system, bridges, gui, recorder, rl: so long; 0: the usual.")] = 0.0,
     browser: Annotated[bool, typer.Option("--browser", help="gui: also in a real browser, Chromium.")] = False,
     sets: Annotated[list[str] | None, typer.Option(
         "--set", metavar="KEY=VALUE", help="teleop, system: as for up.")] = None,

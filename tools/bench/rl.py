@@ -1,0 +1,123 @@
+"""`trocar bench rl`: how fast whole systems run in one process, how long it takes to go back, whether all is the same.
+
+Hosts (procs/host) of a KINEMATIC PSM, a PSM on emulated boards, and four PSMs on eight boards, each with io, arms and
+physics at 500 Hz and goals at 50 Hz. Ratios are seconds of the system's time a second: real (`…_realtime_ratio`) and of
+CPU (`…_per_cpu_s`), medians (and p05) of windows of some seconds; of four PSMs the arms' seconds are added up. Times to
+go back are CPU time of one PSM on boards. Hashes are of every record of io, boards and arms: twice in this process, in
+another host, in another process; and a homing in processes in lock-step is compared with a host, record by record.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import subprocess
+import sys
+import time
+from typing import Any, Final
+
+import numpy as np
+import psutil
+
+from procs.config import PROJECT_CONFIGS
+from procs.kernel.library import kernel
+from tools.bench.host_run import BOARDS, FOUR_PSMS, KINEMATIC, SETS, START, HostRun
+from tools.bench.same_run import LockstepRun
+from tools.printing import Say, progress
+from tools.supervising import StartRequest, up_meanwhile
+from tools.systems import ROOT, environment
+
+WINDOWS: Final = 20
+WINDOW_S: Final = 2.0
+RESETS: Final = 200
+EPISODE_S: Final = 0.2
+PATIENCE_S: Final = 120.0
+HASHED: Final = (KINEMATIC, BOARDS)
+
+
+def run(seconds: float = WINDOW_S, windows: int = WINDOWS, resets: int = RESETS, processes: bool = True
+        ) -> dict[str, Any]:
+    """Measure; returns the object that `--json` prints. `processes`: also compare with other processes."""
+    load = [round(x, 2) for x in os.getloadavg()]
+    figures: dict[str, float | int | None] = {}
+    with progress("bench rl") as say:
+        for kind, ratio, cpu_ratio in ((KINEMATIC, "kinematic_500_realtime_ratio", "kinematic_500_per_cpu_s"),
+                                       (BOARDS, "boards_500_realtime_ratio", "boards_500_per_cpu_s"),
+                                       (FOUR_PSMS, "boards_4psm_env_s_per_s", "boards_4psm_env_s_per_cpu_s")):
+            say(f"{kind}: speed", None)
+            with HostRun(kind) as host:
+                wall, cpu = _ratios(host, seconds, windows)
+                figures |= {ratio: _at(wall, 50), f"{ratio}_p05": _at(wall, 5),
+                            cpu_ratio: _at(cpu, 50), f"{cpu_ratio}_p05": _at(cpu, 5)}
+                if kind == BOARDS:
+                    say("going back", None)
+                    figures |= _resets(host, resets)
+        hashes = {kind: _hashes(kind, say, processes) for kind in HASHED}
+        found = _against_processes(say) if processes else None
+    is_equal = all(len(set(rows.values())) == 1 for rows in hashes.values()) and not found
+    # Scaling over actors of Ray is measured where Ray is; None: it was not.
+    figures |= {"hashes_equal": int(is_equal), "ray_scaling_4": None}
+    conditions = {
+        "computed_by": "the kernel" if kernel().library is not None else f"numpy: {kernel().why}",
+        "windows": windows, "window_s": seconds, "resets": resets, "sets": list(SETS), "hashes": hashes,
+        "lockstep_differences": found, "load_before": load, "load_after": [round(x, 2) for x in os.getloadavg()],
+        "cores": len(psutil.Process().cpu_affinity() or []), "kernel": platform.release(),
+        "python": platform.python_version(), "numpy": np.__version__,
+    }
+    problems = [] if is_equal else [f"not all hashes are equal: {hashes}; fields that differ in lock-step: {found}"]
+    return {"bench": "rl", "figures": figures, "conditions": conditions, "problems": problems}
+
+
+def _ratios(host: HostRun, seconds: float, windows: int) -> tuple[list[float], list[float]]:
+    """Arms' seconds a second, and a second of CPU time, in each window; all begin alike."""
+    wall, cpu = [], []
+    for _ in range(windows):
+        host.restore()
+        begin, begin_cpu = time.monotonic_ns(), time.thread_time_ns()
+        host.play(seconds)
+        passed, passed_cpu = time.monotonic_ns() - begin, time.thread_time_ns() - begin_cpu
+        wall.append(host.arms * seconds * 1e9 / passed)
+        cpu.append(host.arms * seconds * 1e9 / passed_cpu)
+    return wall, cpu
+
+
+def _resets(host: HostRun, resets: int) -> dict[str, float]:
+    """CPU time of going back after a short episode, ms."""
+    times = []
+    for _ in range(resets):
+        host.play(EPISODE_S)
+        begin = time.thread_time_ns()
+        host.restore()
+        times.append((time.thread_time_ns() - begin) * 1e-6)
+    return {"reset_ms_p50": _at(times, 50), "reset_ms_p99": _at(times, 99), "snapshot_ms": host.snapshot_ms}
+
+
+def _hashes(kind: str, say: Say, processes: bool) -> dict[str, str]:
+    """Of the same seconds, by where they were played."""
+    say(f"{kind}: hashes", None)
+    with HostRun(kind) as host:
+        found = {"first": host.hash(), "second": host.hash()}
+    with HostRun(kind) as host:
+        found["another host"] = host.hash()
+    if processes:
+        words = [sys.executable, "-P", "-m", "tools.bench.host_run", kind]
+        done = subprocess.run(words, cwd=ROOT, env=environment(), stdout=subprocess.PIPE, text=True, check=False,
+                              timeout=PATIENCE_S)
+        found["another process"] = done.stdout.strip() or f"exit code {done.returncode}"
+    return found
+
+
+def _against_processes(say: Say) -> list[str]:
+    """Fields in which a PSM that homes and moves in processes in lock-step differs from one in a host; none should."""
+    say("processes in lock-step", None)
+    file = PROJECT_CONFIGS / "systems" / "demo.yaml"
+    request = StartRequest(file, f"bench-rl-{os.getpid()}", "emulated", sets=(*SETS, "recorder.on=false"))
+    with up_meanwhile(request) as background, LockstepRun(background.system, "PSM1") as lockstep:
+        for word in ("enable", "home"):
+            lockstep.ask("PSM1", "state_command", (), word)
+        lockstep.ask("PSM1", "move_jp", START)
+        return lockstep.differences()
+
+
+def _at(values: list[float], percent: float) -> float:
+    return float(np.percentile(values, percent))
