@@ -13,7 +13,7 @@ from shm.subscriptions import Subscriber
 from shm.topics import IO_STATE
 
 SIGNALS: Final = ("position", "setpoint_position", "velocity", "setpoint_velocity", "effort", "setpoint_effort",
-                  "position_error")
+                  "disturbance", "position_error")
 CLOSEST_S: Final = 0.002
 """Between two samples that are sent."""
 BEFORE_NS: Final = 1_000_000_000

@@ -89,7 +89,7 @@ class RobotIo:
         self.outputs = Outputs(robots, port, record, self._brakes)
         self.pid = Pid(configured_gains(io, robots), robots.maximum_effort, io.period_s, arrays=(
             record.setpoint_position, record.setpoint_velocity, record.setpoint_effort, record.position_error,
-            record.effort_mode))
+            record.disturbance, record.effort_mode))
         self.power = Power(robots, port, record, self.outputs, self.reports, samples, self._brakes)
         self.gains = JointGains(robots, samples, self.pid, self.reports, gains)
         self.safety = Safety(robots, samples, record, self.reports)

@@ -158,7 +158,7 @@ class KinematicIo:
         here = Here(record)
         self.pid = Pid(configured_gains(io, robots), robots.maximum_effort, io.period_s, arrays=(
             record.setpoint_position, record.setpoint_velocity, record.setpoint_effort, record.position_error,
-            record.effort_mode))
+            record.disturbance, record.effort_mode))
         self.gains = JointGains(robots, here, self.pid, self.reports, gains)
         self._follow = SetpointTracker(io, robots, here, self.pid, record, self.reports, sources)
         power, bias, brakes = (KinematicPower(robots, record, self.reports, self._follow, self.pid), ExactPositions(),

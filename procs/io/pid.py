@@ -37,32 +37,34 @@ class Pid:
     """State and gains of n actuators. Inputs and results are arrays (n,) that stay the same objects.
 
     A caller writes `setpoint_position`, `setpoint_velocity`, `requested_effort` and `feed_forward`, sets modes through
-    the methods, calls `control` once a cycle, and reads `effort` and `position_error`.
+    the methods, calls `control` once a cycle, and reads `effort`, `position_error` and `disturbance`.
     """
 
     def __init__(
         self, axes: Sequence[PidAxis | None], effort_limit: Floats, dt_s: float, *,
-        arrays: tuple[Floats, Floats, Floats, Floats, Flags] | None = None,
+        arrays: tuple[Floats, Floats, Floats, Floats, Floats, Flags] | None = None,
     ) -> None:
         """`axes` in actuator order, None where there is no controller (never enabled); `effort_limit` (n,) symmetric.
 
-        `arrays` lets setpoint position, velocity, effort, position error and effort mode live in somebody else's
-        memory (a ring's record). `dt_s` is the period the observer integrates with.
+        `arrays` lets setpoint position, velocity, effort, position error, observed disturbance and effort mode live in
+        somebody else's memory (a ring's record). `dt_s` is the period the observer integrates with.
         """
         n = len(axes)
         self.gains = [a or PidAxis("", "UNDEFINED", 0.0, 0.0, 0.0) for a in axes]
         self._dt_s = dt_s
         self.controlled: Flags = np.array([a is not None for a in axes], dtype=bool)
-        memory = arrays or (np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n, dtype=bool))
+        memory = arrays or (np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n),
+                            np.zeros(n, dtype=bool))
         self.setpoint_position: Floats = memory[0]
         self.setpoint_velocity: Floats = memory[1]
         self.effort: Floats = memory[2]
         self.position_error: Floats = memory[3]
-        self.effort_mode: Flags = memory[4]
+        self.disturbance: Floats = memory[4]
+        self.effort_mode: Flags = memory[5]
         self.requested_effort, self.feed_forward = np.zeros(n), np.zeros(n)
         self.contribution = np.zeros(n)  # of in-cycle tasks, where there are any
         self.enabled: Flags = np.zeros(n, dtype=bool)
-        self.integral, self.disturbance = np.zeros(n), np.zeros(n)
+        self.integral = np.zeros(n)
         limited = effort_limit > 0.0
         self.effort_limit = np.where(limited, effort_limit, np.inf)
         self._minus_effort = -self.effort_limit

@@ -40,6 +40,7 @@ class IoRecord:
         self.setpoint_velocity: Floats = field("setpoint_velocity")
         self.setpoint_effort: Floats = field("setpoint_effort")
         self.position_error: Floats = field("position_error")
+        self.disturbance: Floats = field("disturbance")
         self.pot_position: Floats = field("pot_position")
         self.pot_voltage: Floats = field("pot_voltage")
         self.pot_bits: NDArray[np.uint16] = field("pot_bits")

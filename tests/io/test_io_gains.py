@@ -31,6 +31,21 @@ def test_a_gain_changes_within_the_cycle_of_its_command(harness: IoHarness) -> N
     assert reported(harness) == [("PSM1", 3, "gains changed by anton: p_gain 1 -> 2, p_deadband 0 -> 0.02")]
 
 
+def test_the_record_shows_the_disturbance_that_an_observer_compensates(harness: IoHarness) -> None:
+    record = harness.core.record
+    asked = harness.ask("set_gains", 3, 1.0, 0.4, 20.0,
+                        robot="PSM1 use_disturbance_observer nominal_mass disturbance_cutoff")
+    assert asked.outcome == "done"
+    harness.send(1, position=np.full(8, 0.1))
+    harness.run(20)
+    assert record.disturbance[3] > 0.01, "something holds it: it does not go where it is pushed"
+    assert record.setpoint_effort[3] == pytest.approx(0.1 + record.disturbance[3])
+    assert not np.delete(record.disturbance, 3).any()
+    harness.ask("pid_enable", 0)
+    harness.run(1)
+    assert not record.disturbance.any()
+
+
 def test_all_axes_change_together(harness: IoHarness) -> None:
     harness.core.reports.events.clear()
     assert harness.ask("set_gains", -1, 0.25, robot="PSM1 d_gain").outcome == "done"

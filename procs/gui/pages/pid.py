@@ -27,7 +27,8 @@ ROWS: Final = (("measured", "position", "joint"), ("setpoint", "setpoint_positio
                ("error", "position_error", "joint"), ("effort", "effort", "num:3"),
                ("effort asked", "setpoint_effort", "num:3"))
 TRACES: Final = dict(zip(SIGNALS, ("position", "setpoint", "velocity", "velocity setpoint", "effort",
-                                   "effort asked", "error"), strict=True))
+                                   "effort asked", "disturbance", "error"), strict=True))
+SHOWN_FIRST: Final = ("position", "setpoint_position", "effort", "setpoint_effort")
 MAX_STEP: Final = 3
 """Of a step test, in degrees or mm."""
 SPANS: Final = (1, 2, 5, 10)
@@ -137,7 +138,7 @@ def _plot(robot: IoRobot) -> None:
         Part("button", "quiet", "Pause", type="button", id="pause")
     with box("row legend"):
         for i, (field, text) in enumerate(TRACES.items()):
-            checked = {"checked": ""} if field not in ("position_error", "velocity", "setpoint_velocity") else {}
+            checked = {"checked": ""} if field in SHOWN_FIRST else {}
             with Part("label", f"signal s{i}"):
                 Part("input", "", type="checkbox", value=str(i), **checked)
                 Part("span", "", text)

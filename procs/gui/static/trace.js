@@ -1,10 +1,10 @@
 // A small plot of the newest seconds: lanes one above the other, one for each quantity, with several lines each.
-const COLOURS = ["--s0", "--s1", "--s2", "--s3", "--s4", "--s5", "--s6"];
+const COLOURS = ["--s0", "--s1", "--s2", "--s3", "--s4", "--s5", "--s6", "--s7"];
 const LANES = [
   { lines: [0, 1], title: "position", joint: true, least: 2e-4 },
   { lines: [2, 3], title: "velocity", joint: true, after: "/s", least: 2e-3 },
-  { lines: [4, 5], title: "effort", least: 1e-2 },
-  { lines: [6], title: "error", joint: true, least: 2e-5 },
+  { lines: [4, 5, 6], title: "effort", least: 1e-2 },
+  { lines: [7], title: "error", joint: true, least: 2e-5 },
 ];
 const GAP_S = 0.06; // longer silence is no line
 const KEPT = 8000;
