@@ -15,7 +15,8 @@ SHORT_SHARE = 0.05  # of the deadlines missed in SHORT_CHECK_NS: the machine has
 SHORT_CHECK_NS = 200_000_000
 SHORT_CHECKS = 3  # one after the other: not a pause of the machine, and before Linux stops FIFO processes
 SHORT_NS = 60_000_000_000  # so long that counts
-ROOM = 20_000
+ROOM = 20_000  # for the figures of a second
+QUICKEST_NS = 1_000_000  # between two cycles of a loop with longer periods, however much news there is
 GAIN = 0.05
 FIGURES = ("avg", "std", "min", "max", "p99")
 
@@ -32,7 +33,8 @@ class Pacing:
         self._figures = {
             which: [page.field(f"{which}_{figure}") for figure in FIGURES] for which in ("period", "work", "latency")
         }
-        self._periods, self._work, self._latencies = np.zeros(ROOM), np.zeros(ROOM), np.zeros(ROOM)
+        self._room = min(ROOM, 2 * INTERVAL_NS // min(self.period_ns, QUICKEST_NS))
+        self._periods, self._work, self._latencies = (np.zeros(self._room) for _ in range(3))
         self._count = self._latency_count = 0
         self._start = self._deadline = self._interval_end = 0
         self._beats = True
@@ -69,14 +71,14 @@ class Pacing:
 
     def latency(self, latency_ns: int) -> None:
         """What the process calls its latency, of this cycle; a cycle may have none."""
-        if self._latency_count < ROOM:
+        if self._latency_count < self._room:
             self._latencies[self._latency_count] = latency_ns
             self._latency_count += 1
 
     def end_of_work(self, now_ns: int, periods: int = 1) -> int:
         """The cycle's work is done; returns the next deadline, so many periods after this cycle's."""
         work = now_ns - self._start
-        if self._count < ROOM:
+        if self._count < self._room:
             self._work[self._count] = work
         if work > self.period_ns:
             self._overrun_count += 1
@@ -95,7 +97,7 @@ class Pacing:
 
     def begin_work(self, now_ns: int) -> None:
         """A cycle begins."""
-        if self._count < ROOM:
+        if self._count < self._room:
             self._periods[self._count] = now_ns - self._start
             self._count += 1
         self._start = now_ns

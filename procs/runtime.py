@@ -27,7 +27,7 @@ from procs.document.system import WALL, SystemConfig, from_json
 from procs.listening import handed
 from procs.manifest import proc
 from procs.own_memory import OwnMemory
-from procs.pacing import Pacing
+from procs.pacing import QUICKEST_NS, Pacing
 from procs.pauses import Pauses
 from procs.realtime import fetch_segments, in_words, lock_memory, realtime
 from shm import directory, loglines
@@ -39,7 +39,6 @@ from shm.segment import SegmentError
 
 SUPERVISOR_CHECK_NS = 100_000_000
 SIMULATED_LOST = 10
-QUICKEST_NS = 1_000_000  # between two cycles, however much news there is
 MAX_SPIN_US = 50.0
 SETUP_FAILED, LOOP_FAILED = 3, 4
 

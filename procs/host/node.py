@@ -5,11 +5,9 @@ from __future__ import annotations
 import socket
 from collections.abc import Callable
 
+from procs.pacing import QUICKEST_NS
 from procs.runtime import Node
 from shm.lockstep import EPOCH_NS
-
-QUICKEST_NS = 1_000_000
-"""Between two cycles of one that has news, as in processes (procs/runtime.py)."""
 
 
 class SteppedClock:

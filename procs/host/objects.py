@@ -63,7 +63,7 @@ class RememberedObjects:
 
     def __init__(self, roots: Mapping[str, object]) -> None:
         """UnknownTypeError names what cannot be put back, and how it is reached."""
-        self._kept: dict[int, object] = {}  # also so that no number is given to another object
+        self._kept: dict[int, object] = {}  # so that no number is given to another object
         self._reached: dict[int, tuple[int, str]] = {}
         self._arrays: list[tuple[NDArray[Any], NDArray[Any]]] = []
         self._bytes: list[tuple[Any, bytes | array.array[Any]]] = []
@@ -76,6 +76,8 @@ class RememberedObjects:
         self._setters: list[tuple[Callable[[Any], object], object]] = []
         self._data: list[tuple[mujoco.MjData, mujoco.MjModel, mujoco.MjData]] = []
         self._walk(roots)
+        self._kept.clear()  # what is put back is in the lists
+        self._reached.clear()
 
     def _walk(self, roots: Mapping[str, object]) -> None:
         todo: collections.deque[tuple[object, int, str]] = collections.deque(

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
+from typing import Final
 
 from procs.host.objects import RememberedObjects
 from shm.segment import Segment, names_of, segment_name
+
+PAGE: Final = 4096
+ZEROS: Final = bytes(PAGE)
 
 
 class HostMemory:
@@ -32,7 +37,7 @@ class HostSnapshot:
         self.memory, self.handles = memory, tuple(handles)
         """Clients and readers that are part of it."""
         self._objects = RememberedObjects({**roots, "handles": self.handles})
-        self._bytes = [(segment.view, bytes(segment.view)) for segment in memory.segments]
+        self._bytes = [part for segment in memory.segments for part in _parts(segment.view)]
         self.put_back()  # sets and dicts, too, are now as they will be after each restore
 
     def put_back(self) -> None:
@@ -40,3 +45,14 @@ class HostSnapshot:
         for view, said in self._bytes:
             view[:] = said
         self._objects.put_back()
+
+
+def _parts(view: memoryview) -> list[tuple[memoryview, bytes]]:
+    """A segment and what it says, in parts: those of zeros, which are most of a mailbox, take no memory until read."""
+    starts = range(0, len(view), PAGE)
+    parts = []
+    for is_zero, run in itertools.groupby(starts, lambda start: view[start : start + PAGE].tobytes() == ZEROS):
+        pages = list(run)
+        part = view[pages[0] : pages[-1] + PAGE]
+        parts.append((part, bytes(len(part)) if is_zero else bytes(part)))
+    return parts

@@ -216,6 +216,30 @@ def test_a_snapshot_of_another_host_is_refused(homed: HashedHost, snapshot: Host
             other.restore(snapshot)
 
 
+def test_an_instrument_that_was_exchanged_since_is_back_in_its_place(homed: HashedHost, snapshot: HostSnapshot) -> None:
+    homed.host.restore(snapshot)
+    first = homed.hash_of(moves)
+    if homed.boards is not None:  # else it has none that could be exchanged
+        homed.boards.send("remove_instrument", (), "PSM1")
+        homed.run(0.5)
+        assert [reply.outcome for reply in homed.boards.poll()][-1:] == ["done"]
+    homed.host.restore(snapshot)
+    assert homed.hash_of(moves) == first
+
+
+def test_a_master_and_its_slave_are_taken_back_with_their_console() -> None:
+    with Host(document("kinematic-teleop.yaml", None, ()), history=64) as host:
+        watched = begun(host)
+        host.client("MTMR").send("state_command", (), "enable")
+        host.client("console").send("teleop_enable", (1.0,))
+        watched.run(0.5)
+        snapshot = host.snapshot()
+        first = watched.hash_of(moves)
+        watched.does("disable")
+        host.restore(snapshot)
+        assert watched.hash_of(moves) == first
+
+
 def test_another_seed_is_other_noise_and_the_same_seed_the_same() -> None:
     with Host(document("demo.yaml", "emulated", (*COARSE, "emulation.pot_noise_v=0.001"))) as host:
         watched = HashedHost(host)

@@ -8,6 +8,8 @@ something up.
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 import numpy.typing as npt
 
@@ -44,6 +46,7 @@ def push_table(axes: int) -> Ints:
     return table
 
 
+@functools.cache
 def state_table() -> Ints:
     """The next state by state · 16 + n + 6, times 16."""
     table = np.zeros((_STATES, STRIDE), dtype=np.int64)
@@ -53,6 +56,7 @@ def state_table() -> Ints:
             new = (1 << abs(n)) - 1 if n > 0 else 0
             after = (ways << abs(n) | new) & _WAYS - 1
             table[state, n + EDGES] = (min(seen + abs(n), _SEEN) * _WAYS + after) * STRIDE
+    table.flags.writeable = False
     return table.ravel()
 
 
@@ -68,6 +72,7 @@ def _edges_of(state: int, phase: int) -> list[int]:
     return edges
 
 
+@functools.cache
 def flag_table() -> Ints:
     """By state · 16 + ⌊x⌋ mod 4 (column).
 
@@ -88,4 +93,5 @@ def flag_table() -> Ints:
                 up << reg.QUARTER_EDGE_SHIFT,
                 (pins >> 28 & 1) << reg.INPUT_ENCODER_A_SHIFT | (pins >> 29 & 1) << reg.INPUT_ENCODER_B_SHIFT,
                 LAG if up else 0)
+    table.flags.writeable = False
     return table.reshape(7, -1)
