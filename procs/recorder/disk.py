@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from queue import SimpleQueue
 from typing import BinaryIO, Final
@@ -83,6 +84,8 @@ class DiskFile:
         self.dropped = self.messages = 0
         """Messages that are not in it, and those that are or will be."""
         self.is_ended = False
+        self.has_failed = False
+        """Something else than messages is not in it: what was copied, or its end."""
 
     @property
     def size(self) -> int:
@@ -106,17 +109,30 @@ class DiskFile:
 
     def do(self, job: Callable[[RecordingFile], None]) -> None:
         """Something else that is to be written, in its turn."""
-        self._disk.do(lambda: job(self._open()))
+        self._disk.do(lambda: self._do(job))
 
     def finish(self, losses: Mapping[str, str], name: str) -> None:
         """End it in order; `losses` are noted under `name`."""
         self._disk.do(lambda: self._end(losses, name))
 
+    def _do(self, job: Callable[[RecordingFile], None]) -> None:
+        try:
+            job(self._open())
+        except Exception:
+            self.has_failed = True
+            raise
+
     def _open(self) -> RecordingFile:
         if self._file is None:
             stream = self._opened(self.path)
+            try:
+                self._file = RecordingFile(stream, self._table, *self._begin)
+            except BaseException:  # so that it can be begun again when there is room
+                stream.close()
+                with suppress(OSError):
+                    self.path.unlink(missing_ok=True)
+                raise
             self._stream = stream
-            self._file = RecordingFile(stream, self._table, *self._begin)
         return self._file
 
     def _write(self, chunk: Chunk, compression: str) -> None:
@@ -143,6 +159,9 @@ class DiskFile:
                 self._file.note(name, {**losses, "dropped": str(self.dropped)})
                 self._file.finish()
                 self._sync()
+        except Exception:
+            self.has_failed = True
+            raise
         finally:
             self.is_ended = True
             if self._stream is not None:

@@ -24,7 +24,7 @@ from shm.ring import RingReader
 AFTER_NS: Final = 300_000_000
 """So long after the first fault: what came of it is in it, too."""
 QUIET_NS: Final = 2_000_000_000
-"""What comes so soon after belongs to the same one."""
+"""Another one does not begin sooner: what comes meanwhile waits together for the next, rings have it still."""
 SLICE_NS: Final = 15_000_000
 SLICE: Final = 200
 CHUNK_BYTES: Final = 2 << 20
@@ -66,14 +66,15 @@ class FaultWatch:
 
 
 class FaultRecording:
-    """One of them: `step` until it `is_over`; after `taken` all that is in memory is on its way."""
+    """One of them: `step` until it `is_taken`, then `finish`."""
 
     def __init__(self, first: SeenFault, sources: SystemSources, times: LocalTimes,
-                 begin_file: Callable[[str, str], DiskFile]) -> None:
-        """`begin_file` opens the file for a name and a reason."""
+                 begin_file: Callable[[str, str], DiskFile], since_ns: int = 0) -> None:
+        """`begin_file` opens the file for a name and a reason. `since_ns`: when it was seen (monotonic); 0: now."""
         self.faults = [first]
         self._sources, self._times, self._begin_file = sources, times, begin_file
-        self._begin_ns = times.monotonic_ns
+        self._after_ns = (since_ns or times.monotonic_ns) + AFTER_NS
+        self._quiet_ns = times.monotonic_ns + QUIET_NS
         self.file: DiskFile | None = None
         self._chunk, self.lost = Chunk(), 0
         self._left: list[RecordedRing] | None = None
@@ -94,12 +95,17 @@ class FaultRecording:
 
     @property
     def takes_more(self) -> bool:
-        """What comes now belongs to it."""
-        return self._times.monotonic_ns < self._begin_ns + QUIET_NS
+        """What comes now belongs to it: nothing is taken yet."""
+        return self.file is None
 
-    def step(self, compression: str) -> bool:
-        """Take what there is time for; True when all rings are taken."""
-        if self._times.monotonic_ns < self._begin_ns + AFTER_NS:
+    @property
+    def is_quiet(self) -> bool:
+        """So long ago that the next one may begin: a storm of faults does not push all older files out."""
+        return self._times.monotonic_ns >= self._quiet_ns
+
+    def step(self, compression: str, hurry: bool = False) -> bool:
+        """Take what there is time for; True when all rings are taken. In a `hurry` nothing more is waited for."""
+        if not hurry and self._times.monotonic_ns < self._after_ns:
             return False
         if self._left is None or self.file is None:
             rings = [ring for ring in self._sources.rings.values() if not ring.is_complete]
@@ -145,15 +151,18 @@ class FaultRecording:
         self._chunk = Chunk()
         return True
 
-    def finish(self, folder: Path, disk: Disk, before: Sequence[Path], keep: int) -> None:
-        """The files of the black box go into it, then it is ended, and those that are too many are removed."""
+    def finish(self, folder: Path, disk: Disk, before: Sequence[Path], keep: int, since_ns: int = 0) -> None:
+        """The files of the black box go into it, from `since_ns` (time of day) on; then it is ended.
+
+        Those that are too many are removed.
+        """
         if self.file is None:
             return
 
         def copy(file: RecordingFile) -> None:
             for path in before:
                 if path.exists():
-                    for chunk in chunks_of(path):
+                    for chunk in chunks_of(path, since_ns):
                         file.put(chunk)
 
         self.file.do(copy)

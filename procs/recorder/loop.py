@@ -7,6 +7,7 @@ and counted. Its death or hang changes nothing for the robot. docs/operating.md,
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
@@ -18,6 +19,7 @@ from procs.recorder.box import BlackBox, BoxLimits
 from procs.recorder.disk import Disk, DiskFile
 from procs.recorder.fault import FaultRecording, FaultWatch, SeenFault
 from procs.recorder.files import NAME, path_of
+from procs.recorder.keeping import ASKED, FaultKeeper
 from procs.recorder.named import NamedRecording, chosen
 from procs.recorder.sources import SystemSources
 from procs.recorder.times import LocalTimes
@@ -35,6 +37,7 @@ TOLD_NS: Final = 60_000_000_000
 SHOWN_NS: Final = 1_000_000_000
 SOON_NS: Final = 200_000_000
 """The same while somebody looks at a recording."""
+KEEP_S: Final = 1.0
 END_S: Final = 2.0
 MAX_CHOSEN: Final = 200
 
@@ -46,8 +49,7 @@ class RecorderLoop(OwnProcess):
         """Open every ring there is; whether the disk takes anything is seen when there is something."""
         self._named: NamedRecording | None = None
         self._asked: list[Received] = []
-        self._fault: FaultRecording | None = None
-        self._chosen: dict[int, list[str]] = {}
+        self._chosen: dict[tuple[int, int], list[str]] = {}
         self._problem, self._fault_path, self._named_path = "", "", ""
         self._shown_ns = self._told_ns = self._dropped = 0
         document = self.own.document
@@ -59,6 +61,8 @@ class RecorderLoop(OwnProcess):
         self._watch = FaultWatch(self._sources)
         self._box = BlackBox(self._folder, self._disk, self._sources, self._times, BoxLimits(1.0, 1.0, 1.0, ""),
                              self._begin_file)
+        self._keeper = FaultKeeper(self._folder, self._disk, self._sources, self._times, self._box, self._begin_fault,
+                                   self._tell_fault)
         self.property_changed("")
         self.carries_out = self._carry_out_own
         for problem in self._sources.problems:
@@ -71,11 +75,11 @@ class RecorderLoop(OwnProcess):
         times.look()
         self._box.step()
         for fault in self._watch.look():
-            self._saw(fault)
+            with suppress(ValueError):  # so many wait: what comes now is in the next file as well
+                self._keeper.saw(fault)
         if self._named is not None:
             self._go_on_with_named(self._named)
-        if self._fault is not None:
-            self._go_on_with(self._fault)
+        self._keeper.step(self._compression, int(self.properties["faults"]))
         if times.monotonic_ns - self._shown_ns >= (SOON_NS if self._named is not None else SHOWN_NS):
             self._show()
 
@@ -95,26 +99,29 @@ class RecorderLoop(OwnProcess):
 
     def _carry_out_own(self, request: Received) -> object:
         if request.name == "choose":
-            self._choose(request.place, request.text)
+            self._choose((request.place, request.pid), request.text)
             return None
         if request.name == "record":
             return self._record(request)
         if request.name == "stop":
             return self._stop_named(request)
         if request.name == "keep":
-            self._saw(SeenFault("asked", request.text or "somebody asked for it"))
-            return None
+            self._keeper.saw(SeenFault(ASKED, request.text or "somebody asked for it"), request)
+            return self.LATER
         return self._nothing_else(request)
 
-    def _choose(self, place: int, topic: str) -> None:
-        entries = self._chosen.setdefault(place, [])
+    def _choose(self, who: tuple[int, int], topic: str) -> None:
+        """For the next recording of this client: its place, and the process that has it now."""
+        self._chosen = {key: topics for key, topics in self._chosen.items() if key[0] != who[0] or key == who}
+        entries = self._chosen.pop(who, [])  # all of them are gone when this one is refused
         chosen(self._sources, [topic])
         if len(entries) >= MAX_CHOSEN:
             raise ValueError(f"{MAX_CHOSEN} topics are as many as can be chosen; leave them out to record all")
-        entries.append(topic)
+        self._chosen[who] = [*entries, topic]
 
     def _record(self, request: Received) -> object:
-        topics, seconds = self._chosen.pop(request.place, []), float(request.values[0]) if len(request.values) else 0.0
+        topics = self._chosen.pop((request.place, request.pid), [])
+        seconds = float(request.values[0]) if len(request.values) else 0.0
         if self._named is not None:
             raise ValueError(f"{self._named.name} is being recorded; trocar record --stop {self._named.name} ends it")
         if not NAME.fullmatch(request.text) or request.text.split("-")[0] in names.WORDS:
@@ -151,12 +158,11 @@ class RecorderLoop(OwnProcess):
     def _tell_end(self, named: NamedRecording) -> None:
         """To whoever began it, and to whoever stopped it."""
         said = f"{named.passed_s:.1f} s, {named.file.messages} messages, {named.lost} lost: {named.file.path}"
-        for request in self._asked:
+        asked, self._asked, self._named = self._asked, [], None
+        self._show(named)  # whoever hears of its end reads there how it was
+        for request in asked:
             request.done(said)
-        self._asked.clear()
-        self._named = None
         self.own.events.status(f"recording {named.name} has ended: {said}", self.name)
-        self._show(named)
 
     # files, and what goes wrong
 
@@ -164,28 +170,15 @@ class RecorderLoop(OwnProcess):
         return DiskFile(self._disk, path, self._table, facts_of(self.system, kind, name, reason), self._document,
                         self._times.local_ns)
 
-    def _saw(self, fault: SeenFault) -> None:
-        if self._fault is None:
-            self._fault = FaultRecording(
-                fault, self._sources, self._times,
-                lambda who, why: self._begin_file(path_of(self._folder, names.FAULT, self._times.local_ns, who),
-                                                  names.FAULT, who, why))
-        elif self._fault.takes_more:
-            self._fault.add(fault)
+    def _begin_fault(self, who: str, why: str) -> DiskFile:
+        return self._begin_file(path_of(self._folder, names.FAULT, self._times.local_ns, who), names.FAULT, who, why)
 
-    def _go_on_with(self, fault: FaultRecording) -> None:
-        if fault.file is None or not fault.is_taken:
-            if not fault.step(self._compression) or fault.file is None:
-                return
-            self._box.flush()
-            fault.finish(self._folder, self._disk, [file.path for file in self._box.files],
-                         int(self.properties["faults"]))
+    def _tell_fault(self, fault: FaultRecording) -> None:
+        if fault.file is not None:
             self._fault_path = str(fault.file.path)
             self.own.events.report(codes.FAULT_RECORDED, f"{fault.reason}: kept in {self._fault_path}",
                                    fault.faults[0].instance)
             self._show()
-        if not fault.takes_more:
-            self._fault = None
 
     def _show(self, ended: NamedRecording | None = None) -> None:
         """What it does, what time it is by all clocks, and what the disk did not take."""
@@ -224,6 +217,7 @@ class RecorderLoop(OwnProcess):
         self._times.look()
         if self._named is not None and not self._named.is_ending:
             self._named.end()
+        self._keeper.end(self._compression, int(self.properties["faults"]), KEEP_S)
         self._box.close()
         if not self._disk.close(END_S):
             self.log.warning("the disk was too slow: the last messages are not recorded")

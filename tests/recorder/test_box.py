@@ -147,6 +147,41 @@ def test_a_full_disk_drops_and_counts_and_goes_on_when_there_is_room(rings: Ring
         assert recording.records("PSM1/state").rows["sequence"].tolist() == [5, 15]
 
 
+class SmallFile(io.FileIO):
+    """A real file on a disk that has room for so many bytes."""
+
+    room = 0
+
+    def write(self, data):
+        if SmallFile.room < len(data):
+            raise OSError(28, "No space left on device")
+        SmallFile.room -= len(data)
+        return super().write(data)
+
+
+def test_a_file_that_could_not_be_begun_is_begun_when_there_is_room(rings: RingsOfATest) -> None:
+    rings.opened = lambda path: SmallFile(path, "xb")
+    SmallFile.room = 3
+    box = rings.box()
+    for seconds in (0.0, 2.0):
+        rings.write(5)
+        rings.passes(seconds)
+        box.step()
+        rings.idle()
+        assert "No space" in rings.disk.problem and not rings.begun[0].path.exists()
+    dropped = box.all_dropped
+    SmallFile.room = 1 << 20
+    rings.write(5)
+    rings.passes(4.0)
+    box.step()
+    rings.idle()
+    assert dropped and (box.all_dropped, rings.disk.problem) == (dropped, "")
+    box.close()
+    rings.written()
+    with open_recording(rings.begun[0].path) as recording:
+        assert recording.is_whole and recording.records("PSM1/state").rows["sequence"].tolist() == [15]
+
+
 def test_a_disk_that_hangs_holds_nobody_up_and_memory_is_bounded(rings: RingsOfATest) -> None:
     goes, rings.disk = threading.Event(), Disk(most=100_000)
     rings.opened = lambda path: (goes.wait(60.0), open(path, "xb", buffering=0))[1]  # noqa: PTH123, SIM115

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from procs import codes
-from procs.recorder.fault import FaultWatch
+from procs.recorder.fault import FaultWatch, SeenFault
 from procs.recorder.files import kept
 from procs.recordings import names
 from procs.recordings.reading import open_recording
@@ -80,8 +80,12 @@ def test_so_many_are_kept_and_no_more(rings: RingsOfATest) -> None:
 
 def test_what_follows_soon_belongs_to_it(rings: RingsOfATest) -> None:
     fault = rings.fault("PSM1: too hot")
+    assert not fault.step("zstd") and fault.takes_more
     rings.passes(1.0)
-    assert fault.takes_more
+    fault.add(SeenFault("PSM2", "PSM2 is in FAULT"))
+    while not fault.step("zstd"):
+        pass
+    assert not fault.takes_more and not fault.is_quiet and fault.reason == "PSM1: too hot; PSM2 is in FAULT"
     rings.passes(3.0)
-    assert not fault.takes_more
+    assert fault.is_quiet
     fault.close()

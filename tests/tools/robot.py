@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from procs.document.system import (
     PidAxis,
     PidConfig,
     Process,
+    Recorder,
     Robot,
     SystemConfig,
     Tool,
@@ -40,7 +42,7 @@ def _link(name: str) -> DhLink:
     return DhLink(name, "revolute", 0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 1.0, 1.0)
 
 
-def _document(name: str) -> SystemConfig:
+def _document(name: str, recordings: Path | None) -> SystemConfig:
     actuator = Actuator(3, 0, "REVOLUTE", 1.0, Linear(1.0), Linear(1.0), 1.0)
     robot = Robot("PSM1", "1", "QLA1", (actuator,) * 7)
     pid = PidConfig("PSM1", "PSM1", tuple(PidAxis(joint, "REVOLUTE", 1.0, 0.0, 0.0) for joint in (*JOINTS, "jaw")))
@@ -49,15 +51,20 @@ def _document(name: str) -> SystemConfig:
     chain = Chain("modified", tuple(_link(j) for j in JOINTS[:3]))
     arm = ArmConfig("PSM1", "PSM", "Classic", "1", "IO1", "PSM1", "NONE", 1 / 1500, chain, tool=tool)
     processes = (Process("IO1", "io", 1 / 1500), Process("PSM1", "arm", 1 / 1500, ("IO1",)))
-    return SystemConfig(name, "made by a test", "wall", (io,), (arm,), None, processes)
+    recorder = None if recordings is None else Recorder(str(recordings))
+    processes += (Process("recorder", "recorder", 0.02),) if recorder is not None else ()
+    return SystemConfig(name, "made by a test", "wall", (io,), (arm,), None, processes, recorder=recorder)
 
 
 class ScriptedRobot:
-    """The segments of one system, and the writing ends of its arm and io."""
+    """The segments of one system, and the writing ends of its arm and io.
 
-    def __init__(self, name: str) -> None:
+    With a folder for `recordings` it has the places of a recorder, too, which the test may take.
+    """
+
+    def __init__(self, name: str, recordings: Path | None = None) -> None:
         self.name = name
-        memory.create_all(_document(name))
+        memory.create_all(_document(name, recordings))
         self.pages = {i: ControlPage(name, i, write=True) for i in ("supervisor", "IO1", "PSM1")}
         for instance, page in self.pages.items():
             page.segment.claim(instance)

@@ -13,6 +13,7 @@ from shm.clock import monotonic_ns, pause
 from shm.commands import ENDINGS
 from shm.ring import RingReader
 from shm.segment import SegmentError
+from shm.system_time import SystemTime
 from tools.errors import Misuse, Problem, Refused
 from tools.inspect.fault_file import fault_path
 from tools.options import JsonOption, SystemOption
@@ -22,6 +23,7 @@ from tools.systems import chosen_system
 
 POLL_S: Final = 0.05
 LINE_NS: Final = 1_000_000_000
+SILENT_NS: Final = 3_000_000_000
 END_S: Final = 20.0
 SHOWN: Final = ("name", "path", "passed_s", "bytes", "messages", "lost", "problem")
 
@@ -66,13 +68,18 @@ def record(
         for topic in topics or ():
             remote.ask("choose", text=topic)
         number = remote.post("record", [seconds], name)
-        _begun(remote, number)
+        try:
+            _begun(remote, number)
+        except KeyboardInterrupt:
+            remote.post("stop", text=name)
+            raise
         if detach:
             found = _seen(state)
             emit(found) if as_json else tell(f"recording {name} into {found['path']}; trocar record {name} --stop")
             return 0
+        recorder = RecorderWatch(state, stack.enter_context(SystemTime(chosen)))
         with progress(f"recording {name}") as say:
-            said = _watch(remote, number, state, name, seconds, as_json, say)
+            said = _watch(remote, number, state, name, seconds, as_json, say, recorder)
         return _ended(said, _seen(state), as_json)
 
 
@@ -87,17 +94,40 @@ def _begun(remote: Remote, number: int) -> None:
     raise Problem("the recorder did not answer; is it running? (trocar status)")
 
 
-def _watch(remote: Remote, number: int, state: RingReader, name: str, seconds: float, as_json: bool, say: Say) -> str:
-    """Until it has ended, by itself or by Ctrl-C; what the recorder said then."""
-    line_ns, is_stopped = monotonic_ns() + LINE_NS, False
+class RecorderWatch:
+    """The recorder that records: another one, or one that shows nothing any more, will not tell us the end."""
+
+    def __init__(self, state: RingReader, time: SystemTime) -> None:
+        """From now on."""
+        self._state, self._time, self._epoch = state, time, state.epoch
+        self._head, self._real_ns, self._system_ns = -1, 0, 0
+
+    def problem(self) -> str:
+        """What is wrong with it, in words; empty: nothing. Where simulated time stands still nobody shows anything."""
+        if self._state.epoch != self._epoch:
+            return "the recorder died, and was started again"
+        real_ns, system_ns = monotonic_ns(), self._time.now_ns()
+        if self._state.head != self._head:
+            self._head, self._real_ns, self._system_ns = self._state.head, real_ns, system_ns
+        silent_ns = min(real_ns - self._real_ns, system_ns - self._system_ns)
+        return "" if silent_ns <= SILENT_NS else (f"the recorder has shown nothing for {SILENT_NS * 1e-9:.0f} s: "
+                                                  f"{self._state.gone or 'it hangs'}")
+
+
+def _watch(remote: Remote, number: int, state: RingReader, name: str, seconds: float, as_json: bool, say: Say,
+           recorder: RecorderWatch) -> str:
+    """Until it has ended, by itself or by Ctrl-C; what the recorder said then. Problem where it never will."""
+    line_ns, stop, path = monotonic_ns() + LINE_NS, 0, ""
     while True:
         try:
-            for reply in remote.replies_to(number):
-                if reply.outcome == "done":
-                    return reply.text
-                if reply.outcome in ENDINGS:
-                    raise Problem(f"{reply.text}; what was recorded until then is in {_seen(state).get('path', '')}")
             found = _seen(state)
+            path = found.get("path") or path
+            replies = [*remote.replies_to(number), *(remote.replies_to(stop) if stop else ())]
+            said: list[str] = [reply.text for reply in replies if reply.outcome == "done"]
+            if said:
+                return said[0]
+            if problem := next((reply.text for reply in replies if reply.outcome in ENDINGS), recorder.problem()):
+                raise Problem(f"{problem}; what was recorded until then is in {path}")
             if found.get("name") == name:
                 say(_in_words(found), min(1.0, found["passed_s"] / seconds) if seconds else None)
                 if as_json and monotonic_ns() >= line_ns:
@@ -105,10 +135,9 @@ def _watch(remote: Remote, number: int, state: RingReader, name: str, seconds: f
                     emit(found)
             pause(POLL_S)
         except KeyboardInterrupt:
-            if is_stopped:
+            if stop:
                 raise
-            is_stopped = True
-            remote.post("stop", text=name)
+            stop = remote.post("stop", text=name)
 
 
 def _seen(state: RingReader) -> dict[str, Any]:
@@ -135,16 +164,9 @@ def _ended(said: str, found: dict[str, Any], as_json: bool) -> int:
 
 
 def _kept(remote: Remote, state: RingReader, why: str, as_json: bool) -> int:
-    before = fault_path(state)
-    remote.ask("keep", text=why)
-    end = monotonic_ns() + round(END_S * 1e9)
-    while (path := fault_path(state)) == before:
-        if monotonic_ns() >= end:
-            raise Problem("the recorder did not keep anything; trocar logs recorder says why")
-        pause(POLL_S)
+    reply = remote.settled("keep", text=why, timeout=END_S)
+    if reply.outcome != "done":
+        raise Refused(reply.text)
+    path = fault_path(state)
     emit({"path": path}) if as_json else tell(f"kept in {path}")
     return 0
-
-
-
-
