@@ -141,6 +141,8 @@ class Host:
         Clients and readers that the host has made until now are part of it. HostError: what may change cannot be put
         back, for instance because a loop keeps an object of a type that procs/host/objects.py does not know.
         """
+        if not private.is_kept(self.name):
+            raise HostError(f"{self.name} is closed")
         if self._memory is None:
             self._take_places()
             self._memory = HostMemory(self.name)
@@ -166,8 +168,8 @@ class Host:
         `seed`: another one for the noise of sensors and the chance of packets; their generators begin anew. A client
         made since has sent nothing, `next` of a reader made since goes on with what comes. HostError: of another host.
         """
-        if snapshot.memory is not self._memory:
-            raise HostError(f"this is no snapshot of {self.name}")
+        if snapshot.memory is not self._memory or not private.is_kept(self.name):
+            raise HostError(f"this is no snapshot of {self.name}, or that is closed")
         snapshot.put_back()
         for handle in self._handles:
             if handle not in snapshot.handles:

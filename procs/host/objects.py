@@ -21,6 +21,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from shm.segment import Segment
+
 Children = Iterable[tuple[str, object]]
 Slots = tuple[tuple[str, types.MemberDescriptorType], ...]
 
@@ -75,6 +77,8 @@ class RememberedObjects:
         self._gone: list[tuple[Callable[[Any], None], object]] = []
         self._setters: list[tuple[Callable[[Any], object], object]] = []
         self._data: list[tuple[mujoco.MjData, mujoco.MjModel, mujoco.MjData]] = []
+        self.segments: set[str] = set()
+        """Names of those that are attached; what they say is not kept here."""
         self._walk(roots)
         self._kept.clear()  # what is put back is in the lists
         self._reached.clear()
@@ -191,6 +195,10 @@ class RememberedObjects:
         self._data.append((one, one.model, copied))
         return ()
 
+    def _segment(self, one: Segment) -> Children:
+        self.segments.add(one.name)
+        return ()
+
     KINDS: Final[tuple[tuple[Any, Callable[[RememberedObjects, Any], Children]], ...]] = (
         (np.ndarray, _array), (list, _list), ((collections.deque, set), _deque), (dict, _mapping),
         ((tuple, frozenset), lambda _, one: _numbered(one)), (types.MappingProxyType, lambda _, one: _items(one)),
@@ -200,7 +208,8 @@ class RememberedObjects:
         (types.BuiltinFunctionType, lambda _, one: (("'s object", one.__self__),)),
         (functools.partial, lambda _, one: ((".func", one.func), (".args", one.args), (".keywords", one.keywords))),
         (random.Random, _random), (np.random.BitGenerator, _bits),
-        (np.random.Generator, lambda _, one: ((".bit_generator", one.bit_generator),)), (mujoco.MjData, _mujoco))
+        (np.random.Generator, lambda _, one: ((".bit_generator", one.bit_generator),)), (mujoco.MjData, _mujoco),
+        (Segment, _segment))
 
     # -- back ----------------------------------------------------------------------------------------------------------
 

@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from procs.host.objects import RememberedObjects
+from procs.host.objects import RememberedObjects, UnknownTypeError
 from shm.segment import Segment, names_of, segment_name
 
 PAGE: Final = 4096
@@ -19,9 +19,12 @@ class HostMemory:
     def __init__(self, system: str) -> None:
         """SegmentError: it is not kept by this process."""
         self.segments: list[Segment] = []
+        self.names: set[str] = set()
         for _, instance, what in names_of(system):
+            name = segment_name(system, instance, what)
+            self.names.add(name)
             if what != "document":
-                self.segments.append(Segment(segment_name(system, instance, what), write=True))
+                self.segments.append(Segment(name, write=True))
 
     def close(self) -> None:
         """Unmap."""
@@ -33,10 +36,12 @@ class HostSnapshot:
     """What `Host.snapshot` gives and `Host.restore` takes; of this host alone, and good as long as that is open."""
 
     def __init__(self, memory: HostMemory, roots: Mapping[str, object], handles: Sequence[object]) -> None:
-        """UnknownTypeError: something in `roots` or `handles` cannot be put back."""
+        """UnknownTypeError: something in `roots` or `handles` cannot be put back, or is of another system."""
         self.memory, self.handles = memory, tuple(handles)
         """Clients and readers that are part of it."""
         self._objects = RememberedObjects({**roots, "handles": self.handles})
+        if others := sorted(self._objects.segments - memory.names):
+            raise UnknownTypeError(f"{others[0]} is of another system, which is not taken back")
         self._bytes = [part for segment in memory.segments for part in _parts(segment.view)]
         self.put_back()  # sets and dicts, too, are now as they will be after each restore
 

@@ -208,6 +208,25 @@ def test_what_nobody_can_put_back_is_named(homed: HashedHost) -> None:
         del homed.host.loops["PSM1"].counter  # type: ignore[attr-defined]
 
 
+def test_a_host_that_is_closed_says_so() -> None:
+    with Host(document(*SMALL)) as host:
+        snapshot = host.snapshot()
+    with pytest.raises(HostError, match="is closed"):
+        host.snapshot()
+    with pytest.raises(HostError, match="or that is closed"):
+        host.restore(snapshot)
+
+
+def test_a_loop_that_looks_into_another_system_is_refused(homed: HashedHost) -> None:
+    with Host(document(*SMALL)) as other:
+        homed.host.loops["PSM1"].other = other.reader("PSM1")  # type: ignore[attr-defined]
+        try:
+            with pytest.raises(HostError, match="is of another system"):
+                homed.host.snapshot()
+        finally:
+            del homed.host.loops["PSM1"].other  # type: ignore[attr-defined]
+
+
 def test_a_snapshot_of_another_host_is_refused(homed: HashedHost, snapshot: HostSnapshot) -> None:
     with Host(document("kinematic.yaml")) as other:
         with pytest.raises(HostError, match="this is no snapshot of"):
