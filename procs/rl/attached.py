@@ -7,12 +7,13 @@ or clears. All that it asks is one command of the person who made it: nothing of
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final, NoReturn
 
 from procs.document.system import SystemConfig
-from procs.kinematics.poses import matrix_from_pose
+from procs.kinematics.poses import angle_between, matrix_from_pose
 from procs.rl.backend import RobotStopped
 from procs.rl.link import ArmLink
 from procs.rl.model import ArmModel, StartPose
@@ -32,6 +33,8 @@ STANDS_S: Final = 10.0
 MOVE_S: Final = 120.0
 POLL_S: Final = 0.01
 FRESH_NS: Final = 200_000_000
+BASE_M, BASE_RAD = 0.001, 0.01
+"""The base of an arm that stands on setup joints trembles so much; one that moves further is being moved."""
 SLOWEST_RATIO, FASTEST_RATIO = 0.01, 0.5
 
 
@@ -55,17 +58,26 @@ class RunningSystem:
 class AttachedRobot:
     """Arms of a running system."""
 
-    def __init__(self, where: RunningSystem, arms: Sequence[str], jaws: Sequence[float]) -> None:
-        """`jaws`: of the starts. RobotStopped where an arm is not powered and homed, Problem where there is none."""
+    def __init__(self, where: RunningSystem, kind: str, arms: Sequence[str], jaws: Sequence[float]) -> None:
+        """`kind`: the type of all arms; `arms`: unless others are named; `jaws`: of the starts.
+
+        RobotStopped where an arm is not powered and homed, Problem where there is none, ValueError: it is another kind.
+        """
         self._system, self._ratio = chosen_system(where.system or None), where.reset_ratio
         self._stopped = ""
         names = arm_names(self._system, where.arms or arms)
+        types = [document_of(self._system).arm(name).type for name in names]
+        if types != [kind] * len(jaws) or len(set(names)) < len(jaws):
+            given = ", ".join(f"{name} ({type_})" for name, type_ in zip(names, types, strict=True))
+            raise ValueError(f"arms are {given}; it takes {len(jaws)} different {kind}")
         with contextlib.ExitStack() as stack:
             self._time = stack.enter_context(SystemTime(self._system))
             self._gap_ns: Callable[[], int] = self._time.now_ns if self._time.simulated else boottime_ns
             self.links: Sequence[ArmLink] = [self._attached(name, stack) for name in names]
             self.models: Sequence[ArmModel] = [self._model(document_of(self._system), link, jaw)
                            for link, jaw in zip(self.links, jaws, strict=True)]
+            self._bases = [link.base for link in self.links]
+            self._first_bases = list(self._bases)
             self.frame = self.links[0].frame
             if len(frames := {link.frame for link in self.links}) > 1:
                 raise Problem(f"{', '.join(names)} tell their poses in different frames: {', '.join(sorted(frames))}")
@@ -79,7 +91,7 @@ class AttachedRobot:
         client.on_behalf(begin(self._system))
         link = ArmLink(name, reader, client)
         link.look()
-        if why := self.problem(link):
+        if why := link.problem:
             raise RobotStopped(f"{why}; first: trocar home {name}")
         return link
 
@@ -87,10 +99,21 @@ class AttachedRobot:
     def _model(document: SystemConfig, link: ArmLink, jaw: float) -> ArmModel:
         return ArmModel(document.arm(link.name), link.carried, matrix_from_pose(link.base), jaw)
 
-    def problem(self, link: ArmLink) -> str:
-        """See RobotBackend; who shows nothing any more has one, too."""
-        is_old = self.now_ns() - link.stamp_ns > FRESH_NS
-        return f"{link.name} does not show its state any more" if is_old else link.problem
+    def look(self, number: int) -> str:
+        """See RobotBackend. Of an arm that shows nothing any more, or whose base has moved, nothing is to be asked."""
+        link, model = self.links[number], self.models[number]
+        link.look()
+        if self.now_ns() - link.stamp_ns > FRESH_NS:
+            return f"{link.name} does not show its state any more"
+        if link.problem:
+            return link.problem
+        if (base := link.base).tobytes() != self._bases[number].tobytes():
+            self._bases[number] = base
+            model.base[...] = matrix_from_pose(base)
+        first = self._first_bases[number]
+        if math.dist(base[:3], first[:3]) > BASE_M or angle_between(base, first) > BASE_RAD:
+            return f"the base of {link.name} has moved since the environment was made"
+        return f"poses of {link.name} are told in {link.frame}, not {self.frame}" if link.frame != self.frame else ""
 
     def now_ns(self) -> int:
         """The system's time."""
@@ -100,28 +123,30 @@ class AttachedRobot:
         """See RobotBackend: a slow move of all joints, of one arm after the other. RobotStopped after a fault."""
         self._check()
         self._due_ns = None
-        for link, start, model in zip(self.links, starts, self.models, strict=True):
-            link.look()
-            if why := self.problem(link):
+        for number, (start, model) in enumerate(zip(starts, self.models, strict=True)):
+            link = self.links[number]
+            if why := self.look(number):
                 self._give_up(why)
             if link.carried != model.carried:
                 self._give_up(f"{link.name} carries {link.carried or 'nothing'}, not {model.carried} any more")
-            self._slowly(link, start, model.has_jaw)
+            self._slowly(number, start, model.has_jaw)
 
-    def _slowly(self, link: ArmLink, start: StartPose, has_jaw: bool) -> None:
+    def _slowly(self, number: int, start: StartPose, has_jaw: bool) -> None:
+        link = self.links[number]
         velocity, acceleration = link.ratios
-        self._done(link, "trajectory_j/set_ratio", (self._ratio,))
+        self._done(number, "trajectory_j/set_ratio", (self._ratio,))
         try:
-            self._done(link, "move_jp", tuple(start.joints))
+            self._done(number, "move_jp", tuple(start.joints))
             if has_jaw:
-                self._done(link, "jaw/move_jp", (start.jaw,))
+                self._done(number, "jaw/move_jp", (start.jaw,))
         finally:
-            with contextlib.suppress(RobotStopped):
-                self._done(link, "trajectory_j/set_ratio_v", (velocity,))
-                self._done(link, "trajectory_j/set_ratio_a", (acceleration,))
+            with contextlib.suppress(MailboxFull, SegmentError):
+                link.send("trajectory_j/set_ratio_v", (velocity,))
+                link.send("trajectory_j/set_ratio_a", (acceleration,))
 
-    def _done(self, link: ArmLink, command: str, values: tuple[float, ...]) -> None:
+    def _done(self, arm: int, command: str, values: tuple[float, ...]) -> None:
         """Ask, and wait for the end; RobotStopped where it is no good one."""
+        link = self.links[arm]
         link.forget()
         try:
             number = link.send(command, values)
@@ -130,8 +155,7 @@ class AttachedRobot:
         end_ns = self.now_ns() + round(MOVE_S * 1e9)
         try:
             while not (ended := link.hear(number)):
-                link.look()
-                if (why := self.problem(link)) or self.now_ns() > end_ns:
+                if (why := self.look(arm)) or self.now_ns() > end_ns:
                     self._give_up(why or f"{link.name}: {command} is not done after {MOVE_S:g} s")
                 self._time.pause(POLL_S, STANDS_S)
         except KeyboardInterrupt:
@@ -152,8 +176,11 @@ class AttachedRobot:
             self._give_up(f"the system's time has stood still for {STANDS_S:g} s")
 
     def keeps_pace(self, period_ns: int) -> None:
-        """A setpoint is sent now, the next one a period later; RobotStopped where this one comes much too late."""
+        """See RobotBackend. Each time all arms are looked at: who knows of another base within 20 ms makes no jump."""
         self._check()
+        for number in range(len(self.links)):
+            if why := self.look(number):
+                self._give_up(why)
         now_ns = self._gap_ns()
         late_ns = 0 if self._due_ns is None else now_ns - self._due_ns
         self._due_ns = now_ns + period_ns

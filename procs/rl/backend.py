@@ -31,8 +31,8 @@ class RobotBackend(Protocol):
     def now_ns(self) -> int:
         """The system's time."""
 
-    def problem(self, link: ArmLink) -> str:
-        """Why an arm, as it was looked at last, cannot be commanded; empty: it can."""
+    def look(self, number: int) -> str:
+        """Take the newest record of an arm; why it cannot be commanded, empty: it can."""
 
     def begin(self, number: int, starts: Sequence[StartPose], seed: int) -> None:
         """An episode begins: bring all arms to their starts, number `number` of them. RobotStopped says why not.
@@ -44,7 +44,7 @@ class RobotBackend(Protocol):
         """Let the system's time come; RobotStopped where it came so late that nothing may go on."""
 
     def keeps_pace(self, period_ns: int) -> None:
-        """Setpoints are sent now, the next ones a period later; RobotStopped where these come much too late."""
+        """Setpoints are sent now, the next ones a period later; RobotStopped where nothing may be sent."""
 
     def stop(self, why: str) -> None:
         """The episode has failed: where a person has to look at the robot, nothing more is asked of it."""

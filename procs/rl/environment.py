@@ -43,6 +43,7 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012  # as in Gymnasium
     FILES: ClassVar[Mapping[str, str]] = {}
     """The system file of each backend in this process."""
+    TYPE: ClassVar[str] = "PSM"
     ARMS: ClassVar[tuple[str, ...]] = ()
     JAWS: ClassVar[tuple[float, ...]] = ()
     """In which each arm begins, rad."""
@@ -109,10 +110,10 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
 
     def _robot(self, backend: str | RunningSystem, period_s: float, physics_s: float) -> RobotBackend:
         if isinstance(backend, RunningSystem):
-            return AttachedRobot(backend, self.ARMS, self.JAWS)
+            return AttachedRobot(backend, self.TYPE, self.ARMS, self.JAWS)
         _one_of("backend", backend, BACKENDS)
         if backend == ATTACHED:
-            return AttachedRobot(RunningSystem(), self.ARMS, self.JAWS)
+            return AttachedRobot(RunningSystem(), self.TYPE, self.ARMS, self.JAWS)
         if backend not in self.FILES:
             raise ValueError(f"{type(self).__name__} has no backend {backend}; it has {', '.join(self.FILES)}")
         return HostedRobot(document(self.FILES[backend], backend, period_s, physics_s), self.ARMS, self.JAWS)
@@ -200,8 +201,7 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
     def _look(self) -> None:
         """See all arms; of one that has failed what was seen last stays."""
         for number, (link, model, seen) in enumerate(zip(self.robot.links, self.robot.models, self._seen, strict=True)):
-            link.look()
-            if why := self.robot.problem(link):
+            if why := self.robot.look(number):
                 self._fail(why)
                 continue
             n = model.count

@@ -64,9 +64,10 @@ class HostedRobot:
         """The host's time."""
         return self._open().now_ns
 
-    def problem(self, link: ArmLink) -> str:
+    def look(self, number: int) -> str:
         """See RobotBackend."""
-        return link.problem
+        self.links[number].look()
+        return self.links[number].problem
 
     def begin(self, number: int, starts: Sequence[StartPose], seed: int) -> None:
         """See RobotBackend: back to a snapshot, which is made when this start is asked for the first time."""

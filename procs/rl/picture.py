@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import importlib
 import os
 from collections.abc import Sequence
@@ -15,7 +16,8 @@ from procs.rl.scene import BALL, BOX, ROD, TUBE, Drawn
 
 GEOMS: Final = {BALL: mujoco.mjtGeom.mjGEOM_ELLIPSOID, ROD: mujoco.mjtGeom.mjGEOM_CAPSULE,
                 TUBE: mujoco.mjtGeom.mjGEOM_CYLINDER, BOX: mujoco.mjtGeom.mjGEOM_BOX}
-WAYS: Final = ("egl", "osmesa")
+WAYS: Final = {"egl": "libEGL.so.1", "osmesa": "libOSMesa.so.8"}
+"""And the library that each needs."""
 MOST: Final = 500
 """Things in a scene."""
 ROOM: Final = """<mujoco><visual>
@@ -37,21 +39,30 @@ class PictureError(RuntimeError):
 
 
 def _context(width: int, height: int) -> Any:
-    """A place to draw in; MUJOCO_GL may name the way, else the first that works is taken."""
+    """A place to draw in; MUJOCO_GL may name the way, else it is the first whose library is there.
+
+    A process can have one way only: PyOpenGL keeps to the first that it was loaded for.
+    """
     wanted = os.environ.get("MUJOCO_GL", "").lower()
-    problems = []
-    for way in (wanted,) if wanted in WAYS else WAYS:
-        named = os.environ.get("PYOPENGL_PLATFORM")
+    ways = [way for way in ((wanted,) if wanted in WAYS else WAYS) if _is_there(WAYS[way])]
+    why = f"{' and '.join(WAYS.values())} are not there"
+    for way in ways[:1]:
         try:
             context = importlib.import_module(f"mujoco.{way}").GLContext(width, height)
             context.make_current()
             return context
-        except (ImportError, AttributeError, RuntimeError, OSError, TypeError) as error:
-            problems.append(f"{way}: {error or type(error).__name__}")
-            if named is None:
-                os.environ.pop("PYOPENGL_PLATFORM", None)  # it is for the way that did not work
-    raise PictureError(f"nothing to draw with ({'; '.join(problems)}); "
-                       "Debian, Ubuntu: apt-get install libegl1 libgl1-mesa-dri (or libosmesa6)")
+        except Exception as error:  # PyOpenGL and drivers have many; to load their names would choose a way
+            why = f"{way}: {error or type(error).__name__}"
+    raise PictureError(f"nothing to draw with ({why}); Debian, Ubuntu: apt-get install libegl1 libgl1-mesa-dri, or "
+                       "apt-get install libosmesa6 and MUJOCO_GL=osmesa")
+
+
+def _is_there(library: str) -> bool:
+    try:
+        ctypes.CDLL(library)
+    except OSError:
+        return False
+    return True
 
 
 class Picture:

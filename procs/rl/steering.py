@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.kinematics.poses import compose, inverse, rotation_from_vector
+from procs.kinematics.poses import compose, rotation_from_vector
 from procs.rl.model import INSERTION, ROOM_M, ArmModel
 
 Array = NDArray[np.float64]
@@ -37,7 +37,6 @@ class Steering:
         self._turn = min(float(model.v_max[model.count - 1]), FASTEST_TURN) * speed * period_s
         self.moves = model.count if control == JOINT else 6
         self.size = self.moves + int(model.has_jaw)
-        self._to_base = inverse(model.base)
         self._centre = model.local_tip(model.centre)[:3, 3].copy()
         self.joints, self.jaw = model.centre.copy(), model.jaw
         self.tip = model.local_tip(self.joints)
@@ -85,7 +84,7 @@ class Steering:
 
     def _shifted(self, action: Array, share: float) -> Array:
         """The goal of the tip after a share of an action."""
-        axes, goal = self._to_base[:3, :3], self.tip.copy()
+        axes, goal = self.model.base[:3, :3].T, self.tip.copy()
         goal[:3, 3] += axes @ (action[:3] * (self._shift * share))
         goal[:3, :3] = rotation_from_vector(axes @ (action[3:6] * (self._turn * share))) @ goal[:3, :3]
         return goal

@@ -70,6 +70,7 @@ class EcmAim(RobotEnv):
     """Look at a place with an ECM. Goals are places (3,), in m, on the line of sight, 0.1 m before the tip."""
 
     FILES: ClassVar[Mapping[str, str]] = {KINEMATIC: "kinematic-ecm.yaml", BOARDS: "demo-ecm.yaml"}
+    TYPE: ClassVar[str] = "ECM"
     ARMS: ClassVar[tuple[str, ...]] = ("ECM",)
     FLOOR_M: ClassVar[float] = 0.16
     JAWS: ClassVar[tuple[float, ...]] = (0.0,)

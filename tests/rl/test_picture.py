@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import importlib
+import warnings
 from types import SimpleNamespace
 
+import gymnasium
 import numpy as np
 import pytest
+from gymnasium.utils.env_checker import check_env
 
 from procs.rl import picture
 from procs.rl.environment import RobotEnv
@@ -79,6 +82,17 @@ def test_where_nothing_draws_it_says_what_to_install(monkeypatch: pytest.MonkeyP
         raise ImportError(f"{name} cannot be loaded")
 
     monkeypatch.setattr(picture, "importlib", SimpleNamespace(import_module=absent))
-    with pytest.raises(PictureError, match="apt-get install libegl1"):
+    with pytest.raises(PictureError, match=r"mujoco.egl cannot be loaded.*apt-get install libegl1"):
         Picture(32, 32)
-    assert importlib.import_module("mujoco")
+    monkeypatch.setattr(picture, "WAYS", {"egl": "libNoEGL.so.1"})
+    with pytest.raises(PictureError, match=r"libNoEGL.so.1 are not there"):
+        Picture(32, 32)
+
+
+@pytest.mark.slow
+def test_gymnasium_finds_nothing_wrong_with_its_pictures() -> None:
+    importlib.import_module("procs.rl.registration")
+    env = gymnasium.make("trocar/PsmReach-v0", render_mode="rgb_array", starts=1, width=64, height=48)
+    with warnings.catch_warnings(action="error"):
+        check_env(env.unwrapped)
+    env.close()
