@@ -120,7 +120,7 @@ class RememberedObjects:
         found: list[tuple[str, object]] = []
         is_frozen = getattr(getattr(kind, "__dataclass_params__", None), "frozen", False)
         own = getattr(one, "__dict__", None) if kind.__dictoffset__ else None
-        if own:
+        if own or (own is not None and _is_plain(kind)):  # all functions have one
             if not is_frozen:
                 self._attributes.append((own, dict(own)))
                 own.clear()  # looked at, it shares its keys with others of its class: then all else reads it slowly
