@@ -21,7 +21,7 @@ from shm import directory
 from shm.client import Client, MailboxFull, begin
 from shm.clock import boottime_ns
 from shm.segment import SegmentError
-from shm.system_time import SystemTime
+from shm.system_time import LOCKSTEP, SystemTime
 from tools.errors import Problem
 from tools.inspect.watch import arm_names, document_of
 from tools.systems import chosen_system
@@ -72,6 +72,9 @@ class AttachedRobot:
             raise ValueError(f"arms are {given}; it takes {len(jaws)} different {kind}")
         with contextlib.ExitStack() as stack:
             self._time = stack.enter_context(SystemTime(self._system))
+            if self._time.clock == LOCKSTEP:
+                raise Problem(f"{self._system} is in lock-step, whose time waits for no program of ours; start it with "
+                              "--clock paced")
             self._gap_ns: Callable[[], int] = self._time.now_ns if self._time.simulated else boottime_ns
             self.links: Sequence[ArmLink] = [self._attached(name, stack) for name in names]
             self.models: Sequence[ArmModel] = [self._model(document_of(self._system), link, jaw)
@@ -202,8 +205,10 @@ class AttachedRobot:
         raise RobotStopped(self._stopped)
 
     def _hold(self) -> None:
-        """All arms stay where they are asked to be."""
+        """All arms that can stay where they are asked to be."""
         for link in self.links:
+            if not link.is_ready:
+                continue
             with contextlib.suppress(MailboxFull, SegmentError):
                 link.send("hold")
 

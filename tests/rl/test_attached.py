@@ -1,0 +1,254 @@
+"""What an environment does with a running system, which a host plays here: it moves it slowly, and stops in time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+
+from procs.host.host import Host
+from procs.rl import attached
+from procs.rl.attached import RunningSystem
+from procs.rl.backend import RobotStopped
+from procs.rl.environment import RobotEnv
+from procs.rl.hand_over import PsmHandOver
+from procs.rl.systems import document
+from procs.rl.tasks import EcmAim, PsmReach
+from shm.client import Client
+from shm.system_time import LOCKSTEP, PACED
+from tests.rl.playing import drawn
+from tools.errors import Problem
+
+
+class HostTime:
+    """The time of a system, which passes when somebody waits for it."""
+
+    host: ClassVar[Host]
+    clock: ClassVar[str] = PACED
+    simulated = True
+    ahead_ns = 0
+    """The clock shows so much more than the records."""
+    interrupts = 0
+    """Ctrl-C comes in the wait after so many."""
+
+    def __init__(self, system: str) -> None:
+        assert system == self.host.name
+
+    def now_ns(self) -> int:
+        return self.host.now_ns + self.ahead_ns
+
+    def pause_until(self, deadline_ns: int, real_s: float) -> None:
+        self.pause((deadline_ns - self.now_ns()) * 1e-9, real_s)
+
+    def pause(self, seconds: float, real_s: float) -> None:
+        self.interrupts -= 1
+        if self.interrupts == 0:
+            raise KeyboardInterrupt
+        self.host.run_until(self.host.now_ns + round(max(seconds, 0.0) * 1e9))
+
+    def __enter__(self) -> HostTime:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        pass
+
+
+def ask(host: Host, client: Client, command: str, values: Any = (), text: str = "") -> str:
+    """A person asks for something; its outcome."""
+    number = client.send(command, values, text)
+    for _ in range(1000):
+        host.run(0.02)
+        for reply in client.poll():
+            if reply.id == number and reply.outcome != "accepted":
+                return reply.outcome
+    raise AssertionError(f"{command} has no end")
+
+
+@pytest.fixture
+def system(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str], Host]]:
+    """A running system of this file, nothing of it powered."""
+    hosts: list[Host] = []
+
+    def up(file: str, backend: str = "kinematic") -> Host:
+        hosts.append(Host(document(file, backend, 0.002, 0.002)))
+        hosts[-1].run(0.05)
+        monkeypatch.setattr(HostTime, "host", hosts[-1], raising=False)
+        monkeypatch.setattr(attached, "SystemTime", HostTime)
+        return hosts[-1]
+
+    yield up
+    for host in hosts:
+        host.close()
+
+
+@pytest.fixture
+def psm(system: Callable[[str], Host]) -> Host:
+    """One PSM, homed by a person."""
+    host = system("kinematic.yaml")
+    home(host, "PSM1")
+    return host
+
+
+def home(host: Host, *arms: str) -> None:
+    for arm in arms:
+        for word in ("enable", "home"):
+            assert ask(host, host.client(arm), "state_command", (), word) == "done"
+
+
+def made(host: Host, task: type[RobotEnv] = PsmReach, **options: Any) -> RobotEnv:
+    return task(backend=RunningSystem(host.name), starts=2, **options)
+
+
+def is_over(env: RobotEnv, why: str) -> None:
+    """The episode has ended because of this, and nothing goes on with this environment."""
+    _, _, terminated, _, info = env.step(np.zeros(env.action_space.shape))
+    assert terminated and why in info["fault"] and not info["is_success"], info
+    for call in (env.reset, lambda: env.step(np.zeros(env.action_space.shape))):
+        with pytest.raises(RobotStopped, match="make a new environment"):
+            call()
+
+
+@pytest.mark.parametrize("control", ["joint", "cartesian"])
+def test_a_policy_goes_the_same_way_bit_by_bit_where_arms_are_ideal(psm: Host, control: str) -> None:
+    env, other = made(psm, control=control), PsmReach(control=control, starts=2)
+    rows = [np.frombuffer(drawn(each, 5, 12)) for each in (env, other)]
+    np.testing.assert_allclose(rows[0], rows[1], atol=1e-9)
+    env.close()
+    other.close()
+
+
+def test_reset_is_a_slow_move_and_leaves_the_speed_as_it_was(psm: Host) -> None:
+    assert ask(psm, psm.client("PSM1"), "trajectory_j/set_ratio", (0.7,)) == "done"
+    env, reader = made(psm), psm.reader("PSM1")
+    begun_ns = psm.now_ns
+    while reader.next():
+        pass
+    env.reset(options={"start": 1})
+    assert psm.now_ns - begun_ns > 1_000_000_000
+    psm.run(0.1)
+    assert reader.newest()
+    assert reader.field("trajectory_ratio_v")[()] == reader.field("trajectory_ratio_a")[()] == 0.7
+    np.testing.assert_allclose(reader.field("position")[:6], env._starts[0][1].joints, atol=1e-6)
+    env.close()
+
+
+def test_it_powers_and_homes_nothing(system: Callable[[str], Host]) -> None:
+    host = system("kinematic.yaml")
+    with pytest.raises(RobotStopped, match=r"PSM1 is DISABLED and not homed; first: trocar home PSM1"):
+        made(host)
+    host.run(2.0)
+    state = host.reader("PSM1")
+    assert state.newest() and state.field("state")[()] == b"DISABLED"
+
+
+def test_who_was_held_up_does_not_go_on(psm: Host) -> None:
+    env = made(psm)
+    env.reset()
+    psm.run(5.0)  # before the first step one may think as long as one likes
+    env.step(np.ones(7))
+    psm.run(0.09)
+    assert not env.step(np.ones(7))[2]
+    psm.run(0.15)
+    is_over(env, "this program was held up for 0.1")
+    env.close()
+
+
+def test_after_a_fault_it_waits_for_a_person_to_make_it_anew(system: Callable[..., Host]) -> None:
+    host = system("demo.yaml", "boards")
+    home(host, "PSM1")
+    env = made(host)
+    env.reset()
+    env.step(np.ones(7))
+    host.client("boards").send("emergency_stop", (1.0,))
+    for _ in range(10):
+        if (seen := env.step(np.zeros(7)))[2]:
+            break
+    assert "PSM1 is FAULT" in seen[4]["fault"], seen[4]
+    with pytest.raises(RobotStopped, match=r"PSM1 is FAULT"):
+        env.reset()
+    assert ask(host, host.client("boards"), "emergency_stop", (0.0,)) == "done"
+    home(host, "PSM1")
+    state = host.reader("PSM1")
+    assert state.newest()
+    before = state.field("setpoint_position").copy()
+    for call in (env.reset, lambda: env.step(np.ones(7))):
+        with pytest.raises(RobotStopped, match="make a new environment"):
+            call()
+    link = env.robot.links[0]
+    link.forget()
+    link.send("servo_jp", before[:6] + 0.001)  # what is on its way still counts for nothing, too
+    host.run(0.5)
+    link.hear()
+    assert "before the last fault" in link.refusal
+    assert state.newest() and (state.field("setpoint_position") == before).all()
+    env.close()
+    again = made(host)
+    again.reset()
+    again.close()
+
+
+def test_a_base_that_is_moved_ends_it_before_the_arm_jumps(psm: Host) -> None:
+    env = made(psm)
+    env.reset()
+    env.step(np.ones(7))
+    person, state = psm.client("PSM1"), psm.reader("PSM1")
+    assert state.newest()
+    before = state.field("setpoint_position").copy()
+    person.send("set_base_frame", (0.0, 0.0, 0.0005, 0.0, 0.0, 0.0, 1.0), "PSM1_base")
+    psm.run(0.01)
+    assert not env.step(np.zeros(7))[2], "it trembles"
+    assert state.newest() and np.abs(state.field("setpoint_position") - before).max() < 1e-3
+    person.send("set_base_frame", (0.0, 0.0, 0.02, 0.0, 0.0, 0.0, 1.0), "PSM1_base")
+    psm.run(0.01)
+    is_over(env, "the base of PSM1 has moved since the environment was made")
+    assert state.newest() and np.abs(state.field("setpoint_position") - before).max() < 1e-3
+    env.close()
+
+
+def test_who_shows_nothing_any_more_is_asked_for_nothing(psm: Host, monkeypatch: pytest.MonkeyPatch) -> None:
+    env = made(psm)
+    env.reset()
+    monkeypatch.setattr(HostTime, "ahead_ns", 300_000_000)
+    is_over(env, "PSM1 does not show its state any more")
+    env.close()
+
+
+def test_ctrl_c_in_the_slow_move_makes_the_arm_hold(psm: Host, monkeypatch: pytest.MonkeyPatch) -> None:
+    env = made(psm)
+    monkeypatch.setattr(HostTime, "interrupts", 20)
+    with pytest.raises(KeyboardInterrupt):
+        env.reset(options={"start": 1})
+    psm.run(0.1)
+    state = psm.reader("PSM1")
+    assert state.newest() and not state.field("is_busy")[()]
+    before = state.field("position").copy()
+    psm.run(0.5)
+    assert state.newest() and (state.field("position") == before).all()
+    env.close()
+
+
+def test_what_cannot_be_attached_is_refused(system: Callable[[str], Host], monkeypatch: pytest.MonkeyPatch) -> None:
+    host = system("kinematic-hand-over.yaml")
+    where = RunningSystem(host.name, arms=("PSM2",))
+    with pytest.raises(ValueError, match=r"arms are PSM2 \(PSM\); it takes 1 different ECM"):
+        EcmAim(backend=where)
+    with pytest.raises(ValueError, match=r"arms are PSM2 \(PSM\); it takes 2 different PSM"):
+        PsmHandOver(backend=where)
+    with pytest.raises(ValueError, match=r"reset_ratio is 1; allowed: 0.01 to 0.5"):
+        RunningSystem(reset_ratio=1.0)
+    with pytest.raises(Problem, match=r"ECM"):
+        made(host, EcmAim)
+    monkeypatch.setattr(HostTime, "clock", LOCKSTEP)
+    with pytest.raises(Problem, match=r"is in lock-step"):
+        made(host)
+
+
+def test_two_arms_hand_over_as_in_a_host(system: Callable[[str], Host]) -> None:
+    host = system("kinematic-hand-over.yaml")
+    home(host, "PSM1", "PSM2")
+    env, other = made(host, PsmHandOver), PsmHandOver(starts=2)
+    np.testing.assert_allclose(np.frombuffer(drawn(env, 3, 4)), np.frombuffer(drawn(other, 3, 4)), atol=1e-9)
+    env.close()
+    other.close()
