@@ -16,7 +16,8 @@ from tools.errors import Misuse, Problem
 from tools.inspect.messages import time_of_day
 from tools.options import JsonOption, SystemOption
 from tools.printing import emit, note, progress, tell
-from tools.recorded.as_system import RecordingOption, system_or_recording
+from tools.recorded.as_system import LookedAt, RecordingOption, system_or_recording
+from tools.recorded.choosing import FromOption, ToOption
 from tools.scope.capture import Capture, Capturing
 from tools.scope.grammar import BadCondition, parse_condition
 from tools.systems import chosen_system, is_simulated
@@ -43,6 +44,8 @@ def scope(
     height: Annotated[int, typer.Option("--height", min=3, max=40, help="Lines of each plot on the terminal.")] = 6,
     as_json: JsonOption = False,
     recording: RecordingOption = None,
+    begin: FromOption = 0.0,
+    end: ToOption = None,
     system: SystemOption = None,
 ) -> int:
     """Show fields at full rate around a moment, like an oscilloscope: from the rings, every record once.
@@ -61,6 +64,8 @@ def scope(
         raise Misuse("--csv - and --json say different things: both are for the output")
     if not when and (past or after is not None or timeout is not None):
         raise Misuse("--past, --after and --timeout belong to --when")
+    if recording is None and (begin or end is not None):
+        raise Misuse("--from and --to belong to --recording")
     try:
         paths = [parse_path(text) for text in fields]
         condition = parse_condition(when) if when else None
@@ -68,7 +73,8 @@ def scope(
         raise Misuse(str(error)) from None
     before_s = before if before is not None else LAST_S if condition is None else BEFORE_S
     after_s = 0.0 if condition is None else AFTER_S if after is None else after
-    with (system_or_recording(chosen_system, system, recording, _needed_by(paths)) as name,
+    part = LookedAt(begin, end)
+    with (system_or_recording(chosen_system, system, recording, _needed_by(paths), part) as name,
           Capturing(name, paths, condition) as capturing):
         if condition is None:
             found: Capture | None = capturing.last(before_s)

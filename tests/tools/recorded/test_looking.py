@@ -16,12 +16,14 @@ from procs.recordings.snapshot import take
 from shm import directory
 from shm.events import ERROR, Events
 from shm.segment import names_of
+from shm.system_time import SystemTime
 from shm.topics import EVENTS, SETPOINT
 from tests.conftest import World
 from tests.recordings.made import a_recording
 from tools import cli
 from tools.errors import Problem
-from tools.recorded.as_system import recording_as_system
+from tools.recorded import as_system
+from tools.recorded.as_system import LookedAt, recording_as_system, system_or_recording
 
 SECOND_NS = 1_000_000_000
 
@@ -71,6 +73,38 @@ def test_scope_shows_the_moment_of_a_fault(fault: Path) -> None:
                        "--before", "0.01", "--after", "0.01", "--recording", str(fault))
     assert code == 0, said
     assert json.loads(said.splitlines()[0])["moment_ns"] == SECOND_NS + 600_000_000
+
+
+def test_of_a_recording_that_is_longer_than_rings_a_stretch_is_looked_at(
+        fault: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(as_system, "MOST", 300)
+    parts = (LookedAt(), 700, 999), (LookedAt(0.1, 0.3), 100, 299), (LookedAt(0.0, 0.5), 200, 499)
+    for part, first_ns, last_ns in parts:
+        with recording_as_system(fault, part=part) as system:
+            reader = directory.reader(system, "PSM1", "setpoint", "arm")
+            rows = reader.last(5000)
+            reader.close()
+            assert list((rows["stamp_ns"][[0, -1]] - SECOND_NS) // 1_000_000) == [first_ns, last_ns]
+            with SystemTime(system) as time:
+                assert time.now_ns() == rows["stamp_ns"][-1]
+        said = capsys.readouterr().err
+        assert ("looked at is what comes from" in said) == (part != LookedAt(0.1, 0.3))
+
+
+def test_a_file_may_be_called_anything(fault: Path) -> None:
+    other = fault.with_name("Ärger am (Montag) & so weiter.mcap")
+    fault.rename(other)
+    code, said = asked("scope", "PSM1/setpoint.position[0]", "--json", "--from", "0.2", "--to", "0.4", "--recording",
+                       str(other))
+    assert code == 0, said
+    assert asked("scope", "PSM1/setpoint.position[0]", "--from", "0.2")[0] == 2
+
+
+def test_one_that_is_open_is_told_and_nothing_else_is_taken_for_that(fault: Path) -> None:
+    with recording_as_system(fault), pytest.raises(Problem, match="is open already"), recording_as_system(fault):
+        pass
+    with pytest.raises(KeyError, match="of the reader"), system_or_recording(str, None, fault):
+        raise KeyError("of the reader")
 
 
 def test_what_did_not_happen_in_it_is_told(fault: Path) -> None:
