@@ -81,7 +81,7 @@ def test_recorded_commands_are_asked_for_again(robot: Robot, recorded: Path) -> 
     replay = robot.types("replay", str(recorded), "--commands", "--arms", "PSM1", "--speed", "4", "--json")
     rows = [json.loads(line) for line in replay.stdout.splitlines()]
     assert replay.returncode == 0, replay.stderr
-    assert rows and {row["command"] for row in rows} == {"move_jp", "hold"}, rows
+    assert rows and {row["command"] for row in rows} <= {"move_jp", "hold"}, rows  # what fell into the last 3 s
     assert all(row["outcome"] == "done" or "replaced by" in row["reply"] for row in rows), rows
     assert "which is no move" in replay.stderr, "streams are left out, and that is said"
     said = robot.types("replay", str(recorded), "--arms", "PSM9")

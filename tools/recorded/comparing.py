@@ -12,7 +12,8 @@ import numpy as np
 from procs.recordings.reading import RecordedTopic, RecordingReader, Records
 from tools.printing import Say
 from tools.recorded.choosing import TIMED, Stretch, chosen_topics
-from tools.recorded.differences import TopicDifference, compared, in_common
+from tools.recorded.common_time import CommonTime, common_time
+from tools.recorded.differences import TopicDifference, compared
 from tools.recorded.tolerances import AllowedDifference, tolerance_of
 
 REAL_TIME: Final = ("monotonic_ns", "local_ns", "write_ns", "since_ns", "pid", "place", "id", "origin", "wish_origin")
@@ -31,9 +32,14 @@ class RecordingDifference:
     problems: tuple[str, ...]
 
     @property
+    def compared(self) -> int:
+        """Pairs of records that were compared; 0: nothing is known of how like they are."""
+        return sum(topic.compared for topic in self.topics)
+
+    @property
     def outcome(self) -> str:
         """EQUAL bit for bit, WITHIN the tolerances, or DIFFERENT."""
-        if self.only_a or self.only_b or not self.topics:
+        if self.only_a or self.only_b or not self.compared:
             return DIFFERENT
         if all(topic.is_equal for topic in self.topics):
             return EQUAL
@@ -58,20 +64,21 @@ class Comparing:
         real = [] if self.topics else [name for name in wanted if not _in_time(a, b, name)]
         wanted = [name for name in wanted if name not in real]
         both = [name for name in wanted if name in a.record_topics and name in b.record_topics]
+        shared = common_time(a, b, stretches, self.how) if self.common else None
         found, unwanted = [], list[str]()
         for done, name in enumerate(both):
             say(name, done / len(both))
-            found.append(self._topic(a, b, name, stretches, unwanted))
+            found.append(self._topic(a, b, name, stretches, shared, unwanted))
         return RecordingDifference(
             tuple(found), tuple(name for name in wanted if name not in b.record_topics),
-            tuple(name for name in wanted if name not in a.record_topics), _left_out(both, real, unwanted, a),
+            tuple(name for name in wanted if name not in a.record_topics), _left_out(both, real, unwanted, a, shared),
             tuple(f"{one.path.name}: {text}" for one in (a, b) for text in one.problems))
 
     def _topic(self, a: RecordingReader, b: RecordingReader, name: str, stretches: tuple[Stretch, Stretch],
-               unwanted: list[str]) -> TopicDifference:
+               shared: CommonTime | None, unwanted: list[str]) -> TopicDifference:
         records: tuple[Records, Records] = stretches[0].of(a.records(name)), stretches[1].of(b.records(name))
-        if self.common:
-            records = in_common(*records, self.how)
+        if shared is not None:
+            records = shared.of(*records, a.topics[name].rate_hz > 0.0)
         absent = [field for field in on_demand(a.topics[name]) if any(_lacks(each, field) for each in records)]
         unwanted += [f"{name}.{field}" for field in absent]
         return compared(name, *records, self.how, (*REAL_TIME, *absent), units(a.topics[name]),
@@ -101,10 +108,12 @@ def _in_time(a: RecordingReader, b: RecordingReader, name: str) -> bool:
     return topic.kind in TIMED or not topic.kind
 
 
-def _left_out(both: Sequence[str], real: Sequence[str], unwanted: Sequence[str], a: RecordingReader) -> tuple[str, ...]:
+def _left_out(both: Sequence[str], real: Sequence[str], unwanted: Sequence[str], a: RecordingReader,
+              shared: CommonTime | None) -> tuple[str, ...]:
     """What was not compared, in words."""
     there = sorted({field for name in both for field in (_names(a, name)) if field in REAL_TIME}, key=REAL_TIME.index)
     said = [f"fields that are real time by nature, or name a process: {', '.join(there)}"] if there else []
+    said += [f"time that not both have; compared are {shared.text}"] if shared is not None else []
     said += [f"computed on demand, and not wanted all the time: {', '.join(unwanted)}"] if unwanted else []
     return (*said, *([f"processes that live by real time: {', '.join(real)} (--topics compares them)"] if real else []))
 
@@ -121,7 +130,7 @@ def as_dict(comparison: RecordingDifference) -> dict[str, Any]:
                 "tolerance": row.tolerance, "max": row.most, "rms": row.rms, "first": row.first, "worst": row.worst}
 
     return {
-        "outcome": comparison.outcome, "equal": comparison.outcome == EQUAL,
+        "outcome": comparison.outcome, "equal": comparison.outcome == EQUAL, "compared": comparison.compared,
         "topics": [{"topic": row.name, "compared": row.compared, "only_a": row.only_a, "only_b": row.only_b,
                     "first_only_a_ns": row.first_only_a_ns, "first_only_b_ns": row.first_only_b_ns,
                     "equal": row.is_equal, "within": row.is_within, "other_layout": list(row.unknown),

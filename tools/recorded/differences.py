@@ -107,9 +107,9 @@ def keys(records: Records, how: str) -> NDArray[np.int64]:
     return stamps - (stamps[:1].sum() if how == START else 0)
 
 
-def in_common(a: Records, b: Records, how: str) -> tuple[Records, Records]:
-    """The part of both that lies in the time, or numbers, of both."""
-    key_a, key_b = keys(a, how), keys(b, how)
+def in_common(a: Records, b: Records) -> tuple[Records, Records]:
+    """Records of the numbers that both have."""
+    key_a, key_b = keys(a, SEQUENCE), keys(b, SEQUENCE)
     if not len(key_a) or not len(key_b):
         return _part(a, np.zeros(len(key_a), np.bool_)), _part(b, np.zeros(len(key_b), np.bool_))
     begin, end = max(key_a.min(), key_b.min()), min(key_a.max(), key_b.max())

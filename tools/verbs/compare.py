@@ -73,11 +73,13 @@ def show(found: RecordingDifference) -> None:
     for names, where in ((found.only_a, "A"), (found.only_b, "B")):
         if names:
             tell(f"only {where} has {', '.join(names)}")
-    compared = sum(topic.compared for topic in found.topics)
+    compared = found.compared
     if found.outcome == EQUAL:
         tell(f"equal: {compared} records of {len(found.topics)} topics, bit for bit")
     elif not found.topics:
         tell("different: they have no topic in common")
+    elif not compared:
+        tell("different: nothing was compared, since no record of one stands beside one of the other")
     else:
         bad = [topic.name for topic in found.topics if not topic.is_within]
         same = sum(topic.is_equal for topic in found.topics)

@@ -14,11 +14,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from procs.recordings.reading import Records
+from procs.recordings import names
+from procs.recordings.chunks import Chunk, packed
+from procs.recordings.layout import ENCAPSULATION
+from procs.recordings.reading import Records, open_recording
+from procs.recordings.writing import ChannelTable, RecordingFile
 from shm.layout import schema_of
 from shm.topics import ARM_STATE
-from tests.recordings.made import STATE, STEP_NS, rows_of, written
-from tools.errors import Misuse
+from tests.recordings.made import BEGIN_NS, STATE, STEP_NS, rows_of, written
+from tools.errors import Misuse, Problem
+from tools.recorded.choosing import Stretch
+from tools.recorded.comparing import Comparing, as_dict
 from tools.recorded.differences import SEQUENCE, STAMP, START, compared, distance, in_common, paired, same
 from tools.recorded.tolerances import parsed, tolerance_of
 
@@ -115,7 +121,7 @@ def test_runs_that_begin_at_other_times_are_aligned() -> None:
     for how, count in ((STAMP, 0), (START, 40), (SEQUENCE, 0)):
         assert len(paired(records(rows), records(later), how)) == count, how
     assert compared("t", records(rows), records(later), START).is_equal
-    assert len(in_common(records(rows), records(later), STAMP)[0].rows) == 0
+    assert len(in_common(records(rows), records(later))[0].rows) == 0
 
 
 @settings(max_examples=60, deadline=None)
@@ -194,3 +200,70 @@ def test_what_was_computed_on_demand_in_one_of_them_is_left_out(tmp_path: Path) 
     with paths[1].open("wb", buffering=0) as stream:
         written(stream, {("PSM1", "state"): (schema, other)})
     assert run(*paths).returncode == 1
+
+
+def steady(folder: Path, name: str, kind: str = names.NAMED, **topics: tuple[int, int]) -> Path:
+    """Topics of an instance each with a rate, from one ms to another; those called `e…` come on events."""
+    path, table = folder / name, ChannelTable()
+    with path.open("wb", buffering=0) as stream:
+        file, chunk = RecordingFile(stream, table, {names.SYSTEM: {"kind": kind, "system": "x"}}), Chunk()
+        for topic, (begin, end) in topics.items():
+            rate = {} if topic.startswith("e") else {"rate_hz": 1000.0}
+            channel, layout = table.ring("PSM1", topic, "arm", STATE, 1, rate)
+            for row in sane(end, 1)[begin:end]:
+                chunk.add(channel, int(row["sequence"]), BEGIN_NS + int(row["stamp_ns"]), int(row["stamp_ns"]),
+                          ENCAPSULATION, row.tobytes()[: layout.size])
+        file.put(packed(chunk, ""))
+        file.finish()
+    return path
+
+
+def outcome(a: Path, b: Path, how: str = STAMP, topics: list[str] | None = None) -> dict[str, Any]:
+    with open_recording(a) as one, open_recording(b) as other:
+        return as_dict(Comparing(how, topics, common=True).of(one, other))
+
+
+def test_the_common_time_is_one_for_all_topics(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tools.recorded.common_time.SLACK_NS", 30_000_000)
+    a = steady(tmp_path, "a.mcap", one=(0, 200), two=(5, 198))
+    found = outcome(a, steady(tmp_path, "b.mcap", one=(40, 300), two=(40, 300)))
+    assert found["outcome"] == "equal" and found["compared"] == 2 * 158
+    assert any("0.040 to 0.197 s of A and" in text for text in found["left_out"])
+    died = outcome(a, steady(tmp_path, "died.mcap", one=(0, 200), two=(5, 100)))
+    assert died["outcome"] == "different", "its process died in B alone"
+    assert {row["topic"]: row["only_a"] for row in died["topics"]} == {"PSM1/one": 0, "PSM1/two": 98}
+    late = outcome(a, steady(tmp_path, "late.mcap", one=(0, 200), two=(100, 198)))
+    assert late["outcome"] == "different"
+    dump = steady(tmp_path, "dump.mcap", names.DUMP, one=(0, 200), two=(100, 198))
+    assert outcome(a, dump)["outcome"] == "equal", "its ring was not deeper"
+
+
+def test_events_are_compared_as_far_back_as_both_have_them(tmp_path: Path) -> None:
+    a = steady(tmp_path, "a.mcap", names.DUMP, state=(150, 200), events=(10, 60))
+    found = outcome(a, steady(tmp_path, "b.mcap", state=(0, 200), events=(0, 60)))
+    assert found["outcome"] == "equal" and found["compared"] == 100
+    less = outcome(a, steady(tmp_path, "less.mcap", state=(0, 200), events=(0, 59)))
+    assert less["outcome"] == "different", "the last event is in A alone"
+    none = outcome(steady(tmp_path, "late.mcap", state=(0, 200), events=(190, 200)),
+                   steady(tmp_path, "none.mcap", state=(0, 200), events=(0, 0)))
+    assert none["outcome"] == "different"
+
+
+def test_runs_at_other_times_have_their_first_seconds_in_common(tmp_path: Path) -> None:
+    a, b = steady(tmp_path, "a.mcap", state=(0, 100)), steady(tmp_path, "b.mcap", state=(500, 700))
+    with pytest.raises(Problem, match="no time in common; --align start"):
+        outcome(a, b)
+    for one, other in ((a, b), (b, a)):
+        [topic] = outcome(one, other, START)["topics"]
+        assert (topic["compared"], topic["only_a"], topic["only_b"]) == (100, 0, 0)
+    assert outcome(a, b, SEQUENCE)["outcome"] == "different", "no number is in both"
+
+
+def test_nothing_that_was_compared_is_never_equal(tmp_path: Path) -> None:
+    a, b = saved(tmp_path, "a.mcap", sane(0)), saved(tmp_path, "b.mcap", sane(0))
+    found = run(a, b)
+    assert found.returncode == 1 and "nothing was compared" in found.stdout, found
+    rows = saved(tmp_path, "c.mcap", sane(40))
+    with open_recording(rows) as one, open_recording(rows) as other:
+        none = Comparing(STAMP).of(one, other, (Stretch(1 << 40), Stretch(1 << 40)))
+    assert none.outcome == "different" and none.compared == 0
