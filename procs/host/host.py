@@ -40,6 +40,10 @@ COARSEST_S = 0.002
 """Of the physics of a PSM on boards: with longer steps the light joints of its wrist ring, and io trips."""
 
 
+FIRST_NUMBER = 1 << 31
+"""Beyond those that this process gives elsewhere."""
+
+
 class CommandNumbers:
     """Numbers of the persons' commands in a host, the same ones each time (shm/origins.py)."""
 
@@ -49,7 +53,7 @@ class CommandNumbers:
     def next(self) -> int:
         """One that no other command in this host has."""
         self._count += 1
-        return os.getpid() << 32 | self._count
+        return os.getpid() << 32 | FIRST_NUMBER + self._count
 
 
 class Host:

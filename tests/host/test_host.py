@@ -48,6 +48,16 @@ def test_time_passes_when_it_is_let_and_not_else() -> None:
         assert state.head == before
 
 
+def test_a_stream_pauses_in_the_time_of_the_host() -> None:
+    with Host(document(*KINEMATIC)) as host:
+        client, origins = host.client("PSM1"), []
+        for passed in (0.05, 0.09, 0.11, 0.0):
+            client.send("servo_jp", GOAL)
+            origins.append(client.origin.id)
+            host.run(passed)
+        assert origins[0] == origins[1] == origins[2] != origins[3]
+
+
 def test_several_hosts_live_side_by_side() -> None:
     with Host(document(*KINEMATIC), history=64) as first, Host(document(*KINEMATIC), history=64) as second:
         one, other = HashedArm(first), HashedArm(second)
