@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final, NoReturn
@@ -42,8 +43,8 @@ SLOWEST_RATIO, FASTEST_RATIO = 0.01, 0.5
 class RunningSystem:
     """Which running system an environment is to command. It can be pickled.
 
-    `system`: default the only one that is up. `arms`: names of the arms, default those of the task. `reset_ratio`:
-    speed and acceleration of the moves to where episodes begin, of what the arms may do (0.01 to 0.5).
+    `system`: default that of TROCAR_SYSTEM, else the only one up. `arms`: names of the arms, default those of the task.
+    `reset_ratio`: speed and acceleration of the moves to where episodes begin, of what the arms may do (0.01 to 0.5).
     """
 
     system: str = ""
@@ -63,7 +64,7 @@ class AttachedRobot:
 
         RobotStopped where an arm is not powered and homed, Problem where there is none, ValueError: it is another kind.
         """
-        self._system, self._ratio = chosen_system(where.system or None), where.reset_ratio
+        self._system, self._ratio = chosen_system(where.system or os.environ.get("TROCAR_SYSTEM")), where.reset_ratio
         self._stopped = ""
         names = arm_names(self._system, where.arms or arms)
         types = [document_of(self._system).arm(name).type for name in names]

@@ -121,6 +121,7 @@ JSON = {  # of the verbs that print JSON: one that works on the demo, with an ar
     "get": "get", "record": "record short PSM1 --for 0.2",
     "scope": "scope PSM1/measured_js.position[0] --before 0.2", "attach": "attach", "recordings": "recordings",
     "dump": "dump {folder}/all.mcap", "report": "report {folder}/all.tar.gz",
+    "rl": "rl rollout trocar/PsmReach-v0 -n 1 -o horizon=5",
     "check": "check configs/systems/demo.yaml configs/pid/PSM.yaml",
     "convert": "convert {folder}/console-PSM1.json --to {folder}",
     "export": "export {folder}/monday.mcap -o {folder}/monday",

@@ -5,6 +5,7 @@ physics at 500 Hz and goals at 50 Hz. Ratios are seconds of the system's time a 
 CPU (`…_per_cpu_s`), medians (and p05) of windows of some seconds; of four PSMs the arms' seconds are added up. Times to
 go back are CPU time of one PSM on boards. Hashes are of every record of io, boards and arms: twice in this process, in
 another host, in another process; and a homing in processes in lock-step is compared with a host, record by record.
+Where Ray is installed, episodes of PsmReach on boards run on actors of it: tools/bench/ray_scaling.py.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import psutil
 
 from procs.config import PROJECT_CONFIGS
 from procs.kernel.library import kernel
+from tools.bench import ray_scaling
 from tools.bench.host_run import BOARDS, FOUR_PSMS, KINEMATIC, SETS, START, HostRun
 from tools.bench.same_run import LockstepRun
 from tools.printing import Say, progress
@@ -54,9 +56,12 @@ def run(seconds: float = WINDOW_S, windows: int = WINDOWS, resets: int = RESETS,
                     figures |= _resets(host, resets)
         hashes = {kind: _hashes(kind, say, processes) for kind in HASHED}
         found = _against_processes(say) if processes else None
+        on_ray = ray_scaling.run(say) if processes else None
+    if on_ray is not None:
+        hashes["ray"] = on_ray.hashes
+    figures |= ray_scaling.NOT_MEASURED if on_ray is None else on_ray.figures
     is_equal = all(len(set(rows.values())) == 1 for rows in hashes.values()) and not found
-    # Scaling over actors of Ray is measured where Ray is; None: it was not.
-    figures |= {"hashes_equal": int(is_equal), "ray_scaling_4": None}
+    figures["hashes_equal"] = int(is_equal)
     conditions = {
         "computed_by": "the kernel" if kernel().library is not None else f"numpy: {kernel().why}",
         "windows": windows, "window_s": seconds, "resets": resets, "sets": list(SETS), "hashes": hashes,

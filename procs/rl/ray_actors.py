@@ -1,0 +1,130 @@
+"""Episodes on Ray: each actor has an environment of its own and is asked for whole episodes, not for steps."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import secrets
+import shutil
+import socket
+import tempfile
+from collections import deque
+from collections.abc import Iterator, Sequence
+from typing import Any, Final
+
+from procs.rl.rollouts import Episode, EpisodeRunner, Task, check
+
+QUIET: Final = {"RAY_USAGE_STATS_ENABLED": "0", "RAY_DEDUP_LOGS": "0", "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0"}
+ONE_THREAD: Final = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+TOKEN: Final = "RAY_AUTH_TOKEN"
+"""Without it in the environment, Ray keeps one for all its clusters in the home folder."""
+LOOPBACK: Final = "127.0.0.2"
+"""Ray takes 127.0.0.1 for a mistake, and uses the machine's address instead."""
+STORE_BYTES: Final = 200_000_000
+"""Of Ray's object store where we start it: results are small."""
+ROUNDS: Final = 4
+"""So many shares of the episodes go to an actor, one after the other."""
+LARGEST: Final = 16
+"""Episodes of a share at most."""
+CONNECT_S: Final = 5.0
+"""A cluster that takes longer to answer is not there; Ray itself would ask for minutes."""
+
+
+class RolloutError(RuntimeError):
+    """Rollouts that cannot go on, and why."""
+
+
+@contextlib.contextmanager
+def running_ray(actors: int, address: str = "") -> Iterator[Any]:
+    """Ray's module, with room for so many actors: that of a cluster at `address`, or one of our own.
+
+    Our own keeps its files in a temporary folder, and nothing is left of it. RolloutError: no Ray, or no cluster.
+    """
+    os.environ.update({key: value for key, value in QUIET.items() if key not in os.environ})
+    try:
+        import ray
+    except ImportError:
+        raise RolloutError("Ray is not installed: pip install 'trocar[ray]'") from None
+    with _told():
+        _answers(address)
+    with contextlib.ExitStack() as held:
+        own = {} if address else _of_our_own(held, actors)
+        held.callback(ray.shutdown)
+        with _told():
+            ray.init(address=address or "local", log_to_driver=False, logging_level=logging.ERROR,
+                     runtime_env={"env_vars": ONE_THREAD}, **own)
+        yield ray
+
+
+def _of_our_own(held: contextlib.ExitStack, actors: int) -> dict[str, Any]:
+    """How we start it: on an address of this machine, with a token and a folder that end with it."""
+    folder = tempfile.mkdtemp(prefix="trocar-ray-")
+    held.callback(shutil.rmtree, folder, ignore_errors=True)
+    os.environ[TOKEN] = secrets.token_hex(32)
+    held.callback(os.environ.pop, TOKEN, None)
+    return {"num_cpus": actors, "include_dashboard": False, "_temp_dir": folder, "object_store_memory": STORE_BYTES,
+            "_node_ip_address": LOOPBACK}
+
+
+@contextlib.contextmanager
+def _told() -> Iterator[None]:
+    try:
+        yield
+    except (OSError, RuntimeError, ValueError) as error:
+        raise RolloutError(f"Ray does not start: {str(error).strip().splitlines()[0]}") from error
+
+
+def _answers(address: str) -> None:
+    host, colon, port = address.rpartition(":")
+    if colon and port.isdigit():
+        socket.create_connection((host, int(port)), timeout=CONNECT_S).close()
+
+
+class EpisodeActor:
+    """In a process of Ray: an environment and its policy."""
+
+    def __init__(self, task: Task) -> None:
+        self._task = task
+        self._runner: EpisodeRunner | None = None
+
+    def episodes(self, seeds: Sequence[int]) -> list[Episode]:
+        """So many episodes; one remote call for all of them. What is wrong with a task is raised by the first."""
+        if self._runner is None:
+            self._runner = EpisodeRunner(self._task)
+        return [self._runner.run(seed) for seed in seeds]
+
+
+def run(task: Task, seeds: Sequence[int], actors: int, address: str = "") -> Iterator[Episode]:
+    """All episodes on so many actors of a CPU each, as they end: in no order. An actor that dies is replaced once.
+
+    NoPolicy and gymnasium's errors, before anything is started; RolloutError: no Ray, or what went wrong in an actor.
+    """
+    check(task)
+    with running_ray(actors, address) as ray:
+        yield from shared(ray, actors_of(ray, task, min(actors, len(seeds))), seeds)
+
+
+def actors_of(ray: Any, task: Task, count: int) -> list[Any]:
+    """So many actors, a CPU each."""
+    remote = ray.remote(num_cpus=1, max_restarts=1, max_task_retries=1)(EpisodeActor)
+    return [remote.remote(task) for _ in range(count)]
+
+
+def shared(ray: Any, runners: Sequence[Any], seeds: Sequence[int]) -> Iterator[Episode]:
+    """Episodes, not fewer than `runners`, shared among these actors, as they end; RolloutError."""
+    size = max(1, min(LARGEST, len(seeds) // (ROUNDS * len(runners))))
+    shares = deque(seeds[at : at + size] for at in range(0, len(seeds), size))
+    asked = {runner.episodes.remote(shares.popleft()): runner for runner in runners}
+    while asked:
+        (ready, *_), _ = ray.wait(list(asked))
+        runner = asked.pop(ready)
+        if shares:
+            asked[runner.episodes.remote(shares.popleft())] = runner
+        try:
+            episodes = ray.get(ready)
+        except ray.exceptions.RayTaskError as error:
+            raise RolloutError(f"an episode failed: {error.cause}") from error
+        except ray.exceptions.RayError as error:
+            raise RolloutError(f"an actor was lost: {str(error).strip().splitlines()[0]}") from error
+        yield from episodes

@@ -1,0 +1,162 @@
+"""Episodes of a policy in an environment, one after the other, and what came out of each."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import importlib.util
+import inspect
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+import procs.rl.registration  # noqa: F401  # the names of our own
+
+Policy = Callable[[Any], Any]
+"""From an observation to an action."""
+
+RANDOM: Final = "random"
+"""The policy that draws its actions, seeded as the episode is."""
+
+
+class NoPolicy(ValueError):
+    """A policy that cannot be had, and why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """What is to be run: an environment with its options, and a policy as `policy_of` takes it."""
+
+    environment: str
+    options: Mapping[str, Any]
+    policy: str = RANDOM
+    keeps: bool = False
+    """Also keep what was observed and done."""
+
+
+@dataclass(frozen=True, slots=True)
+class Episode:
+    """What came out of one episode. Its hash covers every observation and reward, bit by bit."""
+
+    seed: int
+    steps: int
+    reward: float
+    is_success: bool
+    is_terminated: bool
+    state: str
+    hash: str
+    cpu_s: float
+    wall_s: float
+    simulated_s: float
+    kept: Mapping[str, NDArray[Any]] | None = None
+    """Observations by part (steps + 1, size), actions (steps, size), rewards (steps,)."""
+
+
+def check(task: Task) -> None:
+    """NoPolicy, or gymnasium's error for an environment that is not known: what can be told without making it."""
+    policy_of(task.policy)
+    gymnasium.spec(task.environment)
+
+
+class EpisodeRunner:
+    """An environment and a policy that are made once, for any number of episodes."""
+
+    def __init__(self, task: Task) -> None:
+        """NoPolicy; what gymnasium.make raises for environments that are not known, and theirs for wrong options."""
+        self._policy = policy_of(task.policy)
+        self._keeps = task.keeps
+        self._environment: gymnasium.Env[Any, Any] = gymnasium.make(task.environment, **task.options)
+        self._step_s = 1.0 / float(self._environment.metadata["render_fps"])
+
+    def run(self, seed: int) -> Episode:
+        """One episode from its reset to its end."""
+        environment, policy = self._environment, self._policy
+        cpu, wall = time.process_time_ns(), time.perf_counter_ns()
+        digest, rewards, seen, done = hashlib.sha256(), [], [], []
+        observation, info = environment.reset(seed=seed)
+        environment.action_space.seed(seed)
+        ends = truncated = False
+        _take(observation, digest)
+        seen.append(observation)
+        while not (ends or truncated):
+            action = environment.action_space.sample() if policy is None else policy(observation)
+            observation, reward, ends, truncated, info = environment.step(action)
+            _take(observation, digest)
+            digest.update(np.float64(reward).tobytes())
+            rewards.append(float(reward))
+            if self._keeps:
+                seen.append(observation)
+                done.append(np.array(action))
+        return Episode(seed, len(rewards), sum(rewards), bool(info.get("is_success", False)), bool(ends),
+                       str(info.get("state", "")), digest.hexdigest()[:16], (time.process_time_ns() - cpu) * 1e-9,
+                       (time.perf_counter_ns() - wall) * 1e-9, len(rewards) * self._step_s,
+                       _kept(seen, done, rewards) if self._keeps else None)
+
+    def close(self) -> None:
+        """The environment ends."""
+        self._environment.close()
+
+
+def run(task: Task, seeds: Iterable[int]) -> Iterator[Episode]:
+    """All episodes in this process, each as soon as it has ended."""
+    runner = EpisodeRunner(task)
+    try:
+        for seed in seeds:
+            yield runner.run(seed)
+    finally:
+        runner.close()
+
+
+def _take(observation: Any, digest: Any) -> None:
+    if isinstance(observation, Mapping):
+        for key in sorted(observation):
+            _take(observation[key], digest)
+    else:
+        digest.update(np.ascontiguousarray(observation).tobytes())
+
+
+def _kept(seen: list[Any], done: list[Any], rewards: list[float]) -> dict[str, NDArray[Any]]:
+    parts = sorted(seen[0]) if isinstance(seen[0], Mapping) else []
+    rows = {part: np.array([each[part] for each in seen]) for part in parts} or {"observation": np.array(seen)}
+    return {**rows, "action": np.array(done), "reward": np.array(rewards)}
+
+
+def policy_of(text: str) -> Policy | None:
+    """A policy by its text: `random` (None), or FILE.py:NAME or MODULE:NAME of a function that takes an observation.
+
+    A class is called first, without arguments: its object is the policy, loaded once. NoPolicy says what is wrong.
+    """
+    if text == RANDOM:
+        return None
+    where, colon, name = text.rpartition(":")
+    if not colon or not where or not name.isidentifier():
+        raise NoPolicy(f"policy {text!r}: allowed are {RANDOM}, FILE.py:NAME and MODULE:NAME")
+    found = getattr(_module(where), name, None)
+    if found is None:
+        raise NoPolicy(f"policy {text!r}: there is no {name} in {where}")
+    policy = found() if inspect.isclass(found) else found
+    if not callable(policy):
+        raise NoPolicy(f"policy {text!r}: {name} cannot be called with an observation")
+    return policy  # type: ignore[no-any-return]
+
+
+def _module(where: str) -> Any:
+    try:
+        if not where.endswith(".py"):
+            return importlib.import_module(where)
+        path = Path(where).resolve(strict=True)
+        spec = importlib.util.spec_from_file_location(path.stem, path)
+        assert spec is not None and spec.loader is not None, "a name that ends in .py has one"
+        module = importlib.util.module_from_spec(spec)
+        sys.modules.setdefault(path.stem, module)
+        spec.loader.exec_module(module)
+    except (OSError, ImportError, SyntaxError) as error:
+        raise NoPolicy(f"policy from {where}: {error}") from None
+    return module

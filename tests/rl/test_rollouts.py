@@ -1,0 +1,105 @@
+"""Episodes of a policy: told by their seed, wherever they run; what cannot be run is said before anything begins."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from procs.rl.rollouts import NoPolicy, Task, check, policy_of, run
+from tools import cli
+
+CART = Task("CartPole-v1", {})
+"""An environment of Gymnasium's own: what is said here does not hang on ours."""
+POLICIES = """
+def leans(observation):
+    return int(observation[2] > 0)
+
+class Balances:
+    made = 0
+    def __init__(self):
+        Balances.made += 1
+    def __call__(self, observation):
+        return int(observation[2] + 0.3 * observation[3] > 0)
+
+number = 3
+"""
+
+
+@pytest.fixture
+def policies(tmp_path: Path) -> Path:
+    file = tmp_path / "policies.py"
+    file.write_text(POLICIES)
+    return file
+
+
+def test_a_seed_says_all_of_an_episode() -> None:
+    first, again = list(run(CART, [3, 4, 5])), list(run(CART, [5, 3]))
+    hashes = {row.seed: row.hash for row in first}
+    assert len(set(hashes.values())) == 3
+    assert {row.seed: row.hash for row in again} == {5: hashes[5], 3: hashes[3]}
+    assert all(row.steps == row.reward and row.is_terminated for row in first)
+    assert all(row.simulated_s == pytest.approx(row.steps / 50) for row in first)
+
+
+def test_a_policy_from_a_file_acts(policies: Path) -> None:
+    (leaning,) = run(Task("CartPole-v1", {}, f"{policies}:leans"), [1])
+    (balanced,) = run(Task("CartPole-v1", {}, f"{policies}:Balances"), [1])
+    assert leaning.steps < 100 and balanced.steps == 500 and not balanced.is_terminated
+
+
+def test_what_was_seen_and_done_can_be_kept(policies: Path) -> None:
+    (episode,) = run(Task("CartPole-v1", {}, f"{policies}:leans", keeps=True), [1])
+    assert episode.kept is not None
+    seen, done = episode.kept["observation"], episode.kept["action"]
+    assert seen.shape == (episode.steps + 1, 4) and done.shape == episode.kept["reward"].shape == (episode.steps,)
+    assert (done == (seen[:-1, 2] > 0)).all()
+
+
+@pytest.mark.parametrize(("text", "wrong"), [
+    ("best", "allowed are random, FILE.py:NAME"), ("nowhere.py:best", "No such file"), ("{file}:best", "no best in"),
+    ("{file}:number", "cannot be called"), ("no.such.module:best", "No module named"), ("{file}:a b", "allowed are"),
+])
+def test_a_policy_that_cannot_be_had_is_told(text: str, wrong: str, policies: Path) -> None:
+    with pytest.raises(NoPolicy, match=wrong):
+        policy_of(text.format(file=policies))
+
+
+def test_a_file_with_a_mistake_is_told(tmp_path: Path) -> None:
+    (tmp_path / "wrong.py").write_text("def best(:\n")
+    with pytest.raises(NoPolicy, match="invalid syntax"):
+        check(Task("CartPole-v1", {}, f"{tmp_path / 'wrong.py'}:best"))
+
+
+def test_an_environment_that_is_not_known_is_told() -> None:
+    with pytest.raises(gymnasium.error.Error, match="CartPol"):
+        check(Task("CartPol-v1", {}))
+
+
+def rollout(*words: str) -> tuple[int, list[dict[str, Any]]]:
+    """Exit code and what the verb printed."""
+    done = CliRunner().invoke(cli.build("rl"), ["rl", "rollout", *words, "--json"])
+    return done.exit_code, [json.loads(line) for line in done.stdout.splitlines()]
+
+
+def test_the_verb_prints_and_keeps_episodes(tmp_path: Path, policies: Path) -> None:
+    code, rows = rollout("CartPole-v1", "-n", "3", "--seed", "7", "--policy", f"{policies}:leans",
+                         "--save", str(tmp_path / "kept"))
+    assert code == 0 and [row["seed"] for row in rows[:-1]] == [7, 8, 9]
+    assert rows[-1]["summary"]["steps"] == sum(row["steps"] for row in rows[:-1])
+    with np.load(tmp_path / "kept" / "episode-8.npz") as kept:
+        assert len(kept["action"]) == rows[1]["steps"]
+
+
+@pytest.mark.parametrize(("words", "code"), [
+    (("CartPol-v1",), 2), (("CartPole-v1", "--policy", "best"), 2), (("CartPole-v1", "--option", "gravity"), 2),
+    (("CartPole-v1", "--option", "gravity=3"), 2), (("CartPole-v1", "--address", "auto"), 2),
+    (("CartPole-v1", "--save", "/proc/nowhere"), 1),
+])
+def test_what_was_asked_wrongly_is_told(words: tuple[str, ...], code: int) -> None:
+    assert rollout(*words) == (code, [])

@@ -1,0 +1,155 @@
+"""`trocar rl rollout`: a policy in an environment, episode after episode, on as many cores as wanted."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import json
+import statistics
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from tools.errors import Misuse, Problem
+from tools.options import JsonOption
+from tools.printing import emit, number, progress, table
+
+if TYPE_CHECKING:
+    from procs.rl.rollouts import Episode, Task
+
+COLUMNS = ("seed", "steps", "return", "success", "ended by", "state", "hash")
+
+
+def rollout(
+    environment: Annotated[str, typer.Argument(help="Its name, as for gymnasium.make.")],
+    episodes: Annotated[int, typer.Option("--episodes", "-n", min=1, help="So many.")] = 10,
+    actors: Annotated[int, typer.Option("--actors", min=0, help="Processes of Ray, a core each; 0: none.")] = 0,
+    policy: Annotated[str, typer.Option(
+        "--policy", metavar="POLICY", help="random, FILE.py:NAME or MODULE:NAME: called with each observation.")
+    ] = "random",
+    options: Annotated[list[str] | None, typer.Option(
+        "--option", "-o", metavar="KEY=VALUE", help="An option of the environment; JSON, or text.")] = None,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the first episode; the next one has the next.")] = 0,
+    address: Annotated[str, typer.Option("--address", help="Of a cluster that runs; auto: the one here.")] = "",
+    save: Annotated[Path | None, typer.Option(
+        "--save", metavar="FOLDER", help="Keep what was observed and done: a file of numpy each episode.")] = None,
+    as_json: JsonOption = False,
+) -> int:
+    """Run episodes, and say what came out of them: the same seed gives the same hash, wherever it runs.
+
+    Each actor has an environment of its own and runs whole episodes. A cluster needs `ray start` on each machine, and
+    Trocar with the policy's file at the same place.
+
+    Example: trocar rl rollout trocar/PsmReach-v0 --episodes 5
+    """
+    task, seeds = _task(environment, policy, options or (), save is not None), range(seed, seed + episodes)
+    if address and not actors:
+        raise Misuse("--address: also say how many --actors")
+    if save is not None:
+        with _written(save):
+            save.mkdir(parents=True, exist_ok=True)
+    from time import perf_counter
+
+    begin, done, output = perf_counter(), [], sys.stdout
+    with _problems(), contextlib.redirect_stdout(sys.stderr), progress(task.environment) as say:  # Ray prints, too
+        for episode in _run(task, seeds, actors, address):
+            done.append(episode)
+            say(f"{len(done)} of {episodes} episodes", len(done) / episodes)
+            if save is not None:
+                _save(save, episode)
+            if as_json:
+                with contextlib.redirect_stdout(output):
+                    emit(_row(episode))
+    summary = _summary(task, done, perf_counter() - begin, actors)
+    if as_json:
+        emit({"summary": summary})
+    else:
+        _show(done, summary)
+    return 0
+
+
+def _task(environment: str, policy: str, options: Sequence[str], keeps: bool) -> Task:
+    with _problems():
+        from procs.rl.rollouts import Task
+
+    values: dict[str, Any] = {}
+    for text in options:
+        key, given, value = text.partition("=")
+        if not given or not key.isidentifier():
+            raise Misuse(f"--option {text}: allowed is KEY=VALUE")
+        try:
+            values[key] = json.loads(value)
+        except ValueError:
+            values[key] = value
+    return Task(environment, values, policy, keeps)
+
+
+def _run(task: Task, seeds: Sequence[int], actors: int, address: str) -> Iterator[Episode]:
+    from procs.rl import ray_actors, rollouts
+
+    return ray_actors.run(task, seeds, actors, address) if actors else rollouts.run(task, seeds)
+
+
+@contextlib.contextmanager
+def _problems() -> Iterator[None]:
+    """What may go wrong in there, as a person should hear it."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if error.name != "gymnasium":
+            raise
+        raise Problem("gymnasium is not installed: pip install 'trocar[rl]'") from None
+    except Exception as error:
+        from gymnasium.error import Error
+
+        from procs.rl.backend import RobotStopped
+        from procs.rl.ray_actors import RolloutError
+        from procs.rl.rollouts import NoPolicy
+
+        if isinstance(error, NoPolicy | Error | TypeError | ValueError):
+            raise Misuse(str(error)) from error
+        if isinstance(error, RolloutError | RobotStopped):
+            raise Problem(str(error)) from error
+        raise
+
+
+@contextlib.contextmanager
+def _written(folder: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise Problem(f"{error.filename or folder}: {error.strerror}") from None
+
+
+def _save(folder: Path, episode: Episode) -> None:
+    import numpy as np
+
+    assert episode.kept is not None
+    with _written(folder):
+        np.savez_compressed(folder / f"episode-{episode.seed}.npz", allow_pickle=False, **episode.kept)
+
+
+def _row(episode: Episode) -> dict[str, Any]:
+    fields = [field.name for field in dataclasses.fields(episode) if field.name != "kept"]
+    return {name: getattr(episode, name) for name in fields}
+
+
+def _summary(task: Task, done: Sequence[Episode], wall_s: float, actors: int) -> dict[str, Any]:
+    steps, cpu = sum(row.steps for row in done), sum(row.cpu_s for row in done)
+    simulated = sum(row.simulated_s for row in done)
+    return {"environment": task.environment, "policy": task.policy, "episodes": len(done), "actors": actors,
+            "success": sum(row.is_success for row in done) / len(done),
+            "return_median": statistics.median(row.reward for row in done), "steps": steps, "wall_s": wall_s,
+            "steps_per_s": steps / wall_s, "simulated_per_cpu_s": simulated / max(cpu, 1e-9)}
+
+
+def _show(done: Sequence[Episode], summary: dict[str, Any]) -> None:
+    rows = sorted(done, key=lambda row: row.seed)
+    table("", COLUMNS, (
+        (str(row.seed), str(row.steps), number(row.reward, ".3f"), "yes" if row.is_success else "no",
+         "itself" if row.is_terminated else "time", row.state, row.hash) for row in rows), ("seed", "steps", "return"))
+    print(f"{summary['episodes']} episodes, {100 * summary['success']:.0f} % with success; "
+          f"{summary['steps_per_s']:.0f} steps/s, {summary['simulated_per_cpu_s']:.1f} s simulated a CPU second")
