@@ -13,7 +13,7 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
-from procs.rl.rollouts import Episode, EpisodeRunner, Task, check
+from procs.rl.rollouts import Episode, EpisodeRunner, RolloutTask, check
 
 QUIET: Final = {"RAY_USAGE_STATS_ENABLED": "0", "RAY_DEDUP_LOGS": "0", "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0"}
 ONE_THREAD: Final = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
@@ -84,7 +84,7 @@ def _answers(address: str) -> None:
 class EpisodeActor:
     """In a process of Ray: an environment and its policy."""
 
-    def __init__(self, task: Task) -> None:
+    def __init__(self, task: RolloutTask) -> None:
         self._task = task
         self._runner: EpisodeRunner | None = None
 
@@ -95,7 +95,7 @@ class EpisodeActor:
         return [self._runner.run(seed) for seed in seeds]
 
 
-def run(task: Task, seeds: Sequence[int], actors: int, address: str = "") -> Iterator[Episode]:
+def run(task: RolloutTask, seeds: Sequence[int], actors: int, address: str = "") -> Iterator[Episode]:
     """All episodes on so many actors of a CPU each, as they end: in no order. An actor that dies is replaced once.
 
     NoPolicy and gymnasium's errors, before anything is started; RolloutError: no Ray, or what went wrong in an actor.
@@ -105,7 +105,7 @@ def run(task: Task, seeds: Sequence[int], actors: int, address: str = "") -> Ite
         yield from shared(ray, actors_of(ray, task, min(actors, len(seeds))), seeds)
 
 
-def actors_of(ray: Any, task: Task, count: int) -> list[Any]:
+def actors_of(ray: Any, task: RolloutTask, count: int) -> list[Any]:
     """So many actors, a CPU each."""
     remote = ray.remote(num_cpus=1, max_restarts=1, max_task_retries=1)(EpisodeActor)
     return [remote.remote(task) for _ in range(count)]

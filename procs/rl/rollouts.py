@@ -31,7 +31,7 @@ class NoPolicy(ValueError):
 
 
 @dataclass(frozen=True, slots=True)
-class Task:
+class RolloutTask:
     """What is to be run: an environment with its options, and a policy as `policy_of` takes it."""
 
     environment: str
@@ -59,7 +59,7 @@ class Episode:
     """Observations by part (steps + 1, size), actions (steps, size), rewards (steps,)."""
 
 
-def check(task: Task) -> None:
+def check(task: RolloutTask) -> None:
     """NoPolicy, or gymnasium's error for an environment that is not known: what can be told without making it."""
     policy_of(task.policy)
     gymnasium.spec(task.environment)
@@ -68,7 +68,7 @@ def check(task: Task) -> None:
 class EpisodeRunner:
     """An environment and a policy that are made once, for any number of episodes."""
 
-    def __init__(self, task: Task) -> None:
+    def __init__(self, task: RolloutTask) -> None:
         """NoPolicy; what gymnasium.make raises for environments that are not known, and theirs for wrong options."""
         self._policy = policy_of(task.policy)
         self._keeps = task.keeps
@@ -104,7 +104,7 @@ class EpisodeRunner:
         self._environment.close()
 
 
-def run(task: Task, seeds: Iterable[int]) -> Iterator[Episode]:
+def run(task: RolloutTask, seeds: Iterable[int]) -> Iterator[Episode]:
     """All episodes in this process, each as soon as it has ended."""
     runner = EpisodeRunner(task)
     try:

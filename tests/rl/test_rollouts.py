@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from procs.rl.rollouts import NoPolicy, Task, check, policy_of, run
+from procs.rl.rollouts import NoPolicy, RolloutTask, check, policy_of, run
 from tools import cli
 
-CART = Task("CartPole-v1", {})
+CART = RolloutTask("CartPole-v1", {})
 """An environment of Gymnasium's own: what is said here does not hang on ours."""
 POLICIES = """
 def leans(observation):
@@ -48,13 +48,13 @@ def test_a_seed_says_all_of_an_episode() -> None:
 
 
 def test_a_policy_from_a_file_acts(policies: Path) -> None:
-    (leaning,) = run(Task("CartPole-v1", {}, f"{policies}:leans"), [1])
-    (balanced,) = run(Task("CartPole-v1", {}, f"{policies}:Balances"), [1])
+    (leaning,) = run(RolloutTask("CartPole-v1", {}, f"{policies}:leans"), [1])
+    (balanced,) = run(RolloutTask("CartPole-v1", {}, f"{policies}:Balances"), [1])
     assert leaning.steps < 100 and balanced.steps == 500 and not balanced.is_terminated
 
 
 def test_what_was_seen_and_done_can_be_kept(policies: Path) -> None:
-    (episode,) = run(Task("CartPole-v1", {}, f"{policies}:leans", keeps=True), [1])
+    (episode,) = run(RolloutTask("CartPole-v1", {}, f"{policies}:leans", keeps=True), [1])
     assert episode.kept is not None
     seen, done = episode.kept["observation"], episode.kept["action"]
     assert seen.shape == (episode.steps + 1, 4) and done.shape == episode.kept["reward"].shape == (episode.steps,)
@@ -73,12 +73,12 @@ def test_a_policy_that_cannot_be_had_is_told(text: str, wrong: str, policies: Pa
 def test_a_file_with_a_mistake_is_told(tmp_path: Path) -> None:
     (tmp_path / "wrong.py").write_text("def best(:\n")
     with pytest.raises(NoPolicy, match="invalid syntax"):
-        check(Task("CartPole-v1", {}, f"{tmp_path / 'wrong.py'}:best"))
+        check(RolloutTask("CartPole-v1", {}, f"{tmp_path / 'wrong.py'}:best"))
 
 
 def test_an_environment_that_is_not_known_is_told() -> None:
     with pytest.raises(gymnasium.error.Error, match="CartPol"):
-        check(Task("CartPol-v1", {}))
+        check(RolloutTask("CartPol-v1", {}))
 
 
 def rollout(*words: str) -> tuple[int, list[dict[str, Any]]]:

@@ -46,7 +46,7 @@ def run(say: Say) -> Scaling | None:
     from procs.rl import ray_actors, rollouts
 
     say("actors of Ray", None)
-    task = rollouts.Task("trocar/PsmReach-v0", OPTIONS)
+    task = rollouts.RolloutTask("trocar/PsmReach-v0", OPTIONS)
     free = len(psutil.Process().cpu_affinity() or []) - os.getloadavg()[0]
     seeds = range(ACTORS)
     with ray_actors.running_ray(ACTORS) as ray:

@@ -18,7 +18,7 @@ from tools.options import JsonOption
 from tools.printing import emit, number, progress, table
 
 if TYPE_CHECKING:
-    from procs.rl.rollouts import Episode, Task
+    from procs.rl.rollouts import Episode, RolloutTask
 
 COLUMNS = ("seed", "steps", "return", "success", "ended by", "state", "hash")
 
@@ -71,9 +71,9 @@ def rollout(
     return 0
 
 
-def _task(environment: str, policy: str, options: Sequence[str], keeps: bool) -> Task:
+def _task(environment: str, policy: str, options: Sequence[str], keeps: bool) -> RolloutTask:
     with _problems():
-        from procs.rl.rollouts import Task
+        from procs.rl.rollouts import RolloutTask
 
     values: dict[str, Any] = {}
     for text in options:
@@ -84,10 +84,10 @@ def _task(environment: str, policy: str, options: Sequence[str], keeps: bool) ->
             values[key] = json.loads(value)
         except ValueError:
             values[key] = value
-    return Task(environment, values, policy, keeps)
+    return RolloutTask(environment, values, policy, keeps)
 
 
-def _run(task: Task, seeds: Sequence[int], actors: int, address: str) -> Iterator[Episode]:
+def _run(task: RolloutTask, seeds: Sequence[int], actors: int, address: str) -> Iterator[Episode]:
     from procs.rl import ray_actors, rollouts
 
     return ray_actors.run(task, seeds, actors, address) if actors else rollouts.run(task, seeds)
@@ -137,7 +137,7 @@ def _row(episode: Episode) -> dict[str, Any]:
     return {name: getattr(episode, name) for name in fields}
 
 
-def _summary(task: Task, done: Sequence[Episode], wall_s: float, actors: int) -> dict[str, Any]:
+def _summary(task: RolloutTask, done: Sequence[Episode], wall_s: float, actors: int) -> dict[str, Any]:
     steps, cpu = sum(row.steps for row in done), sum(row.cpu_s for row in done)
     simulated = sum(row.simulated_s for row in done)
     return {"environment": task.environment, "policy": task.policy, "episodes": len(done), "actors": actors,
