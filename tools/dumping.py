@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import json
+import os
 import re
 from pathlib import Path
 from typing import Final
@@ -42,8 +43,8 @@ class Dumped:
     problems: tuple[str, ...]
 
 
-def dump(system: str, file: Path, reason: str, say: Say) -> Dumped:
-    """Write all rings of a system, dead or alive, into a new file; Problem where that cannot be."""
+def dump(system: str, file: Path, reason: str, say: Say, mode: int = 0o666) -> Dumped:
+    """Write all rings of a system, dead or alive, into a new file (of this mode); Problem where that cannot be."""
     from procs.recordings import snapshot  # only who records pays for it
     from procs.recordings.facts import document_of, facts_of
 
@@ -51,7 +52,8 @@ def dump(system: str, file: Path, reason: str, say: Say) -> Dumped:
     attachments = [*document_of(system), *status]
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        with file.open("xb", buffering=0) as stream:
+        descriptor = os.open(file, os.O_CREAT | os.O_EXCL | os.O_WRONLY | os.O_CLOEXEC, mode)
+        with os.fdopen(descriptor, "wb", buffering=0) as stream:
             try:
                 taken = snapshot.take(system, stream, facts_of(system, names.DUMP, file.stem, reason), attachments,
                                       lambda done: say(f"writing {file.name}", done))

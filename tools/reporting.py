@@ -40,6 +40,7 @@ BLANK: Final = b"[left out]"
 SHORTEST: Final = 6
 """Shorter words are no tokens, and may stand anywhere."""
 PATIENCE_S: Final = 10.0
+PRIVATE: Final = 0o600
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -58,7 +59,7 @@ class Report:
         self.system, self.files, self.problems = system, dict[str, int](), list[str]()
         self._folder = file.name.removesuffix(".tar.gz")
         self._mtime = local_ns() // 1_000_000_000
-        self._stream = os.fdopen(os.open(file, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600), "wb")
+        self._stream = os.fdopen(os.open(file, os.O_CREAT | os.O_EXCL | os.O_WRONLY, PRIVATE), "wb")
         self._tar = tarfile.TarFile.gzopen(None, "w", self._stream, 6)
         self.secrets: tuple[bytes, ...] = ()
 
@@ -174,7 +175,10 @@ def _add_logs(made: Report, say: Say) -> None:
 
 
 def _newest(system: str) -> list[Path]:
-    found = [(path.stat().st_mtime, path) for path in folder_of(system).rglob("*.mcap")]
+    found = []
+    for path in folder_of(system).rglob("*.mcap"):
+        with contextlib.suppress(OSError):  # its turn to go has come, or nobody may look at it
+            found.append((path.stat().st_mtime, path))
     return [path for _, path in sorted(found, reverse=True)]
 
 
@@ -183,7 +187,7 @@ def _add_recordings(made: Report, file: Path, most: int, say: Say) -> None:
     if names_of(made.system):
         now = file.with_name(f".{file.name}.mcap")
         try:
-            dumped = dump(made.system, now, "for a report", say)
+            dumped = dump(made.system, now, "for a report", say, PRIVATE)
             made.problems += dumped.problems
             made.copy("recordings/now.mcap", now)
         except Exception as error:  # what died may have left anything

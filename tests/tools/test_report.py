@@ -13,7 +13,9 @@ import pytest
 from typer.testing import CliRunner
 
 from procs.paths import token_file
+from tests.conftest import World
 from tests.recordings.made import a_recording
+from tests.tools.robot import robot
 from tools import cli, reporting
 from tools.machine import OK, MachineFinding
 
@@ -94,3 +96,26 @@ def test_a_file_that_is_there_is_not_touched(state: Path, tmp_path: Path) -> Non
 def test_a_system_that_never_was_is_told(state: Path, tmp_path: Path) -> None:
     code, said = asked(str(tmp_path / "all.tar.gz"), "--system", "never")
     assert code == 1 and "no system never is up" in said
+
+
+def test_a_recording_that_goes_meanwhile_is_left_out(state: Path, tmp_path: Path) -> None:
+    (state / "recordings" / "gone.mcap").symlink_to(tmp_path / "nowhere")
+    code, said = asked(str(tmp_path / "all.tar.gz"), "--system", SYSTEM)
+    assert code == 0, said
+
+
+def test_what_is_in_memory_is_nobodys_to_read_meanwhile(world: World, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+                                                         ) -> None:
+    monkeypatch.setattr(reporting, "findings", lambda: iter(()))
+    usual, modes = reporting.Report.copy, dict[str, int]()
+
+    def copy(report: reporting.Report, name: str, path: Path) -> None:
+        modes[name] = path.stat().st_mode & 0o777
+        usual(report, name, path)
+
+    monkeypatch.setattr(reporting.Report, "copy", copy)
+    with robot(world.name) as made:
+        made.show_arm()
+        reporting.report(world.name, tmp_path / "all.tar.gz", 0, lambda text, done: None)
+    assert modes == {"recordings/now.mcap": 0o600}
+    assert [path.name for path in tmp_path.iterdir()] == ["all.tar.gz"]

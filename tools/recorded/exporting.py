@@ -119,16 +119,22 @@ class RecordingTables:
 
     def to_parquet(self, folder: Path, say: Say) -> list[Path]:
         """A file a topic; Problem without pyarrow."""
-        try:
-            from pyarrow import parquet, table
-        except ImportError:
-            raise Problem(NO_PYARROW) from None
+        parquet, table = arrow()
         written = []
         for name, found in self.tables(say):
             path = folder / f"{file_stem(name)}.parquet"
             parquet.write_table(table({column.name: _as_list(column) for column in found}), str(path))
             written.append(path)
         return written
+
+
+def arrow() -> tuple[Any, Any]:
+    """What writes Parquet, and what makes tables; Problem where it is not installed."""
+    try:
+        from pyarrow import parquet, table
+    except ImportError:
+        raise Problem(NO_PYARROW) from None
+    return parquet, table
 
 
 def _as_list(column: TableColumn) -> Any:

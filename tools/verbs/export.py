@@ -11,7 +11,7 @@ from tools.errors import Misuse, Problem
 from tools.options import JsonOption
 from tools.printing import emit, note, progress, tell
 from tools.recorded.choosing import FromOption, ToOption, TopicsOption, chosen_topics, opened, stretch
-from tools.recorded.exporting import CSV, PARQUET, ROSBAG2, STDOUT, RecordingTables
+from tools.recorded.exporting import CSV, PARQUET, ROSBAG2, STDOUT, RecordingTables, arrow
 
 FORMATS = (CSV, PARQUET, ROSBAG2)
 
@@ -45,6 +45,8 @@ def export(
                 raise Misuse(f"-o -: one topic of {', '.join(every)}; say which with --topics")
             table.to_stdout(say)
             return _told(recording.problems)
+        if form == PARQUET:
+            arrow()  # before there is a folder
         folder = Path(to) if to else file.with_suffix("")
         try:
             folder.mkdir(parents=True)

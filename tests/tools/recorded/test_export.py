@@ -15,10 +15,12 @@ import pytest
 import yaml
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
+from typer.testing import CliRunner
 
 from procs.recordings.reading import RecordedTopic, open_recording
 from shm.header import readable
 from tests.recordings.made import STATE, STEP_NS, a_recording, rows_of
+from tools import cli
 from tools.recorded.exporting import element_names, file_stem
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -59,6 +61,14 @@ def test_what_is_there_is_not_overwritten(tmp_path: Path) -> None:
     again = run(path)
     assert again.returncode == 2 and "is there already" in again.stderr
     assert run(path, "--format", "xlsx").returncode == 2 and run(path, "--to", 0).returncode == 2
+
+
+def test_without_pyarrow_nothing_is_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    path, _ = a_recording(tmp_path)
+    said = CliRunner().invoke(cli.build("export"), ["export", str(path), "-o", str(tmp_path / "out"), "--format",
+                                                    "parquet"])
+    assert said.exit_code == 1 and "pip install 'trocar[parquet]'" in said.stderr and not (tmp_path / "out").exists()
 
 
 def test_parquet_says_what_it_needs(tmp_path: Path) -> None:
