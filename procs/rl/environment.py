@@ -151,7 +151,7 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
             steering.begin(*link.setpoint(steering.model.count))
             line.begin()
         self._look()
-        self._begin_task(self.np_random)
+        self.begin_task(self.np_random)
         if (goal := options.get("goal")) is not None:
             self.goal = _given_goal(goal, self.GOAL)
         self._has_begun = True
@@ -176,7 +176,7 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
             self._fail(str(error))
         self.steps += 1
         self._look()
-        self._go_on()
+        self.go_on()
         observation, info = self._observation(), self._info()
         reward = float(self.compute_reward(observation["achieved_goal"], observation["desired_goal"], info))
         return observation, reward, bool(self._fault), self.steps >= self.horizon, info
@@ -221,13 +221,13 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
         for tip, model, seen in zip(self.tips, self.robot.models, self._seen, strict=True):
             n = model.count
             parts += [seen[: 2 * n + int(model.has_jaw)], tip, axes_of(seen[2 * n + 4 :])]
-        numbers = np.concatenate((*parts, self._extra()))
-        return {"observation": np.clip(numbers, -self._most, self._most), "achieved_goal": self._achieved(),
+        numbers = np.concatenate((*parts, self.extra()))
+        return {"observation": np.clip(numbers, -self._most, self._most), "achieved_goal": self.achieved(),
                 "desired_goal": self.goal.copy()}
 
     def _info(self) -> Info:
         refused = "; ".join(f"{link.name}: {link.refusal}" for link in self.robot.links if link.refusal)
-        distance = float(self.distance(self._really_achieved(), self.goal))
+        distance = float(self.distance(self.truly_achieved(), self.goal))
         return {"is_success": distance < self.tolerance_m and not self._fault, "distance_m": distance,
                 "state": ", ".join(link.state for link in self.robot.links), "fault": self._fault, "refused": refused,
                 "time_s": self.steps * self.period_s}
@@ -243,22 +243,22 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
 
     # the task
 
-    def _begin_task(self, random: np.random.Generator) -> None:
-        """Draw a goal."""
+    def begin_task(self, random: np.random.Generator) -> None:
+        """An episode begins, and the arms have been seen: draw `goal`, of this generator alone."""
         raise NotImplementedError
 
-    def _go_on(self) -> None:
-        """A step has passed: goals and objects go on."""
+    def go_on(self) -> None:
+        """A step has passed, and the arms have been seen: goals and objects go on."""
 
-    def _achieved(self) -> Array:
+    def achieved(self) -> Array:
         """What is achieved (GOAL,), as it is seen."""
         return np.array(self.tips[0])
 
-    def _really_achieved(self) -> Array:
+    def truly_achieved(self) -> Array:
         """The same without noise."""
         return np.array(self.seen_pose(0)[:3])
 
-    def _extra(self) -> Array:
+    def extra(self) -> Array:
         """What EXTRA names."""
         return np.zeros(0)
 
@@ -283,9 +283,9 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
         middle = np.mean([model.middle for model in self.robot.models], axis=0)
         middle[2] += 0.5 * (self.VIEW_M - self.FLOOR_M)
         floor_m = float(middle[2]) - 0.5 * (self.VIEW_M + self.FLOOR_M)
-        return self._picture.draw(scene_of(arms, self._things()), middle, floor_m, 2.4 * (self.VIEW_M + self.FLOOR_M))
+        return self._picture.draw(scene_of(arms, self.things()), middle, floor_m, 2.4 * (self.VIEW_M + self.FLOOR_M))
 
-    def _things(self) -> list[Drawn]:
+    def things(self) -> list[Drawn]:
         """What is to be seen beside the arms."""
         return []
 

@@ -98,12 +98,12 @@ class PsmHandOver(RobotEnv):
             grip[:3, 3] += BETWEEN_M * grip[:3, 2]
         return grips, [self.seen_joints(arm)[1] for arm in (FIRST, SECOND)]
 
-    def _begin_task(self, random: np.random.Generator) -> None:
+    def begin_task(self, random: np.random.Generator) -> None:
         self.goal = np.append(self.robot.models[SECOND].middle + in_ball(random, NEAR_M), 1.0)
         self.peg.give(FIRST, *self.grips())
         self._see()
 
-    def _go_on(self) -> None:
+    def go_on(self) -> None:
         self.peg.follow(*self.grips())
         self._see()
 
@@ -112,13 +112,13 @@ class PsmHandOver(RobotEnv):
         if self.noise_m:
             self._seen_peg += self.np_random.normal(0.0, self.noise_m, 3)
 
-    def _achieved(self) -> Array:
+    def achieved(self) -> Array:
         return np.append(self._seen_peg, float(self.peg.holders == [SECOND]))
 
-    def _really_achieved(self) -> Array:
+    def truly_achieved(self) -> Array:
         return np.append(self.peg.pose[:3, 3], float(self.peg.holders == [SECOND]))
 
-    def _extra(self) -> Array:
+    def extra(self) -> Array:
         return np.array((*self._seen_peg, *(float(arm in self.peg.holders) for arm in (FIRST, SECOND))))
 
     def distance(self, achieved_goal: Array, desired_goal: Array) -> Array:
@@ -126,6 +126,6 @@ class PsmHandOver(RobotEnv):
         difference = np.asarray(achieved_goal) - np.asarray(desired_goal)
         return np.asarray(np.linalg.norm(difference[..., :3], axis=-1) + HAND_M * np.abs(difference[..., 3]))
 
-    def _things(self) -> list[Drawn]:
+    def things(self) -> list[Drawn]:
         middle, along = self.peg.pose[:3, 3], self.peg.pose[:3, 2] * PEG_M[1]
         return [ball(self.goal[:3], self.tolerance_m, GREEN), rod(middle - along, middle + along, PEG_M[0], PEG_COLOUR)]

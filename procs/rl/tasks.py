@@ -39,10 +39,10 @@ class PsmReach(RobotEnv):
     ARMS: ClassVar[tuple[str, ...]] = ("PSM1",)
     JAWS: ClassVar[tuple[float, ...]] = (0.0,)
 
-    def _begin_task(self, random: np.random.Generator) -> None:
+    def begin_task(self, random: np.random.Generator) -> None:
         self.goal = self.robot.models[0].middle + in_ball(random, NEAR_M)
 
-    def _things(self) -> list[Drawn]:
+    def things(self) -> list[Drawn]:
         return [ball(self.goal, self.tolerance_m, GREEN)]
 
 
@@ -51,17 +51,17 @@ class PsmTrack(PsmReach):
 
     EXTRA: ClassVar[tuple[str, ...]] = tuple(f"goal velocity {axis} [m/s]" for axis in "xyz")
 
-    def _begin_task(self, random: np.random.Generator) -> None:
+    def begin_task(self, random: np.random.Generator) -> None:
         self._middle = self.robot.models[0].middle + in_ball(random, TRACK_MIDDLE_M)
         self._amplitude = random.uniform(*TRACK_SIZE_M, 3)
         self._turns = math.tau * random.uniform(*TRACK_HZ, 3)
         self._phase = random.uniform(0.0, math.tau, 3)
-        self._go_on()
+        self.go_on()
 
-    def _go_on(self) -> None:
+    def go_on(self) -> None:
         self.goal = self._middle + self._amplitude * np.sin(self._turns * self.steps * self.period_s + self._phase)
 
-    def _extra(self) -> Array:
+    def extra(self) -> Array:
         angles = self._turns * self.steps * self.period_s + self._phase
         return np.asarray(self._amplitude * self._turns * np.cos(angles))
 
@@ -75,7 +75,7 @@ class EcmAim(RobotEnv):
     FLOOR_M: ClassVar[float] = 0.16
     JAWS: ClassVar[tuple[float, ...]] = (0.0,)
 
-    def _begin_task(self, random: np.random.Generator) -> None:
+    def begin_task(self, random: np.random.Generator) -> None:
         model, spread = self.robot.models[0], np.full(self.robot.models[0].count, SPREAD[-1])
         spread[: len(SPREAD) - 1] = SPREAD[:-1]
         tip = model.tip(model.centre + random.uniform(-1.0, 1.0, model.count) * spread)
@@ -84,13 +84,13 @@ class EcmAim(RobotEnv):
     def _line_of_sight(self) -> Array:
         return matrix_from_pose(self.seen_pose(0))[:3, 2]
 
-    def _achieved(self) -> Array:
+    def achieved(self) -> Array:
         return np.asarray(self.tips[0] + SIGHT_M * self._line_of_sight())
 
-    def _really_achieved(self) -> Array:
+    def truly_achieved(self) -> Array:
         return np.asarray(self.seen_pose(0)[:3] + SIGHT_M * self._line_of_sight())
 
-    def _things(self) -> list[Drawn]:
-        seen = self._really_achieved()
+    def things(self) -> list[Drawn]:
+        seen = self.truly_achieved()
         return [ball(self.goal, self.tolerance_m, GREEN), rod(self.seen_pose(0)[:3], seen, 0.001, SIGHT_COLOUR),
                 ball(seen, 0.002, SIGHT_COLOUR)]

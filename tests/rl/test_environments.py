@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import pickle
 import warnings
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -25,7 +27,7 @@ TASKS = (PsmReach, PsmTrack, EcmAim, PsmHandOver)
 
 def ours() -> set[tuple[str, str, str]]:
     """Segments of systems of environments."""
-    return {name for name in names_of() if name[0].startswith("rl")}
+    return {name for name in names_of() if name[0].startswith(f"rl{os.getpid()}x")}
 
 
 @pytest.fixture(scope="module")
@@ -197,6 +199,20 @@ def test_wrong_actions_and_options_are_refused(reach: PsmReach) -> None:
         reach.reset(options={"start": 99})
     with pytest.raises(ValueError, match="a goal is 3 numbers"):
         reach.reset(options={"goal": (0.0, np.inf, 0.0)})
+
+
+def test_the_task_on_the_page_can_be_played() -> None:
+    page = (Path(__file__).resolve().parents[2] / "docs" / "simulation.md").read_text(encoding="utf-8")
+    code = page.split("## A task of one's own")[1].split("```python\n")[1].split("```")[0]
+    exec(code, {"__name__": "page"})
+    env = gymnasium.make("mine/Circle-v0", starts=1)
+    first, _ = env.reset(seed=1, options={"start": 1})
+    assert 0.01 <= first["observation"][-1] <= 0.03
+    again, info = env.reset(seed=1, options={"start": 1})
+    assert again["observation"].tobytes() == first["observation"].tobytes() and info["distance_m"] > 0.0
+    assert not env.step(env.action_space.sample())[4]["fault"]
+    env.close()
+    del gymnasium.registry["mine/Circle-v0"]
 
 
 def test_an_episode_begins_with_reset() -> None:

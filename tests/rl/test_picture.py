@@ -72,7 +72,7 @@ def test_what_is_drawn_stands_where_the_chain_says() -> None:
 def test_two_arms_and_a_peg_are_drawn() -> None:
     env = PsmHandOver(starts=1)
     env.reset(seed=1)
-    colours = [thing.colour for thing in env._things()]
+    colours = [thing.colour for thing in env.things()]
     assert colours == [GREEN, PEG_COLOUR]
     env.close()
 
