@@ -127,8 +127,9 @@ class Mailbox:
             raise
         self._guard, self.audit = guard, audit
         self._map, self._table = places, (*COMMANDS.get(kind, ()), *places.own)
-        never_stops = [not row.stops and row.zero != "stops" for row in self._table]
-        self._is_plain = [never_stops if place != RESERVED else [False] * len(self._table) for place in range(PLACES)]
+        never_stops = tuple(not row.stops and row.zero != "stops" for row in self._table)
+        self._is_plain = tuple(never_stops if place != RESERVED else (False,) * len(self._table)
+                               for place in range(PLACES))
         self._stops: dict[str, tuple[int, Holder, str]] = {}  # about what; when it was sent, by whom, for which person
         self._stopped_ns = NEVER  # the newest of them
         self._stops_taken = NOBODY[-8:]  # of the place for stops
@@ -137,11 +138,11 @@ class Mailbox:
         self._sent, self._taken_at, self._answered_at = (places.cursors(c) for c in CURSORS[:3])
         self._taken = [self._words[i] for i in self._taken_at]
         self._answered = [self._words[i] for i in self._answered_at]
-        self._slots = [places.commands(p) for p in range(PLACES)]
+        self._slots = tuple(places.commands(p) for p in range(PLACES))
         short = COMMANDS_OF[SHORT].size
-        self._heads = [[segment.keep(places.view[at + COMMAND_START : at + COMMAND_START + short]) for at in slots]
-                       for slots in self._slots]
-        self._replies = [places.replies(p) for p in range(PLACES)]
+        self._heads = tuple(tuple(segment.keep(places.view[at + COMMAND_START : at + COMMAND_START + short])
+                                  for at in slots) for slots in self._slots)
+        self._replies = tuple(places.replies(p) for p in range(PLACES))
         self._seen, self._seen_cursors, self._backlog = NOBODY, 0, sum(CURSOR_BITS)
         self._last = self.resets = self._now_ns = 0
         for place in range(PLACES):

@@ -106,11 +106,11 @@ class MailboxMap:
         """File offset of the lock bytes."""
         return self.first + CURSORS.index("place") * CURSOR_BYTES
 
-    def commands(self, place: int) -> list[int]:
+    def commands(self, place: int) -> tuple[int, ...]:
         """Offsets of the command slots of a place."""
         return self._slots(COMMAND_SCHEMA, place, 0, COMMANDS_DEPTH)
 
-    def replies(self, place: int) -> list[int]:
+    def replies(self, place: int) -> tuple[int, ...]:
         """Offsets of the reply slots of a place."""
         return self._slots(REPLY_SCHEMA, place, COMMANDS_DEPTH * COMMAND_SCHEMA.stride, REPLIES_DEPTH)
 
@@ -122,9 +122,9 @@ class MailboxMap:
     def _queue(self, place: int) -> int:
         return self.first + QUEUES_AT + place * PLACE_BYTES
 
-    def _slots(self, schema: Schema, place: int, offset: int, depth: int) -> list[int]:
+    def _slots(self, schema: Schema, place: int, offset: int, depth: int) -> tuple[int, ...]:
         start = self._queue(place) + offset
-        return [start + i * schema.stride for i in range(depth)]
+        return tuple(start + i * schema.stride for i in range(depth))
 
     def sign(self, place: int, pid: int, program: str) -> None:
         """Write down who has a place now."""

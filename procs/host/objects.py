@@ -78,7 +78,7 @@ class RememberedObjects:
         self._setters: list[tuple[Callable[[Any], object], object]] = []
         self._data: list[tuple[mujoco.MjData, mujoco.MjModel, mujoco.MjData]] = []
         self.segments: set[str] = set()
-        """Names of those that are attached; what they say is not kept here."""
+        """Names of those that are attached; they stay so, and what they say is not kept here."""
         self._walk(roots)
         self._kept.clear()  # what is put back is in the lists
         self._reached.clear()
@@ -97,6 +97,9 @@ class RememberedObjects:
     def _look_into(self, one: object) -> Children:
         """Keep what an object holds; what else can be reached from it."""
         if _name(type(one)) in OPAQUE:
+            return ()
+        if isinstance(one, Segment):
+            self.segments.add(one.name)
             return ()
         for known, keep in self.KINDS:
             if isinstance(one, known):
@@ -195,10 +198,6 @@ class RememberedObjects:
         self._data.append((one, one.model, copied))
         return ()
 
-    def _segment(self, one: Segment) -> Children:
-        self.segments.add(one.name)
-        return ()
-
     KINDS: Final[tuple[tuple[Any, Callable[[RememberedObjects, Any], Children]], ...]] = (
         (np.ndarray, _array), (list, _list), ((collections.deque, set), _deque), (dict, _mapping),
         ((tuple, frozenset), lambda _, one: _numbered(one)), (types.MappingProxyType, lambda _, one: _items(one)),
@@ -208,8 +207,7 @@ class RememberedObjects:
         (types.BuiltinFunctionType, lambda _, one: (("'s object", one.__self__),)),
         (functools.partial, lambda _, one: ((".func", one.func), (".args", one.args), (".keywords", one.keywords))),
         (random.Random, _random), (np.random.BitGenerator, _bits),
-        (np.random.Generator, lambda _, one: ((".bit_generator", one.bit_generator),)), (mujoco.MjData, _mujoco),
-        (Segment, _segment))
+        (np.random.Generator, lambda _, one: ((".bit_generator", one.bit_generator),)), (mujoco.MjData, _mujoco))
 
     # -- back ----------------------------------------------------------------------------------------------------------
 
