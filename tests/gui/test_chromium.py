@@ -110,7 +110,7 @@ def test_the_slave_that_follows_is_seen_following(robot: Robot) -> None:
         page.click("#start-console")
         page.until("trocar.value('console/state.teleop_enabled')")
         assert page.until(f"trocar.value('{teleop}.reason')"), "it says what it waits for"
-        page.click("#operator-press")
+        page.click("#console-operator-press")
         page.until(f"trocar.value('{teleop}.following')", 90)
         page.open("/3d")
         page.until(f"{stage}?.isPlaced")

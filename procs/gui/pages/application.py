@@ -27,11 +27,13 @@ from procs.gui.pages.teleop import teleop_page
 from procs.gui.pid_file import PidFiles
 from procs.gui.robots import robots_of, with_actuators, with_gains
 
+MadePage = tuple[str, tuple[str, ...], Callable[[], None]]
+"""Path, sources that it wants, and what makes its content."""
 
-def application(document: SystemConfig) -> FastAPI:
-    """The pages of a system."""
-    app.add_static_files(assets(), str(STATIC), max_cache_age=86400)
-    made: list[tuple[str, tuple[str, ...], Callable[[], None]]] = [
+
+def pages_of_system(document: SystemConfig) -> list[MadePage]:
+    """All there are."""
+    made: list[MadePage] = [
         ("/", (MESSAGES,), lambda: system_page(document)),
         ("/3d", (SCENE,), lambda: scene_page(document)),
         ("/console", (), partial(console_page, document)),
@@ -47,11 +49,17 @@ def application(document: SystemConfig) -> FastAPI:
     for section, content_of, found in (("io", io_page, with_actuators(robots)), ("pid", pid_page, with_gains(robots))):
         made += [(path, (), partial(content_of, found, robot)) for robot in found for path in
                  ((robot.path(section), f"/{section}") if robot is found[0] else (robot.path(section),))]
-    for path, wants, content in made:
+    return made
+
+
+def application(document: SystemConfig) -> FastAPI:
+    """The pages of a system."""
+    app.add_static_files(assets(), str(STATIC), max_cache_age=86400)
+    for path, wants, content in pages_of_system(document):
         _add(document, path, wants, content)
     outer = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     files = PidFiles(document.name)
-    for robot in with_gains(robots):
+    for robot in with_gains(robots_of(document)):
         outer.add_api_route(f"/files{robot.path('pid')}.json", partial(files.file, robot), response_model=None)
     ui.run_with(outer, title=f"Trocar {document.name}", dark=None, tailwind=False, show_welcome_message=False,
                 binding_refresh_interval=None, reconnect_timeout=5.0, message_history_length=0)

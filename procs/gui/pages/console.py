@@ -44,7 +44,7 @@ def _console(console: Console, teleops: list[str]) -> None:
                 with box("row pedal"):
                     Part("span", "light", text, data_on=f"{state}.{field}")
                     box("spacer")
-                    button("press", [[(name, command, [1], "")]], "small", id=f"{text}-press",
+                    button("press", [[(name, command, [1], "")]], "small", id=f"{name}-{text}-press",
                            confirm=f"Act as if the {text} pedal or sensor were pressed, until it is released?")
                     button("release", [[(name, command, [0], "")]], "small")
             Part("p", "quiet", "Press and release act as if, where there are no pedals.")

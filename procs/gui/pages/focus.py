@@ -28,9 +28,10 @@ def focus_page(document: SystemConfig) -> None:
                         Part("span", "", f"{focus.io} is not heard of")
                 with box("row"):
                     for text, command in (("In", "focus_in"), ("Out", "focus_out")):
-                        hold(text, (focus.name, command, [1], ""), (focus.name, command, [0], ""), id=command)
+                        hold(text, (focus.name, command, [1], ""), (focus.name, command, [0], ""),
+                             id=f"{focus.name}-{command}")
                     switch("Lock", f"{state}.locked", [[(focus.name, "lock", [1], "")]],
-                           [[(focus.name, "lock", [0], "")]], id="lock")
+                           [[(focus.name, "lock", [0], "")]], id=f"{focus.name}-lock")
                 pedals = ", ".join(wired.name for wired in focus.pedals)
                 Part("p", "quiet", "It moves while a button is held, 10 s at most. "
                                    + (f"Pedals: {pedals}." if pedals else "There are no pedals for it."))

@@ -1,0 +1,40 @@
+"""What the pages of a system are made of, without a browser."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+import pytest
+from nicegui.client import Client
+from nicegui.page import page as nicegui_page
+
+from procs.config import load_system
+from procs.document.system import SystemConfig
+from procs.gui.pages.application import pages_of_system
+from procs.gui.pages.frame import page, pages_of
+from tests.system.robot import ROOT
+from tests.system.test_two_consoles import dual
+
+SYSTEMS = ROOT / "configs" / "systems"
+
+
+def system(which: str, folder: Path) -> SystemConfig:
+    loaded = load_system(dual(folder) if which == "two consoles" else SYSTEMS / which, boards="emulated")
+    assert loaded.system is not None, loaded.errors
+    return loaded.system
+
+
+@pytest.mark.parametrize("which", ["two consoles", "kinematic-full.yaml", "demo-ecm.yaml", "demo-teleop.yaml"])
+def test_no_page_has_two_parts_of_one_name_and_every_page_is_in_the_bar(which: str, tmp_path: Path) -> None:
+    document = system(which, tmp_path)
+    made = pages_of_system(document)
+    assert {path for _, path in pages_of(document)} <= {path for path, _, _ in made}
+    for path, wants, content in made:
+        with Client(nicegui_page(path), request=None) as client, page(document, path, wants):
+            content()
+        names = Counter(str(part.props["id"]) for part in client.elements.values() if "id" in part.props)
+        labels = {str(part.props["for"]) for part in client.elements.values() if "for" in part.props}
+        client.delete()
+        assert max(names.values()) == 1, (path, names.most_common(3))
+        assert labels <= set(names), path
