@@ -177,6 +177,10 @@ def test_the_log_of_a_process_is_seen_while_it_is_written(page: BrowserPage) -> 
 
 
 def test_a_plot_shows_a_move_and_gives_it_as_a_table(page: BrowserPage) -> None:
+    page.open("/plots")  # nothing is shown yet, and it is connected all the same
+    page.take_control()
+    assert page.js("return document.getElementById('plot-field').value") == "position"
+    page.open("/processes")
     page.open("/plots#PSM1/state.position[0]")
     page.until("document.querySelector('.plots').plots.signals()[0].t.length > 50")
     page.js("document.querySelector('.plots').plots.add('PSM1/state.velocity[0]')")

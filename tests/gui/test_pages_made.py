@@ -26,7 +26,7 @@ def system(which: str, folder: Path) -> SystemConfig:
 
 
 @pytest.mark.parametrize("which", ["two consoles", "kinematic-full.yaml", "demo-ecm.yaml", "demo-teleop.yaml"])
-def test_no_page_has_two_parts_of_one_name_and_every_page_is_in_the_bar(which: str, tmp_path: Path) -> None:
+def test_pages_are_in_the_bar_have_no_name_twice_and_ask_before_an_arm_is_homed(which: str, tmp_path: Path) -> None:
     document = system(which, tmp_path)
     made = pages_of_system(document)
     assert {path for _, path in pages_of(document)} <= {path for path, _, _ in made}
@@ -35,6 +35,9 @@ def test_no_page_has_two_parts_of_one_name_and_every_page_is_in_the_bar(which: s
             content()
         names = Counter(str(part.props["id"]) for part in client.elements.values() if "id" in part.props)
         labels = {str(part.props["for"]) for part in client.elements.values() if "for" in part.props}
+        buttons = [part for part in client.elements.values() if '"home"' in str(part.props.get("data-steps", ""))]
         client.delete()
+        asked = [str(part.props.get("data-confirm")) for part in buttons if '"SUJ"' not in part.props["data-steps"]]
+        assert all("move" in text for text in asked), f"{path}: who homes is asked first"
         assert max(names.values()) == 1, (path, names.most_common(3))
         assert labels <= set(names), path

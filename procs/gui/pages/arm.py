@@ -63,7 +63,7 @@ def _head(arm: ArmConfig, state: str) -> None:
         with box("row buttons"):
             for text, word in (("Enable", "enable"), ("Home", "home"), ("Resume", "resume"), ("Unhome", "unhome")):
                 button(text, [[(arm.name, "state_command", [], word)]],
-                       confirm="Home this arm? It moves." if word == "home" else "")
+                       confirm=f"Home {arm.name}? It moves." if word == "home" else "")
             box("spacer")
             button("Hold", [[(arm.name, "hold", [], "")]], "quiet", is_free=True, title="Stay where it is")
             for text, word in (("Pause", "pause"), ("Disable", "disable")):
@@ -126,6 +126,8 @@ def _jaw(state: str) -> None:
         box("spacer")
         Part("input", type="text", inputmode="decimal", id="jaw-goal", value="0", size="6", aria_label="Jaw goal",
              data_typed="r")
+        Part("span", "quiet", data_unit="r")
+        Part("button", "", "Read", type="button", data_does="read-jaw", title="Take the measured angle as goal")
         Part("button", "commands", "Move jaw", type="button", data_does="jaw")
 
 

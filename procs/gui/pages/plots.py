@@ -22,7 +22,9 @@ HIDDEN: Final = frozenset({"events", "audit", "setpoint"})
 def plots_page(document: SystemConfig) -> None:
     """Its content."""
     Part("script", type="module", src=f"{assets()}/plots.js")
-    with box("card wide plots", data_topics=json.dumps(topics_of(document.name))):
+    topics = topics_of(document.name)
+    first = next((name for name in (f"{arm.name}/state" for arm in document.arms) if name in topics), "")
+    with box("card wide plots", data_topics=json.dumps(topics), data_first=first):
         with box("row"):
             Part("select", id="plot-topic", aria_label="Record")
             Part("select", id="plot-field", aria_label="Field")

@@ -20,18 +20,19 @@ VOLUMES: Final = (0.0, 0.25, 0.5, 1.0)
 def system_page(document: SystemConfig) -> None:
     """Its content."""
     with box("columns"):
-        with Part("section", "arms"):
-            for arm in document.arms:
-                arm_card(arm)
-            for cart in document.carts:
-                cart_card(cart.name)
+        with box():
+            with Part("section", "arms"):
+                for arm in document.arms:
+                    arm_card(arm)
+                for cart in document.carts:
+                    cart_card(cart.name)
+            _messages(document)
         with Part("aside"):
             _first_steps(document)
             _power(document)
             for console in document.consoles:
                 _console(console.name, [row.name for rows in (document.teleop_psms, document.teleop_ecms)
                                         for row in rows if row.console == console.name])
-    _messages(document)
 
 
 def arm_card(arm: ArmConfig) -> None:
@@ -56,7 +57,7 @@ def arm_card(arm: ArmConfig) -> None:
             live(f"{state}.reason", tag="p", data_show=f"{state}.reason")
         with box("row buttons"):
             button("Enable", [[(arm.name, "state_command", [], "enable")]])
-            button("Home", [[(arm.name, "state_command", [], "home")]])
+            button("Home", [[(arm.name, "state_command", [], "home")]], confirm=f"Home {arm.name}? It moves.")
             box("spacer")
             button("Hold", [[(arm.name, "hold", [], "")]], "quiet", is_free=True, title="Stay where it is")
             button("Disable", [[(arm.name, "state_command", [], "disable")]], "quiet", is_free=True)

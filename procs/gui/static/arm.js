@@ -26,6 +26,11 @@ function read() {
   preview();
 }
 
+function readJaw() {
+  const angle = value(`${state}.jaw_position`);
+  if (typeof angle === "number" && value(`${state}.has_jaw`)) document.getElementById("jaw-goal").value = fixed(angle * perUnit(false), units() === "deg" ? 2 : 4);
+}
+
 // The goal in rad and m; null where something is no number.
 function goal() {
   let isRight = true;
@@ -73,6 +78,7 @@ page.addEventListener("click", async (event) => {
   const button = event.target.closest("button");
   if (!button) return;
   if (button.dataset.does === "read") read();
+  else if (button.dataset.does === "read-jaw") readJaw();
   else if (button.dataset.does === "move") {
     if (!(await preview())) return note(button, "bad", goal() ? document.getElementById("preview-says").textContent : "A number is missing, or is none.");
     button.dataset.confirm = `Move ${arm} to this place? The green shape shows where.`;
@@ -119,6 +125,7 @@ onTick(() => {
   if (!isRead && count() && data(state)?.valid) {
     isRead = true;
     read();
+    readJaw();
   }
   const tool = value(`${state}.tool`);
   const choice = document.getElementById("instrument") || document.getElementById("endoscope");

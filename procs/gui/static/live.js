@@ -108,7 +108,8 @@ function wants() {
   const found = new Set([...document.querySelectorAll("[data-wants]")].flatMap((part) => part.dataset.wants.split(" ").filter(Boolean)));
   for (const name of ["live", "show", "on", "source", "valid"])
     for (const element of document.querySelectorAll(`[data-${name}]`)) found.add(sourceOf(element.dataset[name]));
-  return [...found].sort();
+  // A page that shows nothing hears at least that it is connected, and who has control.
+  return found.size ? [...found].sort() : ["messages"];
 }
 
 let wanted = "";

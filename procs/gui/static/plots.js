@@ -136,8 +136,9 @@ function draw() {
     }
   });
   paint.fillStyle = colour("--soft");
-  paint.textAlign = "left";
-  paint.fillText(signals.length ? `${(to - from).toFixed(2)} s` : "Choose a record and a field above, and add it.", LEFT, height - 4);
+  paint.textAlign = signals.length ? "left" : "center";
+  if (signals.length) paint.fillText(`${(to - from).toFixed(2)} s`, LEFT, height - 4);
+  else paint.fillText("Choose a record and a field above, and add it.", width / 2, height / 2);
   if (drag) {
     paint.fillStyle = "#6aa9ff33";
     paint.fillRect(Math.min(drag[0], drag[1]), 18, Math.abs(drag[1] - drag[0]), height - 36);
@@ -210,7 +211,9 @@ canvas.addEventListener("dblclick", () => DOES.whole());
 new ResizeObserver(draw).observe(canvas);
 
 pick("topic").replaceChildren(...Object.keys(topics).map((name) => option(name, name)));
+if (page.dataset.first) pick("topic").value = page.dataset.first;
 fillFields();
+if (field()?.[0] !== "position" && topics[page.dataset.first]?.some((row) => row[0] === "position")) (pick("field").value = "position"), fillIndexes();
 for (const name of decodeURIComponent(location.hash.slice(1)).split(",").filter(Boolean)) add(name);
 want();
 onTick(take);
