@@ -49,7 +49,17 @@ class HostedRobot:
             raise RobotStopped("this environment was made by the process that forked us; make one here")
         if self.host is not None:
             return self.host
-        host = self.host = Host(self._document)
+        host = Host(self._document)
+        try:
+            self._home(host)
+        except BaseException:
+            host.close()
+            raise
+        self.host = host
+        return host
+
+    def _home(self, host: Host) -> None:
+        """Home all arms."""
         for name in host.loops:  # what they warn of is in `info`; who wants their log sets logging up
             if not logging.getLogger(name).handlers:
                 logging.getLogger(name).addHandler(logging.NullHandler())
@@ -58,7 +68,6 @@ class HostedRobot:
         for word in ("enable", "home"):
             self._all(host, "state_command", [()] * len(self.links), word)
         self._snapshots[-1] = host.snapshot()
-        return host
 
     def now_ns(self) -> int:
         """The host's time."""

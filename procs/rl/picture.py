@@ -70,7 +70,7 @@ class Picture:
 
     def __init__(self, width: int, height: int) -> None:
         """PictureError where this machine has nothing to draw with."""
-        self._gl = _context(width, height)
+        self._gl, self._pid = _context(width, height), os.getpid()
         self._model = mujoco.MjModel.from_xml_string(ROOM.format(width=width, height=height))
         self._data = mujoco.MjData(self._model)
         self._scene = mujoco.MjvScene(self._model, maxgeom=MOST)
@@ -104,7 +104,9 @@ class Picture:
         return np.ascontiguousarray(self._pixels[::-1])
 
     def close(self) -> None:
-        """Give back what it drew with."""
+        """Give back what it drew with; in a forked child that is the parent's."""
+        if os.getpid() != self._pid:
+            return
         self._gl.make_current()
         self._context.free()
         self._gl.free()
