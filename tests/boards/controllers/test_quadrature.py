@@ -250,6 +250,8 @@ def test_smooth_motion_gives_the_words_of_the_closed_form(
         v, h = np.zeros(4), np.zeros(4)
         v[0], h[0] = (move - bend) / STEP, bend / STEP**2
         encoders.follow(begin, STEP, np.array((x, v, h)))
+        end = float(x[0] + v[0] * STEP + h[0] * STEP**2)
+        assume(abs(end - round(end)) > 1e-7)  # an edge at the very end belongs to this step or to the next
         edges = crossings(float(x[0]), float(v[0]), float(h[0]))
         assume(all(late - early > DELAY for (early, _), (late, _) in pairwise(edges)))
         assume(not edges or edges[0][0] > DELAY)
