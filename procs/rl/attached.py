@@ -134,6 +134,7 @@ class AttachedRobot:
             if link.carried != model.carried:
                 self._give_up(f"{link.name} carries {link.carried or 'nothing'}, not {model.carried} any more")
             self._slowly(number, start, model.has_jaw)
+        self._due_ns = None  # a learner may take its time before the first step
 
     def _slowly(self, number: int, start: StartPose, has_jaw: bool) -> None:
         link = self.links[number]
@@ -159,8 +160,9 @@ class AttachedRobot:
         end_ns = self.now_ns() + round(MOVE_S * 1e9)
         try:
             while not (ended := link.hear(number)):
-                if (why := self.look(arm)) or self.now_ns() > end_ns:
-                    self._give_up(why or f"{link.name}: {command} is not done after {MOVE_S:g} s")
+                self.keeps_pace(round(POLL_S * 1e9))
+                if self.now_ns() > end_ns:
+                    self._give_up(f"{link.name}: {command} is not done after {MOVE_S:g} s")
                 self._time.pause(POLL_S, STANDS_S)
         except KeyboardInterrupt:
             self._hold()

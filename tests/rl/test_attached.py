@@ -33,6 +33,9 @@ class HostTime:
     interrupts = 0
     """Ctrl-C comes in the wait after so many."""
 
+    hold_ups = 0
+    """The wait after so many takes a quarter of a second longer."""
+
     def __init__(self, system: str) -> None:
         assert system == self.host.name
 
@@ -46,6 +49,8 @@ class HostTime:
         self.interrupts -= 1
         if self.interrupts == 0:
             raise KeyboardInterrupt
+        self.hold_ups -= 1
+        seconds += 0.25 if self.hold_ups == 0 else 0.0
         self.host.run_until(self.host.now_ns + round(max(seconds, 0.0) * 1e9))
 
     def __enter__(self) -> HostTime:
@@ -226,6 +231,19 @@ def test_ctrl_c_in_the_slow_move_makes_the_arm_hold(psm: Host, monkeypatch: pyte
     before = state.field("position").copy()
     psm.run(0.5)
     assert state.newest() and (state.field("position") == before).all()
+    env.close()
+
+
+def test_who_was_held_up_in_the_slow_move_does_not_go_on(psm: Host, monkeypatch: pytest.MonkeyPatch) -> None:
+    env = made(psm)
+    monkeypatch.setattr(HostTime, "hold_ups", 20)
+    with pytest.raises(RobotStopped, match=r"this program was held up for 0.2"):
+        env.reset(options={"start": 1})
+    psm.run(0.1)
+    state = psm.reader("PSM1")
+    assert state.newest() and not state.field("is_busy")[()]
+    with pytest.raises(RobotStopped, match="make a new environment"):
+        env.reset()
     env.close()
 
 
