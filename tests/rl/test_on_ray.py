@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import os
 import subprocess
-import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,8 +14,9 @@ import pytest
 
 from tests.system.robot import ROOT, wait_for
 
+PYTHON = ROOT / ".venv-ray" / "bin" / "python"
 pytestmark = [pytest.mark.peers, pytest.mark.slow,
-              pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="no Ray: tools/peers installs it")]
+              pytest.mark.skipif(not PYTHON.exists(), reason="no Ray: tools/peers installs it")]
 REACH = ("trocar/PsmReach-v0", "--option", "backend=boards", "--option", "horizon=10", "--episodes", "6")
 CART = ("CartPole-v1", "--episodes", "2")
 FILE = "policies.py"
@@ -51,7 +50,7 @@ def processes() -> set[int]:
 
 def rollout(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "tools", "rl", "rollout", *words, "--json"], cwd=ROOT, text=True, capture_output=True,
+        [str(PYTHON), "-m", "tools", "rl", "rollout", *words, "--json"], cwd=ROOT, text=True, capture_output=True,
         timeout=240, check=False, env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1",
                                        "TMPDIR": str(folder), "HOME": str(folder)})
 
