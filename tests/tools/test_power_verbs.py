@@ -80,7 +80,7 @@ def test_power_is_off_when_io_sees_it(
 
 
 def test_a_homed_arm_that_hangs_is_not_taken_for_homed(kinematic: ScriptedRobot) -> None:
-    kinematic.show_arm(state="ENABLED", homed=True, age_s=1.0)
+    kinematic.show_arm(state="ENABLED", homed=True, age_s=60.0)
     for verb in ("home", "power-on"):
         result = run(verb, "--timeout", "0.05", "--json", "--system", kinematic.name)
         assert result.exit_code == 1 and "its last record is " in json.loads(result.stdout)["problem"]

@@ -15,7 +15,7 @@ import typer
 
 from tools.errors import Misuse, Problem
 from tools.options import JsonOption
-from tools.printing import emit, number, progress, table
+from tools.printing import emit, number, progress, table, tell
 
 if TYPE_CHECKING:
     from procs.rl.rollouts import Episode, RolloutTask
@@ -151,5 +151,5 @@ def _show(done: Sequence[Episode], summary: dict[str, Any]) -> None:
     table("", COLUMNS, (
         (str(row.seed), str(row.steps), number(row.reward, ".3f"), "yes" if row.is_success else "no",
          "itself" if row.is_terminated else "time", row.state, row.hash) for row in rows), ("seed", "steps", "return"))
-    print(f"{summary['episodes']} episodes, {100 * summary['success']:.0f} % with success; "
-          f"{summary['steps_per_s']:.0f} steps/s, {summary['simulated_per_cpu_s']:.1f} s simulated a CPU second")
+    tell(f"{summary['episodes']} episodes, {100 * summary['success']:.0f} % with success; "
+         f"{summary['steps_per_s']:.0f} steps/s, {summary['simulated_per_cpu_s']:.1f} s simulated a CPU second")
