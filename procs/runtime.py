@@ -290,8 +290,8 @@ def process(kind: str) -> Iterator[Node]:
 
 
 def _spin_ns(system: SystemConfig, name: str) -> int:
-    """An io may spin, for as long as its bus's entry says, and never on its only core."""
-    spin_us = next((io.spin_us for io in system.ios if io.name == name), 0.0)
+    """An io may spin, for as long as its bus's entry says, and never on its only core; without boards nobody gains."""
+    spin_us = next((io.spin_us for io in system.ios if io.name == name and io.port), 0.0)
     given = system.process(name).cpus  # not ours yet: we begin where the supervisor may run
     return round(min(spin_us, MAX_SPIN_US) * 1e3) if given or len(os.sched_getaffinity(0)) > 1 else 0
 

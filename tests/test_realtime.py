@@ -15,6 +15,7 @@ from typing import Any, Literal
 import pytest
 
 from procs import runtime
+from procs.config import PROJECT_CONFIGS, load_system
 from procs.document.system import Process
 from procs.manifest import Proc
 from procs.realtime import (
@@ -165,3 +166,12 @@ def test_where_nobody_tells_each_is_a_core_of_its_own(tmp_path: Path, monkeypatc
     monkeypatch.setattr("procs.realtime.CPUS", tmp_path)
     monkeypatch.setattr(os, "sched_getaffinity", lambda pid: {2, 0})
     assert cores() == ((0,), (2,))
+
+
+@pytest.mark.parametrize(("file", "spins"), [("kinematic.yaml", False), ("demo.yaml", True)])
+def test_an_io_spins_for_its_boards_only(file: str, spins: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("os.sched_getaffinity", lambda pid: {0, 1})
+    system = load_system(PROJECT_CONFIGS / "systems" / file, name="spins", boards="emulated" if spins else None).system
+    assert system is not None
+    assert runtime._spin_ns(system, system.ios[0].name) == (50_000 if spins else 0)
+    assert runtime._spin_ns(system, "PSM1") == 0
