@@ -1,6 +1,7 @@
 """What an owner was asked for and what became of it: a ring of its own, so that a motion can be traced to a person.
 
 Of a stream (servo_…) only the first goal is written, and then what changes: another sender, another outcome, a reason.
+A jaw has a stream of its own beside the arm's.
 In lock-step all goals are that come from a person's program: so a recording has what it takes to repeat a run.
 """
 
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 NAMES = ("command", "text", "outcome", "reason", "origin", "generation", "program", "pid", "place", "id",
          "monotonic_ns", "local_ns")
 REASON = 400  # bytes
+JAW = "jaw/"
 
 
 class AuditedCommand(Protocol):
@@ -59,18 +61,18 @@ class Audit:
         self._ring, self._now_ns, self._every = ring, now_ns, every
         self._count, self._values = ring.field("count"), ring.field("values")
         self._fields = [ring.field(name) for name in NAMES]
-        self._stream: tuple[str, int, str, str] | None = None
+        self._streams: dict[bool, tuple[str, int, str, str]] = {}  # of the jaw, and of all else
 
     def write(self, received: AuditedCommand, outcome: str, reason: str) -> None:
         """One command has got an answer."""
         command = received.command
         if command.streams and not (self._every and is_direct(received.origin.id, received.pid)):
-            stream = command.name, received.place, outcome, reason
-            if stream == self._stream:
+            part, stream = command.name.startswith(JAW), (command.name, received.place, outcome, reason)
+            if stream == self._streams.get(part):
                 return
-            self._stream = stream
-        elif self._stream is not None:
-            self._stream = None
+            self._streams[part] = stream
+        elif self._streams:
+            self._streams.clear()
         origin = received.origin
         values = (command.name.encode(), received.text.encode(), outcome.encode(), shorten(reason, REASON), origin.id,
                   origin.generation, origin.program.encode(), received.pid, received.place, received.id,

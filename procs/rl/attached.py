@@ -18,6 +18,7 @@ from procs.kinematics.poses import angle_between, matrix_from_pose
 from procs.rl.backend import RobotStopped
 from procs.rl.link import ArmLink
 from procs.rl.model import ArmModel, StartPose
+from procs.rl.others import OtherCommands
 from shm import directory
 from shm.client import Client, MailboxFull, begin
 from shm.clock import boottime_ns
@@ -77,6 +78,7 @@ class AttachedRobot:
                 raise Problem(f"{self._system} is in lock-step, whose time waits for no program of ours; start it with "
                               "--clock paced")
             self._gap_ns: Callable[[], int] = self._time.now_ns if self._time.simulated else boottime_ns
+            self._others: list[OtherCommands] = []
             self.links: Sequence[ArmLink] = [self._attached(name, stack) for name in names]
             self.models: Sequence[ArmModel] = [self._model(document_of(self._system), link, jaw)
                            for link, jaw in zip(self.links, jaws, strict=True)]
@@ -92,7 +94,9 @@ class AttachedRobot:
     def _attached(self, name: str, stack: contextlib.ExitStack) -> ArmLink:
         reader = stack.enter_context(contextlib.closing(directory.reader(self._system, name, "state")))
         client = stack.enter_context(contextlib.closing(Client(self._system, name)))
-        client.on_behalf(begin(self._system))
+        client.on_behalf(own := begin(self._system))
+        audit = stack.enter_context(contextlib.closing(directory.reader(self._system, name, "audit")))
+        self._others.append(OtherCommands(audit, own.id))
         link = ArmLink(name, reader, client)
         link.look()
         if why := link.problem:
@@ -104,13 +108,18 @@ class AttachedRobot:
         return ArmModel(document.arm(link.name), link.carried, matrix_from_pose(link.base), jaw)
 
     def look(self, number: int) -> str:
-        """See RobotBackend. Of an arm that shows nothing any more, or whose base has moved, nothing is to be asked."""
+        """See RobotBackend.
+
+        Of an arm that shows nothing any more, that others command, or whose base has moved, nothing is to be asked.
+        """
         link, model = self.links[number], self.models[number]
         link.look()
         if self.now_ns() - link.stamp_ns > FRESH_NS:
             return f"{link.name} does not show its state any more"
         if link.problem:
             return link.problem
+        if asked := self._others[number].look():
+            return f"{link.name} was asked for {asked}"
         if (base := link.base).tobytes() != self._bases[number].tobytes():
             self._bases[number] = base
             model.base[...] = matrix_from_pose(base)
@@ -127,6 +136,8 @@ class AttachedRobot:
         """See RobotBackend: a slow move of all joints, of one arm after the other. RobotStopped after a fault."""
         self._check()
         self._due_ns = None
+        for others in self._others:
+            others.begin()
         for number, (start, model) in enumerate(zip(starts, self.models, strict=True)):
             link = self.links[number]
             if why := self.look(number):
@@ -168,6 +179,8 @@ class AttachedRobot:
             self._hold()
             raise
         if ended != "done":
+            if why := self.look(arm):
+                self._give_up(why)
             self._give_up(f"{link.name}: {command} was {ended}: {link.refusal}")
 
     def wait_until(self, deadline_ns: int) -> None:
@@ -208,9 +221,9 @@ class AttachedRobot:
         raise RobotStopped(self._stopped)
 
     def _hold(self) -> None:
-        """All arms that can stay where they are asked to be."""
-        for link in self.links:
-            if not link.is_ready:
+        """All arms that can stay where they are asked to be, unless somebody else commands them now."""
+        for link, others in zip(self.links, self._others, strict=True):
+            if not link.is_ready or others.look():
                 continue
             with contextlib.suppress(MailboxFull, SegmentError):
                 link.send("hold")

@@ -247,6 +247,36 @@ def test_who_was_held_up_in_the_slow_move_does_not_go_on(psm: Host, monkeypatch:
     env.close()
 
 
+@pytest.mark.parametrize(("command", "values"), [("hold", ()), ("move_jp", (0.2, -0.1, 0.11, 0.0, 0.0, 0.0)),
+                                                 ("jaw/servo_jp", (0.1,))])
+def test_who_else_commands_the_arm_has_it(psm: Host, command: str, values: tuple[float, ...]) -> None:
+    person = psm.client("PSM1")
+    assert ask(psm, person, "hold") == "done"  # before the episode it does not count
+    env = made(psm)
+    env.reset()
+    assert ask(psm, person, "trajectory_j/set_ratio", (0.9,)) == "done"  # nor do settings
+    assert not env.step(np.zeros(7))[2]
+    person.send(command, values)
+    psm.run(0.01)
+    is_over(env, f"PSM1 was asked for {command} by")
+    psm.run(3.0)
+    state = psm.reader("PSM1")
+    assert state.newest()
+    if command == "move_jp":
+        np.testing.assert_allclose(state.field("position")[:6], values, atol=1e-6)
+    env.close()
+
+
+def test_of_two_environments_at_an_arm_neither_fights_the_other(psm: Host) -> None:
+    first, second = made(psm), made(psm)
+    first.reset(seed=1)
+    second.reset(seed=2)
+    is_over(first, "PSM1 was asked for")
+    assert not second.step(np.zeros(7))[2]
+    first.close()
+    second.close()
+
+
 def test_what_cannot_be_attached_is_refused(system: Callable[[str], Host], monkeypatch: pytest.MonkeyPatch) -> None:
     host = system("kinematic-hand-over.yaml")
     where = RunningSystem(host.name, arms=("PSM2",))

@@ -55,3 +55,17 @@ def test_commands_of_all_processes_come_in_order_with_whose_they_are(system: str
 def test_a_process_that_is_not_there_is_named(system: str) -> None:
     with pytest.raises(Problem, match="PSM9: there is no such process"):
         rows_of(system, "PSM9", 20)
+
+
+def test_streams_of_an_arm_and_its_jaw_side_by_side_are_told_once_each(system: str) -> None:
+    ring = writer(system, "PSM1", "audit", "arm")
+    owner = Mailbox(system, "PSM1", "arm", guard=NoFaults(), audit=Audit(ring, time.monotonic_ns))
+    person = Client(system, "PSM1")
+    for word in ("servo_jp", "jaw/servo_jp", "servo_jp", "jaw/servo_jp", "hold", "servo_jp", "jaw/servo_jp"):
+        person.send(word, (0.1,) * (6 if word == "servo_jp" else word == "jaw/servo_jp"))
+        for command in owner.drain():
+            command.done("")
+    assert [row["command"] for row in rows_of(system, None, 20)] == [
+        "servo_jp", "jaw/servo_jp", "hold", "servo_jp", "jaw/servo_jp"]
+    for part in (person, owner, ring):
+        part.close()

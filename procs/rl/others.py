@@ -1,0 +1,38 @@
+"""What others ask of an arm while an environment has it: whoever does takes it over, and the environment ends."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from procs.crtk.plain import plain
+from shm.commands import COMMANDS
+from shm.ring import RingReader
+
+HARMLESS: Final = frozenset(row.name for row in COMMANDS["arm"] if not row.moves) | {"set_base_frame"}
+"""Settings and questions; where the base is, is seen in the arm's state."""
+
+
+class OtherCommands:
+    """Reads who asked an arm for what, from its audit ring."""
+
+    def __init__(self, audit: RingReader, own: int) -> None:
+        """`own`: number of the person's command that all we ask belongs to; who made the reader closes it."""
+        self._audit, self._own, self._asked = audit, own, ""
+        self._command, self._text, self._outcome = audit.field("command"), audit.field("text"), audit.field("outcome")
+        self._origin, self._program = audit.field("origin"), audit.field("program")
+        self.begin()
+
+    def begin(self) -> None:
+        """What was asked until now does not count."""
+        self._audit.rewind(0)
+        self._asked = ""
+
+    def look(self) -> str:
+        """What moves or stops it, and was asked by others since `begin`, and by whom; empty: nothing was."""
+        while not self._asked and self._audit.next():
+            command = str(plain(self._command.item()))
+            if self._origin[()] == self._own or command in HARMLESS or self._outcome[()] in (b"refused", b"failed"):
+                continue
+            words = f"{command} {plain(self._text.item())}".rstrip()
+            self._asked = f"{words} by {plain(self._program.item()) or 'another process'}"
+        return self._asked
