@@ -209,7 +209,8 @@ def _in_the_way(name: str) -> str:
 
 
 def _reason(error: Exception) -> str:
-    return str(getattr(error, "strerror", None) or error)
+    more = " (ulimit -n)" if getattr(error, "errno", 0) == errno.EMFILE else ""
+    return f"{getattr(error, 'strerror', None) or error}{more}"
 
 
 def unlink(name: str) -> None:
@@ -374,7 +375,8 @@ def _opened(name: str, write: bool) -> int:
         raise SegmentError(f"{name}: not permitted{f', it belongs to {owner}' if owner else ''}; the system's `group` "
                            "decides who else may attach") from None
     except OSError as error:
-        raise SegmentError(f"{name}: is no segment but something else of that name ({error.strerror})") from None
+        what = "cannot be opened" if error.errno == errno.EMFILE else "is no segment but something else of that name"
+        raise SegmentError(f"{name}: {what} ({_reason(error)})") from None
 
 
 def _mapped(fd: int, name: str, size: int, access: int) -> mmap.mmap:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import weakref
 from collections.abc import Callable
 from typing import Any, Self
 
@@ -73,6 +74,7 @@ class Host:
         self._places: list[Client] = []  # one at each mailbox: it has the place that all handles there share
         self._turns: list[tuple[HostedNode, Callable[[], bool], Callable[[int, int], None]]] = []
         self._held = contextlib.ExitStack()
+        weakref.finalize(self, _give_back, self._held, os.getpid()).atexit = False
         wanted = [row for row in document.processes if proc(row.kind).in_time]
         if users := [row.name for row in document.users]:
             raise HostError(f"{', '.join(users)}: processes of users do not run in a host")
@@ -195,6 +197,12 @@ class Host:
 
     def __exit__(self, *exception: object) -> None:
         self.close()
+
+
+def _give_back(held: contextlib.ExitStack, pid: int) -> None:
+    """Of a host that nobody has any more, whether it was closed or not; in a forked child all is the parent's."""
+    if os.getpid() == pid:
+        held.close()
 
 
 def _refuse_coarse(document: SystemConfig) -> None:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import gc
+import resource
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,11 +14,12 @@ import pytest
 from procs.host.host import Host
 from procs.host.loops import HostError
 from shm.lockstep import EPOCH_NS
-from shm.segment import FOLDER, names_of
+from shm.segment import FOLDER, SegmentError, names_of
 from tests.host.hosted import COARSE, QUICK, HashedArm, document
 
 GOAL = (0.1, -0.1, 0.12, 0.0, 0.0, 0.0)
 BOARDS = ("demo.yaml", "emulated", COARSE)
+DESCRIPTORS = Path("/proc/self/fd")
 KINEMATIC = ("kinematic.yaml", None, QUICK)
 
 
@@ -73,6 +77,30 @@ def test_nothing_of_it_has_a_name_or_is_left() -> None:
     assert names_of(host.name) and not list(FOLDER.glob(f"*{host.name}*"))
     host.close()
     assert not names_of(host.name)
+
+
+def test_who_forgets_to_close_it_keeps_no_descriptors() -> None:
+    gc.collect()
+    before = len(list(DESCRIPTORS.iterdir()))
+    host = Host(document(*KINEMATIC))
+    host.run(0.02)
+    host.snapshot()
+    assert len(list(DESCRIPTORS.iterdir())) > before
+    name = host.name
+    del host
+    gc.collect()
+    assert len(list(DESCRIPTORS.iterdir())) == before and not names_of(name)
+
+
+def test_where_descriptors_end_it_says_how_to_have_more() -> None:
+    limits = resource.getrlimit(resource.RLIMIT_NOFILE)
+    used = len(list(DESCRIPTORS.iterdir()))
+    resource.setrlimit(resource.RLIMIT_NOFILE, (used + 10, limits[1]))
+    try:
+        with pytest.raises(SegmentError, match=r"Too many open files \(ulimit -n\)"):
+            Host(document(*KINEMATIC))
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, limits)
 
 
 def test_a_master_carries_its_slave() -> None:
