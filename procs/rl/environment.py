@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from numbers import Integral, Real
 from typing import Any, ClassVar, Final
 
 import gymnasium
@@ -35,6 +36,8 @@ FURTHEST, QUICKEST = 10.0, 100.0
 """Bounds of what is observed: m and rad, m/s and rad/s."""
 NS: Final = 1_000_000_000
 MAX_PIXELS: Final = 4096
+OPTIONS: Final = ("start", "goal")
+"""Of reset."""
 
 
 class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
@@ -77,8 +80,7 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
                 ("horizon", horizon, 1, 1_000_000), ("starts", starts, 1, STARTS), ("noise_m", noise_m, 0.0, 0.1),
                 ("tolerance_m", tolerance_m, 1e-4, 0.1), ("width", width, 16, MAX_PIXELS),
                 ("height", height, 16, MAX_PIXELS)):
-            if not least <= value <= most:
-                raise ValueError(f"{name} is {value}; allowed: {least} to {most}")
+            _within(name, value, least, most)
         if stream_hz % policy_hz:
             raise ValueError(f"stream_hz is {stream_hz}; it has to be a multiple of policy_hz, {policy_hz}")
         self.metadata = {**self.metadata, "render_fps": policy_hz}
@@ -140,6 +142,8 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
         """
         super().reset(seed=seed)
         options = options or {}
+        if unknown := sorted(options.keys() - OPTIONS):
+            raise ValueError(f"options have {', '.join(unknown)}; allowed: {', '.join(OPTIONS)}")
         number = int(self.np_random.integers(self._starts_count))
         noise = int(self.np_random.integers(1 << 31))
         number = _given_start(options.get("start", number))
@@ -301,6 +305,14 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
 def _one_of(name: str, given: object, allowed: tuple[object, ...]) -> None:
     if given not in allowed:
         raise ValueError(f"{name} is {given!r}; allowed: {', '.join(map(repr, allowed))}")
+
+
+def _within(name: str, given: Any, least: float, most: float) -> None:
+    """Bounds that are whole numbers are those of one."""
+    is_whole = isinstance(least, int)
+    kind: Any = Integral if is_whole else Real
+    if not isinstance(given, kind) or not least <= given <= most:
+        raise ValueError(f"{name} is {given!r}; allowed: {least} to {most}{', a whole number' if is_whole else ''}")
 
 
 def _bounded(most: Array) -> spaces.Box:

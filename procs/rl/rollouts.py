@@ -8,6 +8,7 @@ import importlib.util
 import inspect
 import sys
 import time
+import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,6 +29,10 @@ RANDOM: Final = "random"
 
 class NoPolicy(ValueError):
     """A policy that cannot be had, and why."""
+
+
+class PolicyFailed(RuntimeError):
+    """A policy that raised an error when it was asked for an action: which, and where."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,13 +75,13 @@ class EpisodeRunner:
 
     def __init__(self, task: RolloutTask) -> None:
         """NoPolicy; what gymnasium.make raises for environments that are not known, and theirs for wrong options."""
-        self._policy = policy_of(task.policy)
+        self._policy, self._named = policy_of(task.policy), task.policy
         self._keeps = task.keeps
         self._environment: gymnasium.Env[Any, Any] = gymnasium.make(task.environment, **task.options)
         self._step_s = 1.0 / float(self._environment.metadata["render_fps"])
 
     def run(self, seed: int) -> Episode:
-        """One episode from its reset to its end."""
+        """One episode from its reset to its end; PolicyFailed."""
         environment, policy = self._environment, self._policy
         cpu, wall = time.process_time_ns(), time.perf_counter_ns()
         digest, rewards, seen, done = hashlib.sha256(), [], [], []
@@ -86,7 +91,7 @@ class EpisodeRunner:
         _take(observation, digest)
         seen.append(observation)
         while not (ends or truncated):
-            action = environment.action_space.sample() if policy is None else policy(observation)
+            action = environment.action_space.sample() if policy is None else self._asked(policy, observation)
             observation, reward, ends, truncated, info = environment.step(action)
             _take(observation, digest)
             digest.update(np.float64(reward).tobytes())
@@ -98,6 +103,15 @@ class EpisodeRunner:
                        str(info.get("state", "")), digest.hexdigest()[:16], (time.process_time_ns() - cpu) * 1e-9,
                        (time.perf_counter_ns() - wall) * 1e-9, len(rewards) * self._step_s,
                        _kept(seen, done, rewards) if self._keeps else None)
+
+    def _asked(self, policy: Policy, observation: Any) -> Any:
+        """The policy's action; PolicyFailed."""
+        try:
+            return policy(observation)
+        except Exception as error:
+            _, *places = traceback.extract_tb(error.__traceback__)
+            where = f", {places[-1].filename}:{places[-1].lineno}" if places else ""
+            raise PolicyFailed(f"policy {self._named} failed: {type(error).__name__}: {error}{where}") from error
 
     def close(self) -> None:
         """The environment ends."""
@@ -141,7 +155,10 @@ def policy_of(text: str) -> Policy | None:
     found = getattr(_module(where), name, None)
     if found is None:
         raise NoPolicy(f"policy {text!r}: there is no {name} in {where}")
-    policy = found() if inspect.isclass(found) else found
+    try:
+        policy = found() if inspect.isclass(found) else found
+    except Exception as error:
+        raise NoPolicy(f"policy {text!r}: {name}() failed: {type(error).__name__}: {error}") from error
     if not callable(policy):
         raise NoPolicy(f"policy {text!r}: {name} cannot be called with an observation")
     return policy  # type: ignore[no-any-return]

@@ -181,6 +181,9 @@ def test_a_peg_is_handed_over_and_falls_when_nobody_holds_it() -> None:
     ({"policy_hz": 5}, "policy_hz is 5; allowed: 10 to 50"),
     ({"policy_hz": 30}, "has to be a multiple of policy_hz, 30"),
     ({"speed": float("nan")}, "speed is nan; allowed: 0.01 to 1.0"),
+    ({"speed": "fast"}, "speed is 'fast'; allowed: 0.01 to 1.0"),
+    ({"policy_hz": 12.5}, "policy_hz is 12.5; allowed: 10 to 50, a whole number"),
+    ({"horizon": 1.5}, "horizon is 1.5; allowed: 1 to 1000000, a whole number"),
     ({"backend": "boards", "physics_s": 0.004}, "physics_s is 0.004 s; allowed with arms on boards: 0.0005 to 0.002 s"),
     ({"period_s": 0.01}, "period_s is 0.01 s; allowed: 0.0005 to 0.002 s"),
     ({"render_mode": "human"}, "render_mode is 'human'"),
@@ -197,6 +200,8 @@ def test_wrong_actions_and_options_are_refused(reach: PsmReach) -> None:
             reach.step(action)
     with pytest.raises(ValueError, match="start is 99; allowed: 0 to 7"):
         reach.reset(options={"start": 99})
+    with pytest.raises(ValueError, match="options have strat; allowed: start, goal"):
+        reach.reset(options={"strat": 1})
     with pytest.raises(ValueError, match="a goal is 3 numbers"):
         reach.reset(options={"goal": (0.0, np.inf, 0.0)})
 

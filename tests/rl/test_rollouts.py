@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from procs.rl.rollouts import NoPolicy, RolloutTask, check, policy_of, run
+from procs.rl.rollouts import NoPolicy, PolicyFailed, RolloutTask, check, policy_of, run
 from tools import cli
 
 CART = RolloutTask("CartPole-v1", {})
@@ -76,6 +76,16 @@ def test_a_file_with_a_mistake_is_told(tmp_path: Path) -> None:
         check(RolloutTask("CartPole-v1", {}, f"{tmp_path / 'wrong.py'}:best"))
 
 
+def test_a_policy_that_fails_says_where(tmp_path: Path) -> None:
+    file = tmp_path / "failing.py"
+    file.write_text("def acts(observation):\n    return observation['none']\n"
+                    "class Learned:\n    def __init__(self):\n        self.weights = 1 / 0.0\n")
+    with pytest.raises(PolicyFailed, match=r"acts failed: IndexError: .*failing.py:2"):
+        list(run(RolloutTask("CartPole-v1", {}, f"{file}:acts"), [1]))
+    with pytest.raises(NoPolicy, match=r"Learned\(\) failed: ZeroDivisionError"):
+        policy_of(f"{file}:Learned")
+
+
 def test_an_environment_that_is_not_known_is_told() -> None:
     with pytest.raises(gymnasium.error.Error, match="CartPol"):
         check(RolloutTask("CartPol-v1", {}))
@@ -97,7 +107,8 @@ def test_the_verb_prints_and_keeps_episodes(tmp_path: Path, policies: Path) -> N
 
 
 @pytest.mark.parametrize(("words", "code"), [
-    (("CartPol-v1",), 2), (("CartPole-v1", "--policy", "best"), 2), (("CartPole-v1", "--option", "gravity"), 2),
+    (("CartPol-v1",), 2), (("no.such.module:CartPole-v1",), 2), (("CartPole-v1", "--policy", "math:sin"), 1),
+    (("CartPole-v1", "--policy", "best"), 2), (("CartPole-v1", "--option", "gravity"), 2),
     (("CartPole-v1", "--option", "gravity=3"), 2), (("CartPole-v1", "--address", "auto"), 2),
     (("CartPole-v1", "--save", "/proc/nowhere"), 1),
 ])

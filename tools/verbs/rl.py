@@ -99,6 +99,8 @@ def _problems() -> Iterator[None]:
     try:
         yield
     except ModuleNotFoundError as error:
+        if error.name is None:  # in Gymnasium's words: MODULE:NAME of an environment
+            raise Misuse(str(error)) from error
         if error.name != "gymnasium":
             raise
         raise Problem("gymnasium is not installed: pip install 'trocar[rl]'") from None
@@ -107,11 +109,11 @@ def _problems() -> Iterator[None]:
 
         from procs.rl.backend import RobotStopped
         from procs.rl.ray_actors import RolloutError
-        from procs.rl.rollouts import NoPolicy
+        from procs.rl.rollouts import NoPolicy, PolicyFailed
 
         if isinstance(error, NoPolicy | Error | TypeError | ValueError):
             raise Misuse(str(error)) from error
-        if isinstance(error, RolloutError | RobotStopped):
+        if isinstance(error, PolicyFailed | RolloutError | RobotStopped):
             raise Problem(str(error)) from error
         raise
 
