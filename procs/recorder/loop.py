@@ -202,13 +202,13 @@ class RecorderLoop(OwnProcess):
             return
         problem, before = self._disk.problem, self._problem
         lost, self._dropped, self._problem = dropped - self._dropped, dropped, problem
-        if problem or lost:
+        if problem or (lost and not before):
             self._told_ns = self._times.monotonic_ns
             why = problem or "the disk is too slow"
             self.own.events.report(codes.RECORDING_DROPPED, f"{lost} messages were not recorded into {self._folder}: "
                                    f"{why}", self.name, value=float(lost))
         elif before:
-            self.own.events.status("what comes is recorded again", self.name)
+            self.own.events.status(f"what comes is recorded again; {lost} messages before were not", self.name)
 
     def quit(self) -> None:
         """End all files in order, if the disk is quick enough."""
