@@ -6,9 +6,10 @@ powers and homes is looked at: where people on the network may not do that, the 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from functools import partial
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -56,6 +57,13 @@ class AskedTopic:
     fixed_text: str = ""
 
 
+class RosWish(NamedTuple):
+    """What somebody asked over ROS, not carried out yet."""
+
+    is_of_stream: bool
+    carry_out: Callable[[], None]
+
+
 class Commands:
     """All that ROS may ask of a system."""
 
@@ -73,17 +81,10 @@ class Commands:
                                                           row.depth), row,
                                   client, text) for row, topic, text in topics_of(to)]
 
-    def take(self) -> None:
-        """Carry out all that came."""
-        for asked in self._asked:
-            for message in asked.reader.take(self._say):
-                self._carry_out(asked, message)
-
-    def forget(self, streams_only: bool) -> None:
-        """Leave out what came before now: we were held up, and who sent it does not expect it any more."""
-        for asked in self._asked:
-            if asked.row.depth == STREAM or not streams_only:
-                asked.reader.take()
+    def take(self) -> list[RosWish]:
+        """All that came."""
+        return [RosWish(asked.row.depth == STREAM, partial(self._carry_out, asked, message))
+                for asked in self._asked for message in asked.reader.take(self._say)]
 
     def hear(self) -> None:
         """What became of what was asked."""

@@ -162,16 +162,19 @@ class RosLoop(OwnProcess):
         self.own.events.report(codes.COMMAND_REFUSED, text, self.name)
 
     def _rest(self, left_ns: int, looks: bool) -> None:
-        """Carry out at once what comes from ROS."""
+        """Carry out at once what comes from ROS.
+
+        Whether we were held up is asked after taking and before each: what came meanwhile may be among what was taken.
+        """
         came = self.participant.wait(min(left_ns, round(self.own.row.period_s * 1e9)))
-        self._notice_pause()
-        if came:
-            self._incoming.take()
-            self._questions.take()
+        for wish in [*self._incoming.take(), *self._questions.take()] if came else ():
+            if not self._leaves_out(wish.is_of_stream):
+                wish.carry_out()
+        self._leaves_out(False)
         self._incoming.hear()
         self._questions.hear()
 
-    def _notice_pause(self) -> None:
+    def _leaves_out(self, is_of_stream: bool) -> bool:
         """Held up, we leave out what has come meanwhile: goals of streams soon, all else when we were silent.
 
         DDS has to bring it from the network first: for a moment we leave out whatever comes.
@@ -186,10 +189,8 @@ class RosLoop(OwnProcess):
                                    limit=self.own.late_s)
         if now >= self._deaf_until_ns:
             self._forgets_all = False
-            return
-        self._incoming.forget(streams_only=not self._forgets_all)
-        if self._forgets_all:
-            self._questions.forget()
+            return False
+        return is_of_stream or self._forgets_all
 
     def update(self) -> None:
         """All that ROS hears. While nobody reads anything, only what late comers are to get, and less often.

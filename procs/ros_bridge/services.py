@@ -11,7 +11,7 @@ import json
 import uuid
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from typing import Any, Final
 
 import numpy as np
@@ -34,7 +34,7 @@ from procs.ros.messages import (
     TriggerResponse,
 )
 from procs.ros.view_messages import pose_of
-from procs.ros_bridge.carrying_out import Addressee
+from procs.ros_bridge.carrying_out import Addressee, RosWish
 from procs.ros_bridge.incoming import pose_numbers
 from procs.ros_bridge.publishing import ros_topic
 from procs.ros_bridge.refusals import Refusals
@@ -169,17 +169,10 @@ class Services:
             self._servers += [(Server(participant, ros_topic(f"{arm.name}/{row.name}"), row), client)
                               for row in SERVICES]
 
-    def take(self) -> None:
-        """Take questions, and pass them on."""
-        for server, client in self._servers:
-            for request in server.reader.take(self._say):
-                if self._can_be_answered(server, request.sample_info.publication_handle):
-                    self._ask(server, client, request)
-
-    def forget(self) -> None:
-        """Leave out what was asked before now: who asked does not wait any more."""
-        for server, _ in self._servers:
-            server.reader.take()
+    def take(self) -> list[RosWish]:
+        """All questions that came."""
+        return [RosWish(False, partial(self._pass_on, server, client, request))
+                for server, client in self._servers for request in server.reader.take(self._say)]
 
     def hear(self) -> None:
         """Give the answers that came."""
@@ -192,6 +185,10 @@ class Services:
         now = self._now_ns()
         for key in [key for key, waiting in self._waiting.items() if now >= waiting.due_ns]:
             self._answer(self._waiting.pop(key), False, f"{key[0].instance} did not answer")
+
+    def _pass_on(self, server: Server, client: Client, request: Any) -> None:
+        if self._can_be_answered(server, request.sample_info.publication_handle):
+            self._ask(server, client, request)
 
     def _can_be_answered(self, server: Server, writer: int) -> bool:
         """Whether it is one of Cyclone's; what the others ask would be read as garbage."""

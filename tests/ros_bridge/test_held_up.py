@@ -1,0 +1,82 @@
+"""What came while the bridge was held up is left out, wherever it stood at that moment."""
+
+from __future__ import annotations
+
+from functools import partial
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from procs.ros_bridge import loop
+from procs.ros_bridge.carrying_out import RosWish
+from procs.ros_bridge.loop import DEAF_NS, STREAM_NS, RosLoop
+
+MS_NS = 1_000_000
+LATE_S = 1.0
+GOAL, MOVE = "goal of a stream", "move"
+
+
+class StoppedBridge:
+    """The loop's waiting, with a clock of the test; `pauses` say how long the kernel holds it up, and where."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.now_ns, self.done, self.told = 0, [], 0
+        self.pauses: dict[str, int] = {}
+        monkeypatch.setattr(loop, "boottime_ns", lambda: self.now_ns)
+        made: Any = RosLoop.__new__(RosLoop)
+        quiet = SimpleNamespace(take=list, hear=lambda: None)
+        made.participant = SimpleNamespace(wait=lambda timeout_ns: self._spend("wait", True))
+        made._incoming, made._questions = SimpleNamespace(take=self._take, hear=lambda: None), quiet
+        made._awake_ns, made._deaf_until_ns, made._forgets_all, made.name = 0, 0, False, "ros_bridge"
+        made.own = SimpleNamespace(late_s=LATE_S, row=SimpleNamespace(period_s=0.005),
+                                   events=SimpleNamespace(report=self._report))
+        self._loop = made
+
+    def _report(self, *args: object, **more: object) -> None:
+        self.told += 1
+
+    def _spend(self, where: str, result: Any) -> Any:
+        self.now_ns += MS_NS + self.pauses.pop(where, 0)
+        return result
+
+    def _take(self) -> list[RosWish]:
+        return self._spend("take", [RosWish(what == GOAL, partial(self._carry_out, what)) for what in (GOAL, MOVE)])
+
+    def _carry_out(self, what: str) -> None:
+        self.done.append(what)
+        self._spend(what, None)
+
+    def turn(self) -> list[str]:
+        """What is carried out of one goal and one move that came."""
+        self.done = []
+        self._loop._rest(5 * MS_NS, False)
+        return self.done
+
+
+@pytest.fixture
+def bridge(monkeypatch: pytest.MonkeyPatch) -> StoppedBridge:
+    made = StoppedBridge(monkeypatch)
+    assert made.turn() == [GOAL, MOVE]
+    return made
+
+
+@pytest.mark.parametrize("where", ["wait", "take"])
+@pytest.mark.parametrize(("pause_ns", "kept"), [(STREAM_NS // 2, [GOAL, MOVE]), (2 * STREAM_NS, [MOVE]),
+                                                (round(2e9 * LATE_S), [])])
+def test_goals_of_a_stream_are_left_out_soon_and_all_else_after_a_silence(
+        bridge: StoppedBridge, where: str, pause_ns: int, kept: list[str]) -> None:
+    bridge.pauses[where] = pause_ns
+    assert bridge.turn() == kept
+    assert bridge.told == (not kept)
+    assert bridge.turn() == kept, "DDS has not brought all of it yet"
+    bridge.now_ns += DEAF_NS // 2
+    bridge.turn()
+    bridge.now_ns += DEAF_NS // 2
+    assert bridge.turn() == [GOAL, MOVE]
+
+
+def test_what_was_taken_before_a_silence_is_not_carried_out_after_it(bridge: StoppedBridge) -> None:
+    bridge.pauses[GOAL] = round(2e9 * LATE_S)
+    assert bridge.turn() == [GOAL]
+    assert bridge.told == 1
