@@ -90,6 +90,8 @@ class AttachedRobot:
             self._held = stack.pop_all()
         self._due_ns: int | None = None
         """When the next setpoint is due, on the clock that shows gaps; None: no stream is under way."""
+        self._is_asking, self._asked = False, 0
+        """Something is under way whose end has not been heard; its number, 0 while it is being sent."""
 
     def _attached(self, name: str, stack: contextlib.ExitStack) -> ArmLink:
         reader = stack.enter_context(contextlib.closing(directory.reader(self._system, name, "state")))
@@ -142,42 +144,46 @@ class AttachedRobot:
             link = self.links[number]
             if why := self.look(number):
                 self._give_up(why)
+            if link.is_busy:
+                raise RobotStopped(f"{link.name} moves, which we did not ask for; begin when it stands")
             if link.carried != model.carried:
                 self._give_up(f"{link.name} carries {link.carried or 'nothing'}, not {model.carried} any more")
             self._slowly(number, start, model.has_jaw)
         self._due_ns = None  # a learner may take its time before the first step
 
     def _slowly(self, number: int, start: StartPose, has_jaw: bool) -> None:
+        """Whatever ends it, no move of ours goes on, and none gets faster."""
         link = self.links[number]
         velocity, acceleration = link.ratios
-        self._done(number, "trajectory_j/set_ratio", (self._ratio,))
         try:
+            self._done(number, "trajectory_j/set_ratio", (self._ratio,))
             self._done(number, "move_jp", tuple(start.joints))
             if has_jaw:
                 self._done(number, "jaw/move_jp", (start.jaw,))
         finally:
             with contextlib.suppress(MailboxFull, SegmentError):
+                if self._is_asking and not link.hear(self._asked):
+                    link.send("hold")
                 link.send("trajectory_j/set_ratio_v", (velocity,))
                 link.send("trajectory_j/set_ratio_a", (acceleration,))
 
     def _done(self, arm: int, command: str, values: tuple[float, ...]) -> None:
         """Ask, and wait for the end; RobotStopped where it is no good one."""
         link = self.links[arm]
+        self.keeps_pace(round(POLL_S * 1e9))
         link.forget()
+        self._is_asking, self._asked = True, 0
         try:
-            number = link.send(command, values)
+            self._asked = link.send(command, values)
         except (MailboxFull, SegmentError) as error:
             self._give_up(str(error))
         end_ns = self.now_ns() + round(MOVE_S * 1e9)
-        try:
-            while not (ended := link.hear(number)):
-                self.keeps_pace(round(POLL_S * 1e9))
-                if self.now_ns() > end_ns:
-                    self._give_up(f"{link.name}: {command} is not done after {MOVE_S:g} s")
-                self._time.pause(POLL_S, STANDS_S)
-        except KeyboardInterrupt:
-            self._hold()
-            raise
+        while not (ended := link.hear(self._asked)):
+            self.keeps_pace(round(POLL_S * 1e9))
+            if self.now_ns() > end_ns:
+                self._give_up(f"{link.name}: {command} is not done after {MOVE_S:g} s")
+            self._time.pause(POLL_S, STANDS_S)
+        self._is_asking = False
         if ended != "done":
             if why := self.look(arm):
                 self._give_up(why)

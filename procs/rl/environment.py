@@ -147,6 +147,7 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
         number = int(self.np_random.integers(self._starts_count))
         noise = int(self.np_random.integers(1 << 31))
         number = _given_start(options.get("start", number))
+        self._has_begun = False
         self.robot.begin(number, [starts[number] for starts in self._starts], noise)
         self.steps, self._grid_ns, self._fault = 0, self.robot.now_ns(), ""
         for link, steering, line in zip(self.robot.links, self._steering, self._lines, strict=True):

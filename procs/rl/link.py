@@ -28,6 +28,7 @@ class ArmLink:
             reader.field("base_frame")
         self._state, self._homed, self._reason = reader.field("state"), reader.field("is_homed"), \
             reader.field("reason")
+        self._busy = reader.field("is_busy")
         self._frame, self._carried = reader.field("reference_frame"), reader.field("tool")
         self._count = reader.field("count")
         self._ratio = reader.field("trajectory_ratio_v"), reader.field("trajectory_ratio_a")
@@ -46,6 +47,11 @@ class ArmLink:
     def is_ready(self) -> bool:
         """Powered and homed, its values valid: it can be commanded."""
         return bool(self._state[()] == ENABLED and self._homed[()] and self._valid[()] and self._posed[()])
+
+    @property
+    def is_busy(self) -> bool:
+        """A move, or a change of its state, is under way."""
+        return bool(self._busy[()])
 
     @property
     def problem(self) -> str:

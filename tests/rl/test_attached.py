@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any, ClassVar
 
+import gymnasium
 import numpy as np
 import pytest
 
@@ -30,8 +31,9 @@ class HostTime:
     simulated = True
     ahead_ns = 0
     """The clock shows so much more than the records."""
-    interrupts = 0
-    """Ctrl-C comes in the wait after so many."""
+    waits = 0
+    """So many until something comes, which is what `comes` does."""
+    comes: ClassVar[Callable[[], object]]
 
     hold_ups = 0
     """The wait after so many takes a quarter of a second longer."""
@@ -46,9 +48,9 @@ class HostTime:
         self.pause((deadline_ns - self.now_ns()) * 1e-9, real_s)
 
     def pause(self, seconds: float, real_s: float) -> None:
-        self.interrupts -= 1
-        if self.interrupts == 0:
-            raise KeyboardInterrupt
+        self.waits -= 1
+        if self.waits == 0:
+            HostTime.comes()
         self.hold_ups -= 1
         seconds += 0.25 if self.hold_ups == 0 else 0.0
         self.host.run_until(self.host.now_ns + round(max(seconds, 0.0) * 1e9))
@@ -110,7 +112,7 @@ def is_over(env: RobotEnv, why: str) -> None:
     """The episode has ended because of this, and nothing goes on with this environment."""
     _, _, terminated, _, info = env.step(np.zeros(env.action_space.shape))
     assert terminated and why in info["fault"] and not info["is_success"], info
-    for call in (env.reset, lambda: env.step(np.zeros(env.action_space.shape))):
+    for call in (lambda: env.step(np.zeros(env.action_space.shape)), env.reset):
         with pytest.raises(RobotStopped, match="make a new environment"):
             call()
 
@@ -178,9 +180,10 @@ def test_after_a_fault_it_waits_for_a_person_to_make_it_anew(system: Callable[..
     state = host.reader("PSM1")
     assert state.newest()
     before = state.field("setpoint_position").copy()
-    for call in (env.reset, lambda: env.step(np.ones(7))):
-        with pytest.raises(RobotStopped, match="make a new environment"):
-            call()
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(np.ones(7))
+    with pytest.raises(RobotStopped, match="make a new environment"):
+        env.reset()
     link = env.robot.links[0]
     link.forget()
     link.send("servo_jp", before[:6] + 0.001)  # what is on its way still counts for nothing, too
@@ -220,17 +223,47 @@ def test_who_shows_nothing_any_more_is_asked_for_nothing(psm: Host, monkeypatch:
     env.close()
 
 
-def test_ctrl_c_in_the_slow_move_makes_the_arm_hold(psm: Host, monkeypatch: pytest.MonkeyPatch) -> None:
-    env = made(psm)
-    monkeypatch.setattr(HostTime, "interrupts", 20)
-    with pytest.raises(KeyboardInterrupt):
+@pytest.mark.parametrize("ends", [KeyboardInterrupt, SystemExit, None])
+def test_whatever_ends_the_slow_move_the_arm_holds(psm: Host, monkeypatch: pytest.MonkeyPatch, ends: type | None
+                                                   ) -> None:
+    """None: another program asks for the jaw, which would leave our move of the arm as it is."""
+    assert ask(psm, psm.client("PSM1"), "move_jp", (0.6, 0.5, 0.2, 0.0, 0.0, 0.0)) == "done"
+    person, state, env = psm.client("PSM1"), psm.reader("PSM1"), made(psm)
+
+    def comes() -> None:
+        assert state.newest() and state.field("is_busy")[()]
+        if ends is not None:
+            raise ends
+        person.send("jaw/move_jp", (0.3,))
+
+    monkeypatch.setattr(HostTime, "waits", 30)
+    monkeypatch.setattr(HostTime, "comes", staticmethod(comes), raising=False)
+    with pytest.raises(ends or RobotStopped):
         env.reset(options={"start": 1})
     psm.run(0.1)
-    state = psm.reader("PSM1")
     assert state.newest() and not state.field("is_busy")[()]
     before = state.field("position").copy()
+    assert 0.5 < before[0] < 0.6 and state.field("trajectory_ratio")[()] == 1.0
     psm.run(0.5)
     assert state.newest() and (state.field("position") == before).all()
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(np.zeros(7))
+    env.close()
+
+
+def test_an_arm_that_moves_for_somebody_else_is_not_taken(psm: Host) -> None:
+    person, state, env = psm.client("PSM1"), psm.reader("PSM1"), made(psm)
+    goal = (0.6, 0.5, 0.2, 0.0, 0.0, 0.0)
+    person.send("move_jp", goal)
+    psm.run(0.05)
+    with pytest.raises(RobotStopped, match="PSM1 moves, which we did not ask for; begin when it stands"):
+        env.reset()
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(np.ones(7))
+    psm.run(3.0)
+    assert state.newest()
+    np.testing.assert_allclose(state.field("position")[:6], goal, atol=1e-6)
+    env.reset()
     env.close()
 
 
