@@ -66,7 +66,8 @@ def test_actors_do_what_is_done_here(folder: Path) -> None:
     assert there == here and sorted(here) == list(range(6)) and len(set(here.values())) == 6
 
 
-@pytest.mark.parametrize(("policy", "wrong"), [("Fails", "an episode failed: nothing learned"), ("Dies", "was lost")])
+@pytest.mark.parametrize(("policy", "wrong"), [("Fails", "policies.py:Fails failed: ValueError: nothing learned"),
+                                               ("Dies", "was lost")])
 def test_what_goes_wrong_in_an_actor_is_told(folder: Path, policy: str, wrong: str) -> None:
     file = folder / FILE
     file.write_text(FAILING)

@@ -139,13 +139,13 @@ def test_kinematic_setup_arms_are_put_where_one_says(console: tuple[Robot, Brows
 
 def test_the_lens_moves_while_a_button_is_held(console: tuple[Robot, BrowserPage]) -> None:
     page = opened(console, "/focus")
-    button, hand = page.find("#focus_in"), ActionChains(page.driver)
+    button, hand = page.find("#lens-focus_in"), ActionChains(page.driver)
     hand.click_and_hold(button).perform()
     page.until(shown("lens/state.focusing.0"))
     hand.reset_actions()
     hand.release().perform()
     page.until(f"!{shown('lens/state.focusing.0')}")
-    page.click("#lock")
+    page.click("#lens-lock")
     page.until(shown("lens/state.locked"))
     ActionChains(page.driver).click(button).perform()
     page.until("document.querySelector('.note.bad')?.textContent.includes('lock')")
