@@ -75,8 +75,9 @@ VERBS: tuple[Verb, ...] = (
     Verb("recordings", "tools.verbs.recordings:recordings", "Recordings there are, with what they are of."),
     Verb("dump", "tools.verbs.dump:dump", "Save what shared memory holds of a system, dead or alive."),
     Verb("report", "tools.verbs.report:report", "Pack logs, recordings and versions for a bug report."),
-    Verb("rl", "", "Environments for learning.", parts=(
-        Verb("rollout", "tools.verbs.rl:rollout", "Run a policy in an environment, here or on Ray."),
+    Verb("rl", "", "Environments for learning.", moves=True, parts=(
+        Verb("rollout", "tools.verbs.rl:rollout", "Run a policy in an environment, here, on Ray, or on a robot.",
+             moves=True),
     )),
     Verb("commission", "tools.commission.verb:commission", "The first day on a robot, stage by stage.", moves=True),
     Verb("check", "tools.checking:check", "Validate configuration files."),

@@ -56,6 +56,7 @@ class Episode:
     is_success: bool
     is_terminated: bool
     state: str
+    fault: str
     hash: str
     cpu_s: float
     wall_s: float
@@ -99,10 +100,11 @@ class EpisodeRunner:
             if self._keeps:
                 seen.append(observation)
                 done.append(np.array(action))
-        return Episode(seed, len(rewards), sum(rewards), bool(info.get("is_success", False)), bool(ends),
-                       str(info.get("state", "")), digest.hexdigest()[:16], (time.process_time_ns() - cpu) * 1e-9,
-                       (time.perf_counter_ns() - wall) * 1e-9, len(rewards) * self._step_s,
-                       _kept(seen, done, rewards) if self._keeps else None)
+        return Episode(
+            seed, len(rewards), sum(rewards), bool(info.get("is_success", False)), bool(ends),
+            str(info.get("state", "")), str(info.get("fault", "")), digest.hexdigest()[:16],
+            (time.process_time_ns() - cpu) * 1e-9, (time.perf_counter_ns() - wall) * 1e-9, len(rewards) * self._step_s,
+            _kept(seen, done, rewards) if self._keeps else None)
 
     def _asked(self, policy: Policy, observation: Any) -> Any:
         """The policy's action; PolicyFailed."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
@@ -106,11 +106,38 @@ def test_the_verb_prints_and_keeps_episodes(tmp_path: Path, policies: Path) -> N
         assert len(kept["action"]) == rows[1]["steps"]
 
 
+class Trips(gymnasium.Env[int, int]):
+    """A robot that faults in the first step."""
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": [], "render_fps": 10}
+    observation_space = action_space = gymnasium.spaces.Discrete(2)
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[int, dict[str, Any]]:
+        super().reset(seed=seed)
+        return 0, {}
+
+    def step(self, action: int) -> tuple[int, float, bool, bool, dict[str, Any]]:
+        return 0, 0.0, True, False, {"state": "FAULT", "fault": "PSM1 is FAULT: an amplifier is hot"}
+
+
+def test_the_fault_that_ended_an_episode_is_told() -> None:
+    gymnasium.register("Trips-v0", entry_point=Trips)
+    try:
+        code, rows = rollout("Trips-v0", "-n", "1")
+        done = CliRunner().invoke(cli.build("rl"), ["rl", "rollout", "Trips-v0", "-n", "1"])
+    finally:
+        del gymnasium.registry["Trips-v0"]
+    assert code == 0, done.output + str(done.exception)
+    assert rows[0]["fault"] == "PSM1 is FAULT: an amplifier is hot" and rows[0]["is_terminated"]
+    assert "an amplifier is hot" in " ".join(done.stdout.split()) and "itself" not in done.stdout
+
+
 @pytest.mark.parametrize(("words", "code"), [
     (("CartPol-v1",), 2), (("no.such.module:CartPole-v1",), 2), (("CartPole-v1", "--policy", "math:sin"), 1),
     (("CartPole-v1", "--policy", "best"), 2), (("CartPole-v1", "--option", "gravity"), 2),
     (("CartPole-v1", "--option", "gravity=3"), 2), (("CartPole-v1", "--address", "auto"), 2),
     (("CartPole-v1", "--save", "/proc/nowhere"), 1),
+    (("CartPole-v1", "--actors", "2", "--option", "backend=attached"), 2),
 ])
 def test_what_was_asked_wrongly_is_told(words: tuple[str, ...], code: int) -> None:
     assert rollout(*words) == (code, [])

@@ -41,13 +41,16 @@ def rollout(
     """Run episodes, and say what came out of them: the same seed gives the same hash, wherever it runs.
 
     Each actor has an environment of its own and runs whole episodes. A cluster needs `ray start` on each machine, and
-    Trocar with the policy's file at the same place.
+    Trocar with the policy's file at the same place. With `--option backend=attached` it moves the arms of a running
+    system, which a person has homed: docs/simulation.md.
 
     Example: trocar rl rollout trocar/PsmReach-v0 --episodes 5
     """
     task, seeds = _task(environment, policy, options or (), save is not None), range(seed, seed + episodes)
     if address and not actors:
         raise Misuse("--address: also say how many --actors")
+    if actors and task.options.get("backend") == "attached":
+        raise Misuse("--actors: a running system has one robot; leave them out with backend=attached")
     if save is not None:
         with _written(save):
             save.mkdir(parents=True, exist_ok=True)
@@ -152,6 +155,7 @@ def _show(done: Sequence[Episode], summary: dict[str, Any]) -> None:
     rows = sorted(done, key=lambda row: row.seed)
     table("", COLUMNS, (
         (str(row.seed), str(row.steps), number(row.reward, ".3f"), "yes" if row.is_success else "no",
-         "itself" if row.is_terminated else "time", row.state, row.hash) for row in rows), ("seed", "steps", "return"))
+         row.fault or ("itself" if row.is_terminated else "time"), row.state, row.hash)
+        for row in rows), ("seed", "steps", "return"))
     tell(f"{summary['episodes']} episodes, {100 * summary['success']:.0f} % with success; "
          f"{summary['steps_per_s']:.0f} steps/s, {summary['simulated_per_cpu_s']:.1f} s simulated a CPU second")
