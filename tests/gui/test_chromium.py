@@ -94,9 +94,33 @@ def test_what_is_old_turns_grey(robot: Robot) -> None:
     with served(robot) as address, chromium(address) as page:
         page.open()
         page.until("!document.querySelector('#arm-PSM1').classList.contains('stale')")
+        page.open("/plots#PSM1/state.position[0]")
+        page.until("document.querySelector('#plot-legend .chip:not(.stale) b')?.textContent.startsWith('0.')")
         robot.trocar("stop", "PSM1", "--yes")
+        page.until("/s old/.test(document.querySelector('#plot-legend .chip.stale .age')?.textContent)")
+        page.open()
         page.until("document.querySelector('#arm-PSM1').classList.contains('stale')")
         page.until("/s old/.test(document.querySelector('#arm-PSM1 .age').textContent)")
+
+
+def test_keys_work_on_every_page_and_names_in_messages_are_whole(robot: Robot) -> None:
+    with served(robot) as address, chromium(address) as page:
+        page.open("/plots")
+        for key in "ph":
+            page.js("document.querySelector('.note')?.remove()")
+            page.find("body").send_keys(Keys.CONTROL, key)
+            assert "Take control first" in page.note()
+        page.find("body").send_keys(Keys.NULL, "?")
+        page.until("document.getElementById('help').open")
+        page.open()
+        page.until("document.querySelector('.message')")
+        page.js("""const row = document.querySelector('.message').cloneNode(true), [, name, text] = row.children;
+            name.textContent = 'MTML_MTMR_ECM'; text.textContent = 'waits for somebody '.repeat(20);
+            row.append(document.createElement('em')); document.getElementById('messages').append(row)""")
+        assert page.js("""const [, name, text] = document.querySelector('.message:last-child').children;
+            return name.scrollWidth <= Math.ceil(name.getBoundingClientRect().width)
+              && name.getBoundingClientRect().right <= text.getBoundingClientRect().left""")
+        assert page.wrongs() == []
 
 
 def test_the_slave_that_follows_is_seen_following(robot: Robot) -> None:

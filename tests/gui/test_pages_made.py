@@ -17,6 +17,9 @@ from tests.system.robot import ROOT
 from tests.system.test_two_consoles import dual
 
 SYSTEMS = ROOT / "configs" / "systems"
+MOVING = ('"home"', '"align_MTM"', '"set_align_MTM", [1]', '"lock_rotation", [0]', '"select_teleop"',
+          '"teleop_enable", [1]', '"emulate_operator_present", [1]', '"emulate_camera", [0]', '"emulate_clutch", [0]')
+"""In the commands of buttons: something may move by them."""
 
 
 def system(which: str, folder: Path) -> SystemConfig:
@@ -26,7 +29,8 @@ def system(which: str, folder: Path) -> SystemConfig:
 
 
 @pytest.mark.parametrize("which", ["two consoles", "kinematic-full.yaml", "demo-ecm.yaml", "demo-teleop.yaml"])
-def test_pages_are_in_the_bar_have_no_name_twice_and_ask_before_an_arm_is_homed(which: str, tmp_path: Path) -> None:
+def test_pages_are_in_the_bar_have_all_keys_no_name_twice_and_ask_before_something_moves(
+        which: str, tmp_path: Path) -> None:
     document = system(which, tmp_path)
     made = pages_of_system(document)
     assert {path for _, path in pages_of(document)} <= {path for path, _, _ in made}
@@ -35,9 +39,11 @@ def test_pages_are_in_the_bar_have_no_name_twice_and_ask_before_an_arm_is_homed(
             content()
         names = Counter(str(part.props["id"]) for part in client.elements.values() if "id" in part.props)
         labels = {str(part.props["for"]) for part in client.elements.values() if "for" in part.props}
-        buttons = [part for part in client.elements.values() if '"home"' in str(part.props.get("data-steps", ""))]
+        buttons = [part for part in client.elements.values()
+                   if any(word in str(part.props.get("data-steps", "")) for word in MOVING)]
         client.delete()
         asked = [str(part.props.get("data-confirm")) for part in buttons if '"SUJ"' not in part.props["data-steps"]]
-        assert all("move" in text for text in asked), f"{path}: who homes is asked first"
+        assert all("?" in text for text in asked), f"{path}: who moves something is asked first"
+        assert {"power-off", "power-on", "home"} <= set(names), f"{path}: keys press buttons"
         assert max(names.values()) == 1, (path, names.most_common(3))
         assert labels <= set(names), path

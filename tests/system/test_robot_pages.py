@@ -97,6 +97,14 @@ def test_a_gain_is_edited_applied_and_saved_and_a_step_is_seen(console: tuple[Ro
     assert [axis["p_gain"] for axis in saved["pid"]][:2] == [400, 1010.5]
     before = page.value("IO1/robot0.setpoint_position.0")
     page.until("document.getElementById('trace').getContext('2d').getImageData(60, 20, 200, 300).data.some((v) => v)")
+    page.until("""['--s0', '--s1'].every((name) => {
+        const { width, height } = document.getElementById('trace');
+        const all = document.getElementById('trace').getContext('2d').getImageData(0, 0, width, height / 2).data;
+        const of = getComputedStyle(document.documentElement).getPropertyValue(name).trim().match(/[0-9a-f]{2}/g);
+        const [r, g, b] = of.map((part) => parseInt(part, 16));
+        for (let i = 0; i < all.length; i += 4)
+          if (Math.abs(all[i] - r) + Math.abs(all[i + 1] - g) + Math.abs(all[i + 2] - b) < 24) return true;
+        return false })""")  # measured on setpoint: both colours are seen
     page.js("document.getElementById('step-time').value = '4'")
     page.click("#step")
     page.until(f"{shown('IO1/robot0.setpoint_position.0')} > {before + 0.017}")

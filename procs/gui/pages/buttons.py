@@ -95,8 +95,11 @@ def _inputs(owner: str, source: str, names: list[str], uses: dict[tuple[str, str
                 with Part("td"):
                     if on_boards:
                         there = on_boards[owner, name]
+                        use = uses.get((owner, name), "")
+                        asks = f"{use}: what it starts moves. Go on?" if use else ""
                         switch("Press", f"{source}.input.{i}", [[("boards", "press", [1], there)]],
-                               [[("boards", "press", [0], there)]], data_input=name)
+                               [[("boards", "press", [0], there)]], confirm=asks,
+                               confirm_off=asks if use.endswith((": clutch", ": camera")) else "", data_input=name)
 
 
 def _outputs(io: IoConfig) -> None:

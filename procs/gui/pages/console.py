@@ -12,6 +12,9 @@ from procs.gui.pages.parts import Part, box, button, live
 PEDALS: Final = (("operator", "operator_present", "emulate_operator_present"), ("clutch", "clutch", "emulate_clutch"),
                  ("camera", "camera", "emulate_camera"))
 """What is shown, its field in the record of a console, and the command that acts as if."""
+RELEASED: Final = {"clutch": "Act as if the clutch were released? Slaves follow again.",
+                   "camera": "Act as if the camera pedal were released? Masters may move to align."}
+"""Asked before something moves by it; an operator who is gone stops all."""
 SCALES: Final = (0.1, 0.2, 0.3, 0.5, 1.0)
 
 
@@ -46,7 +49,8 @@ def _console(console: Console, teleops: list[str]) -> None:
                     box("spacer")
                     button("press", [[(name, command, [1], "")]], "small", id=f"{name}-{text}-press",
                            confirm=f"Act as if the {text} pedal or sensor were pressed, until it is released?")
-                    button("release", [[(name, command, [0], "")]], "small")
+                    button("release", [[(name, command, [0], "")]], "small",
+                           confirm=RELEASED.get(text, ""))
             Part("p", "quiet", "Press and release act as if, where there are no pedals.")
             with box("row"):
                 Part("span", "quiet", "scale of all")
@@ -71,7 +75,8 @@ def _selected(console: str, name: str, selected: str) -> None:
     with box("teleop", data_source=state):
         with box("row"):
             button(name, [[(console, "select_teleop", [], name)]], "small", data_show=f"!{selected}",
-                   title="Select it")
+                   title="Select it",
+                   confirm=f"Select {name}? Where teleoperation is on, its master may move to align.")
             button(f"✓ {name}", [[(console, "unselect_teleop", [], name)]], "small on", data_show=selected,
                    title="It is selected; press to leave it out")
             box("spacer")

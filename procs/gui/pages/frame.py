@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Final
+from typing import Any, Final
 
 from procs.document.system import WALL, SystemConfig
 from procs.gui.pages.assets import script, style
@@ -45,6 +45,14 @@ def home(document: SystemConfig) -> list[list[Call]]:
     return [*power_on(document), [(name, "state_command", [], "home") for name in moving(document)]]
 
 
+def power_buttons(document: SystemConfig, **attributes: Any) -> None:
+    """Power on and home everything: what Ctrl + P and Ctrl + H press."""
+    button("Power on", power_on(document), "primary", id="power-on", title="Ctrl + P",
+           confirm="Power on all arms? Amplifiers go on.", **attributes)
+    button("Home", home(document), "primary", id="home", title="Ctrl + H",
+           confirm="Home all arms? They move. Keep hands and tissue away.", **attributes)
+
+
 def pages_of(document: SystemConfig) -> list[tuple[str, str]]:
     """Name and path of each page."""
     found = [("System", "/"), ("3D", "/3d")]
@@ -82,6 +90,8 @@ def page(document: SystemConfig, here: str, wants: Sequence[str] = ()) -> Iterat
         Part("button", "control", "Take control", type="button", id="control")
         button("Power off", power_off(document), "danger", is_free=True, id="power-off",
                title="Ctrl + O. Works from every page, without control. It is no emergency stop.")
+        if here != "/":  # which shows them
+            power_buttons(document, hidden=True)
     with Part("main", "content", data_wants=" ".join(wants)):
         yield
     _dialogs()

@@ -45,7 +45,7 @@ def pid_page(robots: Sequence[IoRobot], robot: IoRobot) -> None:
         with box("card", data_source=robot.source):
             _head(robot)
             _table(robot, robot.pid)
-        with box("card"):
+        with box("card", data_source=robot.source):
             _plot(robot)
 
 
@@ -136,6 +136,7 @@ def _plot(robot: IoRobot) -> None:
             for span in SPANS:
                 Part("option", "", f"{span} s", value=str(span), **({"selected": ""} if span == 5 else {}))
         Part("button", "quiet", "Pause", type="button", id="pause")
+        Part("span", "age")
     with box("row legend"):
         for i, (field, text) in enumerate(TRACES.items()):
             checked = {"checked": ""} if field in SHOWN_FIRST else {}

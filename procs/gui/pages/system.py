@@ -7,7 +7,7 @@ from typing import Final
 from procs.document.arms import ArmConfig
 from procs.document.system import SystemConfig
 from procs.gui.catalogue import MESSAGES, record
-from procs.gui.pages.frame import home, power_on
+from procs.gui.pages.frame import power_buttons
 from procs.gui.pages.parts import Part, box, button, live
 
 SAID_ALREADY: Final = "HOMED|DISABLED|ENABLED|FAULT"
@@ -109,10 +109,7 @@ def _power(document: SystemConfig) -> None:
     with box("card"):
         Part("h2", "", "All arms")
         with box("row buttons"):
-            button("Power on", power_on(document), "primary", id="power-on", title="Ctrl + P",
-                   confirm="Power on all arms? Amplifiers go on.")
-            button("Home", home(document), "primary", id="home", title="Ctrl + H",
-                   confirm="Home all arms? They move. Keep hands and tissue away.")
+            power_buttons(document)
         if document.consoles:
             state = record("system")
             live(f"{state}.waiting", tag="p", classes="reason", data_show=f"{state}.waiting")

@@ -10,10 +10,11 @@ from procs.gui.catalogue import record
 from procs.gui.pages.console import PEDALS, SCALES, teleop_buttons
 from procs.gui.pages.parts import Part, box, button, live
 
-LOCKS: Final = (("Lock rotation", "Rotation locked", "rotation_locked", "lock_rotation"),
-                ("Lock translation", "Translation locked", "translation_locked", "lock_translation"),
-                ("Align master", "Aligns master", "align_mtm", "set_align_MTM"))
-"""What a button does, and has done; the field that says whether, and the command."""
+ALIGNS: Final = "The master may move to align."
+LOCKS: Final = (("Lock rotation", "Rotation locked", "rotation_locked", "lock_rotation", "", f"Unlock it? {ALIGNS}"),
+                ("Lock translation", "Translation locked", "translation_locked", "lock_translation", "", ""),
+                ("Align master", "Aligns master", "align_mtm", "set_align_MTM", f"Align? {ALIGNS}", ""))
+"""What a button does, and has done; the field that says whether, the command, what is asked before on and off."""
 
 
 def teleop_page(document: SystemConfig) -> None:
@@ -68,13 +69,16 @@ def _teleop(row: TeleopPsmConfig | TeleopEcmConfig) -> None:
                 Part("span", "", "°")
         if isinstance(row, TeleopPsmConfig):
             with box("row buttons"):
-                for text, done, field, command in LOCKS:
-                    button(text, [[(row.name, command, [1], "")]], data_show=f"!{state}.{field}")
-                    button(f"✓ {done}", [[(row.name, command, [0], "")]], "on", data_show=f"{state}.{field}")
+                for text, done, field, command, on, off in LOCKS:
+                    button(text, [[(row.name, command, [1], "")]], data_show=f"!{state}.{field}", confirm=on)
+                    button(f"✓ {done}", [[(row.name, command, [0], "")]], "on", data_show=f"{state}.{field}",
+                           confirm=off)
         with box("row buttons"):
+            is_psm = isinstance(row, TeleopPsmConfig)
             button("Enable", [[(row.name, "state_command", [], "enable")]],
-                   confirm="Enable it? The master moves to align.")
-            button("Align", [[(row.name, "state_command", [], "align_MTM")]], confirm="Align? The master moves.")
+                   confirm=f"Enable it? {ALIGNS if is_psm else 'The endoscope follows the masters.'}")
+            if is_psm:
+                button("Align", [[(row.name, "state_command", [], "align_MTM")]], confirm="Align? The master moves.")
             box("spacer")
             button("Disable", [[(row.name, "state_command", [], "disable")]], "quiet", is_free=True)
 

@@ -107,7 +107,7 @@ function wants() {
   if (document.hidden) return [];
   const found = new Set([...document.querySelectorAll("[data-wants]")].flatMap((part) => part.dataset.wants.split(" ").filter(Boolean)));
   for (const name of ["live", "show", "on", "source", "valid"])
-    for (const element of document.querySelectorAll(`[data-${name}]`)) found.add(sourceOf(element.dataset[name]));
+    for (const element of document.querySelectorAll(`[data-${name}]`)) found.add(name === "source" ? element.dataset.source : sourceOf(element.dataset[name]));
   // A page that shows nothing hears at least that it is connected, and who has control.
   return found.size ? [...found].sort() : ["messages"];
 }
@@ -218,7 +218,7 @@ export function note(element, kind, text) {
   noted.setAttribute("role", "status");
   noted.textContent = text;
   document.body.append(noted);
-  const at = element.getBoundingClientRect();
+  const at = (element.hidden ? document.getElementById("power-off") : element).getBoundingClientRect(); // pressed by its key
   const box = noted.getBoundingClientRect();
   noted.style.left = `${Math.max(8, Math.min(innerWidth - box.width - 8, at.left))}px`;
   noted.style.top = `${at.bottom + box.height + 12 < innerHeight ? at.bottom + 6 : at.top - box.height - 6}px`;

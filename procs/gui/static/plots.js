@@ -34,7 +34,9 @@ function want() {
   legend.replaceChildren(...signals.map((signal, i) => {
     const chip = Object.assign(document.createElement("button"), { type: "button", className: "chip", title: "Remove" });
     chip.style.borderColor = chip.style.color = COLOURS[i % COLOURS.length];
-    chip.append(Object.assign(document.createElement("span"), { textContent: `${signal.name}  ` }), (signal.shown = document.createElement("b")), ` ${signal.unit} ×`);
+    chip.dataset.source = `plot:${signal.name}`;
+    const age = Object.assign(document.createElement("span"), { className: "age" });
+    chip.append(Object.assign(document.createElement("span"), { textContent: `${signal.name}  ` }), (signal.shown = document.createElement("b")), ` ${signal.unit} `, age, " ×");
     chip.onclick = () => ((signals = signals.filter((other) => other !== signal)), want(), draw());
     return chip;
   }));

@@ -74,9 +74,9 @@ export class Trace {
       const digits = Math.max(0, Math.min(5, 1 - Math.floor(Math.log10((high - low) * scale))));
       paint.fillText((high * scale).toFixed(digits), left - 5, top + 9);
       paint.fillText((low * scale).toFixed(digits), left - 5, bottom);
-      for (const k of lines) {
+      for (const k of [...lines].reverse()) {
         paint.strokeStyle = colour(COLOURS[k]);
-        paint.lineWidth = k % 2 ? 1 : 1.7;
+        paint.lineWidth = k % 2 && lines.length > 1 ? 5 : 2; // what is asked for below what is measured: both are seen
         paint.beginPath();
         let before = -Infinity;
         for (let i = first; i < this.t.length; i += each) {
