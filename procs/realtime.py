@@ -69,6 +69,12 @@ def realtime(row: Process, clock: str, *, reserved: float = 0.0) -> list[str]:
     return notes
 
 
+def ordinary() -> None:
+    """No priority any more, until `realtime` is asked again; where there is none, nothing changes."""
+    if is_urgent(0):
+        os.sched_setscheduler(0, os.SCHED_OTHER | os.SCHED_RESET_ON_FORK, os.sched_param(0))
+
+
 def cores() -> tuple[tuple[int, ...], ...]:
     """The processors that we may run on, those of one core (hyper-threading) together, in order."""
     allowed = sorted(os.sched_getaffinity(0))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+from argparse import Namespace
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from procs import runtime
 from procs.arm import loop as arm
 from procs.config import PROJECT_CONFIGS, load_system
 from procs.console import loop as console
+from procs.document.system import Process, SystemConfig
 from procs.io import loop as io
 from procs.pauses import Pauses, duration
 from procs.runtime import Node
@@ -94,6 +96,17 @@ def test_a_duration_is_told_in_two_digits_or_tenths(held_up_ms: int, words: str)
 # a process, with its loop, in the memory of a system whose other processes do not run
 
 
+def create(file: str, name: str) -> SystemConfig:
+    """The memory of a system of this name, with a supervisor that seems to live."""
+    loaded = load_system(PROJECT_CONFIGS / "systems" / file, name=name, sets=["clock=wall"])
+    assert loaded.system is not None, loaded.errors
+    create_all(loaded.system)
+    page = ControlPage(name, "supervisor", write=True)
+    page.field("heartbeat_ns")[...] = monotonic_ns() + 60_000 * MS
+    page.close()
+    return loaded.system
+
+
 @pytest.fixture
 def memory(world: World, monkeypatch: pytest.MonkeyPatch, clock: PausedClock) -> Iterator[Callable[[str, str], Node]]:
     """A maker of processes by system file and name; their pauses are those of `clock`."""
@@ -102,13 +115,8 @@ def memory(world: World, monkeypatch: pytest.MonkeyPatch, clock: PausedClock) ->
 
     def make(file: str, name: str) -> Node:
         if not opened:
-            loaded = load_system(PROJECT_CONFIGS / "systems" / file, name=world.name, sets=["clock=wall"])
-            assert loaded.system is not None, loaded.errors
-            create_all(loaded.system)
-            page = ControlPage(world.name, "supervisor", write=True)
-            page.field("heartbeat_ns")[...] = monotonic_ns() + 60_000 * MS
-            page.close()
-            opened.append(Node(loaded.system.process(name).kind, world.name, name))
+            kind = create(file, world.name).process(name).kind
+            opened.append(Node(kind, world.name, name))
         return opened[0]
 
     yield make
@@ -167,6 +175,48 @@ def test_a_held_up_process_drops_everything_and_begins_anew(
     assert row["value"] == pytest.approx(1.5, abs=0.01)
     for part in (client, state, events):
         part.close()
+
+
+class TwoLives(runtime.Loop):
+    """Held up in its first life, ends in its second."""
+
+    def __init__(self, node: Node, clock: PausedClock, steps: list[str]) -> None:
+        super().__init__(node)
+        self.clock, self.steps = clock, steps
+        steps.append("made")
+
+    def cycle(self, now_ns: int, wall_ns: int) -> None:
+        if self.steps.count("made") == 2:
+            self.node.stop("enough")
+        self.clock.now_ns += 1_500 * MS
+
+
+@pytest.mark.parametrize(("name", "expected"), [
+    ("PSM1", "asks 0, made, asks 60, ordinary, made, asks 60"),  # others of its priority run meanwhile
+    ("io", "asks 80, made, made"),
+])
+def test_a_loop_is_made_without_priority_unless_a_share_is_reserved(
+    world: World, monkeypatch: pytest.MonkeyPatch, clock: PausedClock, name: str, expected: str
+) -> None:
+    steps: list[str] = []
+
+    def asked(row: Process, clock: str, *, reserved: float) -> list[str]:
+        steps.append(f"asks {row.priority}")
+        return [f"FIFO {row.priority}"]
+
+    kind = create("kinematic.yaml", world.name).process(name).kind
+    monkeypatch.setattr(runtime, "Pauses", lambda limit_ns: Pauses(LIMIT, clock))
+    monkeypatch.setattr(runtime, "arguments", lambda kind: Namespace(system=world.name, name=name))
+    monkeypatch.setattr(runtime, "on_stop", lambda stop: None)
+    monkeypatch.setattr(runtime, "lock_memory", lambda: "locked")
+    monkeypatch.setattr(runtime, "fetch_segments", lambda: None)
+    monkeypatch.setattr(runtime, "realtime", asked)
+    monkeypatch.setattr(runtime, "ordinary", lambda: steps.append("ordinary"))
+    with runtime.process(kind) as node:
+        runtime.live(node, lambda node: TwoLives(node, clock, steps))
+        assert node.page.get("policy").startswith(steps[-1 if name == "PSM1" else 0].replace("asks", "FIFO").encode())
+    remove_all(world.name)
+    assert ", ".join(steps) == expected
 
 
 TELEOP, CART = "kinematic-teleop.yaml", "kinematic-cart.yaml"
