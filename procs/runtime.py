@@ -37,6 +37,7 @@ from shm.clock import WallClock, monotonic_ns
 from shm.layout import shorten
 from shm.lockstep import LockstepClock
 from shm.segment import SegmentError
+from shm.system_time import SystemTime
 
 SUPERVISOR_CHECK_NS = 100_000_000
 SIMULATED_LOST = 10
@@ -66,7 +67,8 @@ class Node(OwnMemory):
         document: SystemConfig = from_json(directory.document(system))
         self.clock: NodeClock
         self.log = logging.getLogger(name)
-        super().__init__(document, name, lambda: self.clock.now_ns(), loglines.into(self.log))
+        self._time = None if proc(kind).in_time else SystemTime(system)
+        super().__init__(document, name, self.stamp_ns, loglines.into(self.log))
         self.page.show("STARTING")
         if clock is not None:
             self.clock = clock
@@ -92,6 +94,10 @@ class Node(OwnMemory):
         self.now_ns = self.clock.now_ns()
         self.listening = handed()
         """The sockets of its `listen`, not blocking: the supervisor holds them, also while we are down."""
+
+    def stamp_ns(self) -> int:
+        """What time the system has, as records are stamped: also of a process that goes by real time itself."""
+        return self.clock.now_ns() if self._time is None else self._time.now_ns()
 
     def commands(self, instance: str) -> LoopClient:
         """A handle for the mailbox of another instance; all of ours share one place there.
@@ -234,6 +240,8 @@ class Node(OwnMemory):
         gc.enable()
         if isinstance(self.clock, LockstepClock):
             self.clock.close()
+        if self._time is not None:
+            self._time.close()
         self.leave()
 
 

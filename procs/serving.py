@@ -42,7 +42,7 @@ class ServingLoop(runtime.Loop):
         self._show_at = now_ns + SHOW_NS
         for name, value in self.shown(now_ns).items():
             self._state.field(name)[...] = value
-        self._state.publish(now_ns)
+        self._state.publish(max(self.node.stamp_ns(), self._state.stamp_ns + 1))
 
     @abstractmethod
     def shown(self, now_ns: int) -> Mapping[str, Any]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import json
 import math
+import select
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
@@ -29,6 +30,17 @@ def printable(text: str, keep: str = "\n\t") -> str:
 def tell(text: str, *, flush: bool = False) -> None:
     """A line, or some, for a person."""
     print(printable(text), flush=flush)
+
+
+def need_reader() -> None:
+    """BrokenPipeError when nobody reads our output any more: who waits for what comes seldom would not notice."""
+    output = select.poll()
+    try:
+        output.register(sys.stdout.fileno(), 0)
+    except (OSError, ValueError):  # no file
+        return
+    if any(what & select.POLLERR for _, what in output.poll(0)):
+        raise BrokenPipeError("nobody reads the output")
 
 
 def emit(row: Any) -> None:

@@ -59,7 +59,7 @@ class NamedRecording:
                  times: LocalTimes, seconds: float, compression: str) -> None:
         """`seconds`: 0: until it is stopped. What of the topics is computed on demand is wanted from now on."""
         self.name, self.file, self._times, self._compression = name, file, times, compression
-        self.seconds, self.begin_ns = seconds, times.monotonic_ns
+        self.seconds, self.begin_ns, self._since_ns = seconds, times.monotonic_ns, times.local_ns
         self._chunk, self._chunk_ns, self._end_ns = Chunk(), times.monotonic_ns, 0
         self._subscribers: dict[str, Subscriber] = {}
         self._rings: dict[str, Drained] = {}
@@ -135,7 +135,7 @@ class NamedRecording:
             if each.views:
                 self._drain_with_views(each)
             else:
-                each.source.drain(each.reader, self._chunk, times, MOST)
+                each.source.drain(each.reader, self._chunk, times, MOST, self._since_ns)
             if len(self._chunk.data) >= CHUNK_BYTES:
                 self._flush()
         if times.monotonic_ns - self._chunk_ns >= CHUNK_NS:

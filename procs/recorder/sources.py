@@ -68,12 +68,12 @@ class RecordedRing:
         """How far back it goes; 0 where it has no rate."""
         return self.sampler.depth / self.rate_hz if self.rate_hz else 0.0
 
-    def keep(self, chunk: Chunk, reader: RingReader, times: LocalTimes) -> None:
-        """The record that was read last."""
+    def keep(self, chunk: Chunk, reader: RingReader, times: LocalTimes, since_ns: int = 0) -> None:
+        """The record that was read last; what is older than `since_ns` (time of day) still holds then."""
         if reader.epoch != self._epoch:
             self.begin()
         stamp = reader.stamp_ns
-        chunk.add(self._channel, reader.sequence, times.of(stamp), max(0, stamp), ENCAPSULATION,
+        chunk.add(self._channel, reader.sequence, max(since_ns, times.of(stamp)), max(0, stamp), ENCAPSULATION,
                   reader.record[: self._size])
         if self._log is not None:
             self._log.keep(chunk, reader, times)
@@ -88,14 +88,14 @@ class RecordedRing:
         """How things are now, once more."""
         reader = self.reader()
         if reader.newest():
-            self.keep(chunk, reader, times)
+            self.keep(chunk, reader, times, times.local_ns)
         reader.close()
 
-    def drain(self, reader: RingReader, chunk: Chunk, times: LocalTimes, most: int) -> int:
+    def drain(self, reader: RingReader, chunk: Chunk, times: LocalTimes, most: int, since_ns: int = 0) -> int:
         """All records since the last call, so many at most; returns how many."""
         count = 0
         while count < most and reader.next():
-            self.keep(chunk, reader, times)
+            self.keep(chunk, reader, times, since_ns)
             count += 1
         return count
 

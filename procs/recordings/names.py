@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from datetime import UTC, datetime
 from typing import Final
 
@@ -36,6 +37,17 @@ UNSUITABLE: Final = str.maketrans(" -.()[]", "_" * 7)
 def utc(ns: int) -> str:
     """A time of day for a file's name, so that names are in order: 20260131-235959.123."""
     return f"{datetime.fromtimestamp(ns // 1_000_000_000, UTC):%Y%m%d-%H%M%S}.{ns // 1_000_000 % 1000:03d}"
+
+
+def time_in(name: str) -> int:
+    """The time of day in a file's name, ns: when it was begun, of a fault when that was; 0: there is none."""
+    found = re.search(TIME, name)
+    if found is None:
+        return 0
+    try:
+        return round(datetime.strptime(f"{found[0]}+0000", "%Y%m%d-%H%M%S.%f%z").timestamp() * 1e3) * 1_000_000
+    except ValueError:  # the 99th month: somebody's own name
+        return 0
 
 
 def channel_name(topic: str) -> str:

@@ -83,6 +83,7 @@ def test_a_file_that_is_full_is_ended_and_the_oldest_go(rings: RingsOfATest) -> 
         with open_recording(file.path) as recording:
             assert recording.is_whole
             assert recording.records("box/gains").rows["number"].tolist() == [3.0]
+            assert abs(recording.begin_ns - names.time_in(file.path.name)) < 3600e9
 
 
 def test_what_stays_is_bounded_by_age_and_by_size() -> None:

@@ -100,7 +100,10 @@ def test_what_is_written_seldom_is_in_it_as_it_was_at_the_beginning(rings: Rings
         rings.seldom.publish(5)
     _, recording = recorded(rings, "PSM1/state", steps=2)
     with recording:
-        assert recording.records("box/gains").rows["number"].tolist() == [2.0]
+        gains = recording.records("box/gains")
+        assert gains.rows["number"].tolist() == [2.0] and gains.rows["stamp_ns"].tolist() == [5]
+        assert gains.local_ns[0] == recording.begin_ns, "it was so when the recording began"
+        assert recording.end_ns - recording.begin_ns < 60e9
 
 
 def test_only_what_somebody_records_is_wanted(rings: RingsOfATest) -> None:

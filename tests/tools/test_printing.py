@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import json
+import os
 import re
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -20,6 +23,18 @@ ROOT = Path(cli.__file__).parent
 EVIL = "\x1b]0;owned\x07\x1b[2J\x9b31m red \u202e"
 STEERS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
 APP = cli.build()
+
+
+def test_who_waits_notices_that_nobody_reads_any_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    reading, writing = os.pipe()
+    with os.fdopen(writing, "w") as output, monkeypatch.context() as patched:
+        patched.setattr(sys, "stdout", output)
+        printing.need_reader()
+        os.close(reading)
+        with pytest.raises(BrokenPipeError):
+            printing.need_reader()
+    monkeypatch.setattr(sys, "stdout", io.StringIO())
+    printing.need_reader()
 
 
 @pytest.fixture

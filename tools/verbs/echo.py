@@ -21,7 +21,7 @@ from tools.errors import Misuse, Problem
 from tools.inspect.enumerations import in_words
 from tools.inspect.messages import line
 from tools.options import JsonOption, SystemOption
-from tools.printing import emit, note, tell
+from tools.printing import emit, need_reader, note, tell
 from tools.systems import chosen_system
 
 POLL_S = 0.005
@@ -138,6 +138,7 @@ def _events(system: str, source: OpenTopic, most: int, timeout: float | None, as
         elif monotonic_ns() - since_ns >= limit_s * 1e9:
             return 0 if reported else 1
         else:
+            need_reader()
             pause(POLL_S)
     return 0
 
@@ -171,7 +172,9 @@ def _records(source: OpenTopic, most: int, rate: float, timeout: float | None) -
         if found:
             seen, since_ns = source.sequence, monotonic_ns()
             yield
-        elif monotonic_ns() - since_ns >= limit_s * 1e9:
+            continue
+        need_reader()
+        if monotonic_ns() - since_ns >= limit_s * 1e9:
             problem = _reported(source)
             raise Problem(f"{source.entry.name}: nothing new for {limit_s:g} s" + (f" ({problem})" if problem else ""))
 

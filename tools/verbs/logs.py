@@ -17,7 +17,7 @@ from shm.loglines import LogLine, parsed
 from tools.errors import Problem
 from tools.inspect.asked import in_words, rows_of
 from tools.options import JsonOption, SystemOption
-from tools.printing import emit, tell
+from tools.printing import emit, need_reader, tell
 from tools.recorded.as_system import RecordingOption
 from tools.recorded.said import recorded_lines
 from tools.systems import chosen_system, unknown
@@ -68,6 +68,7 @@ def logs(
         while follow:
             for name, line in in_order({name: _news(file) for name, file in files.items()}):
                 _print(name, line, len(chosen) > 1, as_json)
+            need_reader()
             pause(POLL_S)
     except KeyboardInterrupt:
         return 0

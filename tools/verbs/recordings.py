@@ -16,7 +16,9 @@ from tools.printing import emit, table, tell
 from tools.recorded.places import folder_of
 from tools.systems import chosen_system
 
-COLUMNS = ("file", "kind", "begin", "seconds", "MB", "why")
+SPANS = (names.BOX, names.NAMED)
+"""Kinds that go from their time on; others have what was before, and of events and commands what was long before."""
+COLUMNS = ("file", "kind", "time", "seconds", "MB", "why")
 
 
 def recordings(
@@ -43,8 +45,9 @@ def recordings(
         tell(f"no recordings{' of this kind' if kinds else ''} in {folder}")
         return 0
     table(str(folder), COLUMNS, (
-        (row["file"], row["kind"], f"{datetime.fromtimestamp(row['begin_ns'] * 1e-9):%Y-%m-%d %H:%M:%S}",
-         f"{row['seconds']:.1f}", f"{row['bytes'] / 1e6:.1f}", row["reason"]) for row in rows), ("seconds", "MB"))
+        (row["file"], row["kind"], f"{datetime.fromtimestamp(row['time_ns'] * 1e-9):%Y-%m-%d %H:%M:%S}",
+         f"{(row['end_ns'] - row['time_ns']) * 1e-9:.1f}" if row["kind"] in SPANS else "–",
+         f"{row['bytes'] / 1e6:.1f}", row["reason"]) for row in rows), ("seconds", "MB"))
     return 0
 
 
@@ -55,9 +58,11 @@ def described(folder: Path) -> list[dict[str, Any]]:
         try:
             with open_recording(path) as recording:
                 facts = recording.metadata.get(names.SYSTEM, {})
-                found.append({"file": path.name, "kind": facts.get("kind", ""), "begin_ns": recording.begin_ns,
+                found.append({"file": path.name, "kind": facts.get("kind", ""),
+                              "time_ns": names.time_in(path.name) or recording.begin_ns,
+                              "begin_ns": recording.begin_ns, "end_ns": recording.end_ns,
                               "seconds": (recording.end_ns - recording.begin_ns) * 1e-9, "bytes": path.stat().st_size,
                               "reason": facts.get("reason", ""), "path": str(path)})
         except (RecordingError, OSError):
             continue
-    return sorted(found, key=lambda row: row["begin_ns"], reverse=True)
+    return sorted(found, key=lambda row: row["time_ns"], reverse=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -133,8 +134,11 @@ def test_recordings_are_listed_with_their_reasons(fault: Path, tmp_path: Path, m
     assert code == 0, said
     rows = [json.loads(line) for line in said.splitlines()]
     assert {row["file"]: row["kind"] for row in rows} == {fault.name: names.FAULT, "one.mcap": names.BOX}
+    new_year = round(datetime(2026, 1, 1, tzinfo=UTC).timestamp()) * SECOND_NS
+    assert next(row["time_ns"] for row in rows if row["file"] == fault.name) == new_year, "when it was"
     code, said = asked("recordings", "fault", "--system", "mine")
     assert code == 0 and "PSM1: it jumped" in said and "one.mcap" not in said
+    assert f"{datetime.fromtimestamp(new_year // SECOND_NS):%Y-%m-%d %H:%M:%S}" in said
     assert asked("recordings", "flaut", "--system", "mine")[0] == 1
 
 
