@@ -28,7 +28,7 @@ def system(which: str, folder: Path) -> SystemConfig:
     return loaded.system
 
 
-@pytest.mark.parametrize("which", ["two consoles", "kinematic-full.yaml", "demo-ecm.yaml", "demo-teleop.yaml"])
+@pytest.mark.parametrize("which", ["two consoles", "kinematic-full.yaml", "demo-ecm-si.yaml", "demo-teleop.yaml"])
 def test_pages_are_in_the_bar_have_all_keys_no_name_twice_and_ask_before_something_moves(
         which: str, tmp_path: Path) -> None:
     document = system(which, tmp_path)
@@ -41,7 +41,10 @@ def test_pages_are_in_the_bar_have_all_keys_no_name_twice_and_ask_before_somethi
         labels = {str(part.props["for"]) for part in client.elements.values() if "for" in part.props}
         buttons = [part for part in client.elements.values()
                    if any(word in str(part.props.get("data-steps", "")) for word in MOVING)]
+        outputs = [part for part in client.elements.values()
+                   if '"set_output"' in str(part.props.get("data-steps-on", ""))]
         client.delete()
+        assert all(part.props["data-confirm-on"] and part.props["data-confirm-off"] for part in outputs), path
         asked = [str(part.props.get("data-confirm")) for part in buttons if '"SUJ"' not in part.props["data-steps"]]
         assert all("?" in text for text in asked), f"{path}: who moves something is asked first"
         assert {"power-off", "power-on", "home"} <= set(names), f"{path}: keys press buttons"

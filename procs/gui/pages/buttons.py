@@ -124,7 +124,7 @@ def _about(row: DigitalOutput) -> str:
 def _output(io: str, row: DigitalOutput, path: str) -> None:
     if not row.is_pwm:
         switch("High", path, [[(io, "set_output", [1], row.name)]], [[(io, "set_output", [0], row.name)]],
-               confirm=f"Set {row.name} high?")
+               confirm=f"Set {row.name} high?", confirm_off=f"Set {row.name} low?")
         return
     with form(io, "set_pwm", row.name, "row"):
         arg("input", "num", data_low="0", data_high="1", size="4", inputmode="decimal",

@@ -92,7 +92,7 @@ def _first_steps(document: SystemConfig) -> None:
     if document.consoles and document.teleop_psms:
         console, teleop = record(document.consoles[0].name), record(document.teleop_psms[0].name)
         steps += [("Start teleoperation", "", f"{console}.teleop_enabled"),
-                  ("Sit down: operator present", "", f"{console}.operator_present"),
+                  ("Sit down; without pedals: Console, press operator", "", f"{console}.operator_present"),
                   ("Move the master: the slave follows", "", f"{teleop}.following")]
         over = f"!{teleop}.following"
     with box("card first", id="first-steps", **({"data_show": over} if over else {})):
