@@ -9,11 +9,14 @@ import secrets
 import shutil
 import socket
 import tempfile
+import time
 from collections import deque
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any, Final
 
 from procs.rl.rollouts import Episode, EpisodeRunner, RolloutTask, check
+from procs.runtime import ended_by_term
 
 QUIET: Final = {"RAY_USAGE_STATS_ENABLED": "0", "RAY_DEDUP_LOGS": "0", "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0"}
 ONE_THREAD: Final = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
@@ -29,6 +32,7 @@ LARGEST: Final = 16
 """Episodes of a share at most."""
 CONNECT_S: Final = 5.0
 """A cluster that takes longer to answer is not there; Ray itself would ask for minutes."""
+CLEAR_S: Final = 5.0
 
 
 class RolloutError(RuntimeError):
@@ -54,17 +58,26 @@ def running_ray(actors: int, address: str = "") -> Iterator[Any]:
         with _told():
             ray.init(address=address or "local", log_to_driver=False, logging_level=logging.ERROR,
                      runtime_env={"env_vars": ONE_THREAD}, **own)
+        held.enter_context(ended_by_term())  # Ray's own aborts, and nothing is cleared away
         yield ray
 
 
 def _of_our_own(held: contextlib.ExitStack, actors: int) -> dict[str, Any]:
     """How we start it: on an address of this machine, with a token and a folder that end with it."""
     folder = tempfile.mkdtemp(prefix="trocar-ray-")
-    held.callback(shutil.rmtree, folder, ignore_errors=True)
+    held.callback(_remove, folder)
     os.environ[TOKEN] = secrets.token_hex(32)
     held.callback(os.environ.pop, TOKEN, None)
     return {"num_cpus": actors, "include_dashboard": False, "_temp_dir": folder, "object_store_memory": STORE_BYTES,
             "_node_ip_address": LOOPBACK}
+
+
+def _remove(folder: str) -> None:
+    """Processes of Ray may still write into it while they end."""
+    end_s = time.monotonic() + CLEAR_S
+    while Path(folder).exists() and time.monotonic() < end_s:
+        shutil.rmtree(folder, ignore_errors=True)
+        time.sleep(0.05)
 
 
 @contextlib.contextmanager

@@ -55,6 +55,16 @@ def rollout(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
                                        "TMPDIR": str(folder), "HOME": str(folder)})
 
 
+def test_who_ends_it_from_outside_leaves_nothing(folder: Path) -> None:
+    words = [str(PYTHON), "-m", "tools", "rl", "rollout", "CartPole-v1", "-n", "1000000", "--actors", "1", "--json"]
+    with subprocess.Popen(words, cwd=ROOT, text=True, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+                          env={**os.environ, "TMPDIR": str(folder), "HOME": str(folder)}) as process:
+        assert process.stdout is not None and process.stdout.readline().startswith('{"seed"')
+        process.terminate()
+        process.stdout.read()
+        assert process.wait(60.0) == 143
+
+
 def hashes(done: subprocess.CompletedProcess[str]) -> dict[int, str]:
     assert done.returncode == 0, done.stderr
     rows = [json.loads(line) for line in done.stdout.splitlines()][:-1]

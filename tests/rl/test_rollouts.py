@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -14,6 +18,7 @@ from typer.testing import CliRunner
 from procs.rl.rollouts import NoPolicy, PolicyFailed, RolloutTask, check, policy_of, run
 from tools import cli
 
+ROOT = Path(__file__).resolve().parents[2]
 CART = RolloutTask("CartPole-v1", {})
 """An environment of Gymnasium's own: what is said here does not hang on ours."""
 POLICIES = """
@@ -104,6 +109,43 @@ def test_the_verb_prints_and_keeps_episodes(tmp_path: Path, policies: Path) -> N
     assert rows[-1]["summary"]["steps"] == sum(row["steps"] for row in rows[:-1])
     with np.load(tmp_path / "kept" / "episode-8.npz") as kept:
         assert len(kept["action"]) == rows[1]["steps"]
+
+
+ENDLESS = """
+import gymnasium
+
+class Endless(gymnasium.Env):
+    metadata = {"render_modes": [], "render_fps": 10}
+    observation_space = action_space = gymnasium.spaces.Discrete(2)
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        print("begun", flush=True)
+        return 0, {}
+
+    def step(self, action):
+        return 0, 0.0, False, False, {}
+
+    def close(self):
+        print("closed", flush=True)
+
+gymnasium.register("Endless-v0", entry_point=Endless)
+"""
+
+
+@pytest.mark.parametrize(("sent", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+def test_who_ends_it_from_outside_has_its_environment_closed(tmp_path: Path, sent: int, code: int) -> None:
+    (tmp_path / "endless.py").write_text(ENDLESS)
+    with subprocess.Popen([sys.executable, "-m", "tools", "rl", "rollout", "endless:Endless-v0"], cwd=ROOT, text=True,
+                          stderr=subprocess.PIPE, env={**os.environ, "PYTHONPATH": f"{ROOT}:{tmp_path}"}) as process:
+        assert process.stderr is not None
+        for line in process.stderr:
+            if "begun" in line:
+                break
+        process.send_signal(sent)
+        left = process.stderr.read()
+        assert process.wait(60.0) == code
+    assert "closed" in left and "Traceback" not in left
 
 
 class Trips(gymnasium.Env[int, int]):

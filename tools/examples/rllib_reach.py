@@ -9,17 +9,18 @@ It needs `pip install 'trocar[rl]' 'ray[rllib]' torch`; docs/simulation.md has w
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import os
 import sys
 import time
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
-import gymnasium
 import numpy as np
-from gymnasium import spaces
-from gymnasium.wrappers import TransformAction, TransformObservation, TransformReward
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    import gymnasium
 
 Array = NDArray[np.float32]
 
@@ -35,6 +36,7 @@ RUNNERS: Final = 3
 """With the learner, four cores."""
 ACTIONS: Final = 7
 """Of the environment: shift and turn of the tip, jaw."""
+NEEDED, INSTALL = ("gymnasium", "ray", "torch"), "pip install 'trocar[rl]' 'ray[rllib]' torch"
 POLICY: Final = "TROCAR_POLICY"
 """In the environment: the folder of a policy that was learned."""
 
@@ -54,6 +56,10 @@ def action_of(shift: Any) -> Array:
 
 def made(options: dict[str, Any]) -> gymnasium.Env[Any, Any]:
     """The environment as the network sees it; `options` as RLlib hands them on."""
+    import gymnasium
+    from gymnasium import spaces
+    from gymnasium.wrappers import TransformAction, TransformObservation, TransformReward
+
     environment: Any = gymnasium.make(ENVIRONMENT, horizon=HORIZON, **options)
     environment = TransformObservation(environment, features, spaces.Box(-5.0, 5.0, (3,), np.float32))
     environment = TransformAction(environment, action_of, spaces.Box(-1.0, 1.0, (3,), np.float32))
@@ -123,6 +129,9 @@ def main() -> int:
     parser.add_argument("--iterations", type=int, default=60, help="at most")
     parser.add_argument("--runners", type=int, default=RUNNERS, help="processes with environments")
     given = parser.parse_args()
+    if missing := [name for name in NEEDED if importlib.util.find_spec(name) is None]:
+        print(f"{', '.join(missing)} not installed: {INSTALL}", file=sys.stderr)
+        return 1
     given.folder.mkdir(parents=True, exist_ok=True)
     return 0 if learn(given.folder, given.iterations, given.runners) >= GOOD else 1
 

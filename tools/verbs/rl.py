@@ -56,8 +56,11 @@ def rollout(
             save.mkdir(parents=True, exist_ok=True)
     from time import perf_counter
 
+    from procs.runtime import ended_by_term
+
     begin, done, output = perf_counter(), [], sys.stdout
-    with _problems(), contextlib.redirect_stdout(sys.stderr), progress(task.environment) as say:  # Ray prints, too
+    # an arm that is attached holds in the end; Ray prints, too
+    with ended_by_term(), _problems(), contextlib.redirect_stdout(sys.stderr), progress(task.environment) as say:
         for episode in _run(task, seeds, actors, address):
             done.append(episode)
             say(f"{len(done)} of {episodes} episodes", len(done) / episodes)
