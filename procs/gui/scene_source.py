@@ -44,19 +44,24 @@ class SceneArm:
         self._base = np.eye(4)
 
     def read(self, now_ns: int) -> dict[str, Any]:
-        """`frames`: x y z and quaternion x y z w of the base, of each joint and of the tip, one after the other."""
+        """`frames`: x y z and quaternion x y z w of the base, of each joint and of the tip, one after the other.
+
+        `late`: they are old, `age` s.
+        """
         if not self.look():
             return {"frames": [], "late": True}
         if self._reader.sequence != self._sequence:
             self._sequence, self._seen_ns = self._reader.sequence, now_ns
         cells, count = self._cells, min(self.kinematics.n, int(self._cells["count"]))
+        is_late = now_ns - self._seen_ns > LATE_NS
         q = np.nan_to_num(cells["position"][:self.kinematics.n])
         q[count:] = 0.0
         return {"frames": frames_of(self.kinematics, q, self._base), "near": self.near(q, NEAR).tolist(),
                 "state": cells["state"].item().decode(errors="replace"),
                 "jaw": float(cells["jaw_position"]) if cells["has_jaw"] else None,
                 "frame": cells["reference_frame"].item().decode(errors="replace"),
-                "valid": bool(cells["valid"]), "late": now_ns - self._seen_ns > LATE_NS}
+                "valid": bool(cells["valid"]), "late": is_late,
+                "age": round((now_ns - self._seen_ns) * 1e-9) if is_late else 0}
 
     def look(self) -> bool:
         """Take base and instrument of the newest record; whether there is one."""

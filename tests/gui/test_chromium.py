@@ -82,10 +82,15 @@ def test_the_console_is_killed_and_the_page_comes_back(robot: Robot, records: Re
         homed(page)
         state = records(robot, "PSM1", "state")
         cell = state.field("is_homed")
+        page.open("/3d")
+        stage = "document.querySelector('.stage')"
+        page.until(f"{stage}?.stage?.isPlaced && getComputedStyle({stage}).filter === 'none'")
         robot.pids.add(robot.kill("gui"))
         page.until("document.body.dataset.connection === 'lost'", 20)
+        page.until(f"getComputedStyle({stage}).filter.includes('grayscale')")
         assert "not connected" in page.find(".bar").text
         page.until("document.body.dataset.connection === 'live' && document.body.dataset.control === 'nobody'", 60)
+        page.open()
         page.until("trocar.value('PSM1/state.is_homed')")
         assert state.newest() and bool(cell)
 
@@ -101,6 +106,8 @@ def test_what_is_old_turns_grey(robot: Robot) -> None:
         page.open()
         page.until("document.querySelector('#arm-PSM1').classList.contains('stale')")
         page.until("/s old/.test(document.querySelector('#arm-PSM1 .age').textContent)")
+        page.open("/3d")
+        page.until("/PSM1: \\d+ s old/.test(document.querySelector('.stage .names')?.textContent)")
 
 
 def test_keys_work_on_every_page_and_names_in_messages_are_whole(robot: Robot) -> None:

@@ -7,7 +7,7 @@ from typing import Final
 from procs.arm_types import ARM_TYPES
 from procs.document.arms import ArmConfig
 from procs.document.system import SystemConfig
-from procs.gui.catalogue import record
+from procs.gui.catalogue import SCENE, record
 from procs.gui.pages.assets import assets
 from procs.gui.pages.parts import Part, box, button, live
 from procs.gui.pages.scene import ArmScene
@@ -36,7 +36,7 @@ def arm_page(document: SystemConfig, arm: ArmConfig) -> None:
             _carried(arm, state)
             _base(arm, state)
         with box():
-            with box("card"):
+            with box("card", data_source=SCENE):
                 ArmScene(document, arm.name)
             _tip(arm, state)
 

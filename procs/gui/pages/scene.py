@@ -51,6 +51,7 @@ def scene_page(document: SystemConfig) -> None:
             if any(arm.type == "MTM" for arm in document.arms):
                 Part("button", "", "Masters", type="button", data_view="masters")
             box("spacer")
+            Part("span", "age")
             Part("span", "quiet", "Drag to turn, wheel to zoom, right button to shift. Orange: a joint near its limit.")
         if any(_emulated(document, arm) for arm in document.arms):
             Part("p", "quiet", "These robots are emulated: drag a tip, and a hand pulls at it. Masters follow easily.")

@@ -320,6 +320,8 @@ export default {
         const arm = found[name];
         if (!arm) continue;
         model.show(arm);
+        const label = arm.late ? `${name}: ${arm.age} s old` : name;
+        if (model.label.textContent !== label) model.label.textContent = label;
         const parent = this.only ? null : this.models[arm.frame];
         if (parent && parent !== model) {
           parent.tip.updateWorldMatrix(true, false);
