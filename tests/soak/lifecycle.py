@@ -18,6 +18,7 @@ import socket
 import sys
 import tempfile
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -79,7 +80,7 @@ class RandomWalk:
         self.clients: list[LifecycleClient] = []
         self._last: dict[str, tuple[str, LifecycleClient, int, int]] = {}  # verb, whose, its number, when
         self._unclear: set[str] = set()  # two asked for different things at once
-        self._open_files: list[int] = []
+        self._open_files = 0
         with socket.create_server(("127.0.0.1", 0)) as server:
             self._port = int(server.getsockname()[1])
 
@@ -182,9 +183,10 @@ class RandomWalk:
             self._until(lambda: self._runs(WANTED) is True, f"{WANTED} does not run though somebody wants it")
             self._nobody_wants_it()
             self._until(lambda: self._runs(WANTED) is False, f"{WANTED} runs though nobody wants it any more")
-        self._open_files.append(len(os.listdir(f"/proc/{background.popen.pid}/fd")))  # noqa: PTH208
-        if self._open_files[-1] > self._open_files[0]:
-            self._wrong(f"the supervisor has {self._open_files[-1]} open files, {self._open_files[0]} at first")
+        files = partial(os.listdir, f"/proc/{background.popen.pid}/fd")
+        self._open_files = self._open_files or len(files())
+        self._until(lambda: len(files()) <= self._open_files,
+                    f"the supervisor has {len(files())} open files, {self._open_files} at first")
 
     def _nobody_wants_it(self) -> None:
         """All leave the process on demand; what a person has asked for by hand ends as well."""

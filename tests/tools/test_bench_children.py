@@ -18,7 +18,7 @@ ANSWERS = READY + "import sys\nfor line in sys.stdin: print('{\"%s\": {\"p50\": 
 STUBBORN = (READY + "import signal, subprocess, sys\n"
             "child = subprocess.Popen([sys.executable, '-c', 'import signal; signal.pause()'])\n"
             "open(sys.argv[1], 'w').write(str(child.pid))\n"
-            "print('{}', flush=True)\nsignal.pause()")
+            "input(); print('{}', flush=True)\nsignal.pause()")
 
 
 def python(code: str, *arguments: str) -> list[str]:
