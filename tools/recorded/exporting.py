@@ -95,12 +95,16 @@ class RecordingTables:
     recording: RecordingReader
     topics: Sequence[str]
     part: Stretch
+    all_of_them: bool = True
+    """Also those without a record there: a recording names every topic of its system."""
 
     def tables(self, say: Say) -> Iterator[tuple[str, list[TableColumn]]]:
         """Each topic with its columns."""
         for done, name in enumerate(self.topics):
             say(name, done / len(self.topics))
-            yield name, columns(self.recording.topics[name], self.part.of(self.recording.records(name)))
+            records = self.part.of(self.recording.records(name))
+            if self.all_of_them or len(records.rows):
+                yield name, columns(self.recording.topics[name], records)
 
     def to_csv(self, folder: Path, say: Say) -> list[Path]:
         """A file a topic; those that were written."""

@@ -48,12 +48,16 @@ class RecordedMotion:
         return np.column_stack([np.interp(stamps, known, column) for column in columns.T])
 
 
+class NoMotion(Problem):
+    """An arm did nothing in a recording that could be sent again."""
+
+
 def motion_of(recording: RecordingReader, arm: str, part: Stretch) -> RecordedMotion:
-    """An arm's first stretch of being homed in `part`; Problem where there is none."""
+    """Its first stretch of being homed in `part`; NoMotion where there is none, Problem where it cannot be sent."""
     topic = f"{arm}/state"
-    if topic not in recording.record_topics:
-        raise Problem(f"{recording.path.name} has no {topic}")
-    rows = part.of(recording.records(topic)).rows
+    if topic not in recording.record_topics or not len((known := recording.records(topic)).rows):
+        raise NoMotion(f"{recording.path.name} has no {topic}")
+    rows = part.of(known).rows
     needed = {"state", "is_homed", "setpoint_position", "position", "count", "has_jaw", "jaw_setpoint_position"}
     if missing := needed - set(rows.dtype.names or ()):
         raise Problem(f"{topic} lacks {', '.join(sorted(missing))}: {arm} is no arm, or of another version")
@@ -62,7 +66,7 @@ def motion_of(recording: RecordingReader, arm: str, part: Stretch) -> RecordedMo
     ends = np.flatnonzero(~good[first:])
     rows = rows[first : first + int(ends[0])] if len(ends) else rows[first:]
     if len(rows) < 2:
-        raise Problem(f"{arm} is not homed in this part of {recording.path.name}: there are no setpoints to send")
+        raise NoMotion(f"{arm} is not homed in this part of {recording.path.name}: there are no setpoints to send")
     joints, has_jaw = int(rows["count"][0]), bool(rows["has_jaw"][0])
     jaw = rows["jaw_setpoint_position"].astype(np.float64) if has_jaw else None
     setpoint = rows["setpoint_position"][:, :joints].astype(np.float64)
@@ -70,6 +74,18 @@ def motion_of(recording: RecordingReader, arm: str, part: Stretch) -> RecordedMo
         raise Problem(f"{arm}: setpoints in {recording.path.name} are not finite")
     return RecordedMotion(arm, rows["stamp_ns"].astype(np.int64), setpoint,
                           rows["position"][:, :joints].astype(np.float64), jaw)
+
+
+def motions_of(recording: RecordingReader, arms: Sequence[str],
+               part: Stretch) -> tuple[list[RecordedMotion], dict[str, str]]:
+    """Those that there are, and why there is none of the other arms."""
+    found, left_out = [], {}
+    for arm in arms:
+        try:
+            found.append(motion_of(recording, arm, part))
+        except NoMotion as error:
+            left_out[arm] = str(error)
+    return found, left_out
 
 
 def real_robots(system: SystemConfig, arms: Sequence[str]) -> list[str]:

@@ -28,7 +28,8 @@ def export(
 ) -> int:
     """Write a recording as CSV or Parquet, a file a topic, or as a bag that rosbag2 and its tools open.
 
-    In tables an array has a column for each element, named after its joint. Parquet needs pyarrow.
+    In tables an array has a column for each element, named after its joint; topics without records are left out unless
+    --topics names them. Parquet needs pyarrow.
 
     Example: trocar export monday.mcap --topics PSM1/state -o -
     """
@@ -39,7 +40,7 @@ def export(
     with opened(file) as recording, progress(f"export {file.name}") as say:
         every = list(recording.topics) if form == ROSBAG2 else recording.record_topics
         wanted, part = chosen_topics(every, topics), stretch(recording, begin, end)
-        table = RecordingTables(recording, wanted, part)
+        table = RecordingTables(recording, wanted, part, all_of_them=bool(topics))
         if to == STDOUT:
             if len(wanted) != 1:
                 raise Misuse(f"-o -: one topic of {', '.join(every)}; say which with --topics")
@@ -64,7 +65,7 @@ def export(
     if as_json:
         emit({"folder": str(folder), "files": [str(path) for path in written], "topics": wanted})
     else:
-        tell(f"{folder}: {', '.join(path.name for path in written)}")
+        tell(f"{folder}: {', '.join(path.name for path in written) or 'no records there'}")
     return code
 
 

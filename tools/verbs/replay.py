@@ -78,13 +78,14 @@ def replay(
 
 def _live(recording: RecordingReader, system: str, wanted: Sequence[str] | None, part: Stretch, speed: float,
           commands: bool, real: bool, as_json: bool, say: Any) -> int:
-    names = arm_names(system, wanted)
-    if not wanted:
-        names = [name for name in names if f"{name}/state" in recording.record_topics]
-    if not names:
+    motions, left_out = live.motions_of(recording, arm_names(system, wanted), part)
+    if left_out and (wanted or not motions):
+        raise Problem("; ".join(left_out.values()))
+    if left_out:
+        note(f"left out, because not recorded or not homed: {', '.join(left_out)}")
+    if not motions:
         raise Problem(f"{recording.path.name} has no arm of system {system}")
-    live.refuse_real(system, names, real)
-    motions = [live.motion_of(recording, name, part) for name in names]
+    live.refuse_real(system, [motion.arm for motion in motions], real)
     if commands:
         moves = asking.moves_of(recording, motions)
         for text in moves.left_out:
@@ -96,7 +97,7 @@ def _live(recording: RecordingReader, system: str, wanted: Sequence[str] | None,
         if as_json:
             emit(row)
         elif commands:
-            said = " ".join([row["command"], row["text"], *(f"{value:g}" for value in row["values"])])
+            said = " ".join(filter(None, [row["command"], row["text"], *(f"{value:g}" for value in row["values"])]))
             tell(f"{row['arm']}: {said}: {row['outcome']} {row['reply']}".rstrip())
         else:
             _show_tracking(row)

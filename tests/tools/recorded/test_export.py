@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 
 from procs.recordings.reading import RecordedTopic, open_recording
 from shm.header import readable
-from tests.recordings.made import STATE, STEP_NS, a_recording, rows_of
+from tests.recordings.made import STATE, STEP_NS, a_recording, rows_of, written
 from tools import cli
 from tools.recorded.exporting import element_names, file_stem
 
@@ -53,6 +53,18 @@ def test_one_topic_goes_to_the_output(tmp_path: Path) -> None:
     stamps = [int(row["stamp_ns"]) for row in csv.DictReader(io.StringIO(found.stdout))]
     assert stamps == rows["stamp_ns"][10:20].tolist()
     assert run(path, "-o", "-", "--format", "rosbag2").returncode == 2
+
+
+def test_topics_without_records_are_left_out_unless_they_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "two.mcap"
+    with path.open("wb", buffering=0) as stream:
+        written(stream, {("PSM1", "state"): (STATE, rows_of(STATE, 5)), ("PSM2", "state"): (STATE, rows_of(STATE, 0))})
+    for number, (words, files) in enumerate((((), ["PSM1-state.csv"]), (("--topics", "PSM2/state"), ["PSM2-state.csv"]),
+                                             (("--from", "9"), []))):
+        said = run(path, "-o", tmp_path / str(number), *words)
+        assert said.returncode == 0, said
+        assert [file.name for file in (tmp_path / str(number)).iterdir()] == files
+    assert "no records there" in said.stdout
 
 
 def test_what_is_there_is_not_overwritten(tmp_path: Path) -> None:

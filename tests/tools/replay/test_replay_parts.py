@@ -24,7 +24,7 @@ from tools.replay.asking import MOVES, moves_of
 from tools.replay.commands import commands_of
 from tools.replay.configuration import startable
 from tools.replay.fresh import run_again
-from tools.replay.live import motion_of, real_robots
+from tools.replay.live import motion_of, motions_of, real_robots
 from tools.replay.shown import Showing
 
 ASKED, STATE = schema_of(AUDIT), schema_of(ARM_STATE)
@@ -104,6 +104,18 @@ def test_a_motion_is_what_an_arm_did_while_it_was_homed(recording: RecordingRead
     for arm, part, said in (("PSM1", Stretch(41 * PERIOD), "not homed"), ("PSM2", Stretch(), "has no PSM2/state")):
         with pytest.raises(Problem, match=said):
             motion_of(recording, arm, part)
+
+
+def test_arms_that_were_recorded_without_being_homed_are_left_out(recording: RecordingReader, tmp_path: Path) -> None:
+    none = np.zeros(0, STATE.dtype)
+    with (tmp_path / "some.mcap").open("wb", buffering=0) as stream:
+        written(stream, {("PSM1", "state"): (STATE, moving(50, slice(10, 40))), ("PSM2", "state"): (STATE, none),
+                         ("ECM", "state"): (STATE, moving(20, slice(0, 0)))})
+    with open_recording(tmp_path / "some.mcap") as found:
+        assert "PSM2/state" in found.record_topics, "its channel is there"
+        motions, left_out = motions_of(found, ["PSM1", "PSM2", "ECM", "MTMR"], Stretch())
+    assert [motion.arm for motion in motions] == ["PSM1"] and list(left_out) == ["PSM2", "ECM", "MTMR"]
+    assert "not homed" in left_out["ECM"] and "has no PSM2/state" in left_out["PSM2"]
 
 
 def test_setpoints_that_are_no_numbers_are_refused(tmp_path: Path) -> None:
