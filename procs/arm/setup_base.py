@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs.inputs import Input
-from procs.kinematics.poses import POSE, PoseError, matrix_from_pose, unit_quaternion
+from procs.kinematics.poses import PoseError, matrix_from_pose, unit_quaternion
 
 Array = NDArray[np.float64]
 
@@ -24,7 +24,7 @@ class SetupBase:
         self._valid = record.field("base_valid")[place : place + 1].reshape(())
         self._frame = record.field("reference_frame")[place : place + 1].reshape(())
         self._pose: Array = record.field("measured_cp")[place]
-        self._kept: Array = np.zeros(POSE)
+        self._kept: list[float] = []  # Python's own comparison takes a tenth of numpy's
         self._kept_frame = b""
         self._good = False
         self.base: Array | None = None
@@ -38,7 +38,7 @@ class SetupBase:
             return self._forget()
         if not self._record.whole:  # torn: the one before stays in force, to grow old
             return False
-        if self.base is not None and self._frame.item() == self._kept_frame and np.array_equal(self._pose, self._kept):
+        if self.base is not None and self._frame.item() == self._kept_frame and self._pose.tolist() == self._kept:
             return False
         return self._take()
 
@@ -56,7 +56,7 @@ class SetupBase:
             return self._forget()
         if not np.isfinite(pose).all():
             return self._forget()
-        self._kept[...], self._kept_frame = self._pose, frame
+        self._kept, self._kept_frame = self._pose.tolist(), frame
         self.base, self.frame = matrix_from_pose(pose), frame.decode(errors="replace")
         return True
 
