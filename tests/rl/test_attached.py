@@ -141,6 +141,16 @@ def test_reset_is_a_slow_move_and_leaves_the_speed_as_it_was(psm: Host) -> None:
     env.close()
 
 
+def test_the_slower_the_move_the_longer_it_may_take(psm: Host, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(attached, "MOVE_S", 0.2)
+    env = PsmReach(backend=RunningSystem(psm.name, reset_ratio=0.05), starts=2)
+    env.reset(options={"start": 1})
+    monkeypatch.setattr(attached, "MOVE_S", 0.01)
+    with pytest.raises(RobotStopped, match=r"move_jp is not done after 0.2 s"):
+        env.reset(options={"start": 0})
+    env.close()
+
+
 def test_it_powers_and_homes_nothing(system: Callable[[str], Host]) -> None:
     host = system("kinematic.yaml")
     with pytest.raises(RobotStopped, match=r"PSM1 is DISABLED and not homed; first: trocar home PSM1"):
