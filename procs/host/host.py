@@ -79,6 +79,8 @@ class Host:
         if users := [row.name for row in document.users]:
             raise HostError(f"{', '.join(users)}: processes of users do not run in a host")
         _refuse_coarse(document)
+        if private.is_kept(self.name):
+            raise HostError(f"this process has a host {self.name} already; close that, or give this one another name")
         private.keep(self.name)
         try:
             self._held.callback(private.forget, self.name)
@@ -109,8 +111,11 @@ class Host:
         self.run_until(self.clock.time_ns + round(seconds * 1e9))
 
     def run_until(self, end_ns: int) -> None:
-        """Let time pass up to this moment; what is due then is done."""
+        """Let time pass up to this moment; what is due then is done. HostError: it has passed, or all is closed."""
         clock, turns = self.clock, self._turns
+        if end_ns < clock.time_ns or not private.is_kept(self.name):
+            raise HostError(f"{self.name} is closed" if not private.is_kept(self.name) else
+                            f"the time of {self.name} is {clock.time_ns} ns, it does not go back to {end_ns} ns")
         while (now := min([node.due_ns for node, _, _ in turns])) <= end_ns:
             clock.time_ns = now
             is_due = True

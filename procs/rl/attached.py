@@ -54,6 +54,8 @@ class RunningSystem:
     reset_ratio: float = 0.1
 
     def __post_init__(self) -> None:
+        if isinstance(self.arms, str):
+            raise TypeError(f"arms is {self.arms!r}; allowed: names, as ({self.arms!r},)")
         if not SLOWEST_RATIO <= self.reset_ratio <= FASTEST_RATIO:
             raise ValueError(f"reset_ratio is {self.reset_ratio:g}; allowed: {SLOWEST_RATIO:g} to {FASTEST_RATIO:g}")
 

@@ -52,6 +52,26 @@ def test_time_passes_when_it_is_let_and_not_else() -> None:
         assert state.head == before
 
 
+def test_time_does_not_go_back_and_ends_with_the_host() -> None:
+    with Host(document(*KINEMATIC)) as host:
+        host.run(0.01)
+        with pytest.raises(HostError, match=r"is 1000010000000 ns, it does not go back to 1000005000000 ns"):
+            host.run(-0.005)
+        assert host.now_ns == EPOCH_NS + 10_000_000
+    with pytest.raises(HostError, match="is closed"):
+        host.run(0.01)
+
+
+def test_two_hosts_of_a_name_are_refused() -> None:
+    one = document(*KINEMATIC)
+    with Host(one) as host:
+        with pytest.raises(HostError, match=rf"has a host {one.name} already; close that, or give this one another"):
+            Host(one)
+        host.run(0.01)
+    with Host(one) as host:
+        host.run(0.01)
+
+
 def test_a_stream_pauses_in_the_time_of_the_host() -> None:
     with Host(document(*KINEMATIC)) as host:
         client, origins = host.client("PSM1"), []

@@ -329,6 +329,8 @@ def test_what_cannot_be_attached_is_refused(system: Callable[[str], Host], monke
         PsmHandOver(backend=where)
     with pytest.raises(ValueError, match=r"reset_ratio is 1; allowed: 0.01 to 0.5"):
         RunningSystem(reset_ratio=1.0)
+    with pytest.raises(TypeError, match=r"arms is 'PSM1'; allowed: names, as \('PSM1',\)"):
+        RunningSystem(arms="PSM1")  # type: ignore[arg-type]
     with pytest.raises(Problem, match=r"ECM"):
         made(host, EcmAim)
     monkeypatch.setattr(HostTime, "clock", LOCKSTEP)
