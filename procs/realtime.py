@@ -32,6 +32,7 @@ LOCKED: Final = "locked"
 NO_FIFO, NOT_LOCKED = "no FIFO", "not locked"
 """What was asked for and not got, as `realtime` and `lock_memory` say it."""
 HIGHEST: Final = 98  # the highest priority that a system file may ask for
+LOWEST: Final = 1  # of FIFO
 LIMITS_FILE: Final = "/etc/security/limits.d/trocar.conf"
 SYSTEMD: Final = f"LimitRTPRIO={HIGHEST} and LimitMEMLOCK=infinity"
 SCRATCH: Final = 16 << 20  # bytes, of a region that is looked at before it is locked
@@ -69,10 +70,10 @@ def realtime(row: Process, clock: str, *, reserved: float = 0.0) -> list[str]:
     return notes
 
 
-def ordinary() -> None:
-    """No priority any more, until `realtime` is asked again; where there is none, nothing changes."""
+def step_back() -> None:
+    """Behind whatever drives a robot, before ordinary programs, until `realtime` is asked again; only who has FIFO."""
     if is_urgent(0):
-        os.sched_setscheduler(0, os.SCHED_OTHER | os.SCHED_RESET_ON_FORK, os.sched_param(0))
+        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(LOWEST))
 
 
 def cores() -> tuple[tuple[int, ...], ...]:

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import dataclasses
 import gc
 import logging
 import os
@@ -24,13 +23,13 @@ from collections.abc import Callable, Iterator
 from types import FrameType
 from typing import Protocol
 
-from procs.document.system import WALL, Process, SystemConfig, from_json
+from procs.document.system import WALL, SystemConfig, from_json
 from procs.listening import handed
 from procs.manifest import proc
 from procs.own_memory import OwnMemory
 from procs.pacing import QUICKEST_NS, Pacing
 from procs.pauses import Pauses
-from procs.realtime import fetch_segments, in_words, lock_memory, ordinary, realtime
+from procs.realtime import fetch_segments, in_words, lock_memory, realtime, step_back
 from shm import directory, loglines
 from shm.client import LoopClient
 from shm.clock import WallClock, monotonic_ns
@@ -87,8 +86,8 @@ class Node(OwnMemory):
         """What the scheduler gave us, in words."""
         self.locks, self._locked = False, ""
         """Its memory is to be locked when it is ready: the process is its alone."""
-        self.hurries = False
-        """It has its priority only when it is ready, see `ask`: the process is its alone."""
+        self.steps_back = False
+        """It steps back while it is made, see `ask`: the process is its alone."""
         self.held_up_ns = 0
         """How long it was held up, when that was too long: the loop is to be made anew."""
         self.now_ns = self.clock.now_ns()
@@ -123,8 +122,8 @@ class Node(OwnMemory):
     def ready(self) -> None:
         """Setup has succeeded; whoever waits at the barrier goes on."""
         self._lock()
-        if self.hurries:
-            self.ask(self.row)
+        if self.steps_back:
+            self.ask()
         self.begin()
         if isinstance(self.clock, LockstepClock):
             self.clock.join(self._stopped)
@@ -140,14 +139,14 @@ class Node(OwnMemory):
             self._locked = lock_memory()
             self._show_granted()
 
-    def ask(self, row: Process) -> None:
-        """Ask the scheduler for what a row says, ours or one without priority, and show what was obtained.
+    def ask(self) -> None:
+        """Ask the scheduler for what our row says, and show what was obtained.
 
-        A loop is made without priority: that takes 20 ms of a core, and some of those one after the other hold up who
-        runs there with the same priority, so that they are made anew as well, and hold up those again, for ever. Who
-        reserves a share comes before them anyway, and keeps it.
+        A loop is made with the lowest priority: that takes 20 ms of a core, and some of those one after the other would
+        hold up who runs there with ours, so that they are made anew as well, and hold up us, for ever. Who reserves a
+        share comes before them anyway, and keeps it.
         """
-        self.granted = realtime(row, self.document.clock, reserved=proc(self.kind).reserved)
+        self.granted = realtime(self.row, self.document.clock, reserved=proc(self.kind).reserved)
         self._show_granted()
 
     def _show_granted(self) -> None:
@@ -155,8 +154,8 @@ class Node(OwnMemory):
 
     def begin_anew(self) -> None:
         """After a pause, before the loop is made anew: as if the process had been killed and started again."""
-        if self.hurries:
-            ordinary()
+        if self.steps_back:
+            step_back()
         self.report_pause(self.held_up_ns)
         self.held_up_ns = 0
         self._pauses.end()
@@ -302,8 +301,10 @@ def process(kind: str) -> Iterator[Node]:
         logging.getLogger(chosen.name).error("%s", error)
         sys.exit(SETUP_FAILED)
     on_stop(node.stop)
-    node.hurries = node.row.priority > 0 and not proc(kind).reserved
-    node.ask(dataclasses.replace(node.row, priority=0) if node.hurries else node.row)
+    node.ask()
+    node.steps_back = node.row.priority > 0 and not proc(kind).reserved
+    if node.steps_back:
+        step_back()
     node.locks = proc(kind).realtime and not node.clock.simulated
     try:
         yield node

@@ -192,10 +192,10 @@ class TwoLives(runtime.Loop):
 
 
 @pytest.mark.parametrize(("name", "expected"), [
-    ("PSM1", "asks 0, made, asks 60, ordinary, made, asks 60"),  # others of its priority run meanwhile
+    ("PSM1", "asks 60, back, made, asks 60, back, made, asks 60"),  # others of its priority run meanwhile
     ("io", "asks 80, made, made"),
 ])
-def test_a_loop_is_made_without_priority_unless_a_share_is_reserved(
+def test_a_loop_is_made_with_the_lowest_priority_unless_a_share_is_reserved(
     world: World, monkeypatch: pytest.MonkeyPatch, clock: PausedClock, name: str, expected: str
 ) -> None:
     steps: list[str] = []
@@ -211,10 +211,10 @@ def test_a_loop_is_made_without_priority_unless_a_share_is_reserved(
     monkeypatch.setattr(runtime, "lock_memory", lambda: "locked")
     monkeypatch.setattr(runtime, "fetch_segments", lambda: None)
     monkeypatch.setattr(runtime, "realtime", asked)
-    monkeypatch.setattr(runtime, "ordinary", lambda: steps.append("ordinary"))
+    monkeypatch.setattr(runtime, "step_back", lambda: steps.append("back"))
     with runtime.process(kind) as node:
         runtime.live(node, lambda node: TwoLives(node, clock, steps))
-        assert node.page.get("policy").startswith(steps[-1 if name == "PSM1" else 0].replace("asks", "FIFO").encode())
+        assert node.page.get("policy").startswith(steps[0].replace("asks", "FIFO").encode())
     remove_all(world.name)
     assert ", ".join(steps) == expected
 

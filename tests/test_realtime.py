@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import dataclasses
 import gc
 import mmap
 import multiprocessing
@@ -29,6 +30,7 @@ from procs.realtime import (
     in_words,
     lock_memory,
     realtime,
+    step_back,
 )
 
 DEADLINE = 6
@@ -66,6 +68,23 @@ def test_what_is_said_of_scheduling_is_what_the_kernel_does(reserved: float) -> 
         assert notes == "FIFO 1"
     else:
         assert notes.startswith("no FIFO") and policy == os.SCHED_OTHER
+
+
+def test_who_steps_back_has_its_priority_again_when_it_asks_again() -> None:
+    def child() -> list[tuple[int, int]]:
+        found = []
+        for step in (step_back, ask, step_back, ask):
+            step()
+            found.append((os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK, os.sched_getparam(0).sched_priority))
+        return found
+
+    def ask() -> None:
+        realtime(dataclasses.replace(FIFO_ASKED, priority=7), "wall")
+
+    if asked("wall", 0.0)[1] == os.SCHED_FIFO:
+        assert forked(child) == [(os.SCHED_OTHER, 0), *((os.SCHED_FIFO, priority) for priority in (7, 1, 7))]
+    else:
+        assert forked(child) == [(os.SCHED_OTHER, 0)] * 4
 
 
 def test_a_share_that_nobody_can_have_leaves_the_usual_priority() -> None:
