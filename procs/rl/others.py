@@ -11,6 +11,8 @@ from shm.ring import RingReader
 HARMLESS: Final = frozenset(row.name for row in COMMANDS["arm"] if not row.moves) | {"set_base_frame"}
 """Settings and questions; where the base is, is seen in the arm's state."""
 
+STOPS: Final = {row.name: row for row in COMMANDS["arm"] if row.stops}
+
 
 class OtherCommands:
     """Reads who asked an arm for what, from its audit ring."""
@@ -20,19 +22,21 @@ class OtherCommands:
         self._audit, self._own, self._asked = audit, own, ""
         self._command, self._text, self._outcome = audit.field("command"), audit.field("text"), audit.field("outcome")
         self._origin, self._program = audit.field("origin"), audit.field("program")
-        self.begin()
+        self._is_stop = False
+        audit.rewind(0)
 
     def begin(self) -> None:
-        """What was asked until now does not count."""
-        self._audit.rewind(0)
-        self._asked = ""
+        """What moved it until now does not count; what stopped it does, since we were made."""
+        while self.look() and not self._is_stop:
+            self._asked = ""
 
     def look(self) -> str:
-        """What moves or stops it, and was asked by others since `begin`, and by whom; empty: nothing was."""
+        """What moves or stops it, was asked by others, and counts, and by whom; empty: nothing was."""
         while not self._asked and self._audit.next():
             command = str(plain(self._command.item()))
             if self._origin[()] == self._own or command in HARMLESS or self._outcome[()] in (b"refused", b"failed"):
                 continue
-            words = f"{command} {plain(self._text.item())}".rstrip()
-            self._asked = f"{words} by {plain(self._program.item()) or 'another process'}"
+            text = str(plain(self._text.item()))
+            self._is_stop = command in STOPS and STOPS[command].is_stop(text, ())
+            self._asked = f"{command} {text}".rstrip() + f" by {plain(self._program.item()) or 'another process'}"
         return self._asked

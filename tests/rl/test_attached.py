@@ -310,6 +310,25 @@ def test_who_else_commands_the_arm_has_it(psm: Host, command: str, values: tuple
     env.close()
 
 
+def test_a_person_s_stop_counts_between_episodes_too(psm: Host) -> None:
+    person, env = psm.client("PSM1"), made(psm)
+    env.reset()
+    assert ask(psm, person, "move_jp", (0.2, -0.1, 0.11, 0.0, 0.0, 0.0)) == "done"
+    env.reset()  # a move that has ended does not
+    assert ask(psm, person, "move_jp", (0.2, -0.1, 0.11, 0.0, 0.0, 0.0)) == "done"
+    assert ask(psm, person, "hold") == "done"
+    with pytest.raises(RobotStopped, match=r"PSM1 was asked for hold by .* make a new environment"):
+        env.reset()
+    env.close()
+    again = made(psm)
+    again.reset()
+    for word in ("pause", "resume"):
+        assert ask(psm, person, "state_command", (), word) == "done"
+    with pytest.raises(RobotStopped, match=r"PSM1 was asked for state_command pause by"):
+        again.reset()
+    again.close()
+
+
 def test_of_two_environments_at_an_arm_neither_fights_the_other(psm: Host) -> None:
     first, second = made(psm), made(psm)
     first.reset(seed=1)
