@@ -39,4 +39,6 @@ class OtherCommands:
             text = str(plain(self._text.item()))
             self._is_stop = command in STOPS and STOPS[command].is_stop(text, ())
             self._asked = f"{command} {text}".rstrip() + f" by {plain(self._program.item()) or 'another process'}"
+        if self._audit.lost:  # a stop may have been among it
+            self._asked, self._is_stop = f"more than is kept: {self._audit.lost} commands are not known any more", True
         return self._asked

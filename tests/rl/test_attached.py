@@ -329,6 +329,18 @@ def test_a_person_s_stop_counts_between_episodes_too(psm: Host) -> None:
     again.close()
 
 
+def test_a_stop_that_nobody_can_read_any_more_counts_too(psm: Host) -> None:
+    person, env = psm.client("PSM1"), made(psm)
+    env.reset()
+    assert ask(psm, person, "hold") == "done"
+    for _ in range(300):
+        person.send("trajectory_j/set_ratio", (1.0,))
+        psm.run(0.004)
+    with pytest.raises(RobotStopped, match=r"PSM1 was asked for more than is kept: \d+ commands are not known"):
+        env.reset()
+    env.close()
+
+
 def test_of_two_environments_at_an_arm_neither_fights_the_other(psm: Host) -> None:
     first, second = made(psm), made(psm)
     first.reset(seed=1)
