@@ -186,10 +186,10 @@ class Supervisor:
         if self.page.state == "RUNNING" and not self.stopping:
             for demand in self._demands:
                 demand.beat()
+        self._show()  # whoever is answered finds it so
         self._requests.answer()
         self._clearings.beat(monotonic_ns())
         self._log_keeper.beat(monotonic_ns())
-        self._show()
         self.let_time_pass()
         self.beat()
 

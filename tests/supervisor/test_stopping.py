@@ -15,6 +15,7 @@ from procs.supervisor import supervisor as running
 from procs.supervisor.children import Child
 from procs.supervisor.os_process import OsProcess
 from procs.supervisor.supervisor import Supervisor
+from shm import directory
 from shm.clock import monotonic_ns
 from shm.control_page import ControlPage, create_control
 from shm.segment import SegmentError, names_of
@@ -48,6 +49,26 @@ def supervisor(world: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> I
     process_of(made).popen, made.children[0].state = child, lifecycle.RUNNING
     yield made
     made.close()
+
+
+def test_whoever_is_answered_finds_it_shown(supervisor: Supervisor, monkeypatch: pytest.MonkeyPatch) -> None:
+    reader = directory.reader(supervisor.system.name, "supervisor", "state")
+    shown: list[bytes] = []
+
+    def answer() -> None:
+        assert reader.newest()
+        shown.append(bytes(reader.field("lifecycle")[0]))
+
+    monkeypatch.setattr(supervisor._requests, "answer", answer)
+    supervisor.step()
+    supervisor.children[0].stop()
+    supervisor.step()
+    end_ns = monotonic_ns() + 30_000_000_000
+    while supervisor.children[0].state != lifecycle.STOPPED:
+        assert monotonic_ns() < end_ns
+        supervisor.step()
+    assert shown[0] == b"RUNNING" and shown[1] == b"STOPPING" and shown[-1] == b"STOPPED"
+    reader.close()
 
 
 def test_asking_again_while_it_stops_kills_nobody(supervisor: Supervisor, monkeypatch: pytest.MonkeyPatch) -> None:
