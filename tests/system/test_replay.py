@@ -38,10 +38,21 @@ def recorded(robot: Robot, folder: Path) -> Path:
     """Homed, moved by a command, then by a stream of 100 goals."""
     robot.up(KINEMATIC, "--clock", "lockstep")
     robot.trocar("home", "PSM1")
-    robot.trocar("send", "PSM1", "move_jp", *map(str, GOAL), "--wait")
-    robot.trocar("stream", "PSM1", "configs/recordings/psm-wave.csv", "--rate", "200", "--for", "0.5")
-    robot.trocar("dump", str(folder / "one.mcap"))
-    return folder / "one.mcap"
+    made = folder / "one.mcap"
+
+    def has_the_move() -> bool:
+        """Rings hold three seconds of the system, which go on while a busy machine starts what we type."""
+        made.unlink(missing_ok=True)
+        robot.trocar("send", "PSM1", "move_jp", *map(str, GOAL), "--wait")
+        robot.trocar("stream", "PSM1", "configs/recordings/psm-wave.csv", "--rate", "200", "--for", "0.5")
+        robot.trocar("dump", str(made))
+        with open_recording(made) as recording:
+            began = recording.records("PSM1/state").rows["stamp_ns"][0]
+            asked = recording.records("PSM1/audit").rows
+            return bool((asked["stamp_ns"][asked["command"] == b"move_jp"] > began).any())
+
+    wait_for(has_the_move, 120, "a dump that the move is in")
+    return made
 
 
 def test_a_run_in_lock_step_replays_bit_for_bit(robot: Robot, recorded: Path, folder: Path) -> None:

@@ -25,6 +25,8 @@ from tools.errors import Problem
 LOOK_S = 0.002
 PATIENCE_S = 120.0
 AUDITED = 50
+ATTEMPTS = 5
+WAITS = "accepted", ""
 TAKEN = (b"accepted", b"done")
 HISTORY, SECOND_NS = 4096, 1_000_000_000
 
@@ -53,18 +55,28 @@ class LockstepRun:
                         for name in names}
         self._clients = {name: self._held.enter_context(contextlib.closing(Client(system, name))) for name in names}
         self._rows: list[bytes] = []
-        self._outcomes: dict[tuple[str, int], str] = {}
+        self._replies: dict[tuple[str, int], tuple[str, str]] = {}
 
     def send(self, instance: str, command: str, values: Sequence[float] = (), text: str = "") -> int:
         """Ask for something; its number."""
         return self._clients[instance].send(command, values, text)
 
     def ask(self, instance: str, command: str, values: Sequence[float] = (), text: str = "") -> None:
-        """Ask for something, and wait until it is done; Problem: it was not."""
-        number = self.send(instance, command, values, text)
-        self.wait(lambda: self._outcomes.get((instance, number), "accepted") != "accepted", f"{instance} {command}")
-        if (outcome := self._outcomes[instance, number]) != "done":
-            raise Problem(f"{instance}: {command} {text} was {outcome}")
+        """Ask for something, and wait until it is done; Problem: it was not.
+
+        What is refused is asked for a few times: a busy machine holds up us, while the system's time goes on.
+        """
+        said = ""
+        for _ in range(ATTEMPTS):
+            key = instance, self.send(instance, command, values, text)
+            self.wait(lambda key=key: self._replies.get(key, WAITS)[0] != "accepted",  # type: ignore[misc]
+                      f"{instance} {command}")
+            outcome, said = self._replies[key]
+            if outcome == "done":
+                return
+            if outcome != "refused":
+                break
+        raise Problem(f"{instance}: {command} {text} was {outcome}: {said}")
 
     def wait(self, has_come: Callable[[], bool], what: str) -> None:
         """Keep what is written until something has come; Problem: it does not come."""
@@ -80,7 +92,7 @@ class LockstepRun:
         while self._ring.next():
             self._rows.append(bytes(self._ring.record))
         for name, client in self._clients.items():
-            self._outcomes.update({(name, reply.id): reply.outcome for reply in client.poll()})
+            self._replies.update({(name, reply.id): (reply.outcome, reply.text) for reply in client.poll()})
 
     def state(self) -> str:
         """The arm's."""
