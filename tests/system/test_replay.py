@@ -44,7 +44,10 @@ def recorded(robot: Robot, folder: Path) -> Path:
         """Rings hold three seconds of the system, which go on while a busy machine starts what we type."""
         made.unlink(missing_ok=True)
         robot.trocar("send", "PSM1", "move_jp", *map(str, GOAL), "--wait")
-        robot.trocar("stream", "PSM1", "configs/recordings/psm-wave.csv", "--rate", "200", "--for", "0.5")
+        streamed = robot.types("stream", "PSM1", "configs/recordings/psm-wave.csv", "--rate", "200", "--for", "0.5")
+        if "held up" in streamed.stderr:
+            return False
+        assert streamed.returncode == 0, streamed.stderr
         robot.trocar("dump", str(made))
         with open_recording(made) as recording:
             began = recording.records("PSM1/state").rows["stamp_ns"][0]
