@@ -75,6 +75,7 @@ def page(robot: Robot, port: int, **headers: str) -> Iterator[ScriptedPage]:
             beating.join()
 
 
+@pytest.mark.alone  # held up for a second, a console sends its pages away
 def test_the_console_is_there_for_its_pages_and_its_death_ends_what_is_held(robot: Robot, records: Records) -> None:
     port = free()
     robot.up(KINEMATIC, "--set", f"gui.listen=127.0.0.1:{port}", "--set", "processes.gui.linger_s=0.2")

@@ -226,7 +226,7 @@ def test_what_is_written_on_change_holds_from_before_it_began_to_wait(
     played.show_arm(0.1)
     happening(monkeypatch, lambda: played.show_arm(0.8), lambda: played.restarted(1, "it ended"))
     with opened(played, when) as capturing:
-        found = capturing.wait(1.0, 0.0, 30.0)
+        found = capturing.wait(30.0, 0.0, 30.0)
     assert values(found) == [0.1, 0.8] and found is not None
     assert found.moment_ns == getattr(played, whose).stamp_ns
 
