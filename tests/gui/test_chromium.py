@@ -54,7 +54,7 @@ def test_the_demo_is_powered_homed_and_seen_in_a_browser(robot: Robot) -> None:
         page.open()
         page.click("#power-on")
         assert "Take control first" in page.note()
-        assert page.value("PSM1/state.state") == "DISABLED"
+        page.until("trocar.value('PSM1/state.state') === 'DISABLED'")
         page.take_control()
         page.click("#power-on", yes=False)
         homed(page)
