@@ -190,6 +190,16 @@ def test_a_plot_shows_a_move_and_gives_it_as_a_table(page: BrowserPage) -> None:
     count = page.js("return document.querySelector('.plots').plots.csv()").splitlines()
     assert count[0] == "stamp_s,PSM1/state.position[0] rad or m,PSM1/state.velocity[0] rad/s or m/s"
     assert len(count) > 50
+    page.driver.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": True})
+    try:  # a finger on a tablet
+        x, y = page.js("const at = document.getElementById('plot').getBoundingClientRect();"
+                       "return [at.x + 200, at.y + 99]")
+        for kind, points in (("touchStart", [0]), *(("touchMove", [20 * k]) for k in range(1, 12)), ("touchEnd", [])):
+            page.driver.execute_cdp_cmd("Input.dispatchTouchEvent", {
+                "type": kind, "touchPoints": [{"x": x + moved, "y": y} for moved in points]})
+    finally:
+        page.driver.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": False})
+    page.until("document.querySelector('.plots')?.plots.zoom()")
     assert page.wrongs() == []
 
 

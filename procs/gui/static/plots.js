@@ -219,4 +219,4 @@ if (field()?.[0] !== "position" && topics[page.dataset.first]?.some((row) => row
 for (const name of decodeURIComponent(location.hash.slice(1)).split(",").filter(Boolean)) add(name);
 want();
 onTick(take);
-page.plots = { add: (name) => add(name) && want(), signals: () => signals, csv };
+page.plots = { add: (name) => add(name) && want(), signals: () => signals, zoom: () => zoom, csv };
