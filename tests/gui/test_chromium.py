@@ -130,6 +130,28 @@ def test_keys_work_on_every_page_and_names_in_messages_are_whole(robot: Robot) -
         assert page.wrongs() == []
 
 
+def test_power_off_stays_in_reach_while_a_dialog_is_open(robot: Robot) -> None:
+    with served(robot) as address, chromium(address) as page:
+        page.open()
+        for dialog in ("help", "confirm"):
+            if dialog == "help":
+                page.find("body").send_keys("?")
+            else:
+                page.take_control()
+                page.click("#power-on", yes=True)
+                page.until("trocar.value('PSM1/state.state') === 'ENABLED'", 90)
+                page.find("#power-on").click()
+            page.until(f"document.getElementById('{dialog}').open && document.querySelector('main.content').inert")
+            page.find("#power-off").click()  # a real one, at its place on the screen
+            page.until("document.querySelector('#power-off').dataset.outcome === 'done'")
+            page.until("trocar.value('PSM1/state.state') === 'DISABLED'", 60)
+            page.js("delete document.querySelector('#power-off').dataset.outcome")
+            page.find("body").send_keys(Keys.ESCAPE)
+            page.until("!document.querySelector('dialog[open]') && !document.querySelector('main.content').inert")
+        assert page.value("PSM1/state.state") == "DISABLED", "Escape is no yes"
+        assert page.wrongs() == []
+
+
 def test_the_slave_that_follows_is_seen_following(robot: Robot) -> None:
     with served(robot) as address, chromium(address) as page:
         page.open()

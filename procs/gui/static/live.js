@@ -226,6 +226,13 @@ export function note(element, kind, text) {
   setTimeout(() => mine.remove(), kind === "bad" ? 9000 : 3000);
 }
 
+// A dialog covers the page but for its bar: Power off stays in reach, which a modal one would shut away.
+function opens(dialog) {
+  document.querySelector("main.content").inert = true;
+  if (!dialog.open) dialog.show();
+}
+document.addEventListener("close", () => (document.querySelector("main.content").inert = document.querySelector("dialog[open]") !== null), true);
+
 // One question at a time: a new one answers the one before with no.
 let pending = null;
 export function confirmed(text) {
@@ -233,7 +240,7 @@ export function confirmed(text) {
   const dialog = document.getElementById("confirm");
   document.getElementById("confirm-text").textContent = text;
   dialog.returnValue = "";
-  if (!dialog.open) dialog.showModal();
+  opens(dialog);
   return new Promise((resolve) => (pending = resolve));
 }
 document.addEventListener("close", ({ target }) => {
@@ -282,7 +289,7 @@ document.addEventListener("click", (event) => {
   if (button.id === "control") control(button);
   else if (button.dataset.steps) asked(button, JSON.parse(button.dataset.steps), button.dataset.free !== undefined);
   else if (button.dataset.view) document.querySelector(".stage").stage.look(button.dataset.view);
-  else if (button.dataset.opens) document.getElementById(button.dataset.opens).showModal();
+  else if (button.dataset.opens) opens(document.getElementById(button.dataset.opens));
   else if (button.dataset.does === "dismiss") {
     localStorage.setItem("first-steps", "closed");
     document.getElementById("first-steps").remove();
@@ -325,7 +332,8 @@ document.addEventListener("keydown", (event) => {
     event.preventDefault();
     document.getElementById(KEYS[event.key.toLowerCase()])?.click();
   } else if (event.key === "?" && !/INPUT|TEXTAREA|SELECT/.test(document.activeElement?.tagName || ""))
-    document.getElementById("help").showModal();
+    opens(document.getElementById("help"));
+  else if (event.key === "Escape") document.querySelector("dialog[open]")?.close("");
 });
 
 function theme(name) {
