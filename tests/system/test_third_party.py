@@ -114,20 +114,37 @@ def test_a_master_of_the_system_is_started_when_wanted_and_again_after_its_death
     robot.up(tmp_path / "lab.yaml")
     wait_for(lambda: robot.state("MTMR") == "RUNNING", 20, "whoever reads it has started it")
     robot.pids.add(robot.pid("MTMR"))
-    robot.trocar("send", "system", "home", "--wait")
     teleop = directory.reader(robot.name, "MTMR_PSM1", "state", "teleop")
-    robot.trocar("send", "console", "teleop_enable", "1")
 
-    def goals() -> list[float]:
+    def goals(begin: int) -> list[float]:
         return [float(row["goal_cp"][0]) for row in teleop.since(begin) if row["following"]]
 
-    for _ in range(2):
+    def follow() -> None:
         begin = teleop.stamp_ns if teleop.newest() else 0
-        wait_for(lambda: np.ptp(goals() or [0.0]) > 0.0005, 60, "the slave follows")
+        wait_for(lambda: np.ptp(goals(begin) or [0.0]) > 0.0005, 20, "the slave follows")
+
+    def die() -> None:
         pid = robot.kill("MTMR")
         wait_for(lambda: teleop.newest() and not teleop.field("following"), 20, "its death ends that")
-        wait_for(lambda: robot.state("MTMR") == "RUNNING" and robot.pid("MTMR") != pid, 20, "its successor")  # noqa: B023
+        wait_for(lambda: robot.state("MTMR") == "RUNNING" and robot.pid("MTMR") != pid, 20, "its successor")
         robot.pids.add(robot.pid("MTMR"))
+
+    def ask() -> None:
+        robot.trocar("send", "system", "home", "--wait", code=None)
+        robot.trocar("send", "console", "teleop_enable", "1", code=None)
+
+    ask()
+    followed = 0
+    for _ in range(6):  # more than two where a busy machine holds somebody up, which ends following
+        try:
+            follow()
+            followed += 1
+        except pytest.fail.Exception:
+            ask()
+        die()
+        if followed == 2:
+            break
+    assert followed == 2, "a program and its successor"
     assert "a program that does not carry out move_cp" in robot.trocar("send", "MTMR", "move_cp", *"0000001", code=1)
     teleop.close()
     assert robot.down() == 0
