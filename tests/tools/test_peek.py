@@ -176,16 +176,21 @@ STRESS = {  # so much is kept that little can be lost; so little, and so long to
     "large": Topic("large", "io", 0, 0, PAIR, depth=2),
 }
 TOTAL, KEPT = 100_000, (1 << 16) - 1
+RESTS = {"small": 0, "large": 40}  # while the writer is at it, all that is large may be lost
 WRITER = """
-import sys
+import os, sys, time
 from shm.ring import RingWriter
 from shm.segment import Segment
 writer = RingWriter(Segment(sys.argv[2], write=True), "io")
 first, last = writer.field("first"), writer.field("last")
+total, rests, out = int(sys.argv[3]), int(sys.argv[4]), sys.argv[5]
 sys.stdin.readline()
-for n in range(1, int(sys.argv[3]) + 1):
+for n in range(1, total + 1):
+    size = os.path.getsize(out) if rests and n % (total // rests) == 0 else -1
     first[...] = last[...] = n * 0x9E3779B97F4A7C15 & 0xFFFFFFFFFFFFFFFF
     writer.publish(n)
+    while size >= 0 and os.path.getsize(out) == size:  # until peek has printed one more
+        time.sleep(0.001)
 """
 
 
@@ -193,7 +198,8 @@ for n in range(1, int(sys.argv[3]) + 1):
 def test_nothing_is_torn_nor_miscounted_at_full_speed(world: Any, program: Path, tmp_path: Path, row: str) -> None:
     create_ring(world.name, "io", STRESS[row], {}, {})
     name = segment_name(world.name, "io", row)
-    child = world.start(WRITER, name, str(TOTAL))
+    (tmp_path / "out").touch()
+    child = world.start(WRITER, name, str(TOTAL), str(RESTS[row]), str(tmp_path / "out"))
     with (tmp_path / "out").open("w") as out, (tmp_path / "err").open("w") as err:
         follower = subprocess.Popen([program, name, "first", "last", "--follow"], stdout=out, stderr=err)
         try:
