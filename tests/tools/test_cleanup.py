@@ -42,6 +42,8 @@ def killed(words: list[str], folder: Path, at_work: Callable[[int], bool]) -> in
 @pytest.mark.slow
 @pytest.mark.parametrize(("words", "system"), [
     (["bench", "io"], "bench-io-{}"), (["bench", "system", "--seconds", "20"], "bench-system-{}"),
+    (["bench", "lifecycle"], "bench-lifecycle-{}"), (["bench", "deaths"], "bench-deaths-{}"),
+    (["bench", "recorder", "--seconds", "20"], "bench-recorder-{}"),
     (["demo", "--system", "killed-demo"], "killed-demo"),
 ])
 def test_a_killed_verb_leaves_nothing_of_its_system(words: list[str], system: str, tmp_path: Path) -> None:

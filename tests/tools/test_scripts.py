@@ -67,10 +67,11 @@ def test_an_installed_project_starts_at_once_and_passes_arguments_on(tmp_path: P
     wanted = subprocess.run("cat pyproject.toml constraints.txt | cksum", shell=True, cwd=tmp_path, text=True,
                             capture_output=True, check=True).stdout
     (tmp_path / ".venv" / ".trocar").write_text(wanted)
-    assert ask(tmp_path, "start", environment).stdout == "-P -m tools demo\n"
-    command = [tmp_path / "tools" / "start", "up", "--for", "3"]
-    assert subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout == (
-        "-P -m tools up --for 3\n")
+    for words, meant in (("", "demo"), ("--clock wall --for 3", "demo --clock wall --for 3"), ("--json", "demo --json"),
+                         ("up --for 3", "up --for 3"), ("--version", "--version"), ("-h", "-h")):
+        command = [tmp_path / "tools" / "start", *words.split()]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+        assert done.stdout == f"-P -m tools {meant}\n"
 
 
 @pytest.mark.parametrize("script", ["start", "test"])

@@ -17,7 +17,6 @@ import platform
 import statistics
 import subprocess
 import sys
-import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,6 +31,7 @@ from shm import directory
 from shm.clock import monotonic_ns, pause
 from shm.control_page import ControlPage
 from tools.arms import HOMED, bring, silent
+from tools.cleanup import own_folder
 from tools.errors import Problem
 from tools.inspect.processes import statuses
 from tools.printing import note, table
@@ -117,8 +117,7 @@ NOT_FOLLOWING = Effect("following ends", TELEOP, lambda records: ~records["follo
 
 def run() -> dict[str, Any]:
     """Measure; returns the object that `--json` prints."""
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
+    with own_folder(f"bench-deaths-{os.getpid()}") as folder:
         timed = [*_on_boards(folder), *_following(folder), *_third_party(), *_supervisor(folder)]
     figures: dict[str, float] = {}
     for each in dict.fromkeys((row.who, row.how) for row in timed):

@@ -21,6 +21,7 @@ import tempfile
 import threading
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack, closing, suppress
+from pathlib import Path
 from typing import Any, Final
 
 import psutil
@@ -31,6 +32,7 @@ from shm.clock import monotonic_ns, pause
 from tools.arms import home
 from tools.bench.beside import ARMS, PAIRS, PATIENCE_S, TAKE_S, MovingArms, cpu_percent, process_of, ratio, wait
 from tools.bench.system import FULL
+from tools.cleanup import own_folder
 from tools.errors import Problem
 from tools.free_port import reserved_port
 from tools.supervising import StartRequest, up_meanwhile
@@ -50,7 +52,7 @@ def run(seconds: float = 30.0, pairs: int = PAIRS, browser: bool = False) -> dic
     name, short_s = f"bench-gui-{os.getpid()}", min(seconds, 10.0)
     if browser and shutil.which("chromium") is None:
         raise Problem("--browser needs Chromium: apt-get install chromium")
-    with reserved_port(18080) as port, up_meanwhile(StartRequest(FULL, name, sets=(
+    with own_folder(name) as folder, reserved_port(18080) as port, up_meanwhile(StartRequest(FULL, name, sets=(
             "clock=wall", f"gui.listen=127.0.0.1:{port}", "processes.gui.start=always"))):
         home(name)
         with closing(MovingArms(name)) as arms:
@@ -63,7 +65,7 @@ def run(seconds: float = 30.0, pairs: int = PAIRS, browser: bool = False) -> dic
                     figures[f"gui_cpu_percent_{key}"] = cpu_percent(process_of(name, GUI), short_s, arms.go_on)
             figures["io_period_p99_ratio"] = _ratio(name, arms, seconds, pairs, lambda: _scripted(port))
             if browser:
-                figures |= _in_browser(name, port, arms, seconds, pairs)
+                figures |= _in_browser(folder, name, port, arms, seconds, pairs)
     return {
         "bench": GUI, "figures": figures,
         "conditions": {"seconds": seconds, "pairs": pairs, "arms": len(ARMS), "rate_hz": 20,
@@ -106,12 +108,13 @@ class ScriptedPage:
 
 
 class RealBrowser:
-    """Chromium without a window, with pages open."""
+    """Chromium without a window, with pages open; it ends with us, however that comes."""
 
-    def __init__(self, *addresses: str) -> None:
-        self._home = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
-        self._popen = subprocess.Popen(["chromium", *CHROMIUM, f"--user-data-dir={self._home.name}", *addresses],
-                                       stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    def __init__(self, folder: Path, *addresses: str) -> None:
+        home = tempfile.mkdtemp(dir=folder)
+        self._popen = subprocess.Popen(
+            ["setpriv", "--pdeathsig", "KILL", "chromium", *CHROMIUM, f"--user-data-dir={home}", *addresses],
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
     def processes(self) -> list[psutil.Process]:
         """All of it."""
@@ -124,18 +127,17 @@ class RealBrowser:
             with suppress(psutil.Error):
                 process.kill()
         self._popen.wait()
-        self._home.cleanup()
 
 
-def _in_browser(name: str, port: int, arms: MovingArms, seconds: float, pairs: int) -> dict[str, float]:
+def _in_browser(folder: Path, name: str, port: int, arms: MovingArms, seconds: float, pairs: int) -> dict[str, float]:
     figures, here = {}, f"http://127.0.0.1:{port}"
     for key, path in (("system", "/"), ("3d", "/3d")):
-        with closing(RealBrowser(here + path)) as chromium:
+        with closing(RealBrowser(folder, here + path)) as chromium:
             wait(LOADS_S, arms.go_on)
             for what, found in (("browser_gui", process_of(name, GUI)), ("browser", chromium.processes())):
                 figures[f"{what}_cpu_percent_{key}"] = cpu_percent(found, min(seconds, 10.0), arms.go_on)
     figures["browser_io_period_p99_ratio"] = _ratio(name, arms, seconds, pairs,
-                                                    lambda: closing(RealBrowser(here, f"{here}/3d")), LOADS_S)
+                                                    lambda: closing(RealBrowser(folder, here, f"{here}/3d")), LOADS_S)
     return figures
 
 

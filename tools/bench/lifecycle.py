@@ -13,9 +13,7 @@ import json
 import os
 import platform
 import statistics
-import tempfile
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, Final
 
 import psutil
@@ -25,6 +23,7 @@ from shm.clock import monotonic_ns, pause
 from shm.control_page import ControlPage
 from shm.subscriptions import Subscriber
 from tools.arms import HOMED, bring, silent
+from tools.cleanup import own_folder
 from tools.errors import Problem
 from tools.printing import note
 from tools.remote import Remote
@@ -49,10 +48,10 @@ SYSTEM: Final = {
 def run() -> dict[str, Any]:
     """Measure; returns the object that `--json` prints."""
     name = f"bench-lifecycle-{os.getpid()}"
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "system.json"
+    with own_folder(name) as folder:
+        file = folder / "system.json"
         file.write_text(json.dumps(SYSTEM))
-        (Path(folder) / f"{PROCESS}.py").write_text(COUNTER)
+        (folder / f"{PROCESS}.py").write_text(COUNTER)
         begin = monotonic_ns()
         with up_meanwhile(StartRequest(file, name, "emulated")):
             up_s = _seconds(begin)

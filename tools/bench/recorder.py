@@ -11,7 +11,6 @@ from __future__ import annotations
 import contextlib
 import os
 import platform
-import tempfile
 from contextlib import closing
 from pathlib import Path
 from typing import Any, Final
@@ -25,6 +24,7 @@ from tools.arms import home
 from tools.bench import beside
 from tools.bench.beside import PAIRS, MovingArms
 from tools.bench.system import FULL
+from tools.cleanup import own_folder
 from tools.errors import Problem
 from tools.printing import plain
 from tools.remote import Remote
@@ -38,7 +38,7 @@ END_S: Final = 30.0
 def run(seconds: float = 30.0, pairs: int = PAIRS) -> dict[str, Any]:
     """Measure; returns the object that `--json` prints. `seconds`: of each part of a pair, and of the recordings."""
     name = f"bench-recorder-{os.getpid()}"
-    with tempfile.TemporaryDirectory() as folder, up_meanwhile(StartRequest(FULL, name, sets=(
+    with own_folder(name) as folder, up_meanwhile(StartRequest(FULL, name, sets=(
             "clock=wall", "recorder.on=true", f"recorder.folder={folder}"))):
         home(name)
         with closing(MovingArms(name)) as arms:

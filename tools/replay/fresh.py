@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import count, groupby
@@ -23,6 +22,7 @@ from shm.lockstep import EPOCH_NS
 from shm.origins import Origin
 from shm.place import Place
 from shm.segment import SegmentError
+from tools.cleanup import own_folder
 from tools.errors import Problem
 from tools.printing import Say
 from tools.recorded.choosing import TIMED
@@ -56,8 +56,8 @@ def run_again(recording: RecordingReader, file: Path, system: str, say: Say) -> 
     commands, notes = _repeatable(recording, out)
     end_ns = _end_ns(recording)
     run = FreshRun(file, notes=notes)
-    with tempfile.TemporaryDirectory() as folder:
-        frozen = Path(folder) / "document.json"
+    with own_folder(system) as folder:
+        frozen = folder / "document.json"
         frozen.write_bytes(document)
         background = Background(StartRequest(frozen, system, document=True), tied=True)
         try:
