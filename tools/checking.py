@@ -12,7 +12,7 @@ from tools.options import JsonOption
 
 
 def check(
-    files: Annotated[list[Path], typer.Argument(help="System files, or any file a system names.")],
+    files: Annotated[list[Path], typer.Argument(metavar="FILES...", help="System files, or any file a system names.")],
     path: Annotated[list[Path] | None, typer.Option("--path", help="Also look for named files here.")] = None,
     boards: Annotated[str | None, typer.Option("--boards", help="`emulated`, `real`: as `up` would start it.")] = None,
     sets: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Set a Trocar value.")] = None,

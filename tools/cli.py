@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import importlib
+import inspect
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -63,7 +64,7 @@ VERBS: tuple[Verb, ...] = (
         Verb("write", "tools.verbs.bus:write", "Write a register; asks first.", moves=True),
         Verb("watch", "tools.verbs.bus:watch", "A live view of one board."),
     )),
-    Verb("status", "tools.verbs.status:status", "Processes: states, rates, missed deadlines, deaths."),
+    Verb("status", "tools.verbs.status:status", "What is wrong and what to do: processes, arms, teleoperations."),
     Verb("logs", "tools.verbs.logs:logs", "What the processes said."),
     Verb("list", "tools.verbs.listing:list_topics", "Topics with their rates and fields."),
     Verb("hz", "tools.verbs.listing:hz", "Measured rates of topics."),
@@ -71,7 +72,7 @@ VERBS: tuple[Verb, ...] = (
     Verb("scope", "tools.verbs.scope:scope", "Fields at full rate around a moment, as a plot or a table."),
     Verb("export", "tools.verbs.export:export", "A recording as CSV, Parquet or a bag of rosbag2."),
     Verb("compare", "tools.verbs.compare:compare", "What is different in two recordings."),
-    Verb("attach", "tools.verbs.attach:attach", "Live table of processes and topics."),
+    Verb("attach", "tools.verbs.attach:attach", "Look into a system, live, on the whole terminal."),
     Verb("recordings", "tools.verbs.recordings:recordings", "Recordings there are, with what they are of."),
     Verb("dump", "tools.verbs.dump:dump", "Save what shared memory holds of a system, dead or alive."),
     Verb("report", "tools.verbs.report:report", "Pack logs, recordings and versions for a bug report."),
@@ -121,7 +122,13 @@ def _add(app: typer.Typer, verb: Verb, *, stub: bool) -> None:
         return
     function = _stub if stub else guarded(loaded(verb.door))
     settings = {"ignore_unknown_options": True} if verb.raw else None
-    app.command(verb.name, short_help=verb.text, rich_help_panel=panel, context_settings=settings)(function)
+    text = None if stub else _flowing(function.__doc__ or "")
+    app.command(verb.name, help=text, short_help=verb.text, rich_help_panel=panel, context_settings=settings)(function)
+
+
+def _flowing(text: str) -> str:
+    """A docstring whose paragraphs are lines, for terminals of any width."""
+    return "\n\n".join(" ".join(paragraph.split()) for paragraph in inspect.cleandoc(text).split("\n\n"))
 
 
 def _version(asked: bool) -> None:

@@ -69,8 +69,14 @@ trocar_environment() {
     fi
     stamp="$root/.venv/.trocar$extras"
     wanted=$(cat "$root/pyproject.toml" "$root/constraints.txt" | cksum)
-    if [ -x "$python" ] && [ -f "$stamp" ] && [ "$(cat "$stamp")" = "$wanted" ]; then
-        return 0
+    set -- "$stamp"
+    [ -n "$extras" ] || set -- "$stamp" "$root"/.venv/.trocar\[* # one that has more than the program needs will do
+    for made; do
+        [ -x "$python" ] && [ -f "$made" ] && [ "$(cat "$made")" = "$wanted" ] && return 0
+    done
+    if [ ! -w "$root" ]; then
+        echo "trocar: you may not write in $root, where .venv is made; clone it into a folder of your own" >&2
+        return 1
     fi
     if ! base=$(trocar_find_python); then
         echo "trocar: needs Python 3.11 or newer, found $(python3 --version 2>&1 || echo none); try: sudo apt-get install python3.11 python3.11-venv" >&2

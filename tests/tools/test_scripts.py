@@ -74,6 +74,20 @@ def test_an_installed_project_starts_at_once_and_passes_arguments_on(tmp_path: P
         assert done.stdout == f"-P -m tools {meant}\n"
 
 
+def test_what_the_tests_have_installed_is_enough_to_start(tmp_path: Path) -> None:
+    environment = bare(tmp_path, "exit 1")
+    fake = tmp_path / ".venv" / "bin"
+    fake.mkdir(parents=True)
+    (fake / "python").write_text('#!/bin/sh\necho "$@"\n')
+    (fake / "python").chmod(0o755)
+    wanted = subprocess.run("cat pyproject.toml constraints.txt | cksum", shell=True, cwd=tmp_path, text=True,
+                            capture_output=True, check=True).stdout
+    (tmp_path / ".venv" / ".trocar[dev,bench]").write_text(wanted)
+    assert ask(tmp_path, "start", environment).stdout == "-P -m tools demo\n"
+    (tmp_path / ".venv" / ".trocar[dev,bench]").write_text("of other requirements\n")
+    assert ask(tmp_path, "start", environment).returncode == 1  # it would be made anew, and there is no Python for that
+
+
 @pytest.mark.parametrize("script", ["start", "test"])
 def test_a_broken_python_that_was_chosen_is_refused(tmp_path: Path, script: str) -> None:
     environment = bare(tmp_path, "exit 0")

@@ -43,7 +43,7 @@ def play(master: Provider, recording: Recording, pace: float, times: int, held: 
 
 
 def recorded_master(
-    file: Annotated[Path, typer.Argument(help="CSV: time, x, y, z, qx, qy, qz, qw, gripper, buttons.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="CSV: time, x, y, z, qx, qy, qz, qw, gripper, buttons.")],
     arm: Annotated[str, typer.Option("--arm", help="The arm that it takes the place of.")] = "MTMR",
     press: Annotated[list[str] | None, typer.Option("--press", help="A button held down all the time.")] = None,
     pace: Annotated[float, typer.Option("--pace", min=0.01, max=10.0, help="2: twice as fast.")] = 1.0,

@@ -35,7 +35,7 @@ BENCHES = {
 
 
 def bench(
-    name: Annotated[str, typer.Argument(help=f"What to measure: {', '.join(BENCHES)}.")],
+    name: Annotated[str, typer.Argument(metavar="NAME", help=f"What to measure: {', '.join(BENCHES)}.")],
     file: Annotated[Path | None, typer.Argument(metavar="[SYSTEM]", help="system: its file; none: ours.")] = None,
     path: Annotated[list[Path] | None, typer.Option("--path", help="system: also look for named files here.")] = None,
     boards: Annotated[str, typer.Option("--boards", help="system: `emulated`, no hardware.")] = "",

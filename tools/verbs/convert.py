@@ -18,7 +18,8 @@ FINE, WRONG = 0, 1
 
 
 def convert(
-    files: Annotated[list[Path], typer.Argument(help="IO and PID XML, .rob, console*.json, old arm files; folders.")],
+    files: Annotated[list[Path], typer.Argument(
+        metavar="FILES...", help="IO and PID XML, .rob, console*.json, old arm files; folders.")],
     to: Annotated[
         Path | None, typer.Option("--to", metavar="FOLDER", help="Write here, not beside the old file.")
     ] = None,

@@ -31,7 +31,8 @@ HISTORY = 100  # events shown of those from before
 
 
 def echo(
-    topic: Annotated[str, typer.Argument(help="INSTANCE/NAME, as in trocar list, or a field: PSM1/state.position[0].")],
+    topic: Annotated[str, typer.Argument(
+        metavar="TOPIC", help="INSTANCE/NAME, as in trocar list, or a field: PSM1/state.position[0].")],
     once: Annotated[bool, typer.Option("--once", help="Print the newest and leave.")] = False,
     count: Annotated[int, typer.Option("-n", "--count", min=0, help="Leave after so many; 0: go on.")] = 0,
     rate: Annotated[float, typer.Option("--rate", min=0.0, help="At most so many a second; 0: every record.")] = 10.0,

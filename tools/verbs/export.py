@@ -17,7 +17,7 @@ FORMATS = (CSV, PARQUET, ROSBAG2)
 
 
 def export(
-    file: Annotated[Path, typer.Argument(help="A recording.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A recording.")],
     to: Annotated[str, typer.Option(
         "--to-folder", "-o", metavar="FOLDER", help="A new one; -: a topic as CSV on our output.")] = "",
     form: Annotated[str, typer.Option("--format", metavar="FORMAT", help="csv, parquet or rosbag2.")] = CSV,

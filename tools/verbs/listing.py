@@ -68,7 +68,8 @@ def _described(entry: TopicEntry) -> dict[str, Any]:
 
 
 def hz(
-    topics: Annotated[list[str] | None, typer.Argument(help="Topics, or fields of topics; none: every record.")] = None,
+    topics: Annotated[list[str] | None, typer.Argument(
+        metavar="[TOPICS]...", help="Topics, or fields of topics; none: every record.")] = None,
     window: Annotated[float, typer.Option("--window", min=0.05, help="Seconds to count.")] = WINDOW_S,
     csv: Annotated[str, typer.Option("--csv", metavar="FILE", help="As CSV; -: on the output.")] = "",
     as_json: JsonOption = False,

@@ -14,7 +14,7 @@ from tools.printing import emit, note, progress, table
 from tools.systems import chosen_system
 
 Arms = Annotated[list[str] | None, typer.Argument(metavar="[ARM]...", help="Arms; none: all of the system.")]
-Timeout = Annotated[float, typer.Option("--timeout", min=0.0, help="Seconds for each step; 0: the usual limit.")]
+Timeout = Annotated[float, typer.Option("--timeout", min=0.0, help="Seconds for each step; 0: what is usual.")]
 
 
 def power_on(

@@ -18,7 +18,8 @@ HIDDEN = ("sequence", "stamp_ns")
 
 
 def get(
-    name: Annotated[str, typer.Argument(help="NAME or NAME.property; without it, all there are.")] = "",
+    name: Annotated[str, typer.Argument(
+        metavar="[NAME]", help="NAME or NAME.property; without it, all there are.")] = "",
     as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:
@@ -45,7 +46,8 @@ def get(
 
 def set_property(
     name: Annotated[str, typer.Argument(metavar="NAME.PROPERTY", help="Which one.")],
-    value: Annotated[str, typer.Argument(help="Its value from now on, within its bounds: a number, or a text.")],
+    value: Annotated[str, typer.Argument(
+        metavar="VALUE", help="Its value from now on, within its bounds: a number, or a text.")],
     save: Annotated[bool, typer.Option("--save", help="Keep all of them for the next start.")] = False,
     system: SystemOption = None,
 ) -> int:

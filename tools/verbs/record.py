@@ -31,6 +31,7 @@ SHOWN: Final = ("name", "path", "passed_s", "bytes", "messages", "lost", "proble
 def record(
     name: Annotated[str, typer.Argument(metavar="[NAME]", help="What it is called; its file is NAME-TIME.mcap.")] = "",
     topics: Annotated[list[str] | None, typer.Argument(
+        metavar="[TOPICS]...",
         help="Topics, or instances with all that they write; none: all arms, io and consoles.")] = None,
     seconds: Annotated[float, typer.Option("--for", min=0.0, max=86400.0, help="So many seconds; 0: until Ctrl-C.")
                        ] = 0.0,

@@ -27,7 +27,7 @@ SPEEDS = 0.01, 100.0
 
 
 def replay(
-    file: Annotated[Path, typer.Argument(help="A recording.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A recording.")],
     arms: Annotated[list[str] | None, typer.Option("--arms", metavar="ARM", help="Only these; again for more.")] = None,
     commands: Annotated[bool, typer.Option("--commands", help="What arms were asked for instead.")] = False,
     name: Annotated[str, typer.Option("--as", metavar="NAME", help="Show the records as a system of this name.")] = "",

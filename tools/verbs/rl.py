@@ -24,7 +24,7 @@ COLUMNS = ("seed", "steps", "return", "success", "ended by", "state", "hash")
 
 
 def rollout(
-    environment: Annotated[str, typer.Argument(help="Its name, as for gymnasium.make.")],
+    environment: Annotated[str, typer.Argument(metavar="ENVIRONMENT", help="Its name, as for gymnasium.make.")],
     episodes: Annotated[int, typer.Option("--episodes", "-n", min=1, help="So many.")] = 10,
     actors: Annotated[int, typer.Option("--actors", min=0, help="Processes of Ray, a core each; 0: none.")] = 0,
     policy: Annotated[str, typer.Option(

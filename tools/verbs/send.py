@@ -23,8 +23,8 @@ FORMER: Final = {
 
 
 def send(
-    component: Annotated[str, typer.Argument(help="Instance: PSM1, IO1, boards, supervisor…")],
-    command: Annotated[str, typer.Argument(help="Command; without one, all there are.")] = "",
+    component: Annotated[str, typer.Argument(metavar="COMPONENT", help="Instance: PSM1, IO1, boards, supervisor…")],
+    command: Annotated[str, typer.Argument(metavar="[COMMAND]", help="Command; without one, all there are.")] = "",
     arguments: Annotated[list[str] | None, typer.Argument(metavar="[ARGS]...", help="Numbers and text.")] = None,
     wait: Annotated[bool, typer.Option("--wait", help="Until it is done, not only accepted.")] = False,
     timeout: Annotated[float, typer.Option("--timeout", min=0.0, help="Seconds to wait for an answer.")] = 0.0,

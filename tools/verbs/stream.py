@@ -24,8 +24,10 @@ SHOWN_EVERY = 20
 
 
 def stream(
-    arm: Annotated[str, typer.Argument(help="A homed arm.")],
-    file: Annotated[Path, typer.Argument(help="CSV: positions, velocities, efforts of all joints; rad, m.")],
+    arm: Annotated[str, typer.Argument(metavar="ARM", help="A homed arm.")],
+    file: Annotated[Path, typer.Argument(
+        metavar="FILE", help="CSV; in each row positions of all joints and the jaw, "
+        "then, if you have them, their velocities, then their efforts; rad, m.")],
     rate: Annotated[float, typer.Option("--rate", min=1.0, max=1500.0, help="Rows a second.")] = 200.0,
     seconds: Annotated[float, typer.Option("--for", min=0.0, help="Stop after so many seconds; 0: all rows.")] = 0.0,
     as_json: JsonOption = False,

@@ -31,7 +31,9 @@ def up(
         "--calibration-mode", "-C", help="For calibrating: no potentiometer checks.")] = False,
     clock: ClockOption = "",
     seconds: Annotated[float | None, typer.Option("--for", min=0.0, help="Stop after so many seconds.")] = None,
-    sets: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Set a Trocar value.")] = None,
+    sets: Annotated[list[str] | None, typer.Option(
+        "--set", metavar="KEY=VALUE", help="Set a key of the `trocar:` section, as io.period_s=0.001; "
+        "docs/configuration.md has all.")] = None,
     detach: Annotated[bool, typer.Option("--detach", help="Return when it is up, leave it running.")] = False,
     as_json: JsonOption = False,
     system: Annotated[str, typer.Option("--system", envvar="TROCAR_SYSTEM", metavar="NAME", help="Its name.")] = NAME,
