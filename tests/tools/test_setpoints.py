@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -96,6 +96,35 @@ def test_a_stream_that_was_held_up_does_not_go_on(monkeypatch: pytest.MonkeyPatc
     assert next(numbers) == 58 and skipped == [8], "late, not held up"
     wait(1.5)
     with pytest.raises(HeldUp, match=r"held up for 1\.5 s"):
+        next(numbers)
+
+
+class SlowTime:
+    """Simulated time of a busy machine: it passes while one waits for it, and real time does not matter."""
+
+    simulated = True
+
+    def __init__(self) -> None:
+        self.now = 7_000_000_000
+
+    def now_ns(self) -> int:
+        return self.now
+
+    def pause_until(self, deadline_ns: int, real_s: float | None) -> None:
+        self.now = deadline_ns
+
+
+def test_goals_of_a_stream_go_by_the_systems_time_however_slow_that_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("monotonic_ns", "boottime_ns", "pause"):
+        monkeypatch.setattr(following, name, lambda *_: pytest.fail("real time was asked for"))
+    skipped, time = [0], SlowTime()
+    numbers: Any = beats(200.0, 1000, skipped, 0.1, cast(SystemTime, time))
+    assert [(number, time.now - 7_000_000_000) for number in numbers] == [
+        (k, 5_000_000 * (k + 1)) for k in range(1000)] and skipped == [0]
+    numbers = beats(200.0, None, skipped, 0.1, cast(SystemTime, time))
+    next(numbers)
+    time.now += 200_000_000
+    with pytest.raises(HeldUp):
         next(numbers)
 
 

@@ -76,6 +76,20 @@ def test_a_teleoperation_that_stopped_says_why_and_what_to_do(monkeypatch: pytes
     assert standing._teleop("s", process("A_B"), Any).reason == f"PSM1 has no jaw; {codes.NO_JAW.remedy}"
 
 
+@pytest.mark.parametrize(("flags", "state", "reason"), [
+    (("valid",), "teleoperation off", "a person: trocar send console teleop_enable 1"),
+    (("valid", "teleop_enabled", "clutch"), "teleoperation on, clutch", "the operator: pedal or head sensor"),
+    (("valid", "teleop_enabled", "operator_present", "camera"), "teleoperation on, camera", ""),
+    (("teleop_enabled", "operator_present"), "teleoperation on",
+     "one of its inputs is silent: the operator counts as absent"),
+])
+def test_a_console_says_what_it_waits_for(monkeypatch: pytest.MonkeyPatch, flags: tuple[str, ...], state: str,
+                                          reason: str) -> None:
+    monkeypatch.setattr(standing, "_flag", lambda _, field: field in flags)
+    found = standing._console("s", process("console"), Any)
+    assert (found.state, found.reason) == (state, reason)
+
+
 def fault(name: str, code: str, stamp_ns: int) -> Standing:
     return Standing(name, "arm", "FAULT", False, f"{name}: {code}", fault={
         "code": code, "hint": "", "monotonic_ns": stamp_ns})
