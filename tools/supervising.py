@@ -132,12 +132,12 @@ class Background:
 
 
 @contextlib.contextmanager
-def up_meanwhile(request: StartRequest) -> Iterator[Background]:
-    """A system, up; down again on every path."""
+def up_meanwhile(request: StartRequest, timeout: float = START_S) -> Iterator[Background]:
+    """A system, up within `timeout` s; down again on every path."""
     with progress(f"starting {request.system}") as say:
         background = Background(request, tied=True)
         try:
-            background.wait_until_up(say)
+            background.wait_until_up(say, timeout)
         except BaseException:
             background.stop(say)
             raise

@@ -6,6 +6,7 @@ last column says is typed: then all is well.
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -130,6 +131,16 @@ def test_what_is_seen_is_mended_by_what_the_row_says(homed: Robot, key: str) -> 
     for order in scenario.mends:
         homed.trocar("send", "boards", *order.split())
     type_it(homed, row)
+
+
+def test_the_arms_own_error_has_axis_and_board_as_data(homed: Robot) -> None:
+    homed.trocar("home", timeout=300)
+    homed.trocar("send", "boards", "amp_fault", "PSM1", "2", "1")
+    wait_for(lambda: "FAULT" in printed(homed, STATUS), 60.0, "FAULT")
+    event = json.loads(homed.types("echo", "PSM1/error", "-n", "1", "--json").stdout.splitlines()[-1])
+    assert (event["code"], event["axis"], event["board"]) == ("amplifier", 2, 6), event
+    homed.trocar("send", "boards", "amp_fault", "PSM1", "2", "0")
+    homed.trocar("home", timeout=300)
 
 
 def test_an_instrument_that_nobody_named_is_asked_for(robot: Robot, tmp_path: Path) -> None:

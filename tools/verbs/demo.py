@@ -27,7 +27,7 @@ from tools.inspect.tracing import Trace
 from tools.inspect.watch import arm_document
 from tools.options import ClockOption, JsonOption, clock_set
 from tools.printing import emit, note, number, printable, progress, table, tell
-from tools.supervising import StartRequest, up_meanwhile
+from tools.supervising import START_S, StartRequest, up_meanwhile
 from tools.systems import ROOT
 from tools.web_address import web_addresses
 
@@ -67,8 +67,8 @@ def demo(
     end = begin + round((SLOWEST * seconds + AROUND_S) * 1e9) if seconds else None
     summary: dict[str, Any] = {"problems": []}
     with reserved_port(GUI_PORT) as port, up_meanwhile(
-            StartRequest(SYSTEM, system, "emulated", sets=(*sets, f"gui.listen={listen or f'127.0.0.1:{port}'}"))
-            ) as background:
+            StartRequest(SYSTEM, system, "emulated", sets=(*sets, f"gui.listen={listen or f'127.0.0.1:{port}'}")),
+            _left_s(end) or START_S) as background:
         try:
             note(f"see it, and run it: {', '.join(web_addresses(system))}")
             _bring_up(system, begin, end)
