@@ -8,6 +8,8 @@ from procs.rl.backend import RobotStopped
 from procs.rl.environment import RobotEnv
 from procs.rl.hand_over import PsmHandOver
 from procs.rl.picture import PictureError
+from procs.rl.push import PsmPush
 from procs.rl.tasks import EcmAim, PsmReach, PsmTrack
 
-__all__ = ["EcmAim", "PictureError", "PsmHandOver", "PsmReach", "PsmTrack", "RobotEnv", "RobotStopped", "RunningSystem"]
+__all__ = ["EcmAim", "PictureError", "PsmHandOver", "PsmPush", "PsmReach", "PsmTrack", "RobotEnv", "RobotStopped",
+           "RunningSystem"]

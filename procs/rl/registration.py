@@ -7,7 +7,8 @@ from typing import Final
 import gymnasium
 
 NAMES: Final = {"PsmReach-v0": "procs.rl.tasks:PsmReach", "PsmTrack-v0": "procs.rl.tasks:PsmTrack",
-                "EcmAim-v0": "procs.rl.tasks:EcmAim", "PsmHandOver-v0": "procs.rl.hand_over:PsmHandOver"}
+                "EcmAim-v0": "procs.rl.tasks:EcmAim", "PsmHandOver-v0": "procs.rl.hand_over:PsmHandOver",
+                "PsmPush-v0": "procs.rl.push:PsmPush"}
 
 for _name, _where in NAMES.items():
     if f"trocar/{_name}" not in gymnasium.registry:

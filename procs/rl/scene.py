@@ -90,10 +90,19 @@ def _outside(model: ArmModel, end: Array, radius: float, colour: Colour) -> list
 
 def _instrument(model: ArmModel, at: Array, jaw: float, colour: Colour) -> list[Drawn]:
     """A PSM: shaft, wrist and two fingers."""
+    return [*_outside(model, _wrist(model, at), SHAFT_M, colour), *touching(model, at, jaw)]
+
+
+def _wrist(model: ArmModel, at: Array) -> Array:
+    """Where the shaft of an instrument ends (3,)."""
     chain = model.kinematics
-    wrist = (model.base @ chain.fk_to(at, min(WRIST_FRAME, chain.n)))[:3, 3]
-    last, tip = model.base @ chain.fk_to(at, chain.n), model.tip(at)
-    found = [*_outside(model, wrist, SHAFT_M, colour), rod(wrist, last[:3, 3], WRIST_M, STEEL)]
+    return np.asarray((model.base @ chain.fk_to(at, min(WRIST_FRAME, chain.n)))[:3, 3])
+
+
+def touching(model: ArmModel, at: Array, jaw: float) -> list[Drawn]:
+    """What of a PSM touches things: rods that stay as large as they are, its wrist and two fingers."""
+    wrist, last, tip = _wrist(model, at), model.base @ model.kinematics.fk_to(at, model.kinematics.n), model.tip(at)
+    found = [rod(wrist, last[:3, 3], WRIST_M, STEEL)]
     hinge, forward, axis = last[:3, 3], tip[:3, 2], last[:3, 2]
     for side in (-0.5, 0.5):
         turn = rotation_from_vector(side * max(jaw, 0.0) * axis)

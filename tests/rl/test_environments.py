@@ -17,12 +17,13 @@ from gymnasium.utils.env_checker import check_env
 from procs.rl.environment import RobotEnv
 from procs.rl.hand_over import FIRST, SECOND, PsmHandOver
 from procs.rl.hosted import HostedRobot
+from procs.rl.push import PsmPush
 from procs.rl.systems import document
 from procs.rl.tasks import EcmAim, PsmReach, PsmTrack
 from shm.segment import names_of
 from tests.rl.playing import drawn, toward
 
-TASKS = (PsmReach, PsmTrack, EcmAim, PsmHandOver)
+TASKS = (PsmReach, PsmTrack, EcmAim, PsmHandOver, PsmPush)
 
 
 def ours() -> set[tuple[str, str, str]]:

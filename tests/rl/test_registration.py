@@ -39,4 +39,4 @@ def test_gymnasium_makes_them_by_their_names() -> None:
     said = python("import trocar, gymnasium\ngymnasium.register_envs(trocar.rl)\n"
                   "names = [n for n in gymnasium.registry if n.startswith('trocar/')]\n"
                   "for n in names: gymnasium.make(n, starts=1).close()\nprint(*sorted(names))")
-    assert said == "trocar/EcmAim-v0 trocar/PsmHandOver-v0 trocar/PsmReach-v0 trocar/PsmTrack-v0"
+    assert said == "trocar/EcmAim-v0 trocar/PsmHandOver-v0 trocar/PsmPush-v0 trocar/PsmReach-v0 trocar/PsmTrack-v0"
