@@ -30,7 +30,7 @@ FRICTION: Final = (0.6, 0.002, 0.0001)
 
 
 @dataclass(frozen=True, slots=True)
-class Block:
+class PushedBlock:
     """One block: half its sizes (3,), m, its mass, kg, its colour."""
 
     half_m: tuple[float, float, float]
@@ -41,7 +41,7 @@ class Block:
 class Objects:
     """Blocks, a table, and the parts of instruments that touch them."""
 
-    def __init__(self, parts: Sequence[Drawn], blocks: Sequence[Block], table_m: float) -> None:
+    def __init__(self, parts: Sequence[Drawn], blocks: Sequence[PushedBlock], table_m: float) -> None:
         """`parts`: rods, of which only the place changes from now on; `table_m`: height of the table."""
         self._blocks, self._table_m = blocks, table_m
         self._model = mujoco.MjModel.from_xml_string(_scene(parts, blocks, table_m))
@@ -100,7 +100,7 @@ class Objects:
                 for pose, block in zip(poses, self._blocks, strict=True)]
 
 
-def _scene(parts: Sequence[Drawn], blocks: Sequence[Block], table_m: float) -> str:
+def _scene(parts: Sequence[Drawn], blocks: Sequence[PushedBlock], table_m: float) -> str:
     """The scene for MuJoCo: blocks first, so that they are the first in its state."""
     free = "".join(
         f'<body><freejoint/><geom type="box" size="{_numbers(block.half_m)}" mass="{block.mass_kg}"/></body>'

@@ -8,13 +8,13 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.rl.objects import Block, Objects
+from procs.rl.objects import Objects, PushedBlock
 from procs.rl.scene import GREEN, Drawn, ball, touching
 from procs.rl.tasks import PsmReach
 
 Array = NDArray[np.float64]
 
-BLOCK: Final = Block((0.006, 0.006, 0.005), 0.004, (0.93, 0.62, 0.12, 1.0))
+BLOCK: Final = PushedBlock((0.006, 0.006, 0.005), 0.004, (0.93, 0.62, 0.12, 1.0))
 NEAR_M: Final = 0.012
 """The block begins so near to below the middle."""
 PUSH_M: Final = (0.010, 0.022)
