@@ -13,12 +13,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final, NoReturn
 
+import numpy as np
+from numpy.typing import NDArray
+
 from procs.document.system import SystemConfig
 from procs.kinematics.poses import angle_between, matrix_from_pose
 from procs.rl.backend import RobotStopped
 from procs.rl.link import ArmLink
 from procs.rl.model import ArmModel, StartPose
 from procs.rl.others import OtherCommands
+from procs.rl.way import Way
 from shm import directory
 from shm.client import Client, MailboxFull, begin
 from shm.clock import boottime_ns
@@ -28,6 +32,8 @@ from tools.errors import Problem
 from tools.inspect.watch import arm_names, document_of
 from tools.systems import chosen_system
 
+Array = NDArray[np.float64]
+
 GAP_NS: Final = 100_000_000
 """Setpoints that come so much later than they should belong to no stream any more; the arm has the same limit."""
 STANDS_S: Final = 10.0
@@ -35,6 +41,8 @@ STANDS_S: Final = 10.0
 MOVE_S: Final = 12.0
 """A move at full speed takes less, one at a tenth of it less than ten times as much."""
 POLL_S: Final = 0.01
+SHOWN: Final = 50
+"""So many looks at a record until it shows what an arm has said."""
 FRESH_NS: Final = 200_000_000
 BASE_M, BASE_RAD = 0.001, 0.01
 """The base of an arm that stands on setup joints trembles so much; one that moves further is being moved."""
@@ -91,6 +99,7 @@ class AttachedRobot:
             if len(frames := {link.frame for link in self.links}) > 1:
                 raise Problem(f"{', '.join(names)} tell their poses in different frames: {', '.join(sorted(frames))}")
             self._held = stack.pop_all()
+        self._ways = [Way(model) for model in self.models]
         self._due_ns: int | None = None
         """When the next setpoint is due, on the clock that shows gaps; None: no stream is under way."""
         self._is_asking, self._asked = False, 0
@@ -115,7 +124,8 @@ class AttachedRobot:
     def look(self, number: int) -> str:
         """See RobotBackend.
 
-        Of an arm that shows nothing any more, that others command, or whose base has moved, nothing is to be asked.
+        Of an arm that shows nothing any more, that others command or move, or whose base has moved, nothing is to be
+        asked.
         """
         link, model = self.links[number], self.models[number]
         link.look()
@@ -125,6 +135,8 @@ class AttachedRobot:
             return link.problem
         if asked := self._others[number].look():
             return f"{link.name} was asked for {asked}"
+        if why := self._otherwise(number):
+            return why
         if (base := link.base).tobytes() != self._bases[number].tobytes():
             self._bases[number] = base
             model.base[...] = matrix_from_pose(base)
@@ -133,25 +145,41 @@ class AttachedRobot:
             return f"the base of {link.name} has moved since the environment was made"
         return f"poses of {link.name} are told in {link.frame}, not {self.frame}" if link.frame != self.frame else ""
 
+    def _otherwise(self, number: int) -> str:
+        """What has been done with an arm that we did not ask for; its clutch, say, leaves nothing in the audit."""
+        link, model, way = self.links[number], self.models[number], self._ways[number]
+        if link.carried != model.carried:
+            return f"{link.name} carries {link.carried or 'nothing'}, not {model.carried} any more"
+        if not way.has_begun:
+            return ""
+        if link.is_busy:
+            return f"{link.name} is {link.doing}, which we did not ask for"
+        far = way.objection(model.vector(*link.setpoint(model.count)))
+        return f"{link.name} was moved by somebody else: {far} from where we asked it to be" if far else ""
+
     def now_ns(self) -> int:
         """The system's time."""
         return self._time.now_ns()
+
+    def heads_for(self, number: int, joints: Array, jaw: float) -> None:
+        """See RobotBackend."""
+        self._ways[number].add(self.models[number].vector(joints, jaw), self.now_ns())
 
     def begin(self, number: int, starts: Sequence[StartPose], seed: int) -> None:
         """See RobotBackend: a slow move of all joints, of one arm after the other. RobotStopped after a fault."""
         self._check()
         self._due_ns = None
-        for others in self._others:
+        for others, way in zip(self._others, self._ways, strict=True):
             others.begin()
+            way.forget()
         for number, (start, model) in enumerate(zip(starts, self.models, strict=True)):
             link = self.links[number]
             if why := self.look(number):
                 self._give_up(why)
             if link.is_busy:
-                raise RobotStopped(f"{link.name} moves, which we did not ask for; begin when it stands")
-            if link.carried != model.carried:
-                self._give_up(f"{link.name} carries {link.carried or 'nothing'}, not {model.carried} any more")
+                raise RobotStopped(f"{link.name} is {link.doing}, which we did not ask for; begin when it stands")
             self._slowly(number, start, model.has_jaw)
+            self._stands(number)
         self._due_ns = None  # a learner may take its time before the first step
 
     def _slowly(self, number: int, start: StartPose, has_jaw: bool) -> None:
@@ -169,6 +197,22 @@ class AttachedRobot:
                     link.send("hold")
                 link.send("trajectory_j/set_ratio_v", (velocity,))
                 link.send("trajectory_j/set_ratio_a", (acceleration,))
+
+    def _stands(self, number: int) -> None:
+        """Its record shows where our move has brought it: from there it goes on, or nothing does."""
+        link, model = self.links[number], self.models[number]
+        if not self._shown(number, lambda: not link.is_busy):
+            self._give_up(f"{link.name} is {link.doing}, which we did not ask for")
+        self._ways[number].begin(model.vector(*link.setpoint(model.count)))
+
+    def _shown(self, number: int, what: Callable[[], bool]) -> bool:
+        """Wait, not long, until an arm's record shows something; False: it does not."""
+        for _ in range(SHOWN):
+            self.links[number].look()
+            if what():
+                return True
+            self._time.pause(POLL_S, STANDS_S)
+        return False
 
     def _done(self, arm: int, command: str, values: tuple[float, ...]) -> None:
         """Ask, and wait for the end; RobotStopped where it is no good one."""

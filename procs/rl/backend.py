@@ -5,8 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final, Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from procs.rl.link import ArmLink
 from procs.rl.model import ArmModel, StartPose
+
+Array = NDArray[np.float64]
 
 KINEMATIC, BOARDS, ATTACHED = "kinematic", "boards", "attached"
 BACKENDS: Final = (KINEMATIC, BOARDS, ATTACHED)
@@ -39,6 +44,9 @@ class RobotBackend(Protocol):
 
         `seed`: of the noise of emulated sensors.
         """
+
+    def heads_for(self, number: int, joints: Array, jaw: float) -> None:
+        """An arm is going to be brought to joints (count,) and a jaw: where else its setpoint goes is not our doing."""
 
     def wait_until(self, deadline_ns: int) -> None:
         """Let the system's time come; RobotStopped where it came so late that nothing may go on."""

@@ -35,6 +35,8 @@ STREAM_HZ: Final = (100, 200)
 FURTHEST, QUICKEST = 10.0, 100.0
 """Bounds of what is observed: m and rad, m/s and rad/s."""
 NS: Final = 1_000_000_000
+REFUSED_NS: Final = 100_000_000
+"""An arm that follows nothing for so long is not ours; shorter, its base trembles."""
 MAX_PIXELS: Final = 4096
 OPTIONS: Final = ("start", "goal")
 """Of reset."""
@@ -152,10 +154,13 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
         self.steps, self._grid_ns, self._fault = 0, self.robot.now_ns(), ""
         for link, steering, line in zip(self.robot.links, self._steering, self._lines, strict=True):
             link.look()
+            link.hear()
             link.forget()
             steering.begin(*link.setpoint(steering.model.count))
             line.begin()
         self._look()
+        if self._fault:
+            raise RobotStopped(self._fault)
         self.begin_task(self.np_random)
         if (goal := options.get("goal")) is not None:
             self.goal = _given_goal(goal, self.GOAL)
@@ -170,8 +175,9 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
         if len(given) != self._actions or not np.isfinite(given).all():
             raise ValueError(f"an action is {self._actions} finite numbers, not {action!r}")
         first = 0
-        for steering in self._steering:
+        for number, steering in enumerate(self._steering):
             steering.take(given[first : first + steering.size])
+            self.robot.heads_for(number, steering.joints, steering.jaw)
             first += steering.size
         try:
             self._stream()
@@ -199,8 +205,10 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
                 for command, values in commands:
                     link.send(command, values)
             robot.wait_until(start_ns + part * tick_ns)
-            for link in robot.links:
+            for number, link in enumerate(robot.links):
                 link.hear()
+                if link.refusals * tick_ns > REFUSED_NS:
+                    raise RobotStopped(robot.look(number) or f"{link.name} refuses: {link.refusal}")
         self._grid_ns = start_ns + self._parts * tick_ns
 
     def _look(self) -> None:

@@ -107,6 +107,9 @@ class HostedRobot:
         """See RobotBackend: here time passes at once."""
         self._open().run_until(deadline_ns)
 
+    def heads_for(self, number: int, joints: Array, jaw: float) -> None:
+        """See RobotBackend: nobody else is here."""
+
     def keeps_pace(self, period_ns: int) -> None:
         """See RobotBackend: time waits for us."""
 

@@ -11,7 +11,7 @@ from shm.ring import RingReader
 
 Array = NDArray[np.float64]
 
-ENABLED = b"ENABLED"
+ENABLED, HOMED = b"ENABLED", "HOMED"
 REFUSED = ("refused", "failed")
 
 
@@ -28,13 +28,15 @@ class ArmLink:
             reader.field("base_frame")
         self._state, self._homed, self._reason = reader.field("state"), reader.field("is_homed"), \
             reader.field("reason")
-        self._busy = reader.field("is_busy")
+        self._busy, self._sub_state = reader.field("is_busy"), reader.field("sub_state")
         self._frame, self._carried = reader.field("reference_frame"), reader.field("tool")
         self._count = reader.field("count")
         self._ratio = reader.field("trajectory_ratio_v"), reader.field("trajectory_ratio_a")
         self.stamp_ns = 0
         self.refusal = ""
         """Why a command of ours was refused since `forget`; empty: none was."""
+        self.refusals = 0
+        """So many times in a row something was refused that was heard of."""
 
     def look(self) -> bool:
         """Take the newest record; False: there is none."""
@@ -52,6 +54,12 @@ class ArmLink:
     def is_busy(self) -> bool:
         """A move, or a change of its state, is under way."""
         return bool(self._busy[()])
+
+    @property
+    def doing(self) -> str:
+        """Why it is busy: its internal state, MANUAL where a hand has it; "moving" where it is homed."""
+        doing = str(plain(self._sub_state.item()))
+        return "moving" if doing == HOMED else doing
 
     @property
     def problem(self) -> str:
@@ -118,10 +126,11 @@ class ArmLink:
 
     def hear(self, number: int = 0) -> str:
         """Take answers in; the outcome of command `number`, where it has ended, else empty."""
-        ended = ""
+        ended, was_refused = "", False
         for reply in self._client.poll():
             if reply.outcome in REFUSED:
-                self.refusal = self.refusal or reply.text or reply.outcome
+                self.refusal, was_refused = self.refusal or reply.text or reply.outcome, True
             if reply.id == number and reply.outcome != "accepted":
                 ended = reply.outcome
+        self.refusals = self.refusals + 1 if was_refused else 0
         return ended

@@ -62,6 +62,10 @@ class ArmModel:
         """Where the tip is at the centre (3,), m."""
         self.jaw = jaw
 
+    def vector(self, at: Array, jaw: float) -> Array:
+        """Joints (count,) and the jaw, where there is one, in one vector."""
+        return np.append(at, jaw) if self.has_jaw else np.array(at)
+
     def tip(self, at: Array) -> Array:
         """The tip at joints (count,)."""
         return compose(self.base, self.local_tip(at))

@@ -216,12 +216,95 @@ def test_a_base_that_is_moved_ends_it_before_the_arm_jumps(psm: Host) -> None:
     before = state.field("setpoint_position").copy()
     person.send("set_base_frame", (0.0, 0.0, 0.0005, 0.0, 0.0, 0.0, 1.0), "PSM1_base")
     psm.run(0.01)
-    assert not env.step(np.zeros(7))[2], "it trembles"
+    assert not (seen := env.step(np.zeros(7)))[2], seen[4]
     assert state.newest() and np.abs(state.field("setpoint_position") - before).max() < 1e-3
     person.send("set_base_frame", (0.0, 0.0, 0.02, 0.0, 0.0, 0.0, 1.0), "PSM1_base")
     psm.run(0.01)
     is_over(env, "the base of PSM1 has moved since the environment was made")
     assert state.newest() and np.abs(state.field("setpoint_position") - before).max() < 1e-3
+    env.close()
+
+
+class HandAtArm:
+    """A person at the arm, who presses its clutch, and pushes it."""
+
+    def __init__(self, host: Host) -> None:
+        self._host, self._boards, self._state = host, host.client("boards"), host.reader("PSM1")
+
+    def clutch(self, on: bool) -> None:
+        self._boards.send("press", (float(on),), "PSM1_arm_clutch")
+
+    def moves(self) -> None:
+        """From when the clutch is pressed to when it is released and the arm holds."""
+        self.clutch(True)
+        self._host.run(0.22)
+        self._boards.send("apply_effort", (1.0, *(0.0,) * 6), "PSM1")
+        self._host.run(0.1)
+        self._boards.send("apply_effort", (0.0,) * 7, "PSM1")
+        self.clutch(False)
+        self._host.run(0.3)
+        assert self._state.newest() and self._state.field("sub_state")[()] == b"HOMED"
+
+    def setpoint(self) -> float:
+        """Of yaw."""
+        assert self._state.newest()
+        return float(self._state.field("setpoint_position")[0])
+
+
+@pytest.fixture
+def hand(system: Callable[..., Host]) -> HandAtArm:
+    host = system("demo.yaml", "boards")
+    home(host, "PSM1")
+    return HandAtArm(host)
+
+
+def test_an_arm_that_a_hand_takes_is_let_go(hand: HandAtArm) -> None:
+    env = made(HostTime.host)
+    env.reset()
+    hand.clutch(True)
+    for _ in range(6):
+        if (seen := env.step(np.zeros(7)))[2]:
+            break
+    assert "PSM1 is MANUAL, which we did not ask for" in seen[4]["fault"], seen[4]
+    with pytest.raises(RobotStopped, match="PSM1 is MANUAL, which we did not ask for; begin when it stands"):
+        made(HostTime.host).reset()
+    env.close()
+
+
+@pytest.mark.parametrize("steps", [0, 3])
+def test_an_arm_that_a_hand_has_moved_unseen_does_not_leap_back(hand: HandAtArm, monkeypatch: pytest.MonkeyPatch,
+                                                                steps: int) -> None:
+    env = made(HostTime.host)
+    env.reset()
+    for _ in range(steps):
+        env.step(np.zeros(7))
+    before = hand.setpoint()
+    hand.moves()
+    away = hand.setpoint()
+    assert 0.02 < abs(away - before) < 0.15, "so far a stream may begin from"
+    monkeypatch.setattr(attached, "GAP_NS", 1_000_000_000)
+    is_over(env, "PSM1 was moved by somebody else: ")
+    HostTime.host.run(0.05)
+    assert abs(hand.setpoint() - away) < 0.001
+    env.close()
+
+
+def test_an_arm_that_carries_something_else_is_let_go(psm: Host) -> None:
+    env = made(psm)
+    env.reset()
+    env.robot.models[0].carried = "PROGRASP_FORCEPS:400049"  # as if that had been there before
+    is_over(env, "PSM1 carries LARGE_NEEDLE_DRIVER:400006, not PROGRASP_FORCEPS:400049 any more")
+    env.close()
+
+
+def test_an_arm_that_refuses_what_is_streamed_ends_it(psm: Host, monkeypatch: pytest.MonkeyPatch) -> None:
+    env = made(psm)
+    env.reset()
+    client = env.robot.links[0]._client
+    monkeypatch.setattr(env.robot.links[0], "send", lambda *_: client.send("servo_jp", (0.0,)))
+    assert not env.step(np.zeros(7))[2], "a base that trembles"
+    assert not env.step(np.zeros(7))[2]
+    is_over(env, "PSM1 refuses: servo_jp")
     env.close()
 
 
@@ -266,7 +349,7 @@ def test_an_arm_that_moves_for_somebody_else_is_not_taken(psm: Host) -> None:
     goal = (0.6, 0.5, 0.2, 0.0, 0.0, 0.0)
     person.send("move_jp", goal)
     psm.run(0.05)
-    with pytest.raises(RobotStopped, match="PSM1 moves, which we did not ask for; begin when it stands"):
+    with pytest.raises(RobotStopped, match="PSM1 is moving, which we did not ask for; begin when it stands"):
         env.reset()
     with pytest.raises(gymnasium.error.ResetNeeded):
         env.step(np.ones(7))
