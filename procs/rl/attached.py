@@ -33,6 +33,7 @@ from tools.inspect.watch import arm_names, document_of
 from tools.systems import chosen_system
 
 Array = NDArray[np.float64]
+Pair = tuple[float, float]
 
 GAP_NS: Final = 100_000_000
 """Setpoints that come so much later than they should belong to no stream any more; the arm has the same limit."""
@@ -41,8 +42,9 @@ STANDS_S: Final = 10.0
 MOVE_S: Final = 12.0
 """A move at full speed takes less, one at a tenth of it less than ten times as much."""
 POLL_S: Final = 0.01
-SHOWN: Final = 50
-"""So many looks at a record until it shows what an arm has said."""
+SHOWN, SHOWN_S = 50, 0.1
+"""So many looks at a record until it shows what an arm has said, so far apart where the system's time stands."""
+RATIOS: Final = ("trajectory_j/set_ratio_v", "trajectory_j/set_ratio_a")
 FRESH_NS: Final = 200_000_000
 BASE_M, BASE_RAD = 0.001, 0.01
 """The base of an arm that stands on setup joints trembles so much; one that moves further is being moved."""
@@ -180,23 +182,42 @@ class AttachedRobot:
                 raise RobotStopped(f"{link.name} is {link.doing}, which we did not ask for; begin when it stands")
             self._slowly(number, start, model.has_jaw)
             self._stands(number)
+        self._check()
         self._due_ns = None  # a learner may take its time before the first step
 
     def _slowly(self, number: int, start: StartPose, has_jaw: bool) -> None:
-        """Whatever ends it, no move of ours goes on, and none gets faster."""
+        """Whatever ends it, no move of ours goes on, and none gets faster; who has set the arm slower finds it so."""
         link = self.links[number]
-        velocity, acceleration = link.ratios
+        before = link.ratios
+        pace = min(self._ratio, before[0]), min(self._ratio, before[1])
         try:
-            self._done(number, "trajectory_j/set_ratio", (self._ratio,))
-            self._done(number, "move_jp", tuple(start.joints))
+            for command, ratio in zip(RATIOS, pace, strict=True):
+                self._done(number, command, (ratio,), before)
+            self._shown(number, lambda: link.ratios == pace)
+            self._done(number, "move_jp", tuple(start.joints), pace)
             if has_jaw:
-                self._done(number, "jaw/move_jp", (start.jaw,))
+                self._done(number, "jaw/move_jp", (start.jaw,), pace)
         finally:
             with contextlib.suppress(MailboxFull, SegmentError):
                 if self._is_asking and not link.hear(self._asked):
                     link.send("hold")
-                link.send("trajectory_j/set_ratio_v", (velocity,))
-                link.send("trajectory_j/set_ratio_a", (acceleration,))
+                self._is_asking = False
+                self._give_back(number, before, pace)
+
+    def _give_back(self, number: int, before: Pair, pace: Pair) -> None:
+        """The ratios of before, where they are still ours; wait, as the next reset takes what it finds for a person's.
+        """
+        link, asked = self.links[number], 0
+
+        def is_back() -> bool:
+            return not any(now == ours != was for was, ours, now in zip(before, pace, link.ratios, strict=True))
+
+        link.look()
+        for command, was, ours, now in zip(RATIOS, before, pace, link.ratios, strict=True):
+            if now in (was, ours):
+                asked = link.send(command, (was,))
+        if asked and not (self._shown(number, lambda: bool(link.hear(asked))) and self._shown(number, is_back)):
+            self.stop(f"{link.name} does not get its trajectory ratio of {before[0]:g} back")
 
     def _stands(self, number: int) -> None:
         """Its record shows where our move has brought it: from there it goes on, or nothing does."""
@@ -207,27 +228,28 @@ class AttachedRobot:
 
     def _shown(self, number: int, what: Callable[[], bool]) -> bool:
         """Wait, not long, until an arm's record shows something; False: it does not."""
+        self._due_ns = None  # no stream is under way
         for _ in range(SHOWN):
             self.links[number].look()
             if what():
                 return True
-            self._time.pause(POLL_S, STANDS_S)
+            self._time.pause(POLL_S, SHOWN_S)
         return False
 
-    def _done(self, arm: int, command: str, values: tuple[float, ...]) -> None:
-        """Ask, and wait for the end; RobotStopped where it is no good one."""
+    def _done(self, arm: int, command: str, values: tuple[float, ...], pace: Pair) -> None:
+        """Ask, and wait for the end; RobotStopped where it is no good one, or ratios become larger than `pace`."""
         link = self.links[arm]
-        self.keeps_pace(round(POLL_S * 1e9))
+        self._keeps_slow(arm, pace)
         link.forget()
         self._is_asking, self._asked = True, 0
         try:
             self._asked = link.send(command, values)
         except (MailboxFull, SegmentError) as error:
             self._give_up(str(error))
-        limit_s = MOVE_S / self._ratio
+        limit_s = MOVE_S / min(self._ratio, *pace)
         end_ns = self.now_ns() + round(limit_s * 1e9)
         while not (ended := link.hear(self._asked)):
-            self.keeps_pace(round(POLL_S * 1e9))
+            self._keeps_slow(arm, pace)
             if self.now_ns() > end_ns:
                 self._give_up(f"{link.name}: {command} is not done after {limit_s:g} s")
             self._time.pause(POLL_S, STANDS_S)
@@ -236,6 +258,12 @@ class AttachedRobot:
             if why := self.look(arm):
                 self._give_up(why)
             self._give_up(f"{link.name}: {command} was {ended}: {link.refusal}")
+
+    def _keeps_slow(self, arm: int, pace: Pair) -> None:
+        self.keeps_pace(round(POLL_S * 1e9))
+        link = self.links[arm]
+        if any(ratio > allowed for ratio, allowed in zip(link.ratios, pace, strict=True)):
+            self._give_up(f"somebody else set the trajectory ratio of {link.name} to {max(link.ratios):g} in our move")
 
     def wait_until(self, deadline_ns: int) -> None:
         """See RobotBackend. RobotStopped where we, or the system's time, were held up."""

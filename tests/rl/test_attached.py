@@ -9,7 +9,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from procs.host.host import Host
+from procs.host.host import HISTORY, Host
 from procs.rl import attached
 from procs.rl.attached import RunningSystem
 from procs.rl.backend import RobotStopped
@@ -18,6 +18,7 @@ from procs.rl.hand_over import PsmHandOver
 from procs.rl.systems import document
 from procs.rl.tasks import EcmAim, PsmReach
 from shm.client import Client
+from shm.ring import RingReader
 from shm.system_time import LOCKSTEP, PACED
 from tests.rl.playing import drawn
 from tools.errors import Problem
@@ -74,12 +75,12 @@ def ask(host: Host, client: Client, command: str, values: Any = (), text: str = 
 
 
 @pytest.fixture
-def system(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str], Host]]:
+def system(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Host]]:
     """A running system of this file, nothing of it powered."""
     hosts: list[Host] = []
 
-    def up(file: str, backend: str = "kinematic") -> Host:
-        hosts.append(Host(document(file, backend, 0.002, 0.002)))
+    def up(file: str, backend: str = "kinematic", history: int = HISTORY) -> Host:
+        hosts.append(Host(document(file, backend, 0.002, 0.002), history))
         hosts[-1].run(0.05)
         monkeypatch.setattr(HostTime, "host", hosts[-1], raising=False)
         monkeypatch.setattr(attached, "SystemTime", HostTime)
@@ -91,7 +92,7 @@ def system(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str], Host]]:
 
 
 @pytest.fixture
-def psm(system: Callable[[str], Host]) -> Host:
+def psm(system: Callable[..., Host]) -> Host:
     """One PSM, homed by a person."""
     host = system("kinematic.yaml")
     home(host, "PSM1")
@@ -141,6 +142,50 @@ def test_reset_is_a_slow_move_and_leaves_the_speed_as_it_was(psm: Host) -> None:
     env.close()
 
 
+def quickest(state: RingReader) -> float:
+    """The largest velocity that a PSM's yaw was asked to have among the records that are kept, rad/s."""
+    assert state.newest()
+    return float(np.abs(state.last(2000)["setpoint_velocity"][:, 0]).max())
+
+
+def test_reset_is_no_faster_than_a_person_has_set(system: Callable[..., Host]) -> None:
+    host = system("kinematic.yaml", history=2000)
+    home(host, "PSM1")
+    person, state = host.client("PSM1"), host.reader("PSM1")
+    assert ask(host, person, "move_jp", (0.02, 0.02, 0.12, 0.0, 0.0, 0.0)) == "done"
+    assert ask(host, person, "trajectory_j/set_ratio_v", (0.02,)) == "done"
+    env = PsmReach(backend=RunningSystem(host.name, reset_ratio=0.5), starts=1)
+    host.run(10.0)
+    env.reset()
+    assert 0.0 < quickest(state) < 0.04
+    assert state.field("trajectory_ratio_v")[()] == 0.02 and state.field("trajectory_ratio_a")[()] == 1.0
+    env.close()
+
+
+def test_resets_one_after_the_other_leave_the_speed_as_it_was(psm: Host) -> None:
+    env, state = made(psm), psm.reader("PSM1")
+    for start in (0, 1, 1, 0):
+        env.reset(options={"start": start})
+        assert state.newest() and state.field("trajectory_ratio")[()] == 1.0
+    env.close()
+
+
+def test_who_makes_the_slow_move_faster_ends_it(system: Callable[..., Host], monkeypatch: pytest.MonkeyPatch) -> None:
+    host = system("kinematic.yaml", history=2000)
+    home(host, "PSM1")
+    person, state, env = host.client("PSM1"), host.reader("PSM1"), made(host)
+    assert ask(host, person, "move_jp", (0.6, 0.5, 0.2, 0.0, 0.0, 0.0)) == "done"
+    host.run(10.0)
+    monkeypatch.setattr(HostTime, "waits", 30)
+    monkeypatch.setattr(HostTime, "comes", lambda: person.send("trajectory_j/set_ratio", (0.9,)), raising=False)
+    with pytest.raises(RobotStopped, match=r"somebody else set the trajectory ratio of PSM1 to 0.9 in our move"):
+        env.reset()
+    host.run(0.5)
+    assert 0.01 < quickest(state) < 0.2 and not state.field("is_busy")[()]
+    assert state.field("trajectory_ratio")[()] == 0.9, "theirs stays"
+    env.close()
+
+
 def test_the_slower_the_move_the_longer_it_may_take(psm: Host, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(attached, "MOVE_S", 0.2)
     env = PsmReach(backend=RunningSystem(psm.name, reset_ratio=0.05), starts=2)
@@ -151,7 +196,7 @@ def test_the_slower_the_move_the_longer_it_may_take(psm: Host, monkeypatch: pyte
     env.close()
 
 
-def test_it_powers_and_homes_nothing(system: Callable[[str], Host]) -> None:
+def test_it_powers_and_homes_nothing(system: Callable[..., Host]) -> None:
     host = system("kinematic.yaml")
     with pytest.raises(RobotStopped, match=r"PSM1 is DISABLED and not homed; first: trocar home PSM1"):
         made(host)
@@ -434,7 +479,7 @@ def test_of_two_environments_at_an_arm_neither_fights_the_other(psm: Host) -> No
     second.close()
 
 
-def test_what_cannot_be_attached_is_refused(system: Callable[[str], Host], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_cannot_be_attached_is_refused(system: Callable[..., Host], monkeypatch: pytest.MonkeyPatch) -> None:
     host = system("kinematic-hand-over.yaml")
     where = RunningSystem(host.name, arms=("PSM2",))
     with pytest.raises(ValueError, match=r"arms are PSM2 \(PSM\); it takes 1 different ECM"):
@@ -452,7 +497,7 @@ def test_what_cannot_be_attached_is_refused(system: Callable[[str], Host], monke
         made(host)
 
 
-def test_two_arms_hand_over_as_in_a_host(system: Callable[[str], Host]) -> None:
+def test_two_arms_hand_over_as_in_a_host(system: Callable[..., Host]) -> None:
     host = system("kinematic-hand-over.yaml")
     home(host, "PSM1", "PSM2")
     env, other = made(host, PsmHandOver), PsmHandOver(starts=2)
