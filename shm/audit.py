@@ -1,6 +1,7 @@
 """What an owner was asked for and what became of it: a ring of its own, so that a motion can be traced to a person.
 
 Of a stream (servo_…) only the first goal is written, and then what changes: another sender, another outcome, a reason.
+A sender is a place in the mailbox and a person's command (shm/origins.py): a process may stream for several of them.
 A jaw has a stream of its own beside the arm's.
 In lock-step all goals are that come from a person's program: so a recording has what it takes to repeat a run.
 """
@@ -61,13 +62,14 @@ class Audit:
         self._ring, self._now_ns, self._every = ring, now_ns, every
         self._count, self._values = ring.field("count"), ring.field("values")
         self._fields = [ring.field(name) for name in NAMES]
-        self._streams: dict[bool, tuple[str, int, str, str]] = {}  # of the jaw, and of all else
+        self._streams: dict[bool, tuple[str, int, int, str, str]] = {}  # of the jaw, and of all else
 
     def write(self, received: AuditedCommand, outcome: str, reason: str) -> None:
         """One command has got an answer."""
         command = received.command
         if command.streams and not (self._every and is_direct(received.origin.id, received.pid)):
-            part, stream = command.name.startswith(JAW), (command.name, received.place, outcome, reason)
+            part = command.name.startswith(JAW)
+            stream = command.name, received.place, received.origin.id, outcome, reason
             if stream == self._streams.get(part):
                 return
             self._streams[part] = stream

@@ -9,6 +9,7 @@ import gymnasium
 import numpy as np
 import pytest
 
+from procs import own_memory
 from procs.host.host import HISTORY, Host
 from procs.rl import attached
 from procs.rl.attached import RunningSystem
@@ -17,6 +18,7 @@ from procs.rl.environment import RobotEnv
 from procs.rl.hand_over import PsmHandOver
 from procs.rl.systems import document
 from procs.rl.tasks import EcmAim, PsmReach
+from shm.audit import Audit
 from shm.client import Client
 from shm.ring import RingReader
 from shm.system_time import LOCKSTEP, PACED
@@ -76,8 +78,10 @@ def ask(host: Host, client: Client, command: str, values: Any = (), text: str = 
 
 @pytest.fixture
 def system(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Host]]:
-    """A running system of this file, nothing of it powered."""
+    """A running system of this file, nothing of it powered; of streams only their beginnings are in its audits."""
     hosts: list[Host] = []
+
+    monkeypatch.setattr(own_memory, "Audit", lambda ring, now_ns, every: Audit(ring, now_ns))
 
     def up(file: str, backend: str = "kinematic", history: int = HISTORY) -> Host:
         hosts.append(Host(document(file, backend, 0.002, 0.002), history))

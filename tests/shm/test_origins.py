@@ -85,6 +85,20 @@ def test_a_person_is_served_and_known_by_number_and_program(box: Mailbox, person
     assert got.origin.id and got.origin.generation == 0 and got.origin.program
 
 
+def test_streams_of_two_handles_of_a_process_are_both_told(system: str, box: Mailbox, person: Client, audit: RingReader
+                                                           ) -> None:
+    """They come through the same place."""
+    other = Client(system, "PSM1")
+    for client in (person, person, other, other):
+        client.send("servo_jp", (0.1,) * 6)
+        ran(box)
+    told = []
+    while audit.next():
+        told.append(int(audit.field("origin")[()]))
+    assert told == [person.origin.id, other.origin.id]
+    other.close()
+
+
 def test_a_process_that_nobody_asked_is_refused(box: Mailbox, loop: LoopClient) -> None:
     loop.send("state_command", (), "enable")
     assert ran(box) == []
