@@ -50,5 +50,5 @@ def __getattr__(name: str) -> ModuleType:
         raise ModuleNotFoundError("trocar.rl needs gymnasium: pip install 'trocar[rl]'", name=error.name) from None
 
 
-if "gymnasium" in sys.modules:  # so that gymnasium.make("trocar:trocar/PsmReach-v0") finds its names
+if "gymnasium" in sys.modules:  # so that gymnasium.make("trocar:trocar/PsmReach-v0") finds its names; else `rl` does
     importlib.import_module("procs.rl.registration")

@@ -40,3 +40,15 @@ def test_gymnasium_makes_them_by_their_names() -> None:
                   "names = [n for n in gymnasium.registry if n.startswith('trocar/')]\n"
                   "for n in names: gymnasium.make(n, starts=1).close()\nprint(*sorted(names))")
     assert said == "trocar/EcmAim-v0 trocar/PsmHandOver-v0 trocar/PsmPush-v0 trocar/PsmReach-v0 trocar/PsmTrack-v0"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("lines", [
+    "import trocar, gymnasium\nmake = lambda: gymnasium.make('procs.rl.door:trocar/PsmReach-v0', starts=1)",
+    "import gymnasium, trocar\nmake = lambda: gymnasium.make('procs.rl.door:trocar/PsmReach-v0', starts=1)",
+    "import gymnasium, trocar\nmake = lambda: gymnasium.make('trocar:trocar/PsmReach-v0', starts=1)",
+    "import trocar, gymnasium\ntrocar.rl\nmake = lambda: gymnasium.make('trocar:trocar/PsmReach-v0', starts=1)",
+    "import trocar, gymnasium\ngymnasium.register_envs(trocar.rl)\n"
+    "make = lambda: gymnasium.make('trocar/PsmReach-v0', starts=1)"])
+def test_what_the_page_says_finds_them_whatever_is_imported_first(lines: str) -> None:
+    assert python(f"{lines}\nenv = make()\nprint(type(env.unwrapped).__name__)\nenv.close()") == "PsmReach"
