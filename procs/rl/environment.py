@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from numbers import Integral, Real
-from typing import Any, ClassVar, Final
+from typing import Any, ClassVar, Final, Self
 
 import gymnasium
 import numpy as np
@@ -59,6 +59,14 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
     """Pictures show so much below and above where the tips are at the centre of the starts; below is the floor."""
     EXTRA: ClassVar[tuple[str, ...]] = ()
     """What the task adds to the observation."""
+    IS_GIVEN: ClassVar[bool] = True
+    """A goal may be given to `reset`; False: it moves in its own way."""
+
+    def __new__(cls, *args: Any, **options: Any) -> Self:
+        """What it is made of is kept here, with all that classes below RobotEnv take."""
+        env = super().__new__(cls)
+        EzPickle.__init__(env, *args, **options)
+        return env
 
     def __init__(self, *, backend: str | RunningSystem = KINEMATIC, control: str = CARTESIAN, reward: str = DENSE,
                  policy_hz: int = 20, stream_hz: int = 100, horizon: int = 100, speed: float = 0.2,
@@ -70,10 +78,6 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
         `horizon`: steps of an episode; `speed`: share of the arm's own velocity limits; `noise_m`: standard deviation
         of what is added to observed places; `starts`: in so many poses episodes begin.
         """
-        EzPickle.__init__(self, backend=backend, control=control, reward=reward, policy_hz=policy_hz,
-                          stream_hz=stream_hz, horizon=horizon, speed=speed, tolerance_m=tolerance_m, noise_m=noise_m,
-                          starts=starts, period_s=period_s, physics_s=physics_s, render_mode=render_mode, width=width,
-                          height=height)
         _one_of("control", control, CONTROLS)
         _one_of("reward", reward, (DENSE, SPARSE))
         _one_of("render_mode", render_mode, (None, *self.metadata["render_modes"]))
@@ -146,6 +150,7 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
         options = options or {}
         if unknown := sorted(options.keys() - OPTIONS):
             raise ValueError(f"options have {', '.join(unknown)}; allowed: {', '.join(OPTIONS)}")
+        goal = self._given_goal(options.get("goal"))
         number = int(self.np_random.integers(self._starts_count))
         noise = int(self.np_random.integers(1 << 31))
         number = _given_start(options.get("start", number))
@@ -162,10 +167,20 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
         if self._fault:
             raise RobotStopped(self._fault)
         self.begin_task(self.np_random)
-        if (goal := options.get("goal")) is not None:
-            self.goal = _given_goal(goal, self.GOAL)
+        if goal is not None:
+            self.goal = goal
         self._has_begun = True
         return self._observation(), self._info()
+
+    def _given_goal(self, goal: object) -> Array | None:
+        if goal is None:
+            return None
+        if not self.IS_GIVEN:
+            raise ValueError(f"the goal of {type(self).__name__} moves in its own way, none can be given")
+        found = np.asarray(goal, dtype=np.float64)
+        if found.shape != (self.GOAL,) or not (np.abs(found) <= FURTHEST).all():
+            raise ValueError(f"a goal is {self.GOAL} numbers from {-FURTHEST:g} to {FURTHEST:g}, not {goal!r}")
+        return found.copy()
 
     def step(self, action: Array) -> tuple[Observation, float, bool, bool, Info]:
         """Act for one period of the policy. Terminated: a fault; truncated: `horizon` steps have passed."""
@@ -213,6 +228,7 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
 
     def _look(self) -> None:
         """See all arms; of one that has failed what was seen last stays."""
+        noise = self.np_random.normal(0.0, self.noise_m, self.tips.shape) if self.noise_m else np.zeros(self.tips.shape)
         for number, (link, model, seen) in enumerate(zip(self.robot.links, self.robot.models, self._seen, strict=True)):
             if why := self.robot.look(number):
                 self._fail(why)
@@ -220,9 +236,7 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
             n = model.count
             seen[:n], seen[n : 2 * n], seen[2 * n] = link.joints(n)
             seen[2 * n + 1 :] = link.pose()
-            self.tips[number] = seen[2 * n + 1 : 2 * n + 4]
-        if self.noise_m:
-            self.tips += self.np_random.normal(0.0, self.noise_m, self.tips.shape)
+            self.tips[number] = seen[2 * n + 1 : 2 * n + 4] + noise[number]
 
     def _fail(self, why: str) -> None:
         if not self._fault:
@@ -332,10 +346,3 @@ def _given_start(number: object) -> int:
     if not isinstance(number, int | np.integer) or not 0 <= number < STARTS:
         raise ValueError(f"start is {number!r}; allowed: 0 to {STARTS - 1}")
     return int(number)
-
-
-def _given_goal(goal: object, size: int) -> Array:
-    found = np.asarray(goal, dtype=np.float64)
-    if found.shape != (size,) or not (np.abs(found) <= FURTHEST).all():
-        raise ValueError(f"a goal is {size} numbers from {-FURTHEST:g} to {FURTHEST:g}, not {goal!r}")
-    return found.copy()

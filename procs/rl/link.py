@@ -67,7 +67,10 @@ class ArmLink:
         if self.is_ready:
             return ""
         what = f"{self.name} is {self.state}" + ("" if self._homed[()] else " and not homed")
-        return what + (f": {self.reason}" if self.reason else "")
+        why = self.reason
+        if not why and self._homed[()]:
+            why = "where its base is is not known" if self._valid[()] else "its joints are not valid"
+        return what + (f": {why}" if why else "")
 
     @property
     def state(self) -> str:

@@ -47,8 +47,9 @@ class PsmReach(RobotEnv):
 
 
 class PsmTrack(PsmReach):
-    """Follow a place that moves on a smooth closed way with the tip of a PSM. Goals as in PsmReach."""
+    """Follow a place that moves on a smooth closed way with the tip of a PSM. Goals as in PsmReach; none is given."""
 
+    IS_GIVEN: ClassVar[bool] = False
     EXTRA: ClassVar[tuple[str, ...]] = tuple(f"goal velocity {axis} [m/s]" for axis in "xyz")
 
     def begin_task(self, random: np.random.Generator) -> None:

@@ -7,6 +7,7 @@ import pickle
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import gymnasium
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
+from procs.rl.backend import RobotStopped
 from procs.rl.environment import RobotEnv
 from procs.rl.hand_over import FIRST, SECOND, PsmHandOver
 from procs.rl.hosted import HostedRobot
@@ -203,6 +205,8 @@ def test_wrong_actions_and_options_are_refused(reach: PsmReach) -> None:
         reach.reset(options={"start": 99})
     with pytest.raises(ValueError, match="options have strat; allowed: start, goal"):
         reach.reset(options={"strat": 1})
+    with pytest.raises(ValueError, match="the goal of PsmTrack moves in its own way, none can be given"):
+        PsmTrack().reset(options={"goal": (0.0, 0.0, -0.1)})
     with pytest.raises(ValueError, match="a goal is 3 numbers"):
         reach.reset(options={"goal": (0.0, np.inf, 0.0)})
 
@@ -236,6 +240,47 @@ def test_pickled_it_is_made_anew(reach: PsmReach) -> None:
     assert isinstance(again, PsmReach) and again.robot is not reach.robot
     assert drawn(again, 5, 3) == first
     again.close()
+
+
+class NearReach(PsmReach):
+    """With an argument of its own."""
+
+    def __init__(self, near_m: float, **options: Any) -> None:
+        super().__init__(**options)
+        self.near_m = near_m
+
+
+def test_pickled_it_keeps_what_its_own_class_takes() -> None:
+    again = pickle.loads(pickle.dumps(NearReach(0.01, horizon=7)))
+    assert isinstance(again, NearReach) and (again.near_m, again.horizon) == (0.01, 7)
+    again.close()
+
+
+class CartReach(PsmReach):
+    """On an arm whose base its setup joints carry; nobody has homed these."""
+
+    FILES = MappingProxyType({"kinematic": "kinematic-cart.yaml"})
+
+
+def test_an_arm_whose_base_nobody_knows_is_not_begun_with() -> None:
+    env = CartReach(starts=1)
+    with pytest.raises(RobotStopped, match="PSM1 is ENABLED: where its base is is not known"):
+        env.reset()
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(np.zeros(7))
+    env.close()
+
+
+def test_an_arm_that_has_failed_stays_where_it_was_seen_noise_and_all() -> None:
+    env = PsmReach(backend="boards", noise_m=0.002, starts=1)
+    env.reset(seed=4)
+    assert env.robot.host is not None
+    env.robot.host.client("boards").send("emergency_stop", (1.0,))
+    while not env.step(np.zeros(7))[2]:
+        pass
+    before = env.tips.copy()
+    assert env.step(np.zeros(7))[2] and (env.tips == before).all()
+    env.close()
 
 
 def test_several_are_stepped_side_by_side_and_leave_nothing() -> None:
