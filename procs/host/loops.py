@@ -19,6 +19,7 @@ from procs.io.robots import Robots
 from procs.io.start import POWER_OFF
 from procs.suj.loop import SetupLoop
 from procs.system.loop import SystemLoop
+from procs.system.sound import Sound
 from procs.teleop.loop import TeleopLoop
 
 
@@ -54,9 +55,16 @@ class HostedIo(IoLoop):
                        real_time=False, first_control=POWER_OFF)
 
 
+class HostedSystem(SystemLoop):
+    """A system that is not heard: its time is another, and it may be one of many; programs it needs none."""
+
+    def _take_sound(self) -> Sound:
+        return Sound(lambda program: None)
+
+
 LOOPS: Final[dict[str, type[runtime.Loop]]] = {
     "boards": HostedBoards, "arm": ArmLoop, "suj": SetupLoop, "focus": FocusLoop, "teleop": TeleopLoop,
-    "console": ConsoleLoop, "system": SystemLoop}
+    "console": ConsoleLoop, "system": HostedSystem}
 
 
 def made(node: HostedNode, boards: HostedBoards | None) -> runtime.Loop:

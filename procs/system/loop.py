@@ -28,7 +28,7 @@ class SystemLoop(runtime.Loop):
 
     def __init__(self, node: runtime.Node) -> None:
         super().__init__(node)
-        self._state, self._arms, self._sound = node.writes("state"), arms_of(node), Sound()
+        self._state, self._arms, self._sound = node.writes("state"), arms_of(node), self._take_sound()
         consoles = [node.commands(row.name) for row in node.document.consoles]
         self._commands = SystemCommands(self._arms, consoles, node.events, self._sound, node.document.audio_volume)
         self._centre = MessageHub(sources(node), node.events, self._commands.beep)
@@ -37,6 +37,9 @@ class SystemLoop(runtime.Loop):
         if self._sound.lacks:
             node.events.status(f"system: {self._sound.lacks}; it is silent where these are missing", node.name)
         self._mailbox = node.mailbox(NoFaults())  # arms themselves know what their faults make void
+
+    def _take_sound(self) -> Sound:
+        return Sound()
 
     def wait(self) -> bool:
         """See runtime.Loop."""

@@ -133,6 +133,18 @@ def test_a_master_carries_its_slave() -> None:
         assert state.newest() and state.stamp_ns > host.now_ns - 200_000_000
 
 
+def test_a_system_in_a_host_is_not_heard(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    player = tmp_path / "aplay"
+    player.write_text("#!/bin/sh\n")
+    player.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with Host(document("kinematic-teleop.yaml", None, ())) as host:
+        host.client("system").send("beep", (0.1, 440.0, 1.0))
+        host.run(0.1)
+        state = host.reader("system")
+        assert state.newest() and state.field("sound")[()] == b"none"
+
+
 def test_processes_of_users_are_refused_by_name() -> None:
     users: Any = (SimpleNamespace(name="scan"), SimpleNamespace(name="force"))
     with pytest.raises(HostError, match="scan, force: processes of users do not run in a host"):
