@@ -66,10 +66,17 @@ def _of_our_own(held: contextlib.ExitStack, actors: int) -> dict[str, Any]:
     """How we start it: on an address of this machine, with a token and a folder that end with it."""
     folder = tempfile.mkdtemp(prefix="trocar-ray-")
     held.callback(_remove, folder)
-    os.environ[TOKEN] = secrets.token_hex(32)
-    held.callback(os.environ.pop, TOKEN, None)
+    before, os.environ[TOKEN] = os.environ.get(TOKEN), secrets.token_hex(32)
+    held.callback(_put_back, before)
     return {"num_cpus": actors, "include_dashboard": False, "_temp_dir": folder, "object_store_memory": STORE_BYTES,
             "_node_ip_address": LOOPBACK}
+
+
+def _put_back(token: str | None) -> None:
+    """What whoever called us had, for a cluster of theirs."""
+    os.environ.pop(TOKEN, None)
+    if token is not None:
+        os.environ[TOKEN] = token
 
 
 def _remove(folder: str) -> None:

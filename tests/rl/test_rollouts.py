@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
@@ -15,6 +16,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from procs.rl import ray_actors
 from procs.rl.rollouts import NoPolicy, PolicyFailed, RolloutTask, check, policy_of, run
 from tools import cli
 
@@ -183,3 +185,14 @@ def test_the_fault_that_ended_an_episode_is_told() -> None:
 ])
 def test_what_was_asked_wrongly_is_told(words: tuple[str, ...], code: int) -> None:
     assert rollout(*words) == (code, [])
+
+
+@pytest.mark.parametrize("token", ["theirs", None])
+def test_the_token_of_whoever_calls_us_is_theirs_again(monkeypatch: pytest.MonkeyPatch, token: str | None) -> None:
+    monkeypatch.delenv(ray_actors.TOKEN, raising=False)
+    if token is not None:
+        monkeypatch.setenv(ray_actors.TOKEN, token)
+    with contextlib.ExitStack() as held:
+        folder = Path(ray_actors._of_our_own(held, 1)["_temp_dir"])
+        assert folder.exists() and os.environ[ray_actors.TOKEN] not in ("", "theirs")
+    assert os.environ.get(ray_actors.TOKEN) == token and not folder.exists()
