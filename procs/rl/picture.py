@@ -53,6 +53,9 @@ def _context(width: int, height: int) -> Any:
             return context
         except Exception as error:  # PyOpenGL and drivers have many; to load their names would choose a way
             why = f"{way}: {error or type(error).__name__}"
+    if len(ways) > 1:
+        raise PictureError(f"nothing to draw with ({why}); {WAYS[ways[1]]} is there: start again with "
+                           f"MUJOCO_GL={ways[1]} in the environment")
     raise PictureError(f"nothing to draw with ({why}); Debian, Ubuntu: apt-get install libegl1 libgl1-mesa-dri, or "
                        "apt-get install libosmesa6 and MUJOCO_GL=osmesa")
 

@@ -82,8 +82,13 @@ def test_where_nothing_draws_it_says_what_to_install(monkeypatch: pytest.MonkeyP
         raise ImportError(f"{name} cannot be loaded")
 
     monkeypatch.setattr(picture, "importlib", SimpleNamespace(import_module=absent))
+    monkeypatch.setattr(picture, "_is_there", lambda library: library == "libEGL.so.1")
     with pytest.raises(PictureError, match=r"mujoco.egl cannot be loaded.*apt-get install libegl1"):
         Picture(32, 32)
+    monkeypatch.setattr(picture, "_is_there", lambda library: True)
+    with pytest.raises(PictureError, match=r"mujoco.egl cannot be loaded.*libOSMesa.so.8 is there: .*MUJOCO_GL=osmesa"):
+        Picture(32, 32)
+    monkeypatch.undo()
     monkeypatch.setattr(picture, "WAYS", {"egl": "libNoEGL.so.1"})
     with pytest.raises(PictureError, match=r"libNoEGL.so.1 are not there"):
         Picture(32, 32)
