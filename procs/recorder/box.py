@@ -85,12 +85,17 @@ class BlackBox:
                        round(self.limits.size_mb * 1e6 * (PARTS - 1) / PARTS))
         if gone:
             self._disk.do(remove(gone))
-        self.dropped += sum(file.dropped for file in self.files if file.path in gone)
-        self.files = [file for file in self.files if file.path not in gone]
+        self._forget({file.path for file in self.files if file.path in gone
+                      or (file.is_ended and not file.path.exists())})
         self.files.append(self._begin_file(path_of(self._folder, names.BOX, local_ns), names.BOX))
         for ring in self._complete:
             if ring.is_seldom:  # the files that had its last change may be gone
                 ring.keep_newest(self.chunk, self._times)
+
+    def _forget(self, gone: set[Path]) -> None:
+        """What was removed, by whomever, and what never came to be on the disk."""
+        self.dropped += sum(file.dropped for file in self.files if file.path in gone)
+        self.files = [file for file in self.files if file.path not in gone]
 
     @property
     def all_dropped(self) -> int:

@@ -183,6 +183,23 @@ def test_a_file_that_could_not_be_begun_is_begun_when_there_is_room(rings: Rings
         assert recording.is_whole and recording.records("PSM1/state").rows["sequence"].tolist() == [15]
 
 
+def test_files_that_never_came_to_be_are_forgotten_but_not_what_they_dropped(rings: RingsOfATest) -> None:
+    rings.opened = lambda path: SmallFile(path, "xb")
+    SmallFile.room = 3
+    box = rings.box(minutes=0.1)
+    for n in range(8):
+        rings.write(1)
+        rings.passes(n)
+        rings.times.local_ns += 2_000_000 * n  # names of files have ms
+        box.step()
+        rings.idle()
+    SmallFile.room = 1 << 20
+    box.close()
+    rings.written()
+    assert len(rings.begun) >= 7 and len(box.files) <= 2
+    assert box.all_dropped == sum(file.dropped for file in rings.begun) > 7
+
+
 def test_a_disk_that_hangs_holds_nobody_up_and_memory_is_bounded(rings: RingsOfATest) -> None:
     goes, rings.disk = threading.Event(), Disk(most=100_000)
     rings.opened = lambda path: (goes.wait(60.0), open(path, "xb", buffering=0))[1]  # noqa: PTH123, SIM115
