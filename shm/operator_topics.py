@@ -141,7 +141,7 @@ RECORDER_STATE = Topic(
         Field("local_ns", "<i8", "ns", "time of day at that moment, since 1970 UTC"),
         Field("box_bytes", "<u8", "", "size of the black box's files since start"),
         Field("box_messages", "<u8", "", "messages of the black box since start"),
-        Field("dropped", "<u8", "", "of those, that the disk did not take"),
+        Field("dropped", "<u8", "", "messages of it, and of faults, that the disk did not take"),
         Field("waiting_bytes", "<u8", "", "messages that wait for the disk"),
         Field("name", "S60", "", "recording under way, empty: none"),
         Field("path", "S300", "", "file of that recording, or of the last one"),
@@ -149,7 +149,7 @@ RECORDER_STATE = Topic(
         Field("bytes", "<u8", "", "its size on the disk"),
         Field("messages", "<u8", "", "messages in it"),
         Field("lost", "<u8", "", "records of it that are missing"),
-        Field("fault_path", "S300", "", "file of the last fault since start, empty: there was none"),
+        Field("fault_path", "S300", "", "file of the last fault that was kept since start, empty: there was none"),
         Field("problem", "S200", "", "what the disk says, empty: all is well"),
     ),
 )

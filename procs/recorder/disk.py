@@ -6,6 +6,7 @@ others run meanwhile.
 
 from __future__ import annotations
 
+import errno
 import os
 import threading
 from collections.abc import Callable, Mapping, Sequence
@@ -14,10 +15,11 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import BinaryIO, Final
 
-from procs.recordings.chunks import Chunk, packed
+from procs.recordings.chunks import Chunk, PackedChunk, packed
 from procs.recordings.writing import ChannelTable, RecordingFile
 
 MAX_WAITING: Final = 48 << 20
+NO_ROOM: Final = (errno.ENOSPC, errno.EDQUOT)
 Open = Callable[[Path], BinaryIO]
 
 
@@ -57,10 +59,8 @@ class Disk:
                 return
             try:
                 job()
-            except OSError as error:
-                self.problem = f"{error.strerror or error}{f': {error.filename}' if error.filename else ''}"
             except Exception as error:  # what comes next may well be written
-                self.problem = f"{type(error).__name__}: {error}"
+                self.problem = in_words(error)
             with self._lock:
                 self.waiting -= size
 
@@ -71,14 +71,28 @@ class Disk:
         return not self._thread.is_alive()
 
 
+def in_words(error: Exception) -> str:
+    """What a disk says when it does not take something."""
+    if isinstance(error, OSError):
+        return f"{error.strerror or error}{f': {error.filename}' if error.filename else ''}"
+    return f"{type(error).__name__}: {error}"
+
+
+def no_room_made() -> bool:
+    """Nothing is removed for a file."""
+    return False
+
+
 class DiskFile:
     """One recording on its way to the disk, whose thread writes it, until it `is_ended`."""
 
     def __init__(self, disk: Disk, path: Path, table: ChannelTable, metadata: Mapping[str, Mapping[str, str]],
-                 attachments: Sequence[tuple[str, str, bytes]], created_ns: int, opened: Open = open_new) -> None:
+                 attachments: Sequence[tuple[str, str, bytes]], created_ns: int, opened: Open = open_new,
+                 make_room: Callable[[], bool] = no_room_made) -> None:
+        """`make_room` is called while there is no room for its messages; False: it could not remove anything."""
         self.path, self._disk, self._table = path, disk, table
         self._begin = metadata, attachments, created_ns
-        self._opened = opened
+        self._opened, self._make_room = opened, make_room
         self._stream: BinaryIO | None = None
         self._file: RecordingFile | None = None
         self.dropped = self.messages = 0
@@ -86,6 +100,13 @@ class DiskFile:
         self.is_ended = False
         self.has_failed = False
         """Something else than messages is not in it: what was copied, or its end."""
+        self.problem = ""
+        """Why something is not in it, in words; empty: all that was tried is."""
+
+    @property
+    def is_complete(self) -> bool:
+        """It has ended, and has messages, all of them, and what else was to be in it."""
+        return bool(self.is_ended and self.messages and not self.dropped and not self.has_failed)
 
     @property
     def size(self) -> int:
@@ -98,6 +119,7 @@ class DiskFile:
             return True
         if not self._disk.has_room(len(chunk.data)):
             self.dropped += chunk.count
+            self.problem = self.problem or "the disk is too slow"
             return False
         self.messages += chunk.count
         self._disk.do(lambda: self._write(chunk, compression), len(chunk.data))
@@ -118,8 +140,8 @@ class DiskFile:
     def _do(self, job: Callable[[RecordingFile], None]) -> None:
         try:
             job(self._open())
-        except Exception:
-            self.has_failed = True
+        except Exception as error:
+            self.has_failed, self.problem = True, in_words(error)
             raise
 
     def _open(self) -> RecordingFile:
@@ -137,13 +159,24 @@ class DiskFile:
 
     def _write(self, chunk: Chunk, compression: str) -> None:
         try:
-            self._open().put(packed(chunk, compression))
+            self._put(packed(chunk, compression))
             self._sync()
-        except Exception:
+        except Exception as error:
             self.dropped += chunk.count
             self.messages -= chunk.count
+            self.problem = in_words(error)
             raise
         self._disk.problem = ""
+
+    def _put(self, chunk: PackedChunk) -> None:
+        """Where there is no room, as often as some can be made."""
+        while True:
+            try:
+                self._open().put(chunk)
+                return
+            except OSError as error:
+                if error.errno not in NO_ROOM or not self._make_room():
+                    raise
 
     def _sync(self) -> None:
         """Nothing that was written is lost when the power goes."""
@@ -159,8 +192,8 @@ class DiskFile:
                 self._file.note(name, {**losses, "dropped": str(self.dropped)})
                 self._file.finish()
                 self._sync()
-        except Exception:
-            self.has_failed = True
+        except Exception as error:
+            self.has_failed, self.problem = True, in_words(error)
             raise
         finally:
             self.is_ended = True

@@ -23,7 +23,10 @@ PAUSE_S: Final = 0.01
 
 
 class FaultKeeper:
-    """What is being kept, and what waits for its turn. `told` is called with each recording whose rings are taken."""
+    """What is being kept, and what waits for its turn. `told` is called with each recording that has ended.
+
+    Or that the disk, too slow, has not ended after so long: what is said of it must be so.
+    """
 
     def __init__(self, folder: Path, disk: Disk, sources: SystemSources, times: LocalTimes, box: BlackBox,
                  begin_file: Callable[[str, str], DiskFile], told: Callable[[FaultRecording], None]) -> None:
@@ -34,11 +37,18 @@ class FaultKeeper:
         self._asked: list[Received] = []
         self._next: list[tuple[SeenFault, Received | None]] = []
         self._next_ns = self._since_ns = self._taken_ns = self._covered_ns = 0
+        self._dropped, self._is_told = 0, False
 
     @property
     def is_idle(self) -> bool:
         """Nothing is being kept, nothing waits."""
         return self._now is None and not self._next
+
+    @property
+    def dropped(self) -> int:
+        """Messages of its files that the disk did not take since start."""
+        file = self._now.file if self._now is not None else None
+        return self._dropped + (file.dropped if file is not None else 0)
 
     def saw(self, fault: SeenFault, asked: Received | None = None) -> None:
         """A fault, or somebody's wish (`asked`), which is answered when its file is written. ValueError: too many."""
@@ -63,7 +73,7 @@ class FaultKeeper:
             self._now.add(fault)
         self._asked = [asked for _, asked in self._next if asked is not None]
         self._since_ns = 0 if self._asked else since_ns
-        self._next, self._taken_ns = [], 0
+        self._next, self._taken_ns, self._is_told = [], 0, False
 
     def step(self, compression: str, keep: int, hurry: bool = False) -> None:
         """What there is time for; `keep`: so many files stay."""
@@ -75,10 +85,10 @@ class FaultKeeper:
                 self._finish(fault, keep)
             return
         is_late = self._times.monotonic_ns >= self._taken_ns + SLOW_NS
-        if self._asked and fault.file is not None and (fault.file.is_ended or is_late):
-            self._answer(fault.file)
-        if not self._asked and (fault.is_quiet or hurry):
-            self._now = None
+        if not self._is_told and fault.file is not None and (fault.file.is_ended or is_late):
+            self._tell(fault, fault.file)
+        if self._is_told and (fault.is_quiet or hurry):
+            self._dropped, self._now = self.dropped, None
             if self._next:
                 self._begin(self._covered_ns)
 
@@ -86,18 +96,23 @@ class FaultKeeper:
         self._box.flush()
         self._taken_ns, self._covered_ns = self._times.monotonic_ns, self._times.local_ns
         fault.finish(self._folder, self._disk, [file.path for file in self._box.files], keep, self._since_ns)
-        self._told(fault)
 
-    def _answer(self, file: DiskFile) -> None:
+    def _tell(self, fault: FaultRecording, file: DiskFile) -> None:
+        """What became of its file, to everybody and to whoever asked for it."""
+        self._is_told = True
+        self._told(fault)
         asked, self._asked = self._asked, []
         for request in asked:
-            if file.is_ended and file.messages and not file.dropped and not file.has_failed:
+            if file.is_complete:
                 request.done(f"kept in {file.path}")
             else:
-                request.fail(f"not all of it could be written: {self._disk.problem or 'the disk is too slow'}")
+                request.fail(f"not all of it could be written: {file.problem or 'the disk is too slow'}")
 
     def end(self, compression: str, keep: int, seconds: float) -> None:
-        """Nothing more comes: keep what is wanted, so long at most; what is not taken by then is left out."""
+        """Nothing more comes: keep what is wanted, so long at most; what is not taken by then is left out.
+
+        `close` says what became of it, when the disk has done what it could.
+        """
         end_ns = monotonic_ns() + round(seconds * 1e9)
         while not self.is_idle and monotonic_ns() < end_ns:
             self._times.look()
@@ -106,6 +121,11 @@ class FaultKeeper:
                 pause(PAUSE_S)  # only the disk is waited for
         if self._now is not None and not self._taken_ns:
             self._finish(self._now, keep)
+
+    def close(self) -> None:
+        """Tell the last that is known."""
+        if self._now is not None and not self._is_told and self._now.file is not None:
+            self._tell(self._now, self._now.file)
         for request in (*self._asked, *(asked for _, asked in self._next if asked is not None)):
             request.fail("the recorder ends")
         if self._now is not None:

@@ -7,7 +7,9 @@ and counted. Its death or hang changes nothing for the robot. docs/operating.md,
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -16,9 +18,9 @@ from procs.document.recorder import COMPRESSIONS, Recorder
 from procs.document.system import SystemConfig
 from procs.paths import recordings_folder
 from procs.recorder.box import BlackBox, BoxLimits
-from procs.recorder.disk import Disk, DiskFile
+from procs.recorder.disk import Disk, DiskFile, no_room_made
 from procs.recorder.fault import FaultRecording, FaultWatch, SeenFault
-from procs.recorder.files import NAME, path_of
+from procs.recorder.files import NAME, path_of, remove_oldest
 from procs.recorder.keeping import ASKED, FaultKeeper
 from procs.recorder.named import NamedRecording, chosen
 from procs.recorder.sources import SystemSources
@@ -166,28 +168,44 @@ class RecorderLoop(OwnProcess):
 
     # files, and what goes wrong
 
-    def _begin_file(self, path: Path, kind: str, name: str = "", reason: str = "") -> DiskFile:
+    def _begin_file(self, path: Path, kind: str, name: str = "", reason: str = "",
+                    make_room: Callable[[], bool] = no_room_made) -> DiskFile:
         return DiskFile(self._disk, path, self._table, facts_of(self.system, kind, name, reason), self._document,
-                        self._times.local_ns)
+                        self._times.local_ns, make_room=make_room)
 
     def _begin_fault(self, who: str, why: str) -> DiskFile:
-        return self._begin_file(path_of(self._folder, names.FAULT, self._times.local_ns, who), names.FAULT, who, why)
+        """What is of a fault counts more than the oldest of the black box."""
+        path = path_of(self._folder, names.FAULT, self._times.local_ns, who)
+        return self._begin_file(path, names.FAULT, who, why, partial(remove_oldest, self._folder, names.BOX))
 
     def _tell_fault(self, fault: FaultRecording) -> None:
-        if fault.file is not None:
-            self._fault_path = str(fault.file.path)
-            self.own.events.report(codes.FAULT_RECORDED, f"{fault.reason}: kept in {self._fault_path}",
-                                   fault.faults[0].instance)
-            self._show()
+        file, who = fault.file, fault.faults[0].instance
+        if file is None:
+            return
+        why = file.problem or "the disk is too slow"
+        if not (file.is_ended and file.size):
+            self.own.events.report(codes.RECORDING_DROPPED, f"{fault.reason}: could not be kept: {why}", who,
+                                   value=float(file.dropped))
+        else:
+            self._fault_path = str(file.path)
+            missing = "" if file.is_complete else f", not all of it: {why}"
+            self.own.events.report(codes.FAULT_RECORDED, f"{fault.reason}: kept in {self._fault_path}{missing}", who)
+        self._show()
+
+    @property
+    def _all_dropped(self) -> int:
+        """Messages of the black box and of faults that the disk did not take."""
+        return self._box.all_dropped + self._keeper.dropped
 
     def _show(self, ended: NamedRecording | None = None) -> None:
         """What it does, what time it is by all clocks, and what the disk did not take."""
         times, box, named = self._times, self._box, self._named or ended
         self._shown_ns = times.monotonic_ns
-        if self._problem != self._disk.problem or box.all_dropped > self._dropped:
-            self._tell(box.all_dropped)
+        dropped = self._all_dropped
+        if self._problem != self._disk.problem or dropped > self._dropped:
+            self._tell(dropped)
         values = {"system_ns": times.system_ns, "monotonic_ns": times.monotonic_ns, "local_ns": times.local_ns,
-                  "box_bytes": box.size, "box_messages": box.written, "dropped": box.all_dropped,
+                  "box_bytes": box.size, "box_messages": box.written, "dropped": dropped,
                   "waiting_bytes": self._disk.waiting, "problem": cut_text(self._problem, 200),
                   "fault_path": cut_text(self._fault_path, 300), "path": cut_text(self._named_path, 300)}
         values |= {"name": "" if named is None or named is ended else named.name}
@@ -221,6 +239,7 @@ class RecorderLoop(OwnProcess):
         self._box.close()
         if not self._disk.close(END_S):
             self.log.warning("the disk was too slow: the last messages are not recorded")
+        self._keeper.close()
         if self._named is not None:
             self._tell_end(self._named)
         self._watch.close()

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from procs.recorder.box import BlackBox, BoxLimits
-from procs.recorder.disk import Disk, DiskFile, open_new
+from procs.recorder.disk import Disk, DiskFile, no_room_made, open_new
 from procs.recorder.fault import FaultRecording, SeenFault
 from procs.recorder.files import path_of
 from procs.recorder.named import NamedRecording, chosen
@@ -61,10 +62,11 @@ class RingsOfATest:
             self.state.publish(first + n * 1000)
             self.setpoint.publish(first + n * 1000)
 
-    def begin_file(self, path: Path, kind: str) -> DiskFile:
+    def begin_file(self, path: Path, kind: str, make_room: Callable[[], bool] = no_room_made) -> DiskFile:
         """As the recorder does."""
         facts = {names.SYSTEM: {"format": names.FORMAT, "kind": kind, "system": self.system}}
-        self.begun.append(DiskFile(self.disk, path, self.table, facts, (), self.times.local_ns, self.opened))
+        self.begun.append(DiskFile(self.disk, path, self.table, facts, (), self.times.local_ns, self.opened,
+                                   make_room))
         return self.begun[-1]
 
     def box(self, **limits: Any) -> BlackBox:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from procs.recorder import box, loop
+from procs.recorder.fault import SeenFault
 from procs.recordings.reading import open_recording
 from shm import directory
 from shm.clock import monotonic_ns, pause
@@ -56,9 +57,18 @@ class SmallDiskRecorder:
             except OSError:
                 return filler
 
-    def said(self, text: str) -> bool:
-        """Whether it has told this."""
-        return any(text in bytes(row["text"]).decode() for row in self.events.last(200))
+    def said(self, text: str, since: int = 0) -> bool:
+        """Whether it has told this, in another than the first so many events."""
+        return any(text in bytes(row["text"]).decode() for row in self.events.last(200)[since:])
+
+    def fault(self) -> str:
+        """The file that is shown after one; it is waited until something is said of it."""
+        before = len(self.events.last(200))
+        self.loop._keeper.saw(SeenFault("PSM1", "PSM1 is in FAULT"))
+        self.until(lambda shown: self.said("PSM1 is in FAULT:", before))
+        self.state.newest()
+        path: str = self.state.field("fault_path").item().decode()
+        return path
 
     def close(self) -> None:
         """End all."""
@@ -81,10 +91,12 @@ def main(system: str, folder: Path) -> dict[str, Any]:
             number = remote.post("record", [0.0], "grasp")
             recorder.until(lambda shown: bool(remote.replies_to(number)))
         recorder.until(lambda shown: shown["messages"] > 0 or recorder.said("No space left"))
+        not_kept = recorder.fault(), recorder.said("PSM1 is in FAULT: could not be kept: No space left on device")
         filler.unlink()
         again = recorder.until(lambda shown: not shown["problem"] and recorder.said("what comes is recorded again"))
         later = recorder.until(lambda shown: shown["box_messages"] > again["box_messages"] + 100)
         told = recorder.said("messages were not recorded into")
+        kept = recorder.fault()
     finally:
         recorder.close()
     rows = {}
@@ -92,7 +104,8 @@ def main(system: str, folder: Path) -> dict[str, Any]:
         with open_recording(path) as recording:
             rows[path.name.partition("-")[0]] = (recording.is_whole, recording.problems,
                                                  len(recording.records("PSM1/state").rows))
-    return {"before": before, "full": full, "again": again, "later": later, "told": told, "files": rows}
+    return {"before": before, "full": full, "again": again, "later": later, "told": told, "files": rows,
+            "not_kept": not_kept, "kept": kept}
 
 
 if __name__ == "__main__":

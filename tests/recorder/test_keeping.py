@@ -6,13 +6,15 @@ import io
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from procs.recorder import keeping
 from procs.recorder.fault import FaultRecording, SeenFault
-from procs.recorder.files import kept, path_of
+from procs.recorder.files import kept, path_of, remove_oldest
 from procs.recorder.keeping import ASKED, FaultKeeper
 from procs.recordings import names
 from procs.recordings.reading import open_recording
@@ -47,7 +49,7 @@ class Kept:
     def _begin(self, who: str, why: str) -> Any:
         self.rings.times.local_ns += 1_000_000  # names of files have ms
         return self.rings.begin_file(path_of(self.rings.folder, names.FAULT, self.rings.times.local_ns, who),
-                                     names.FAULT)
+                                     names.FAULT, partial(remove_oldest, self.rings.folder, names.BOX))
 
     def saw(self, who: str, asked: Any = None) -> None:
         self.keeper.saw(SeenFault(who, f"{who} is in FAULT"), asked)
@@ -141,6 +143,61 @@ def test_a_wish_that_the_disk_does_not_take_fails(keeping_of: Kept) -> None:
     keeping_of.saw(ASKED, wish)
     keeping_of.goes_on(2.5)
     assert wish.answers == ["failed: not all of it could be written: No space left on device"]
+
+
+def test_a_fault_is_told_when_its_file_has_ended_and_not_before(keeping_of: Kept) -> None:
+    goes = threading.Event()
+    keeping_of.saw("PSM1")
+    keeping_of.goes_on(0.2)
+    keeping_of.rings.disk.do(lambda: goes.wait(30.0) and None)
+    for at_s in (0.4, 0.6, 2.5):
+        keeping_of.rings.passes(at_s)
+        keeping_of.keeper.step("zstd", KEEP)
+    assert keeping_of.told == []
+    goes.set()
+    keeping_of.gets_time(lambda: bool(keeping_of.told))
+    [fault] = keeping_of.told
+    assert fault.file is not None and fault.file.is_complete and fault.file.path.exists()
+
+
+def test_what_a_full_disk_did_not_take_of_a_fault_is_counted(keeping_of: Kept) -> None:
+    keeping_of.rings.opened = lambda path: NoRoom()
+    keeping_of.saw("PSM1")
+    keeping_of.goes_on(2.5)
+    [fault] = keeping_of.told
+    assert fault.file is not None and not fault.file.is_complete and not fault.file.size
+    assert fault.file.problem == "No space left on device"
+    assert keeping_of.keeper.dropped == fault.file.dropped > 0
+    keeping_of.saw("PSM1")
+    keeping_of.goes_on(5.0)
+    assert keeping_of.keeper.dropped == sum(each.file.dropped for each in keeping_of.told if each.file is not None)
+
+
+class Shared(io.FileIO):
+    """A file on a disk that has room for so many bytes, all its files together."""
+
+    folder, most = Path(), 0
+
+    def write(self, data: Any) -> int:
+        if sum(path.stat().st_size for path in self.folder.glob("*.mcap")) + len(data) > self.most:
+            raise OSError(28, "No space left on device")
+        return super().write(data)
+
+
+def test_the_oldest_of_the_black_box_makes_room_for_a_fault(keeping_of: Kept) -> None:
+    folder = keeping_of.rings.folder
+    keeping_of.goes_on(0.1)
+    for n in range(3):
+        old = path_of(folder, names.BOX, n * 1_000_000_000)
+        old.write_bytes(bytes(100_000))
+    Shared.folder, Shared.most = folder, 330_000
+    keeping_of.rings.opened = lambda path: Shared(path, "xb")
+    keeping_of.saw("PSM1")
+    keeping_of.goes_on(2.5)
+    [fault] = keeping_of.told
+    assert fault.file is not None and fault.file.is_complete, fault.file
+    left = [file.path.name for file in kept(folder, names.BOX)]
+    assert "box-19700101-000000.000.mcap" not in left and len(left) >= 2
 
 
 def test_more_wishes_than_can_wait_are_refused(keeping_of: Kept, monkeypatch: pytest.MonkeyPatch) -> None:

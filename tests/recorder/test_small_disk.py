@@ -39,4 +39,6 @@ def test_a_recorder_goes_on_when_a_full_disk_has_room_again(world: Any, tmp_path
     assert found["later"]["dropped"] == found["again"]["dropped"] >= found["full"]["dropped"]
     for whole, problems, count in found["files"].values():
         assert whole and not problems and count > 5
-    assert set(found["files"]) == {"box", "grasp"}, "also what was begun while it was full"
+    assert set(found["files"]) == {"box", "grasp", "fault"}, "also what was begun while it was full"
+    assert found["not_kept"] == ["", True]
+    assert Path(found["kept"]).name.startswith("fault-")
