@@ -335,19 +335,6 @@ def arguments(kind: str) -> argparse.Namespace:
     return chosen
 
 
-@contextlib.contextmanager
-def ended_by_term() -> Iterator[None]:
-    """Of a program of the main thread: SIGTERM ends it as Ctrl-C would, what it has open is closed; exit code 143."""
-    def over(number: int, frame: FrameType | None) -> None:
-        sys.exit(128 + number)
-
-    before = signal.signal(signal.SIGTERM, over)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
-
-
 class TimeUp(BaseException):
     """Somebody else's code took longer than it may; not an Exception, which that code might catch."""
 

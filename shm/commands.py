@@ -207,7 +207,8 @@ COMMANDS: dict[str, tuple[CommandRow, ...]] = {
     "recorder": (
         CommandRow("choose", "", "topic, or instance", "take this into the next recording that the same client begins",
                    moves=False),
-        CommandRow("record", "s or none", "name", "record what was chosen, or all arms and io; done when it has ended",
+        CommandRow("record", "s, 1: end with its client, or none", "name",
+                   "record what was chosen, or all arms and io; done when it has ended",
                    moves=False),
         CommandRow("stop", "", "name or none", "end the recording", moves=False),
         CommandRow("keep", "", "why", "keep what the black box and all rings have, as after a fault", moves=False),

@@ -11,6 +11,7 @@ from functools import partial
 
 from shm.segment import Segment, SegmentError
 
+OFD_GETLK = 36
 OFD_SETLK = 37  # Linux: open-file-description locks; given back by the kernel when the description closes
 LOCK = struct.Struct("hhqqi4x")
 
@@ -46,6 +47,12 @@ class Places:
     def take(self, place: int) -> bool:
         """Take a place, if nobody has it, until `give_back`. Not for two threads: both would get it."""
         return _lock(self._segment.fd, self._first + place)
+
+    def is_taken(self, place: int) -> bool:
+        """Whether somebody else has a place; nothing is taken for that."""
+        asked = LOCK.pack(fcntl.F_WRLCK, os.SEEK_SET, self._first + place, 1, 0)
+        kind: int = LOCK.unpack(fcntl.fcntl(self._segment.fd, OFD_GETLK, asked))[0]
+        return kind != fcntl.F_UNLCK
 
     def give_back(self, place: int) -> None:
         """Let somebody else have a place."""

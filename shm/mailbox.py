@@ -70,7 +70,9 @@ from shm.commands import COMMANDS
 from shm.faults import Cell
 from shm.holders import Holder
 from shm.layout import shorten
+from shm.locks import Places
 from shm.mailbox_map import (
+    CLIENTS,
     COMMAND_HEAD,
     COMMAND_START,
     COMMANDS_DEPTH,
@@ -125,6 +127,7 @@ class Mailbox:
         except BaseException:
             segment.close()
             raise
+        self._locks = Places(segment, places.locks, CLIENTS)
         self._guard, self.audit = guard, audit
         self._map, self._table = places, (*COMMANDS.get(kind, ()), *places.own)
         never_stops = tuple(not row.stops and row.zero != "stops" for row in self._table)
@@ -308,6 +311,10 @@ class Mailbox:
     def holder(self, place: int) -> Holder:
         """Who has a place, by its own word."""
         return self._map.holder(place)
+
+    def has_client(self, place: int) -> bool:
+        """Whether anybody lives in a place (asks the kernel: not for loops of the robot)."""
+        return self._locks.is_taken(place)
 
     def _too_late(self, received: Received) -> str:
         waited = self._now_ns - received.sent_ns

@@ -26,6 +26,9 @@ class Box(Protocol):
     def holder(self, place: int) -> Holder:
         """Who has a place, by its own word."""
 
+    def has_client(self, place: int) -> bool:
+        """Whether anybody lives in a place."""
+
 
 class Received:
     """One command; answer it once with accept/refuse/done, and later done/fail if it takes time."""
@@ -55,6 +58,11 @@ class Received:
     def pid(self) -> int:
         """The process that sent it, by its own word; 0: not known."""
         return self._box.holder(self.place).pid
+
+    @property
+    def has_client(self) -> bool:
+        """Whether somebody lives in the place that it came from; who, says `pid`. Asks the kernel."""
+        return self._box.has_client(self.place)
 
     @property
     def needs_person(self) -> bool:

@@ -167,13 +167,16 @@ def test_layouts_are_spelled_in_shm_only() -> None:
     each_keeps_to(wrong, [path for path in SOURCES if not relative(path).startswith("shm/")])
 
 
+OF_SIGNALS = ("procs/runtime.py", "procs/realtime.py", "procs/ended_by.py")
+
+
 def test_only_the_runtime_knows_signals_and_schedulers() -> None:
     def wrong(path: Path) -> set[str]:
         name, used = relative(path), words_of(path)
         theirs = {"signal"} if not name.startswith("procs/supervisor/") else set()
         return {w for w in used if w.startswith("sched_") or w == "setproctitle"} | (used & theirs)
 
-    each_keeps_to(wrong, [path for path in SOURCES if relative(path) not in ("procs/runtime.py", "procs/realtime.py")])
+    each_keeps_to(wrong, [path for path in SOURCES if relative(path) not in OF_SIGNALS])
 
 
 def test_a_loop_s_body_fits_a_screen() -> None:

@@ -51,6 +51,8 @@ class RecorderLoop(OwnProcess):
         """Open every ring there is; whether the disk takes anything is seen when there is something."""
         self._named: NamedRecording | None = None
         self._asked: list[Received] = []
+        self._client: tuple[Received, int] | None = None
+        """Who has to be there for the recording to go on: its command, and its process."""
         self._chosen: dict[tuple[int, int], list[str]] = {}
         self._problem, self._fault_path, self._named_path = "", "", ""
         self._shown_ns = self._told_ns = self._dropped = 0
@@ -124,6 +126,7 @@ class RecorderLoop(OwnProcess):
     def _record(self, request: Received) -> object:
         topics = self._chosen.pop((request.place, request.pid), [])
         seconds = float(request.values[0]) if len(request.values) else 0.0
+        is_tied = len(request.values) > 1 and bool(request.values[1])
         if self._named is not None:
             raise ValueError(f"{self._named.name} is being recorded; trocar record --stop {self._named.name} ends it")
         if not NAME.fullmatch(request.text) or request.text.split("-")[0] in names.WORDS:
@@ -137,6 +140,7 @@ class RecorderLoop(OwnProcess):
         self._named = NamedRecording(request.text, self._sources, entries, file, self._times, seconds,
                                      self._compression)
         self._asked, self._named_path = [request], str(path)
+        self._client = (request, request.pid) if is_tied else None
         self._show()
         return self.LATER
 
@@ -152,10 +156,17 @@ class RecorderLoop(OwnProcess):
     def _go_on_with_named(self, named: NamedRecording) -> None:
         if not named.is_ending:
             named.step()
-            if named.is_over:
+            if named.is_over or self._is_left_alone():
                 named.end()
         elif named.is_written:
             self._tell_end(named)
+
+    def _is_left_alone(self) -> bool:
+        """Whoever asked for it, and only for as long as it is there itself, is gone."""
+        if self._client is None:
+            return False
+        request, pid = self._client
+        return not request.has_client or request.pid != pid
 
     def _tell_end(self, named: NamedRecording) -> None:
         """To whoever began it, and to whoever stopped it."""

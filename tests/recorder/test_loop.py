@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,6 +22,7 @@ from procs.recordings.reading import open_recording
 from shm import directory
 from shm.clock import monotonic_ns
 from shm.clock import pause as really_pause
+from tests.system.robot import ROOT
 from tests.tools.robot import ScriptedRobot
 from tools import cli, remote
 from tools.verbs import record
@@ -33,6 +38,7 @@ class AskedRecorder:
     pid: int = 10
     values: Any = ()
     heard: Callable[[], Any] = str
+    has_client: bool = True
     answers: list[Any] = field(default_factory=list)
 
     def done(self, text: str = "") -> None:
@@ -122,6 +128,42 @@ def test_whoever_hears_of_the_end_finds_the_last_figures(recording: Recording) -
     recording.until(lambda: bool(asked.answers))
     (said, then), = asked.answers
     assert then["name"] == b"" and f" {then['messages']} messages" in said
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, None],
+                         ids=["killed", "asked to end", "terminal closed", "nobody reads"])
+def test_it_ends_with_the_program_that_asked_for_it(recording: Recording, how: signal.Signals | None) -> None:
+    command = [sys.executable, "-m", "tools", "record", "run", "PSM1", "--json", "--system", recording.robot.name]
+    client = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+                              env={**os.environ, "PYTHONPATH": str(ROOT)})
+    try:
+        recording.until(lambda: recording.state().get("messages", 0) > 5)
+        if how is not None:
+            client.send_signal(how)
+        client.stdout.close()  # type: ignore[union-attr]
+        recording.until(lambda: recording.state().get("name") == b"")
+        recording.until(lambda: client.poll() is not None)
+    finally:
+        client.kill()
+        client.wait()
+    [path] = recording.folder.glob("run-*.mcap")
+    with open_recording(path) as made:
+        assert made.is_whole and len(made.records("PSM1/state").rows)
+
+
+def test_what_is_begun_for_good_goes_on_without_its_client(recording: Recording) -> None:
+    asked = AskedRecorder("record", "run", values=np.array([0.0]), has_client=False)
+    recording.asks(asked)
+    recording.until(lambda: recording.state().get("messages", 0) > 5)
+    assert recording.loop._named is not None and not recording.loop._named.is_ending
+
+
+def test_it_ends_when_another_program_has_its_client_s_place(recording: Recording) -> None:
+    asked = AskedRecorder("record", "run", values=np.array([0.0, 1.0]))
+    recording.asks(asked)
+    recording.until(lambda: recording.state().get("messages", 0) > 5)
+    asked.pid = 11
+    recording.until(lambda: bool(asked.answers))
 
 
 def test_topics_that_one_client_chose_are_not_anothers_at_the_same_place(recording: Recording) -> None:

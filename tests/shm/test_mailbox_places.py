@@ -157,3 +157,15 @@ def test_a_command_its_owner_died_of_fails_once(system: str, waiting: int) -> No
     replies = [(r.id, r.outcome, r.text) for r in client.poll()]
     assert replies == [(fatal, "failed", m.DIED), *((number, "done", "") for number in later)]
     client.close()
+
+
+def test_an_owner_sees_whether_somebody_is_in_the_place_of_a_command(system: str) -> None:
+    owner = Mailbox(system, "IO1", "io")
+    with contextlib.closing(take_place(system, "IO1")) as client:
+        client.send("power_off")
+        (got,) = owner.drain()
+        assert got.has_client
+    assert not got.has_client
+    with contextlib.closing(take_place(system, "IO1")):
+        assert got.has_client and got.pid
+    owner.close()

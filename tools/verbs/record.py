@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack, closing
+from collections.abc import Iterator
+from contextlib import ExitStack, closing, contextmanager, suppress
 from typing import Annotated, Any, Final
 
 import typer
 
 from procs.document.recorder import NAME as RECORDER
+from procs.ended_by import ended_as_by_ctrl_c
 from shm import directory
+from shm.client import MailboxFull
 from shm.clock import monotonic_ns, pause
 from shm.commands import ENDINGS
 from shm.ring import RingReader
@@ -28,6 +31,7 @@ END_S: Final = 20.0
 SHOWN: Final = ("name", "path", "passed_s", "bytes", "messages", "lost", "problem")
 
 
+@ended_as_by_ctrl_c()
 def record(
     name: Annotated[str, typer.Argument(metavar="[NAME]", help="What it is called; its file is NAME-TIME.mcap.")] = "",
     topics: Annotated[list[str] | None, typer.Argument(
@@ -43,6 +47,8 @@ def record(
     system: SystemOption = None,
 ) -> int:
     """Record topics into a file, every record of them, with all events and commands. Ctrl-C ends it.
+
+    So does whatever else ends this program, a closed terminal for instance; with --detach it goes on.
 
     Where files are, what is in them and how to open them: docs/recordings.md. Exit code 1: records are missing.
 
@@ -68,20 +74,30 @@ def record(
             return _kept(remote, state, name, as_json)
         for topic in topics or ():
             remote.ask("choose", text=topic)
-        number = remote.post("record", [seconds], name)
-        try:
-            _begun(remote, number)
-        except KeyboardInterrupt:
-            remote.post("stop", text=name)
-            raise
-        if detach:
-            found = _seen(state)
-            emit(found) if as_json else tell(f"recording {name} into {found['path']}; trocar record {name} --stop")
-            return 0
         recorder = RecorderWatch(state, stack.enter_context(SystemTime(chosen)))
-        with progress(f"recording {name}") as say:
-            said = _watch(remote, number, state, name, seconds, as_json, say, recorder)
+        number = remote.post("record", [seconds, float(not detach)], name)
+        with _stopped_where_it_fails(remote, name):
+            _begun(remote, number)
+            if detach:
+                found = _seen(state)
+                emit(found) if as_json else tell(f"recording {name} into {found['path']}; trocar record {name} --stop")
+                return 0
+            with progress(f"recording {name}") as say:
+                said = _watch(remote, number, state, name, seconds, as_json, say, recorder)
         return _ended(said, _seen(state), as_json)
+
+
+@contextmanager
+def _stopped_where_it_fails(remote: Remote, name: str) -> Iterator[None]:
+    """Nothing goes on recording when we end early: interrupted, or since nobody reads what we say."""
+    try:
+        yield
+    except Refused:  # there is nothing of ours to be stopped
+        raise
+    except BaseException:
+        with suppress(SegmentError, MailboxFull):
+            remote.post("stop", text=name)
+        raise
 
 
 def _begun(remote: Remote, number: int) -> None:

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
+from procs.ended_by import ended_as_by_ctrl_c
 from procs.recordings.reading import RecordingReader
 from tools.errors import Misuse, Problem
 from tools.inspect.watch import arm_names
@@ -26,6 +27,7 @@ from tools.verbs.compare import show
 SPEEDS = 0.01, 100.0
 
 
+@ended_as_by_ctrl_c()
 def replay(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A recording.")],
     arms: Annotated[list[str] | None, typer.Option("--arms", metavar="ARM", help="Only these; again for more.")] = None,

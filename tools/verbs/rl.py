@@ -56,7 +56,7 @@ def rollout(
             save.mkdir(parents=True, exist_ok=True)
     from time import perf_counter
 
-    from procs.runtime import ended_by_term
+    from procs.ended_by import ended_by_term
 
     begin, done, output = perf_counter(), [], sys.stdout
     # an arm that is attached holds in the end; Ray prints, too

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from procs.document.system import Tool
+from procs.ended_by import ended_as_by_ctrl_c
 from procs.paths import given_file, not_found
 from shm.client import begin
 from shm.system_time import SystemTime
@@ -23,6 +24,7 @@ from tools.systems import chosen_system
 SHOWN_EVERY = 20
 
 
+@ended_as_by_ctrl_c()
 def stream(
     arm: Annotated[str, typer.Argument(metavar="ARM", help="A homed arm.")],
     file: Annotated[Path, typer.Argument(

@@ -1,0 +1,43 @@
+"""Signals that end a program of a person: what it has open is closed, and what it does comes to its end in order."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import sys
+from collections.abc import Iterator
+from types import FrameType
+
+
+@contextlib.contextmanager
+def ended_by_term() -> Iterator[None]:
+    """Of a program of the main thread: SIGTERM ends it as Ctrl-C would, what it has open is closed; exit code 143."""
+    def over(number: int, frame: FrameType | None) -> None:
+        sys.exit(128 + number)
+
+    before = signal.signal(signal.SIGTERM, over)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+@contextlib.contextmanager
+def ended_as_by_ctrl_c() -> Iterator[None]:
+    """Of a program of the main thread: SIGTERM, and SIGHUP of a terminal that is closed, do what Ctrl-C does.
+
+    Only the first of them, so that none ends the ending. What is ignored (nohup) stays so.
+    """
+    ours = [number for number in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(number) != signal.SIG_IGN]
+
+    def over(number: int, frame: FrameType | None) -> None:
+        for each in ours:
+            signal.signal(each, signal.SIG_IGN)
+        raise KeyboardInterrupt
+
+    before = [(number, signal.signal(number, over)) for number in ours]
+    try:
+        yield
+    finally:
+        for number, handler in before:
+            signal.signal(number, handler)
