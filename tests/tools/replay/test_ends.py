@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -9,10 +13,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from procs.recordings import names
+from procs.recordings.facts import facts_of
+from procs.recordings.snapshot import take
 from shm import system_time
 from shm.client import MailboxFull
-from shm.clock import monotonic_ns
+from shm.clock import monotonic_ns, pause
 from shm.system_time import SystemTime
+from tests.system.robot import ROOT
 from tests.tools.robot import ScriptedRobot, robot
 from tools import following
 from tools.errors import Problem
@@ -145,6 +153,42 @@ def test_whatever_ends_it_the_arm_is_asked_to_hold(arm: PlayedArm, tmp_path: Pat
     arm.serve()
     assert arm.asked[sent:][-1:] == ["hold"] and len(arm.asked) <= sent + 3, "at most what was on its way, then hold"
     assert arm.passed_s < at_s + 0.6
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("verb", ["stream", "replay"])
+def test_a_program_that_is_asked_to_end_while_an_arm_approaches_asks_it_to_hold(
+        world: Any, tmp_path: Path, verb: str, number: signal.Signals) -> None:
+    with robot(world.name) as made:
+        command = [sys.executable, "-m", "tools", *_words_of(verb, made, tmp_path), "--system", made.name]
+        program = subprocess.Popen(command, cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)},
+                                   stderr=subprocess.PIPE, text=True)
+        asked, end_ns = list[str](), monotonic_ns() + 30_000_000_000
+        while "hold" not in asked and program.poll() is None and monotonic_ns() < end_ns:
+            made.beat()
+            made.show_arm(0.1, "ENABLED", homed=True)
+            for each in made.mailbox.drain():
+                asked.append(each.name)
+                each.accept()
+                if each.name == "move_jp":
+                    program.send_signal(number)
+            pause(0.005)
+        program.kill()
+        _, said = program.communicate()
+        asked += [each.name for each in made.mailbox.drain()]
+    assert asked == ["move_jp", "hold"], said
+
+
+def _words_of(verb: str, made: ScriptedRobot, folder: Path) -> list[str]:
+    """What a person types, with the file that it is about."""
+    if verb == "stream":
+        np.savetxt(folder / "rows.csv", np.tile(np.append(START, 0.0), (1000, 1)), delimiter=",")
+        return ["stream", "PSM1", str(folder / "rows.csv")]
+    for _ in range(5):
+        made.show_arm(0.1, "ENABLED", homed=True)
+    with (folder / "one.mcap").open("xb", buffering=0) as stream:
+        take(made.name, stream, facts_of(made.name, names.DUMP, "one"), [])
+    return ["replay", str(folder / "one.mcap"), "--arms", "PSM1", "--real-robot"]
 
 
 @WAYS
