@@ -14,7 +14,7 @@ import gzip
 import json
 import struct
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Container, Iterator, Sequence
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -39,9 +39,16 @@ MAX_RECORD: Final = 256 << 20
 MAX_PROBLEMS: Final = 20
 MAX_DOCUMENT: Final = 64 << 20
 MAX_RATE_HZ: Final = 1e6
+MAX_ROWS: Final = 2 << 30
+"""Bytes of records that are read at once: ten minutes of an arm at full rate."""
+ALL_STAMPS: Final = (-(1 << 62), 1 << 62)
 READ: Final[dict[int, Callable[[ReadDataStream], McapRecord]]] = {
     Opcode.SCHEMA: Schema.read, Opcode.CHANNEL: Channel.read, Opcode.METADATA: Metadata.read,
     Opcode.ATTACHMENT: Attachment.read}
+
+
+FoundMessage = tuple[int, int, int, int, memoryview]
+"""Channel, sequence, time of day, stamp, data."""
 
 
 class RecordingError(Exception):
@@ -61,6 +68,8 @@ class RecordedTopic:
     schema: str = ""
     channels: dict[int, int] = field(default_factory=dict)
     """Channels, and the epochs of the writer that they stand for."""
+    size: int = 0
+    """Bytes of a record in its message; behind them only what fills it up to a whole number of words is missing."""
     info: dict[str, Any] = field(default_factory=dict)
     """Of the ring: `robots`, `dims`, names of inputs; as its header has it."""
 
@@ -87,6 +96,45 @@ class Records:
         """Records between the first and the last that are not there."""
         numbers = self.rows["sequence"]
         return int(numbers[-1]) - int(numbers[0]) + 1 - len(numbers) if len(numbers) else 0
+
+
+def joined(pieces: Sequence[Records], dtype: np.dtype[np.void]) -> Records:
+    """Pieces of one topic as a whole, in the order of their numbers, each once: some rings are kept twice."""
+    rows = np.concatenate([piece.rows for piece in pieces]) if pieces else np.zeros(0, dtype)
+    local = np.concatenate([np.zeros(0, np.int64), *(piece.local_ns for piece in pieces)])
+    epoch = np.concatenate([np.zeros(0, np.int64), *(piece.epoch for piece in pieces)])
+    numbers = rows["sequence"]
+    if (numbers[1:] > numbers[:-1]).all():
+        return Records(rows, local, epoch)
+    order = np.argsort(numbers, kind="stable")
+    order = order[np.concatenate(([True], np.diff(numbers[order]) != 0))]
+    return Records(rows[order], local[order], epoch[order])
+
+
+class _Piece:
+    """What a chunk has of a topic, while it is gone through."""
+
+    def __init__(self, topic: RecordedTopic, dtype: np.dtype[np.void]) -> None:
+        self.topic, self._dtype = topic, dtype
+        self._rows, self._local, self._epochs = bytearray(), list[int](), list[int]()
+        self._fill = bytes(dtype.itemsize - topic.size)
+
+    def add(self, channel: int, log_ns: int, data: memoryview) -> bool:
+        """One message; False where it is no record."""
+        head, size = len(ENCAPSULATION), len(data) - len(ENCAPSULATION)
+        if not self.topic.size <= size <= self._dtype.itemsize or bytes(data[:head]) != ENCAPSULATION:
+            return False
+        self._rows += data[head:]
+        self._rows += self._fill[size - self.topic.size :]
+        self._local.append(log_ns)
+        self._epochs.append(self.topic.channels[channel])
+        return True
+
+    def records(self, stamps: tuple[int, int]) -> Records:
+        """Those with a stamp from the first to before the second one; they hold no more memory than they need."""
+        rows = np.frombuffer(self._rows, self._dtype)
+        chosen = (rows["stamp_ns"] >= stamps[0]) & (rows["stamp_ns"] < stamps[1])
+        return Records(rows[chosen], np.array(self._local, np.int64)[chosen], np.array(self._epochs, np.int64)[chosen])
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,25 +201,48 @@ class RecordingReader:
         """What is attached under this name; empty where nothing is."""
         return self._attachments.get(name, b"")
 
-    def records(self, topic: str, begin_ns: int = 0, end_ns: int = 1 << 63) -> Records:
-        """Records of a topic with a time of day from `begin_ns` to before `end_ns`; KeyError when there is none."""
-        row = self.topics[topic]
-        if row.dtype is None:
+    def records(self, topic: str, begin_ns: int = 0, end_ns: int = 1 << 63, stamps: tuple[int, int] = ALL_STAMPS
+                ) -> Records:
+        """Records of a topic with a time of day from `begin_ns` to before `end_ns`; KeyError when there is none.
+
+        `stamps`: the same of the system's time. Of more than MAX_ROWS bytes the first ones, and a problem: `pieces`
+        reads recordings of any length.
+        """
+        found, size = list[Records](), 0
+        for _, piece in self.pieces([topic], begin_ns, end_ns, stamps):
+            size += piece.rows.nbytes
+            if size > MAX_ROWS:
+                self._wrong(f"{topic}: it has more than {MAX_ROWS >> 20} MB of records; read are the first ones")
+                break
+            found.append(piece)
+        return joined(found, self.dtype(topic))
+
+    def pieces(self, topics: Sequence[str], begin_ns: int = 0, end_ns: int = 1 << 63,
+               stamps: tuple[int, int] = ALL_STAMPS) -> Iterator[tuple[str, Records]]:
+        """The same of several topics, as it lies in the file: each chunk once, and no more than one in memory.
+
+        They may be out of order, and some records there twice (`joined`). KeyError as above.
+        """
+        rows = [(self.topics[name], self.dtype(name)) for name in topics]
+        wanted = {channel: row for row in rows for channel in row[0].channels}
+        for place in self._chunks:
+            found: dict[str, _Piece] = {}
+            for channel, _, log_ns, _, data in self._in_chunk(place, wanted, begin_ns, end_ns):
+                topic, dtype = wanted[channel]
+                piece = found.get(topic.name) or found.setdefault(topic.name, _Piece(topic, dtype))
+                if not piece.add(channel, log_ns, data):
+                    self._wrong(f"{topic.name}: a message of {len(data)} bytes is no record")
+            for name, piece in found.items():
+                records = piece.records(stamps)
+                if len(records.rows):
+                    yield name, records
+
+    def dtype(self, topic: str) -> np.dtype[np.void]:
+        """Of a topic's records; KeyError when it has none."""
+        dtype = self.topics[topic].dtype
+        if dtype is None:
             raise KeyError(f"{topic} is a view; records have {', '.join(self.record_topics) or 'none'}")
-        dtype, found, local, epochs = row.dtype, bytearray(), [], []
-        for channel, _, log_ns, _, data in self._messages(row.channels, begin_ns, end_ns):
-            if len(data) > len(ENCAPSULATION) + dtype.itemsize or bytes(data[:4]) != ENCAPSULATION:
-                self._wrong(f"{topic}: a message of {len(data)} bytes is no record")
-                continue
-            found += data[4:]
-            found += bytes(dtype.itemsize + 4 - len(data))
-            local.append(log_ns)
-            epochs.append(row.channels[channel])
-        rows = np.frombuffer(bytes(found), dtype)
-        order = np.argsort(rows["sequence"], kind="stable")
-        rows, times, epoch = rows[order], np.array(local, np.int64)[order], np.array(epochs, np.int64)[order]
-        once = np.concatenate(([True], np.diff(rows["sequence"]) != 0))[: len(rows)]  # of rings kept twice
-        return Records(rows[once], times[once], epoch[once])
+        return dtype
 
     def attachments(self) -> list[tuple[str, str, bytes]]:
         """All that is attached: name, media type and content."""
@@ -183,7 +254,7 @@ class RecordingReader:
         schema = self._schemas.get(channel.schema_id)
         return (schema.name, schema.data.decode(errors="replace"), channel.metadata) if schema else ("", "", {})
 
-    def raw(self, topic: str) -> Iterator[tuple[int, int, int, int, memoryview]]:
+    def raw(self, topic: str) -> Iterator[FoundMessage]:
         """Every message of a topic as it lies in the file: channel, sequence, time of day, stamp, data."""
         return self._messages(self.topics[topic].channels, 0, 1 << 63)
 
@@ -295,23 +366,28 @@ class RecordingReader:
         if not text:
             return RecordedTopic(name, type_name, *where)
         schema = schema_from_json(text.encode())
-        if layout_of(where[2], schema).type_name != type_name:
+        layout = layout_of(where[2], schema)
+        if layout.type_name != type_name:
             raise ValueError("its schema is not the one it was recorded with")
-        return RecordedTopic(name, type_name, *where, schema.dtype, text, info=_info(meta.get(names.INFO, "")))
+        return RecordedTopic(name, type_name, *where, schema.dtype, text, size=layout.size,
+                             info=_info(meta.get(names.INFO, "")))
 
-    def _messages(self, channels: dict[int, int], begin_ns: int, end_ns: int
-                  ) -> Iterator[tuple[int, int, int, int, memoryview]]:
+    def _messages(self, channels: Container[int], begin_ns: int, end_ns: int) -> Iterator[FoundMessage]:
         for place in self._chunks:
-            if place.end_ns < begin_ns or place.begin_ns >= end_ns:
-                continue
-            self._file.seek(place.at)
-            try:
-                data = uncompressed(self._file.read(place.length), place.compression, place.size, place.crc)
-                for found in messages(data):
-                    if found[0] in channels and begin_ns <= found[2] < end_ns:
-                        yield found
-            except ChunkError as error:
-                self._wrong(f"byte {place.at}: {error}")
+            yield from self._in_chunk(place, channels, begin_ns, end_ns)
+
+    def _in_chunk(self, place: _ChunkPlace, channels: Container[int], begin_ns: int, end_ns: int
+                  ) -> Iterator[FoundMessage]:
+        if place.end_ns < begin_ns or place.begin_ns >= end_ns:
+            return
+        self._file.seek(place.at)
+        try:
+            data = uncompressed(self._file.read(place.length), place.compression, place.size, place.crc)
+            for found in messages(data):
+                if found[0] in channels and begin_ns <= found[2] < end_ns:
+                    yield found
+        except ChunkError as error:
+            self._wrong(f"byte {place.at}: {error}")
 
     def close(self) -> None:
         """Close the file."""

@@ -27,6 +27,8 @@ STATE = schema_of(Topic("state", "arm", 1500, 3.0, (
     Field("position", "(2,)<f8", "rad", "where it is"), Field("fault", "<u2", "", "0: none"),
     Field("matrix", "(2,3)<f4", "", "numbers"), Field("text", "S7", "", "said"))))
 
+WIDE = schema_of(Topic("state", "arm", 1500, 3.0, (Field("numbers", "(200,)<f8", "", "many"),)))
+
 
 def rows_of(schema: Schema, count: int, seed: int = 0, first: int = 1) -> NDArray[Any]:
     """Records with anything in them, numbered from `first` on."""
@@ -42,10 +44,12 @@ def rows_of(schema: Schema, count: int, seed: int = 0, first: int = 1) -> NDArra
 
 
 def written(stream: BinaryIO, rings: Mapping[tuple[str, str], tuple[Schema, NDArray[Any]]], per_chunk: int = 10,
-            compression: str = ZSTD, finish: bool = True, document: bytes = b"{}") -> RecordingFile:
+            compression: str = ZSTD, finish: bool = True, document: bytes = b"{}", rate_hz: float = 0.0
+            ) -> RecordingFile:
     """A file with these rings (instance, ring): their schemas and records, some of each in a chunk."""
     table = ChannelTable()
-    made = {key: table.ring(*key, "arm", schema, 1, {"type": "PSM"}) for key, (schema, _) in rings.items()}
+    info = {"type": "PSM", "rate_hz": rate_hz}
+    made = {key: table.ring(*key, "arm", schema, 1, info) for key, (schema, _) in rings.items()}
     file = RecordingFile(stream, table, FACTS, [(names.DOCUMENT, "application/gzip", gzip.compress(document, mtime=0))],
                          BEGIN_NS)
     most = max(len(rows) for _, rows in rings.values())
@@ -62,11 +66,12 @@ def written(stream: BinaryIO, rings: Mapping[tuple[str, str], tuple[Schema, NDAr
     return file
 
 
-def a_recording(folder: Path, count: int = 50, name: str = "one.mcap", **options: Any) -> tuple[Path, NDArray[Any]]:
+def a_recording(folder: Path, count: int = 50, name: str = "one.mcap", schema: Schema = STATE, **options: Any
+                ) -> tuple[Path, NDArray[Any]]:
     """A file with records of one ring."""
-    rows, path = rows_of(STATE, count), folder / name
+    rows, path = rows_of(schema, count), folder / name
     with path.open("wb", buffering=0) as stream:
-        written(stream, {("PSM1", "state"): (STATE, rows)}, **options)
+        written(stream, {("PSM1", "state"): (schema, rows)}, **options)
     return path, rows
 
 

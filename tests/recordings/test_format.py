@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import re
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -18,9 +19,9 @@ from mcap.stream_reader import StreamReader
 from rosbags.rosbag2.storage_mcap import McapReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from procs.recordings import names
+from procs.recordings import names, reading
 from procs.recordings.chunks import COMPRESSIONS, Chunk, packed
-from procs.recordings.layout import layout_of
+from procs.recordings.layout import ENCAPSULATION, layout_of
 from procs.recordings.reading import RecordingError, open_recording
 from procs.recordings.writing import MAGIC, ChannelTable, RecordingFile
 from procs.ros.definitions import definition
@@ -225,6 +226,33 @@ def test_a_chunk_that_claims_too_much_is_not_uncompressed(tmp_path: Path):
     with open_recording(path) as recording:
         assert len(recording.records("PSM1/state").rows) == 0
         assert any("allowed are" in problem for problem in recording.problems)
+
+
+def test_a_message_that_is_shorter_than_a_record_takes_no_room(tmp_path: Path):
+    table, path = ChannelTable(), tmp_path / "bomb.mcap"
+    large = schema_of(Topic("state", "arm", 1500, 3.0, (Field("numbers", "(130000,)<f8", "", "a megabyte"),), depth=4))
+    with path.open("wb", buffering=0) as stream:
+        channel, _ = table.ring("PSM1", "state", "arm", large, 1)
+        chunk = Chunk()
+        for number in range(300):
+            chunk.add(channel, number, BEGIN_NS, 5, ENCAPSULATION)
+        RecordingFile(stream, table, FACTS).put(packed(chunk, "zstd"))
+    tracemalloc.start()
+    with open_recording(path) as recording:
+        assert len(recording.records("PSM1/state").rows) == 0
+        assert "PSM1/state: a message of 4 bytes is no record" in recording.problems
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 20e6
+
+
+def test_of_more_than_memory_holds_the_first_are_read_and_that_is_told(tmp_path: Path, monkeypatch):
+    path, rows = a_recording(tmp_path)
+    monkeypatch.setattr(reading, "MAX_ROWS", 25 * rows.dtype.itemsize)
+    with open_recording(path) as recording:
+        assert recording.records("PSM1/state").rows["sequence"].tolist() == list(range(1, 21))
+        assert any("read are the first ones" in problem for problem in recording.problems)
+        assert sum(len(piece.rows) for _, piece in recording.pieces(["PSM1/state"])) == 50
 
 
 def test_another_epoch_is_another_channel_of_the_same_topic(tmp_path: Path):

@@ -37,6 +37,11 @@ class Stretch:
     begin_ns: int = -END_NS
     end_ns: int = END_NS
 
+    @property
+    def stamps(self) -> tuple[int, int]:
+        """Both ends, as they are read of a recording."""
+        return self.begin_ns, self.end_ns
+
     def of(self, records: Records) -> Records:
         """What lies in it."""
         stamps = records.rows["stamp_ns"]
@@ -70,9 +75,17 @@ def start_ns(recording: RecordingReader) -> int:
     What comes by command only (gains) is kept in rings for hours, and says nothing about when a recording began.
     """
     steady = [name for name in recording.record_topics if recording.topics[name].rate_hz]
-    first = [int(rows["stamp_ns"].min()) for name in steady or recording.record_topics
-             if len(rows := recording.records(name).rows)]
-    return min(first, default=0)
+    return min((first for first, _ in spans(recording, steady or recording.record_topics).values()), default=0)
+
+
+def spans(recording: RecordingReader, topics: Sequence[str], part: Stretch = Stretch()) -> dict[str, tuple[int, int]]:
+    """The first and the last stamp of each topic in a stretch; those without a record there are left out."""
+    found: dict[str, tuple[int, int]] = {}
+    for name, piece in recording.pieces(topics, stamps=part.stamps):
+        stamps = piece.rows["stamp_ns"]
+        first, last = found.get(name, (END_NS, -END_NS))
+        found[name] = min(first, int(stamps.min())), max(last, int(stamps.max()))
+    return found
 
 
 def stretch(recording: RecordingReader, from_s: float = 0.0, to_s: float | None = None) -> Stretch:

@@ -13,7 +13,7 @@ import numpy as np
 from procs.recordings import names
 from procs.recordings.reading import RecordingReader, Records
 from tools.errors import Problem
-from tools.recorded.choosing import Stretch, start_ns
+from tools.recorded.choosing import Stretch, spans, start_ns
 from tools.recorded.differences import SEQUENCE, START, in_common
 
 SLACK_NS: Final = 3_000_000_000
@@ -64,12 +64,11 @@ def common_time(a: RecordingReader, b: RecordingReader, parts: tuple[Stretch, St
 
 def _extent(recording: RecordingReader, part: Stretch) -> tuple[int, int]:
     """From when to when all topics with a rate are there, but for those that began or ended apart from the others."""
-    stamps = {name: part.of(recording.records(name)).rows["stamp_ns"] for name in recording.record_topics}
-    found = {name: each for name, each in stamps.items() if len(each)}
+    found = spans(recording, recording.record_topics, part)
     steady = [each for name, each in found.items() if recording.topics[name].rate_hz] or list(found.values())
     if not steady:
         raise Problem(f"{recording.path.name} has no records in this time")
-    first, last = (np.array([pick(each) for each in steady], np.int64) for pick in (np.min, np.max))
+    first, last = np.array(steady, np.int64).T
     is_of_rings = recording.metadata.get(names.SYSTEM, {}).get("kind") in (names.DUMP, names.FAULT)
     begin = first if is_of_rings else first[first <= first.min() + SLACK_NS]
     return int(begin.max()), int(last[last >= last.max() - SLACK_NS].min())

@@ -76,7 +76,7 @@ class Comparing:
 
     def _topic(self, a: RecordingReader, b: RecordingReader, name: str, stretches: tuple[Stretch, Stretch],
                shared: CommonTime | None, unwanted: list[str]) -> TopicDifference:
-        records: tuple[Records, Records] = stretches[0].of(a.records(name)), stretches[1].of(b.records(name))
+        records = a.records(name, stamps=stretches[0].stamps), b.records(name, stamps=stretches[1].stamps)
         if shared is not None:
             records = shared.of(*records, a.topics[name].rate_hz > 0.0)
         absent = [field for field in on_demand(a.topics[name]) if any(_lacks(each, field) for each in records)]

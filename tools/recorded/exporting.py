@@ -6,13 +6,14 @@ import csv
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.recordings.reading import RecordedTopic, RecordingReader, Records
+from procs.recordings.reading import RecordedTopic, RecordingReader, Records, joined
 from shm.header import readable
 from tools.errors import Problem
 from tools.printing import Say
@@ -32,15 +33,20 @@ class TableColumn:
     values: NDArray[Any]
 
 
-def columns(topic: RecordedTopic, records: Records) -> list[TableColumn]:
+TableParts = Iterator[list[TableColumn]]
+"""A table, some rows after the other: the same columns each time."""
+
+
+def columns(topic: RecordedTopic, records: Records, last: NDArray[Any]) -> list[TableColumn]:
     """A topic's records as columns: an array has one for each element, named after joints where it has some.
 
-    The first ones are `sequence`, `stamp_ns` (system time), `local_ns` (time of day) and `epoch` (which process wrote).
+    `last`: the last row of all, with the names. The first columns are `sequence`, `stamp_ns` (system time), `local_ns`
+    (time of day) and `epoch` (which process wrote).
     """
     rows = records.rows
     found = [TableColumn("sequence", rows["sequence"]), TableColumn("stamp_ns", rows["stamp_ns"]),
              TableColumn("local_ns", records.local_ns), TableColumn("epoch", records.epoch)]
-    labels = element_names(topic, rows)
+    labels = element_names(topic, last)
     for field in (rows.dtype.names or ())[2:]:
         name = f"{field}_of_record" if field in ("local_ns", "epoch") else field
         values = rows[field]
@@ -98,36 +104,63 @@ class RecordingTables:
     all_of_them: bool = True
     """Also those without a record there: a recording names every topic of its system."""
 
-    def tables(self, say: Say) -> Iterator[tuple[str, list[TableColumn]]]:
-        """Each topic with its columns."""
+    def tables(self, say: Say) -> Iterator[tuple[str, TableParts]]:
+        """Each topic with its columns, some rows after the other: the first of them may have none."""
         for done, name in enumerate(self.topics):
             say(name, done / len(self.topics))
-            records = self.part.of(self.recording.records(name))
-            if self.all_of_them or len(records.rows):
-                yield name, columns(self.recording.topics[name], records)
+            in_order, last = self._look(name)
+            if self.all_of_them or len(last):
+                topic, parts = self.recording.topics[name], self._parts(name, in_order)
+                yield name, (columns(topic, records, last) for records in parts)
+
+    def _look(self, name: str) -> tuple[bool, NDArray[Any]]:
+        """Whether records lie in the order of their numbers, and the last row, where there is one."""
+        before, in_order, last = -1, True, joined([], self.recording.dtype(name)).rows
+        for _, piece in self.recording.pieces([name], stamps=self.part.stamps):
+            numbers = piece.rows["sequence"]
+            in_order = in_order and int(numbers[0]) > before and bool((numbers[1:] > numbers[:-1]).all())
+            last, before = piece.rows[-1:], int(numbers[-1])
+        return in_order, last
+
+    def _parts(self, name: str, in_order: bool) -> Iterator[Records]:
+        """All records in their order; what is not recorded so, as after a fault, is sorted as a whole."""
+        if not in_order:
+            yield self.recording.records(name, stamps=self.part.stamps)
+            return
+        found, dtype = list[Records](), self.recording.dtype(name)
+        for _, piece in self.recording.pieces([name], stamps=self.part.stamps):
+            found.append(piece)
+            if sum(len(each.rows) for each in found) >= AT_ONCE:
+                yield joined(found, dtype)
+                found = []
+        yield joined(found, dtype)
 
     def to_csv(self, folder: Path, say: Say) -> list[Path]:
         """A file a topic; those that were written."""
         written = []
-        for name, table in self.tables(say):
+        for name, parts in self.tables(say):
             path = folder / f"{file_stem(name)}.csv"
             with path.open("w", encoding="utf-8", newline="") as stream:
-                write_csv(stream, table)
+                write_csv(stream, parts)
             written.append(path)
         return written
 
     def to_stdout(self, say: Say) -> None:
         """The only topic as CSV."""
-        for _, table in self.tables(say):
-            write_csv(sys.stdout, table)
+        for _, parts in self.tables(say):
+            write_csv(sys.stdout, parts)
 
     def to_parquet(self, folder: Path, say: Say) -> list[Path]:
         """A file a topic; Problem without pyarrow."""
         parquet, table = arrow()
         written = []
-        for name, found in self.tables(say):
+        for name, parts in self.tables(say):
             path = folder / f"{file_stem(name)}.parquet"
-            parquet.write_table(table({column.name: _as_list(column) for column in found}), str(path))
+            tables = (table({column.name: _as_list(column) for column in part}) for part in parts)
+            first = next(tables)
+            with parquet.ParquetWriter(str(path), first.schema) as writer:
+                for each in chain([first], tables):
+                    writer.write_table(each.cast(first.schema))
             written.append(path)
         return written
 
@@ -150,14 +183,15 @@ def file_stem(topic: str) -> str:
     return "".join(letter if letter.isalnum() or letter in "-_." else "-" for letter in topic).lstrip(".") or "topic"
 
 
-def write_csv(stream: Any, table: Sequence[TableColumn]) -> None:
+def write_csv(stream: Any, parts: TableParts) -> None:
     """A row of names, then a row a record; NaN is empty, flags are 0 and 1, numbers have all their digits."""
     writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow([column.name for column in table])
-    count = len(table[0].values)
-    for begin in range(0, count, AT_ONCE):
-        cells = [_cells(column.values[begin : begin + AT_ONCE]) for column in table]
-        writer.writerows(zip(*cells, strict=True))
+    for number, table in enumerate(parts):
+        if not number:
+            writer.writerow([column.name for column in table])
+        for begin in range(0, len(table[0].values), AT_ONCE):
+            cells = [_cells(column.values[begin : begin + AT_ONCE]) for column in table]
+            writer.writerows(zip(*cells, strict=True))
 
 
 def _cells(values: NDArray[Any]) -> list[Any]:

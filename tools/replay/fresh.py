@@ -25,7 +25,7 @@ from shm.segment import SegmentError
 from tools.cleanup import own_folder
 from tools.errors import Problem
 from tools.printing import Say
-from tools.recorded.choosing import TIMED
+from tools.recorded.choosing import TIMED, spans
 from tools.replay.commands import AUDIT, RecordedCommand, commands_of
 from tools.replay.configuration import recorded_system, startable
 from tools.replay.rings import WholeRings, new_file
@@ -118,11 +118,11 @@ def _repeatable(recording: RecordingReader, out: Sequence[str]) -> tuple[list[Re
 
 def _end_ns(recording: RecordingReader) -> int:
     """The last instant of a process that simulated time waits for."""
-    last = [int(rows["stamp_ns"][-1]) for name in recording.record_topics if recording.topics[name].kind in TIMED
-            and len(rows := recording.records(name).rows)]
-    if not last or not EPOCH_NS <= max(last) < EPOCH_NS + (1 << 55):
+    topics = [name for name in recording.record_topics if recording.topics[name].kind in TIMED]
+    last = max((last for _, last in spans(recording, topics).values()), default=0)
+    if not EPOCH_NS <= last < EPOCH_NS + (1 << 55):
         raise Problem("it has no records of simulated time")
-    return max(last)
+    return last
 
 
 class _Sender:

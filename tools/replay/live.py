@@ -22,7 +22,7 @@ from tools.errors import Problem
 from tools.following import MAX_GAP_S, Follower, beats, holding_at_end
 from tools.inspect.watch import Watch, document_of
 from tools.printing import Say
-from tools.recorded.choosing import Stretch
+from tools.recorded.choosing import Stretch, spans
 from tools.remote import Remote
 from tools.replay.configuration import LOOPBACK
 
@@ -55,9 +55,9 @@ class NoMotion(Problem):
 def motion_of(recording: RecordingReader, arm: str, part: Stretch) -> RecordedMotion:
     """Its first stretch of being homed in `part`; NoMotion where there is none, Problem where it cannot be sent."""
     topic = f"{arm}/state"
-    if topic not in recording.record_topics or not len((known := recording.records(topic)).rows):
+    if topic not in recording.record_topics or not spans(recording, [topic]):
         raise NoMotion(f"{recording.path.name} has no {topic}")
-    rows = part.of(known).rows
+    rows = recording.records(topic, stamps=part.stamps).rows
     needed = {"state", "is_homed", "setpoint_position", "position", "count", "has_jaw", "jaw_setpoint_position"}
     if missing := needed - set(rows.dtype.names or ()):
         raise Problem(f"{topic} lacks {', '.join(sorted(missing))}: {arm} is no arm, or of another version")

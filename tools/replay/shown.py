@@ -87,7 +87,7 @@ class Showing:
             page.show("RUNNING")
             self._pages.append(page)
         for row in rows:
-            records = part.of(recording.records(row.name)).rows
+            records = recording.records(row.name, stamps=part.stamps).rows
             create(segment_name(self.system, row.instance, row.ring), directory.RING,
                    schema_from_json(row.schema.encode()), _depth(row), row.info | {"simulation": WORD})
             segment = Segment(segment_name(self.system, row.instance, row.ring), write=True)

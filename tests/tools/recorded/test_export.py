@@ -7,6 +7,7 @@ import io
 import json
 import subprocess
 import sys
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +20,11 @@ from typer.testing import CliRunner
 
 from procs.recordings.reading import RecordedTopic, open_recording
 from shm.header import readable
-from tests.recordings.made import STATE, STEP_NS, a_recording, rows_of, written
+from tests.recordings.made import STATE, STEP_NS, WIDE, a_recording, rows_of, written
 from tools import cli
-from tools.recorded.exporting import element_names, file_stem
+from tools.recorded import exporting
+from tools.recorded.choosing import Stretch
+from tools.recorded.exporting import RecordingTables, element_names, file_stem
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -53,6 +56,36 @@ def test_one_topic_goes_to_the_output(tmp_path: Path) -> None:
     stamps = [int(row["stamp_ns"]) for row in csv.DictReader(io.StringIO(found.stdout))]
     assert stamps == rows["stamp_ns"][10:20].tolist()
     assert run(path, "-o", "-", "--format", "rosbag2").returncode == 2
+
+
+@pytest.mark.parametrize("order", ["as they came", "rings before the black box"])
+def test_a_table_is_whole_and_in_order_however_it_was_recorded(tmp_path: Path, order: str,
+                                                               monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(exporting, "AT_ONCE", 25)
+    rows = rows_of(STATE, 95)
+    kept = rows if order == "as they came" else np.concatenate([rows[50:], rows[:60]])
+    path = tmp_path / "one.mcap"
+    with path.open("wb", buffering=0) as stream:
+        written(stream, {("PSM1", "state"): (STATE, kept)})
+    said = CliRunner().invoke(cli.build("export"), ["export", str(path), "-o", "-", "--topics", "PSM1/state"])
+    table = list(csv.DictReader(io.StringIO(said.stdout)))
+    assert [int(row["sequence"]) for row in table] == list(range(1, 96))
+    assert [int(row["fault"]) for row in table] == rows["fault"].tolist()
+
+
+def test_how_much_memory_a_table_takes_does_not_depend_on_its_length(tmp_path: Path,
+                                                                      monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(exporting, "AT_ONCE", 500)
+    peaks = []
+    for count in (1_500, 6_000):
+        path, _ = a_recording(tmp_path, count, f"{count}.mcap", WIDE, per_chunk=500)
+        tracemalloc.start()
+        with open_recording(path) as recording:
+            tables = RecordingTables(recording, ["PSM1/state"], Stretch()).tables(lambda text, fraction: None)
+            assert sum(len(part[0].values) for _, parts in tables for part in parts) == count
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 1.3 * peaks[0], peaks
 
 
 def test_topics_without_records_are_left_out_unless_they_are_named(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tracemalloc
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -20,7 +21,7 @@ from shm.segment import names_of
 from shm.system_time import SystemTime
 from shm.topics import EVENTS, SETPOINT
 from tests.conftest import World
-from tests.recordings.made import a_recording
+from tests.recordings.made import WIDE, a_recording
 from tools import cli
 from tools.errors import Problem
 from tools.recorded import as_system
@@ -90,6 +91,24 @@ def test_of_a_recording_that_is_longer_than_rings_a_stretch_is_looked_at(
                 assert time.now_ns() == rows["stamp_ns"][-1]
         said = capsys.readouterr().err
         assert ("looked at is what comes from" in said) == (part != LookedAt(0.1, 0.3))
+
+
+@pytest.mark.parametrize(("part", "most", "shown"), [(LookedAt(0.5, 1.0), 5000, 500), (LookedAt(), 500, 500)],
+                         ids=["a stretch", "what a ring holds"])
+def test_how_much_memory_it_takes_does_not_depend_on_the_length_of_the_recording(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, part: LookedAt, most: int, shown: int) -> None:
+    monkeypatch.setattr(as_system, "MOST", most)
+    peaks = []
+    for count in (2_000, 8_000):
+        path, _ = a_recording(tmp_path, count, f"{count}.mcap", WIDE, per_chunk=500, rate_hz=1000.0)
+        tracemalloc.start()
+        with recording_as_system(path, part=part) as system:
+            reader = directory.reader(system, "PSM1", "state")
+            assert reader.head == shown
+            reader.close()
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 1.3 * peaks[0], peaks
 
 
 def test_a_file_may_be_called_anything(fault: Path) -> None:
