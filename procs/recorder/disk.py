@@ -11,6 +11,7 @@ import os
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from io import UnsupportedOperation
 from pathlib import Path
 from queue import SimpleQueue
 from typing import BinaryIO, Final
@@ -19,6 +20,8 @@ from procs.recordings.chunks import Chunk, PackedChunk, packed
 from procs.recordings.writing import ChannelTable, RecordingFile
 
 MAX_WAITING: Final = 48 << 20
+UNSYNCED: Final = (errno.EINVAL, errno.ENOTSUP)
+"""What there is nothing to be written back of says so."""
 NO_ROOM: Final = (errno.ENOSPC, errno.EDQUOT)
 Open = Callable[[Path], BinaryIO]
 
@@ -160,13 +163,21 @@ class DiskFile:
     def _write(self, chunk: Chunk, compression: str) -> None:
         try:
             self._put(packed(chunk, compression))
-            self._sync()
         except Exception as error:
             self.dropped += chunk.count
             self.messages -= chunk.count
             self.problem = in_words(error)
             raise
+        self._sync_or_fail()
         self._disk.problem = ""
+
+    def _sync_or_fail(self) -> None:
+        """What a disk could not write back is in the file, as far as anybody can tell, and may not be there later."""
+        try:
+            self._sync()
+        except OSError as error:
+            self.has_failed, self.problem = True, in_words(error)
+            raise
 
     def _put(self, chunk: PackedChunk) -> None:
         """Where there is no room, as often as some can be made."""
@@ -180,11 +191,15 @@ class DiskFile:
 
     def _sync(self) -> None:
         """Nothing that was written is lost when the power goes."""
-        if self._stream is not None:
-            try:
-                os.fdatasync(self._stream.fileno())
-            except (OSError, ValueError):  # no file of a disk
-                return
+        if self._stream is None:
+            return
+        try:
+            os.fdatasync(self._stream.fileno())
+        except UnsupportedOperation:  # no file of a disk
+            return
+        except OSError as error:
+            if error.errno not in UNSYNCED:
+                raise
 
     def _end(self, losses: Mapping[str, str], name: str) -> None:
         try:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import threading
 from pathlib import Path
+
+import pytest
 
 from procs.recorder.disk import Disk
 from procs.recorder.files import KeptFile, kept, path_of, too_old
@@ -198,6 +201,26 @@ def test_files_that_never_came_to_be_are_forgotten_but_not_what_they_dropped(rin
     rings.written()
     assert len(rings.begun) >= 7 and len(box.files) <= 2
     assert box.all_dropped == sum(file.dropped for file in rings.begun) > 7
+
+
+@pytest.mark.parametrize(("error", "said"), [
+    (OSError(errno.EIO, "Input/output error"), "Input/output error"), (OSError(errno.EINVAL, "Invalid argument"), "")])
+def test_what_a_disk_does_not_write_back_is_told(rings: RingsOfATest, monkeypatch: pytest.MonkeyPatch, error: OSError,
+                                                 said: str) -> None:
+    def refuses(fd: int) -> None:
+        raise error
+
+    monkeypatch.setattr("procs.recorder.disk.os.fdatasync", refuses)
+    box = rings.box()
+    rings.write(5)
+    rings.passes()
+    box.step()
+    rings.idle()
+    assert rings.disk.problem == rings.begun[0].problem == said
+    assert rings.begun[0].has_failed == bool(said)
+    box.close()
+    rings.written()
+    assert rings.begun[0].is_ended
 
 
 def test_a_disk_that_hangs_holds_nobody_up_and_memory_is_bounded(rings: RingsOfATest) -> None:
