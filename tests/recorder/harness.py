@@ -47,6 +47,7 @@ class RingsOfATest:
         self.time = SystemTime(system)
         self.disk, self.table = Disk(), ChannelTable()
         self.times = LocalTimes(self.time)
+        self._begin_ns = self.times.monotonic_ns
         self.sources = SystemSources(system, self.table, "recorder")
         self.opened: Any = open_new
         self.begun: list[DiskFile] = []
@@ -87,9 +88,9 @@ class RingsOfATest:
             path_of(self.folder, names.FAULT, self.times.local_ns, who), names.FAULT))
 
     def passes(self, seconds: float = 0.0) -> None:
-        """Time passes for the recorder, by so much more than it does."""
+        """So long after the beginning, for the recorder; how busy this machine is does not count."""
         self.times.look()
-        self.times.monotonic_ns += round(seconds * 1e9)
+        self.times.monotonic_ns = self._begin_ns + round(seconds * 1e9)
 
     def idle(self) -> None:
         """Nothing waits for the disk."""

@@ -147,11 +147,11 @@ def test_a_wish_that_the_disk_does_not_take_fails(keeping_of: Kept) -> None:
 
 def test_a_fault_is_told_when_its_file_has_ended_and_not_before(keeping_of: Kept) -> None:
     goes = threading.Event()
+    keeping_of.rings.write(20)
     keeping_of.saw("PSM1")
-    keeping_of.goes_on(0.2)
     keeping_of.rings.disk.do(lambda: goes.wait(30.0) and None)
-    for at_s in (0.4, 0.6, 2.5):
-        keeping_of.rings.passes(at_s)
+    for n in range(100):
+        keeping_of.rings.passes(0.05 * n)
         keeping_of.keeper.step("zstd", KEEP)
     assert keeping_of.told == []
     goes.set()
