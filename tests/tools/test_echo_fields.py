@@ -75,6 +75,19 @@ def test_a_file_that_cannot_be_written_is_a_problem(played: ScriptedRobot) -> No
     assert shown.exit_code == 1 and "/nowhere/at/all.csv: cannot be written: No such file" in shown.stderr
 
 
+def test_hz_of_a_field_counts_in_the_time_that_the_ring_keeps(played: ScriptedRobot, monkeypatch: pytest.MonkeyPatch
+                                                              ) -> None:
+    def ten_seconds(seconds: float) -> None:
+        for n in range(1, 10_001):
+            played.arm.field("position")[0] = n
+            played.arm.publish(begin_ns + n * 1_000_000)
+
+    begin_ns = played.arm.stamp_ns
+    monkeypatch.setattr("tools.verbs.listing.pause", ten_seconds)
+    row = json.loads(run(played, "hz", "PSM1/state.position[0]", "--json", "--window", "10").stdout)
+    assert row["records"] == 10_000 and row["changes_hz"] == pytest.approx(1000.0)
+
+
 def test_hz_of_a_field_counts_its_changes(played: ScriptedRobot, monkeypatch: pytest.MonkeyPatch) -> None:
     def meanwhile(seconds: float) -> None:
         for value in (0.1, 0.1, 0.2, 0.3):

@@ -134,13 +134,14 @@ class _Rate:
             self._problem = str(error)
 
     def row(self, window_s: float) -> dict[str, Any]:
-        count, gaps, changes = 0, np.zeros(0), None
+        count, gaps, changes_hz = 0, np.zeros(0), None
         reader = self._reader
         if reader is not None:
             count = reader.head - self._before
             if count > 0:
                 rows = reader.last(count)
-                gaps, changes = np.diff(rows["stamp_ns"]) * 1e-6, self._changes(rows)
+                gaps = np.diff(rows["stamp_ns"]) * 1e-6
+                changes_hz = self._changes_hz(rows, window_s if len(rows) == count else float(gaps.sum()) * 1e-3)
             reader.newest()
             reported = [writer_gone(reader.gone), "the head went backwards" if count < 0 else "", reader.problem]
             self._problem = "; ".join(part for part in reported if part)
@@ -151,12 +152,15 @@ class _Rate:
             "hz": float(1e3 / gaps.mean()) if steady else max(0, count) / window_s,
             "period_ms": float(gaps.mean()) if some else None, "std_ms": float(gaps.std()) if some else None,
             "max_ms": float(gaps.max()) if some else None,
-            "changes_hz": None if changes is None else changes / window_s, "problem": self._problem,
+            "changes_hz": changes_hz, "problem": self._problem,
         }
 
-    def _changes(self, rows: NDArray[Any]) -> int | None:
-        """How often the value of the field was another than in the record before; not known stays not known."""
-        if self._path is None or not self._path.field or not len(rows):
+    def _changes_hz(self, rows: NDArray[Any], seconds: float) -> float | None:
+        """How often in so many seconds the value of the field was another than in the record before; None: no field.
+
+        What is not known does not change. Rings keep less than a long window: then it is the time that they keep.
+        """
+        if self._path is None or not self._path.field or not len(rows) or seconds <= 0.0:
             return None
         try:
             values = cells_of(self._entry, self._path, rows[-1:]).raw(rows)
@@ -165,7 +169,7 @@ class _Rate:
         others = values[1:] != values[:-1]
         if values.dtype.kind == "f":
             others &= ~(np.isnan(values[1:]) & np.isnan(values[:-1]))
-        return int(np.any(others, axis=1).sum())
+        return float(np.any(others, axis=1).sum() / seconds)
 
     def close(self) -> None:
         if self._reader is not None:
