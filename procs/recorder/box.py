@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
 from procs.recorder.disk import Disk, DiskFile
-from procs.recorder.files import kept, path_of, remove, too_old
+from procs.recorder.files import KeptFile, kept, path_of, remove, too_old
 from procs.recorder.sources import SystemSources
 from procs.recorder.times import LocalTimes
 from procs.recordings import names
@@ -44,6 +45,8 @@ class BlackBox:
         self.files: list[DiskFile] = []
         """Those of this process that are still there, oldest first; the last one is being written."""
         self._file_ns = self._chunk_ns = self._sample_ns = self._view_ns = 0
+        self._begin_local_ns, self._begin_ns = times.local_ns, times.monotonic_ns
+        self._ends: dict[Path, int] = {}
         self.dropped = self.written = 0
         self._complete = [ring for ring in sources.rings.values() if ring.is_complete]
         self._sampled = [ring for ring in sources.rings.values() if not ring.is_complete]
@@ -72,7 +75,7 @@ class BlackBox:
         part_s = 60.0 * limits.minutes / PARTS
         if self.files and (now_ns - self._file_ns >= part_s * 1e9
                            or self.files[-1].size >= limits.size_mb * 1e6 / PARTS):
-            self.files[-1].finish({}, names.LOSSES)
+            self._end()
             self._begin()
         elif not self.files:
             self._begin()
@@ -81,7 +84,7 @@ class BlackBox:
 
     def _begin(self) -> None:
         self._file_ns, local_ns = self._times.monotonic_ns, self._times.local_ns
-        gone = too_old(kept(self._folder, names.BOX), local_ns, 60.0 * self.limits.minutes,
+        gone = too_old(self._kept(), self._steady_ns, 60.0 * self.limits.minutes,
                        round(self.limits.size_mb * 1e6 * (PARTS - 1) / PARTS))
         if gone:
             self._disk.do(remove(gone))
@@ -92,10 +95,35 @@ class BlackBox:
             if ring.is_seldom:  # the files that had its last change may be gone
                 ring.keep_newest(self.chunk, self._times)
 
+    @property
+    def _steady_ns(self) -> int:
+        """Time of day as it would be had nobody set the clock since we began: that makes no file older."""
+        return self._begin_local_ns + self._times.monotonic_ns - self._begin_ns
+
+    def _end(self) -> None:
+        self.files[-1].finish({}, names.LOSSES)
+        self._ends[self.files[-1].path] = self._steady_ns
+
+    def _kept(self) -> list[KeptFile]:
+        """Those on the disk, oldest first."""
+        files = [replace(file, end_ns=self._ends.get(file.path, file.end_ns)) for file in kept(self._folder, names.BOX)]
+        return sorted(files, key=lambda file: file.end_ns)
+
+    def remove_oldest(self) -> bool:
+        """Make room, also in another thread; False where nothing is there but the file that is being written."""
+        present = self.files[-1].path if self.files else None
+        for file in self._kept():
+            if file.path != present:
+                with suppress(OSError):
+                    file.path.unlink()
+                    return True
+        return False
+
     def _forget(self, gone: set[Path]) -> None:
         """What was removed, by whomever, and what never came to be on the disk."""
         self.dropped += sum(file.dropped for file in self.files if file.path in gone)
         self.files = [file for file in self.files if file.path not in gone]
+        self._ends = {file.path: self._ends[file.path] for file in self.files if file.path in self._ends}
 
     @property
     def all_dropped(self) -> int:
@@ -110,7 +138,7 @@ class BlackBox:
     def close(self) -> None:
         """End the last file."""
         self.flush()
-        self.files[-1].finish({}, names.LOSSES)
+        self._end()
 
 
 def _next(due_ns: int, now_ns: int, period_ns: int) -> int:

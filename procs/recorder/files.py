@@ -53,18 +53,6 @@ def too_old(files: list[KeptFile], now_ns: int, seconds: float, most_bytes: int)
     return [file.path for file in gone]
 
 
-def remove_oldest(folder: Path, kind: str) -> bool:
-    """Make room: the oldest recording of a kind goes, but not the last one. False: there is none, or it stays."""
-    files = kept(folder, kind)[:-1]
-    if not files:
-        return False
-    try:
-        files[0].path.unlink()
-    except OSError:
-        return False
-    return True
-
-
 def remove(paths: list[Path]) -> Callable[[], None]:
     """A job for the disk: they are not kept any longer."""
     def job() -> None:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from contextlib import suppress
-from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -20,7 +19,7 @@ from procs.paths import recordings_folder
 from procs.recorder.box import BlackBox, BoxLimits
 from procs.recorder.disk import Disk, DiskFile, no_room_made
 from procs.recorder.fault import FaultRecording, FaultWatch, SeenFault
-from procs.recorder.files import NAME, path_of, remove_oldest
+from procs.recorder.files import NAME, path_of
 from procs.recorder.keeping import ASKED, FaultKeeper
 from procs.recorder.named import NamedRecording, chosen
 from procs.recorder.sources import SystemSources
@@ -187,7 +186,7 @@ class RecorderLoop(OwnProcess):
     def _begin_fault(self, who: str, why: str) -> DiskFile:
         """What is of a fault counts more than the oldest of the black box."""
         path = path_of(self._folder, names.FAULT, self._times.local_ns, who)
-        return self._begin_file(path, names.FAULT, who, why, partial(remove_oldest, self._folder, names.BOX))
+        return self._begin_file(path, names.FAULT, who, why, self._box.remove_oldest)
 
     def _tell_fault(self, fault: FaultRecording) -> None:
         file, who = fault.file, fault.faults[0].instance

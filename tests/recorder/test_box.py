@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import io
+import os
 import threading
 from pathlib import Path
 
@@ -94,6 +95,26 @@ def test_what_stays_is_bounded_by_age_and_by_size() -> None:
     assert too_old(files, 9_500_000_000, 5.0, 1000) == [Path(str(n)) for n in range(5)]
     assert too_old(files, 9_500_000_000, 100.0, 35) == [Path(str(n)) for n in range(7)]
     assert too_old(files, 9_500_000_000, 5.0, 0) == [Path(str(n)) for n in range(10)]
+
+
+@pytest.mark.parametrize("step_s", [86400, -86400])
+def test_a_clock_that_is_set_makes_no_file_older(rings: RingsOfATest, step_s: int) -> None:
+    former = path_of(rings.folder, names.BOX, rings.times.local_ns - 60_000_000_000)
+    former.write_bytes(b"of a process before")
+    os.utime(former, ns=(rings.times.local_ns - 60_000_000_000,) * 2)
+    box = rings.box(minutes=0.5 + 1.0)
+    for n in range(8):
+        rings.write(1)
+        rings.passes(12.0 * n)
+        rings.times.local_ns += n * 12_000_000_000 + (step_s * 1_000_000_000 if n > 3 else 0)
+        box.step()
+        rings.idle()
+        if n > 3:  # as its clock says
+            os.utime(rings.begun[-1].path, ns=(rings.times.local_ns,) * 2)
+    left = {file.path for file in kept(rings.folder, names.BOX)}
+    assert former not in left and left == {file.path for file in rings.begun}
+    assert box.remove_oldest() and not rings.begun[0].path.exists()
+    box.close()
 
 
 def test_names_of_files_are_in_the_order_of_time(tmp_path: Path) -> None:

@@ -6,7 +6,6 @@ import io
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ import pytest
 
 from procs.recorder import keeping
 from procs.recorder.fault import FaultRecording, SeenFault
-from procs.recorder.files import kept, path_of, remove_oldest
+from procs.recorder.files import kept, path_of
 from procs.recorder.keeping import ASKED, FaultKeeper
 from procs.recordings import names
 from procs.recordings.reading import open_recording
@@ -49,7 +48,7 @@ class Kept:
     def _begin(self, who: str, why: str) -> Any:
         self.rings.times.local_ns += 1_000_000  # names of files have ms
         return self.rings.begin_file(path_of(self.rings.folder, names.FAULT, self.rings.times.local_ns, who),
-                                     names.FAULT, partial(remove_oldest, self.rings.folder, names.BOX))
+                                     names.FAULT, self.box.remove_oldest)
 
     def saw(self, who: str, asked: Any = None) -> None:
         self.keeper.saw(SeenFault(who, f"{who} is in FAULT"), asked)
