@@ -6,7 +6,7 @@ import json
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,7 @@ import pytest
 from procs.recordings.reading import open_recording
 from shm.segment import names_of
 from tests.system.conftest import systems
-from tests.system.robot import ROOT, Robot, wait_for
+from tests.system.robot import DEMO, ROOT, Robot, wait_for
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 KINEMATIC = ROOT / "configs/systems/kinematic.yaml"
@@ -137,3 +137,23 @@ def test_nothing_is_left_of_a_system_that_was_shown_by_who_is_killed(robot: Robo
     shown.kill()
     shown.wait()
     wait_for(lambda: not names_of(name), 30, "all is gone")
+
+
+def test_a_run_on_emulated_boards_that_was_recorded_whole_replays_bit_for_bit(robots: Callable[[], Robot]) -> None:
+    robot = robots()
+    robot.up(DEMO, "--clock", "lockstep", "--set", "recorder.on=true")
+    robot.trocar("record", "run", "--detach")
+    robot.trocar("home", "PSM1")
+    robot.trocar("send", "PSM1", "move_jp", *map(str, GOAL), "--wait")
+    robot.trocar("record", "run", "--stop")
+    robot.down()
+    [made] = (robot.logs / robot.name / "recordings").glob("run-*.mcap")
+    said = json.loads(robot.types("replay", str(made), "--fresh", "--json").stdout)
+    assert said["difference"]["outcome"] == "equal" and said["commands"] >= 2, [
+        (row["topic"], row["only_a"], row["only_b"], [(each["field"], each["differing"], each["first"]) for each in row["fields"]])
+        for row in said["difference"]["topics"] if not row["equal"]]
+    topics = {row["topic"]: row["compared"] for row in said["difference"]["topics"]}
+    assert min(topics[name] for name in ("PSM1/state", "PSM1/setpoint", "IO1/state")) > 1000
+    with open_recording(made) as recording:
+        rows = recording.records("PSM1/state").rows
+        assert np.ptp(rows["position"][:, :6], axis=0).min() > 0.05, "measured joints, which moved"

@@ -11,7 +11,7 @@ import numpy as np
 
 from procs.recordings.reading import RecordedTopic, RecordingReader, Records
 from tools.printing import Say
-from tools.recorded.choosing import TIMED, Stretch, chosen_topics
+from tools.recorded.choosing import TIMED, Stretch, chosen_topics, spans
 from tools.recorded.common_time import CommonTime, common_time
 from tools.recorded.differences import TopicDifference, compared
 from tools.recorded.tolerances import AllowedDifference, tolerance_of
@@ -55,6 +55,8 @@ class Comparing:
     tolerances: Sequence[AllowedDifference] = ()
     common: bool = False
     """Only the time that both have."""
+    as_a: bool = False
+    """Only what A has recorded: B is the same run, recorded whole."""
 
     def of(self, a: RecordingReader, b: RecordingReader, stretches: tuple[Stretch, Stretch] = (Stretch(), Stretch()),
            say: Say = lambda text, fraction: None) -> RecordingDifference:
@@ -62,7 +64,8 @@ class Comparing:
         every = list(dict.fromkeys((*a.record_topics, *b.record_topics)))
         wanted = chosen_topics(every, self.topics)
         real = [] if self.topics else [name for name in wanted if not _in_time(a, b, name)]
-        wanted = [name for name in wanted if name not in real]
+        absent = _not_recorded(a, wanted) if self.as_a else []
+        wanted = [name for name in wanted if name not in (*real, *absent)]
         both = [name for name in wanted if name in a.record_topics and name in b.record_topics]
         shared = common_time(a, b, stretches, self.how) if self.common else None
         found, unwanted = [], list[str]()
@@ -71,7 +74,7 @@ class Comparing:
             found.append(self._topic(a, b, name, stretches, shared, unwanted))
         return RecordingDifference(
             tuple(found), tuple(name for name in wanted if name not in b.record_topics),
-            tuple(name for name in wanted if name not in a.record_topics), _left_out(both, real, unwanted, a, shared),
+            tuple(name for name in wanted if name not in a.record_topics), _left_out(both, real, unwanted, absent, a, shared),
             tuple(f"{one.path.name}: {text}" for one in (a, b) for text in one.problems))
 
     def _topic(self, a: RecordingReader, b: RecordingReader, name: str, stretches: tuple[Stretch, Stretch],
@@ -108,13 +111,21 @@ def _in_time(a: RecordingReader, b: RecordingReader, name: str) -> bool:
     return topic.kind in TIMED or not topic.kind
 
 
-def _left_out(both: Sequence[str], real: Sequence[str], unwanted: Sequence[str], a: RecordingReader,
-              shared: CommonTime | None) -> tuple[str, ...]:
+def _not_recorded(a: RecordingReader, wanted: Sequence[str]) -> list[str]:
+    """Topics that are named in it and were not chosen; that nothing was said or asked for is known of all."""
+    found = spans(a, a.record_topics)
+    return [name for name in wanted if name not in found
+            and (name not in a.topics or a.topics[name].ring not in ("events", "audit"))]
+
+
+def _left_out(both: Sequence[str], real: Sequence[str], unwanted: Sequence[str], absent: Sequence[str],
+              a: RecordingReader, shared: CommonTime | None) -> tuple[str, ...]:
     """What was not compared, in words."""
     there = sorted({field for name in both for field in (_names(a, name)) if field in REAL_TIME}, key=REAL_TIME.index)
     said = [f"fields that are real time by nature, or name a process: {', '.join(there)}"] if there else []
     said += [f"time that not both have; compared are {shared.text}"] if shared is not None else []
     said += [f"computed on demand, and not wanted all the time: {', '.join(unwanted)}"] if unwanted else []
+    said += [f"not recorded: {', '.join(absent)}"] if absent else []
     return (*said, *([f"processes that live by real time: {', '.join(real)} (--topics compares them)"] if real else []))
 
 

@@ -109,7 +109,7 @@ def _repeatable(recording: RecordingReader, out: Sequence[str]) -> tuple[list[Re
     notes = [f"{name} is left out: time does not wait for it; what it asked for is repeated" for name in out]
     if others := sorted({f"{each.instance} {each.name}" for each in commands if each.kind not in TIMED}):
         notes.append(f"not repeated, since time does not wait for them: {', '.join(others)}")
-    if again := sorted({row.instance for row in rows if row.kind in TIMED and len(set(row.channels.values())) > 1}):
+    if again := sorted({row.instance for row in rows if row.kind in TIMED and len({*row.channels.values()} - {0}) > 1}):  # 0: nobody yet
         notes.append(f"{', '.join(again)} was started again in it, which is not repeated")
     if recording.metadata.get("trocar", {}).get("clock") == "paced" and any(each.streams for each in usual):
         notes.append("of streams (servo_…) it has the first goal only: full ones are kept in lock-step")

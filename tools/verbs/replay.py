@@ -127,7 +127,7 @@ def _fresh(file: Path, into: Path | None, as_json: bool) -> int:
     with opened(file) as recording, progress(f"replay {file.name}") as say:
         run = run_again(recording, again, f"replay{os.getpid()}", say)
         with opened(again) as other:
-            found = Comparing(STAMP, common=True).of(recording, other, say=say)
+            found = Comparing(STAMP, common=True, as_a=True).of(recording, other, say=say)
     for text in run.notes:
         note(text)
     if as_json:
