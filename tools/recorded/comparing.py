@@ -74,7 +74,8 @@ class Comparing:
             found.append(self._topic(a, b, name, stretches, shared, unwanted))
         return RecordingDifference(
             tuple(found), tuple(name for name in wanted if name not in b.record_topics),
-            tuple(name for name in wanted if name not in a.record_topics), _left_out(both, real, unwanted, absent, a, shared),
+            tuple(name for name in wanted if name not in a.record_topics),
+            _left_out(both, real, unwanted, absent, a, shared),
             tuple(f"{one.path.name}: {text}" for one in (a, b) for text in one.problems))
 
     def _topic(self, a: RecordingReader, b: RecordingReader, name: str, stretches: tuple[Stretch, Stretch],

@@ -66,7 +66,7 @@ class TopicDifference:
     first_only_b_ns: int | None
     fields: tuple[FieldDifference, ...]
     unknown: tuple[str, ...] = ()
-    """Fields that only one of them has, or that have another shape."""
+    """Fields that only one of them has, or that have another type or shape."""
 
     @property
     def is_equal(self) -> bool:
@@ -131,7 +131,7 @@ def compared(name: str, a: Records, b: Records, how: str, left_out: Sequence[str
     for field in named:
         if field in left_out or (field in HEAD and how != STAMP):
             continue
-        if not _has(rows_a, field) or not _has(rows_b, field) or rows_a[field].shape != rows_b[field].shape:
+        if not _has(rows_a, field) or not _has(rows_b, field) or rows_a.dtype[field] != rows_b.dtype[field]:
             unknown.append(field)
             continue
         unit = "ns" if field == "stamp_ns" else known.get(field, "")

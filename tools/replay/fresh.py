@@ -15,7 +15,7 @@ from itertools import count, groupby
 from pathlib import Path
 from typing import Final
 
-from procs.recordings.reading import RecordingReader
+from procs.recordings.reading import RecordedTopic, RecordingReader
 from shm.clock import monotonic_ns, pause
 from shm.held_time import HeldTime
 from shm.lockstep import EPOCH_NS
@@ -109,11 +109,16 @@ def _repeatable(recording: RecordingReader, out: Sequence[str]) -> tuple[list[Re
     notes = [f"{name} is left out: time does not wait for it; what it asked for is repeated" for name in out]
     if others := sorted({f"{each.instance} {each.name}" for each in commands if each.kind not in TIMED}):
         notes.append(f"not repeated, since time does not wait for them: {', '.join(others)}")
-    if again := sorted({row.instance for row in rows if row.kind in TIMED and len({*row.channels.values()} - {0}) > 1}):  # 0: nobody yet
+    if again := sorted({row.instance for row in rows if row.kind in TIMED and _writers(row) > 1}):
         notes.append(f"{', '.join(again)} was started again in it, which is not repeated")
     if recording.metadata.get("trocar", {}).get("clock") == "paced" and any(each.streams for each in usual):
         notes.append("of streams (servo_…) it has the first goal only: full ones are kept in lock-step")
     return usual, notes
+
+
+def _writers(topic: RecordedTopic) -> int:
+    """How many wrote it, one after the other; epoch 0 is that of a ring that nobody has written yet."""
+    return len({*topic.channels.values()} - {0})
 
 
 def _end_ns(recording: RecordingReader) -> int:

@@ -61,6 +61,24 @@ def test_a_recording_is_equal_to_itself(tmp_path: Path) -> None:
     assert found.returncode == 0 and "equal: 50 records of 1 topics, bit for bit" in found.stdout, found
 
 
+def test_the_same_number_of_another_type_is_not_the_same(tmp_path: Path) -> None:
+    a, b = (np.zeros(3, [("sequence", "<u8"), ("stamp_ns", "<i8"), ("value", kind)]) for kind in ("<f8", "<f4"))
+    found = compared("PSM1/state", records(a), records(b), STAMP)
+    assert found.unknown == ("value",) and not found.is_equal and not found.is_within
+
+
+def test_what_the_first_has_not_recorded_is_not_compared_where_the_second_repeats_it(tmp_path: Path) -> None:
+    whole, some = tmp_path / "whole.mcap", tmp_path / "some.mcap"
+    for path, count in ((whole, 20), (some, 0)):
+        with path.open("wb", buffering=0) as stream:
+            written(stream, {("PSM1", "state"): (STATE, sane(20)), ("boards", "state"): (STATE, sane(count))})
+    with open_recording(some) as one, open_recording(whole) as other:
+        again = Comparing(STAMP, as_a=True).of(one, other)
+        assert again.outcome == "equal" and "not recorded: boards/state" in again.left_out
+        assert Comparing(STAMP).of(one, other).outcome == "different"
+        assert Comparing(STAMP, as_a=True).of(other, one).outcome == "different"
+
+
 def test_a_difference_is_told_with_its_place_and_size(tmp_path: Path) -> None:
     rows = sane()
     other = rows.copy()
