@@ -54,9 +54,15 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], rig
     """A table for eyes; the columns named in `right` are flush right."""
     from rich.console import Console
 
-    console = Console(highlight=False, soft_wrap=False)
+    class OurConsole(Console):
+        """One that lets others hear that nobody reads; rich's own ends the program, as if something was wrong."""
+
+        def on_broken_pipe(self) -> None:
+            raise BrokenPipeError("nobody reads the output")
+
+    console = OurConsole(highlight=False, soft_wrap=False)
     if not console.is_terminal:  # a pipe has no width of its own: nothing is cut
-        console = Console(highlight=False, width=240)
+        console = OurConsole(highlight=False, width=240)
     console.print(made_table(title, columns, rows, right))
 
 

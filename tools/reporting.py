@@ -200,7 +200,15 @@ def _add_recordings(made: Report, file: Path, most: int, say: Say) -> None:
 def _copy_while_there_is_room(made: Report, paths: Iterable[Path], most: int, say: Say) -> None:
     for path in paths:
         try:
-            if (size := path.stat().st_size) > most:
+            with path.open("rb"):
+                size = path.stat().st_size
+        except FileNotFoundError:  # its turn to go has come meanwhile
+            continue
+        except OSError as error:
+            made.problems.append(f"recordings/{path.name}: {error.strerror}")
+            continue
+        try:
+            if size > most:
                 made.problems.append(f"recordings/{path.name} is left out: {size / 1e6:.0f} MB (--recordings)")
                 continue
             most -= size

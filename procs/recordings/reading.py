@@ -15,7 +15,7 @@ import json
 import struct
 import zlib
 from collections.abc import Callable, Container, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO, Final
@@ -25,22 +25,27 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, McapRecord, Metadata, Schema
-from numpy.typing import NDArray
 
 from procs.crtk.plain import plain
 from procs.recordings import names
 from procs.recordings.chunks import RECORD, ChunkError, messages, uncompressed
-from procs.recordings.layout import ENCAPSULATION, layout_of
+from procs.recordings.layout import layout_of
+from procs.recordings.records import Piece, joined
+from procs.recordings.records import RecordedTopic as RecordedTopic
+from procs.recordings.records import Records as Records
 from procs.recordings.writing import MAGIC
-from shm.layout import LayoutError, schema_from_json
+from shm.layout import LayoutError, schema_from_json, schema_of
+from shm.topics import AUDIT, EVENTS, Topic
 
 CHUNK: Final = struct.Struct("<QQQII")
 MAX_RECORD: Final = 256 << 20
 MAX_PROBLEMS: Final = 20
 MAX_DOCUMENT: Final = 64 << 20
-MAX_RATE_HZ: Final = 1e6
 MAX_ROWS: Final = 2 << 30
 """Bytes of records that are read at once: ten minutes of an arm at full rate."""
+MAX_SAID: Final = 100_000
+"""Events and commands of one topic that are shown: the newest."""
+SAID: Final = {"events": EVENTS, "audit": AUDIT}
 ALL_STAMPS: Final = (-(1 << 62), 1 << 62)
 READ: Final[dict[int, Callable[[ReadDataStream], McapRecord]]] = {
     Opcode.SCHEMA: Schema.read, Opcode.CHANNEL: Channel.read, Opcode.METADATA: Metadata.read,
@@ -53,88 +58,6 @@ FoundMessage = tuple[int, int, int, int, memoryview]
 
 class RecordingError(Exception):
     """A file that is no recording at all; says which and why."""
-
-
-@dataclass(frozen=True, slots=True)
-class RecordedTopic:
-    """A topic of a recording: PSM1/state, or PSM1/measured_js. `dtype`: of records, None of views."""
-
-    name: str
-    type_name: str
-    instance: str = ""
-    ring: str = ""
-    kind: str = ""
-    dtype: np.dtype[np.void] | None = None
-    schema: str = ""
-    channels: dict[int, int] = field(default_factory=dict)
-    """Channels, and the epochs of the writer that they stand for."""
-    size: int = 0
-    """Bytes of a record in its message; behind them only what fills it up to a whole number of words is missing."""
-    info: dict[str, Any] = field(default_factory=dict)
-    """Of the ring: `robots`, `dims`, names of inputs; as its header has it."""
-
-    @property
-    def rate_hz(self) -> float:
-        """How often records were to come; 0: on events."""
-        rate = self.info.get("rate_hz", 0)
-        return float(rate) if isinstance(rate, (int, float)) and 0 < rate < MAX_RATE_HZ else 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class Records:
-    """Records of a topic in their order: `rows` (n,) has a field for each of the ring's, with sequence and stamp_ns.
-
-    `local_ns` (n,): time of day; `epoch` (n,): which process wrote it.
-    """
-
-    rows: NDArray[Any]
-    local_ns: NDArray[np.int64]
-    epoch: NDArray[np.int64]
-
-    @property
-    def missing(self) -> int:
-        """Records between the first and the last that are not there."""
-        numbers = self.rows["sequence"]
-        return int(numbers[-1]) - int(numbers[0]) + 1 - len(numbers) if len(numbers) else 0
-
-
-def joined(pieces: Sequence[Records], dtype: np.dtype[np.void]) -> Records:
-    """Pieces of one topic as a whole, in the order of their numbers, each once: some rings are kept twice."""
-    rows = np.concatenate([piece.rows for piece in pieces]) if pieces else np.zeros(0, dtype)
-    local = np.concatenate([np.zeros(0, np.int64), *(piece.local_ns for piece in pieces)])
-    epoch = np.concatenate([np.zeros(0, np.int64), *(piece.epoch for piece in pieces)])
-    numbers = rows["sequence"]
-    if (numbers[1:] > numbers[:-1]).all():
-        return Records(rows, local, epoch)
-    order = np.argsort(numbers, kind="stable")
-    order = order[np.concatenate(([True], np.diff(numbers[order]) != 0))]
-    return Records(rows[order], local[order], epoch[order])
-
-
-class _Piece:
-    """What a chunk has of a topic, while it is gone through."""
-
-    def __init__(self, topic: RecordedTopic, dtype: np.dtype[np.void]) -> None:
-        self.topic, self._dtype = topic, dtype
-        self._rows, self._local, self._epochs = bytearray(), list[int](), list[int]()
-        self._fill = bytes(dtype.itemsize - topic.size)
-
-    def add(self, channel: int, log_ns: int, data: memoryview) -> bool:
-        """One message; False where it is no record."""
-        head, size = len(ENCAPSULATION), len(data) - len(ENCAPSULATION)
-        if not self.topic.size <= size <= self._dtype.itemsize or bytes(data[:head]) != ENCAPSULATION:
-            return False
-        self._rows += data[head:]
-        self._rows += self._fill[size - self.topic.size :]
-        self._local.append(log_ns)
-        self._epochs.append(self.topic.channels[channel])
-        return True
-
-    def records(self, stamps: tuple[int, int]) -> Records:
-        """Those with a stamp from the first to before the second one; they hold no more memory than they need."""
-        rows = np.frombuffer(self._rows, self._dtype)
-        chosen = (rows["stamp_ns"] >= stamps[0]) & (rows["stamp_ns"] < stamps[1])
-        return Records(rows[chosen], np.array(self._local, np.int64)[chosen], np.array(self._epochs, np.int64)[chosen])
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,10 +149,10 @@ class RecordingReader:
         rows = [(self.topics[name], self.dtype(name)) for name in topics]
         wanted = {channel: row for row in rows for channel in row[0].channels}
         for place in self._chunks:
-            found: dict[str, _Piece] = {}
+            found: dict[str, Piece] = {}
             for channel, _, log_ns, _, data in self._in_chunk(place, wanted, begin_ns, end_ns):
                 topic, dtype = wanted[channel]
-                piece = found.get(topic.name) or found.setdefault(topic.name, _Piece(topic, dtype))
+                piece = found.get(topic.name) or found.setdefault(topic.name, Piece(topic, dtype))
                 if not piece.add(channel, log_ns, data):
                     self._wrong(f"{topic.name}: a message of {len(data)} bytes is no record")
             for name, piece in found.items():
@@ -279,11 +202,20 @@ class RecordingReader:
     def _all(self, ring: str) -> list[dict[str, Any]]:
         found = []
         for name in self.record_topics:
-            if self.topics[name].ring == ring:
-                for row in self.records(name).rows:
+            if self.topics[name].ring == ring and self._is_said(name, SAID[ring]):
+                for row in self.records(name).rows[-MAX_SAID:]:
                     found.append({"instance": self.topics[name].instance}
                                  | {key: plain(row[key]) for key in row.dtype.names or ()})
-        return sorted(found, key=lambda row: int(row.get("monotonic_ns", 0)))
+        return sorted(found, key=lambda row: int(row["monotonic_ns"]))
+
+    def _is_said(self, name: str, usual: Topic) -> bool:
+        """Whether records have what all events, or all commands, have; a problem where they have not."""
+        known, found = schema_of(usual).dtype, self.dtype(name)
+        wrong = [field for field in known.names or () if field not in (found.names or ()) or
+                 (found[field].base.kind, found[field].shape) != (known[field].base.kind, known[field].shape)]
+        if wrong:
+            self._wrong(f"{name}: left out, its layout is another than that of {usual.name} ({', '.join(wrong[:3])})")
+        return not wrong
 
     # how it is read
 

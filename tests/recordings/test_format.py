@@ -255,6 +255,19 @@ def test_of_more_than_memory_holds_the_first_are_read_and_that_is_told(tmp_path:
         assert sum(len(piece.rows) for _, piece in recording.pieces(["PSM1/state"])) == 50
 
 
+@pytest.mark.parametrize("ring", ["events", "audit"])
+@pytest.mark.parametrize("form", ["(2,)<i8", "S7", ""])
+def test_made_up_events_are_left_out_and_told(tmp_path: Path, ring: str, form: str):
+    fields = (Field("monotonic_ns", form, "ns", "when"),) if form else ()
+    odd = schema_of(Topic(ring, "arm", 0, 0.0, (*fields, Field("text", "S7", "", "said")), depth=4))
+    path = tmp_path / "odd.mcap"
+    with path.open("wb", buffering=0) as stream:
+        written(stream, {("PSM1", ring): (odd, rows_of(odd, 5))})
+    with open_recording(path) as recording:
+        assert recording.events() == recording.commands() == []
+        assert any(f"PSM1/{ring}: left out, its layout is another" in problem for problem in recording.problems)
+
+
 def test_another_epoch_is_another_channel_of_the_same_topic(tmp_path: Path):
     table, path = ChannelTable(), tmp_path / "epochs.mcap"
     with path.open("wb", buffering=0) as stream:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import json
 import os
@@ -96,3 +97,15 @@ def test_verbs_print_by_these_functions_alone() -> None:
     found = [f"{path.name}: {line.strip()}" for folder in ("verbs", "commission") for path in
              sorted((ROOT / folder).glob("*.py")) for line in path.read_text().splitlines() if ours.search(line)]
     assert found == [], "tell, note and emit of tools/printing.py know what a terminal may have"
+
+
+def test_a_table_that_nobody_reads_does_not_end_the_program(monkeypatch: pytest.MonkeyPatch) -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    output = os.fdopen(writing, "w")
+    with monkeypatch.context() as patched:
+        patched.setattr(sys, "stdout", output)
+        with pytest.raises(BrokenPipeError, match="nobody reads"):  # with which a verb's exit code is 0
+            printing.table("", ("name",), [("PSM1",)])
+    with contextlib.suppress(BrokenPipeError):
+        output.close()

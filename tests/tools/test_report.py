@@ -119,3 +119,11 @@ def test_what_is_in_memory_is_nobodys_to_read_meanwhile(world: World, tmp_path: 
         reporting.report(world.name, tmp_path / "all.tar.gz", 0, lambda text, done: None)
     assert modes == {"recordings/now.mcap": 0o600}
     assert [path.name for path in tmp_path.iterdir()] == ["all.tar.gz"]
+
+
+def test_a_recording_that_cannot_be_read_is_told_and_the_others_are_packed(state: Path, tmp_path: Path) -> None:
+    (state / "recordings" / "folder.mcap").mkdir()
+    file = tmp_path / "all.tar.gz"
+    _, said = asked(str(file), "--system", SYSTEM)
+    assert "recordings/folder.mcap: Is a directory" in " ".join(said.split()), said
+    assert "recordings/one.mcap" in packed(file)

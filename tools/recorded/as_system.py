@@ -13,7 +13,8 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from procs.recordings.reading import RecordedTopic, RecordingReader, Records, joined
+from procs.recordings.reading import RecordedTopic, RecordingReader, Records
+from procs.recordings.records import joined
 from shm import directory, private
 from shm.layout import MAX_DEPTH, schema_from_json
 from shm.lockstep import SCHEMA as CLOCK

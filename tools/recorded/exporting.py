@@ -13,7 +13,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.recordings.reading import RecordedTopic, RecordingReader, Records, joined
+from procs.recordings.reading import RecordedTopic, RecordingReader, Records
+from procs.recordings.records import joined
 from shm.header import readable
 from tools.errors import Problem
 from tools.printing import Say

@@ -9,6 +9,7 @@ from typing import Any
 from shm.events import STATUS
 from tools.inspect.asked import in_words
 from tools.inspect.messages import line
+from tools.printing import note
 from tools.recorded.choosing import opened
 
 
@@ -27,6 +28,8 @@ def recorded_lines(file: Path, instance: str | None, most: int, commands: bool) 
     """
     with opened(file) as recording:
         rows = recording.commands() if commands else recording.events()
+        for problem in recording.problems:
+            note(f"{file}: {problem}")
         kinds = {topic.instance: topic.kind for topic in recording.topics.values() if topic.kind}
     found = []
     for row in rows:
