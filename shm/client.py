@@ -208,6 +208,8 @@ class Client:
         self._time_ns, self._new_number = time_ns, number
         self.origin: Origin = NOBODY
         """Of what was sent last."""
+        self.seen: int | None = None
+        """How many faults the person knows of, where that is elsewhere and hears of them late; None: all."""
         self._whole: Origin | None = None
         self._stream, self._streamed_ns = NOBODY, -STREAM_NS
         self.inbox: list[Reply] = []
@@ -263,7 +265,8 @@ class Client:
             under_way, self._streamed_ns = now_ns - self._streamed_ns < STREAM_NS, now_ns
             if under_way:
                 return self._stream
-        self.origin = origin = Origin(self._new_number(), self._desk.generation(), self._program)
+        generation = self._desk.generation() if self.seen is None else self.seen
+        self.origin = origin = Origin(self._new_number(), generation, self._program)
         if streams:
             self._stream = origin
         return origin

@@ -61,8 +61,8 @@ class Calls:
             raise WrongMessage(none_such("component", name[:80], self._owners))
         return self._owners[name]
 
-    def send(self, number: Any, to: str, command: str, values: list[float], text: str) -> None:
-        """Pass on a command; WrongMessage says why it is not."""
+    def send(self, number: Any, to: str, command: str, values: list[float], text: str, seen: int | None = None) -> None:
+        """Pass on a command; WrongMessage says why it is not. `seen`: see Client.seen."""
         owner = self.owner(to)
         row = owner.rows.get(command)
         if row is None:
@@ -76,6 +76,7 @@ class Calls:
         try:
             if to not in self._clients:
                 self._clients[to] = Client(self._system, to, self.program)
+            self._clients[to].seen = seen
             sent = self._clients[to].send(command, values, text)
         except (SegmentError, MailboxFull, ValueError, KeyError) as error:
             raise WrongMessage(str(error)) from None

@@ -20,6 +20,7 @@ from procs.gui.control import BrowserControl
 from procs.gui.messages import OPS
 from procs.gui.scene_source import ArmModels
 from procs.gui.sources import Sources
+from procs.gui.ticks import Ticks
 from procs.kinematics.poses import POSE
 from shm.clock import monotonic_ns
 from shm.ring import RingError
@@ -31,6 +32,15 @@ FOR_ALL: Final = frozenset({("system", "power_off"), ("arm", "hold"), ("arm", "s
                             ("focus", "focus_in"), ("focus", "focus_out"), ("suj", "set_lift_velocity"),
                             ("suj", "clutch")})
 """Commands that every browser may give as far as they stop something, without control: also who has just lost it."""
+LATE_NS: Final = 1_000_000_000
+"""So old a wish may be when it comes, as in mailboxes."""
+HELD_LATE_NS: Final = 300_000_000
+"""The same of what is asked for again and again while a button is held: that much longer than without a line between
+does it last after the button was let go. Less would end it wherever a computer or a network is busy for a moment: ticks
+are 50 ms apart, and a page draws between them.
+"""
+HELD: Final = frozenset({("boards", "pull_tip"), ("suj", "set_lift_velocity")})
+"""Commands that are, besides streams."""
 HAND: Final = "pull_tip", "release_tip"
 """Orders to emulated boards: a page that has gone pulls at nothing any more."""
 PENDING: Final = 5
@@ -72,6 +82,9 @@ class ConsoleService:
     models: ArmModels
     run: str
     """A name of this run of the server: pages of an earlier one load anew."""
+    generation: Callable[[], int]
+    """How many faults the system has had."""
+    ticks: Ticks = field(default_factory=Ticks)
     control: BrowserControl = field(default_factory=BrowserControl)
     counts: PageCounts = field(default_factory=PageCounts)
 
@@ -83,6 +96,8 @@ class Browser:
         """`name`: its address and port, which no other one has."""
         self.name = name
         self.wants: tuple[str, ...] = ()
+        self.has_control = False
+        """As far as it has heard."""
         self._served, self._socket = served, socket
         self._calls = Calls(served.system, served.owners, PERSON, served.is_over)
         self._calls.program = "gui"
@@ -133,7 +148,10 @@ class Browser:
         self._shown.clear()
 
     def _beat(self, asked: Message, now_ns: int) -> None:
-        self._served.control.beat(self.name, now_ns)
+        served = self._served
+        heard = served.ticks.heard(asked.parts["tick"])
+        if heard is not None:
+            served.control.beat(self.name, now_ns, heard.sent_ns)
 
     def _control(self, asked: Message, now_ns: int) -> None:
         control = self._served.control
@@ -148,9 +166,9 @@ class Browser:
         owner = self._calls.owner(to)
         row = owner.rows.get(command)
         only_stops = row is not None and (owner.kind, command) in FOR_ALL and row.is_stop(text, values)
-        if not only_stops:
-            self._need_control(now_ns)
-        self._calls.send(asked.id, to, command, values, text)
+        is_held = row is not None and (row.streams or (owner.kind, command) in HELD)
+        seen = None if only_stops else self._seen(asked, now_ns, HELD_LATE_NS if is_held else LATE_NS)
+        self._calls.send(asked.id, to, command, values, text, seen)
         served.counts.commands += 1
         if owner.kind == "boards" and command in HAND:
             (self._pulled.add if command == HAND[0] else self._pulled.discard)(text)
@@ -165,18 +183,27 @@ class Browser:
 
     def _jog(self, asked: Message, now_ns: int) -> None:
         """Joint velocities for a motion of the tip; the arm ends it 0.1 s after the last one."""
-        parts = asked.parts
-        self._need_control(now_ns)
+        parts, seen = asked.parts, self._seen(asked, now_ns, HELD_LATE_NS)
         twist = np.array(parts["twist"])
         if twist.shape != (6,):
             raise WrongMessage("a twist has 6 numbers")
         velocity = self._served.models.arm(parts["arm"]).velocity(twist, parts["in_tip"])
-        self._calls.send(asked.id, parts["arm"], "servo_jv", velocity.tolist(), "")
+        self._calls.send(asked.id, parts["arm"], "servo_jv", velocity.tolist(), "", seen)
         self._served.counts.commands += 1
 
-    def _need_control(self, now_ns: int) -> None:
+    def _seen(self, asked: Message, now_ns: int, late_ns: int) -> int:
+        """How many faults the person knew of who wished this; WrongMessage where it may not wish, or wished long ago.
+
+        When it comes says nothing: whatever is between may keep it for seconds, and deliver it after the button was let
+        go, or after a fault.
+        """
         if self._served.control.holder(now_ns) != self.name:
             raise WrongMessage("take control first: this page only looks")
+        heard = self._served.ticks.heard(asked.parts["tick"])
+        if heard is None or now_ns - heard.sent_ns > late_ns:
+            raise WrongMessage(f"it came too late: more than {late_ns * 1e-9:g} s after what this page had heard; "
+                               "the way to the console is slow")
+        return heard.generation
 
     # what it hears
 
@@ -202,7 +229,8 @@ class Browser:
             if self._shown.get(name) != part:
                 self._shown[name] = part
                 parts.append(part)
-        head = said("tick", number, control=holder, you=holder == self.name)[:-1]
+        self.has_control = holder == self.name
+        head = said("tick", number, control=holder, you=self.has_control)[:-1]
         self._ticks.append(head + b',"data":{' + b",".join(parts) + b"}}")
         counts.sent += 1
         self._news.set()
@@ -240,7 +268,6 @@ class Browsers:
     def __init__(self, served: ConsoleService) -> None:
         self.served = served
         self.all: set[Browser] = set()
-        self._number = 0
 
     def come(self, socket: PageSocket, peer: str) -> Browser:
         """A page connects."""
@@ -255,13 +282,14 @@ class Browsers:
 
     def tick(self, now_ns: int) -> None:
         """Once a cycle: one message to each page with all that it wants; each value is read once for all pages."""
-        holder, sources = self.served.control.holder(now_ns), self.served.sources
-        self._number += 1
-        sources.begin(now_ns)
+        served = self.served
+        holder, number = served.control.holder(now_ns), served.ticks.add(now_ns, served.generation())
+        served.sources.begin(now_ns)
         for browser in self.all:
             browser.look()
-            if browser.wants:
-                browser.show(self._number, holder)
+            # A page that nobody sees hears all the same that it has control, and that it has it no more.
+            if browser.wants or browser.name == holder or browser.has_control:
+                browser.show(number, holder)
 
     def forget(self, why: str) -> None:
         """What they have said meanwhile is about the past: all are disconnected, nobody has control."""

@@ -26,10 +26,13 @@ class BrowserControl:
             self._holder, self._heard_ns = browser, now_ns
         return self._holder
 
-    def beat(self, browser: str, now_ns: int) -> None:
-        """A browser is there; one that was silent for too long does not get control back by that."""
+    def beat(self, browser: str, now_ns: int, seen_ns: int) -> None:
+        """A browser was there when what it has seen was sent: that is what counts, however late it says so.
+
+        One that was silent for too long does not get control back by that.
+        """
         if self.holder(now_ns) == browser:
-            self._heard_ns = now_ns
+            self._heard_ns = max(self._heard_ns, seen_ns)
 
     def drop(self, browser: str) -> None:
         """A browser has gone, or gives it back."""

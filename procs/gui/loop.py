@@ -22,6 +22,7 @@ from procs.paths import token_file
 from procs.pauses import Pauses, duration
 from procs.serving import ServingLoop
 from shm.clock import monotonic_ns
+from shm.faults import Faults
 
 HELD_UP_NS: Final = 1_000_000_000
 
@@ -37,9 +38,10 @@ class GuiLoop(ServingLoop):
             raise ValueError("the system has no web console")
         self._period_ns, self._pauses = round(node.row.period_s * 1e9), Pauses(HELD_UP_NS)
         run = f"{os.getpid()}-{monotonic_ns()}"
-        self._sources, self._models = sources_of(document), ArmModels(document)
+        self._sources, self._models, self._faults = sources_of(document), ArmModels(document), Faults(document.name)
         self._browsers = Browsers(ConsoleService(document.name, owners_of(document), self._sources,
-                                                 self._pauses.is_over, self._models, run))
+                                                 self._pauses.is_over, self._models, run,
+                                                 self._faults.generation))
         token = token_in(document.gui.token_file or _made_token(document))
         self._server = WebServer(application(document), document.gui, token, self._browsers, node.log)
         self.events.run_until_complete(self._server.listen(self.sockets()))
@@ -64,6 +66,7 @@ class GuiLoop(ServingLoop):
         self.events.run_until_complete(self._server.close())
         self._sources.close()
         self._models.close()
+        self._faults.close()
         self.events.close()
 
 

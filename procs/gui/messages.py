@@ -23,11 +23,20 @@ def _flag(value: Any) -> Any:
     raise ValueError
 
 
+def _count(value: Any) -> Any:
+    if type(value) is int and 0 <= value < 1 << 53:
+        return value
+    raise ValueError
+
+
+TICK: Final = MessagePart("the number of a tick", _count, 0)
+"""The newest one that the page has heard; without it what it says counts as old."""
 OPS: Final[Ops] = {
     "want": {"sources": MessagePart(f"a list of up to {MAX_SOURCES} names", _names)},
-    "beat": {},
+    "beat": {"tick": TICK},
     "control": {"take": MessagePart("true or false", _flag), "over": MessagePart("true or false", _flag, False)},
     "preview": {"arm": WORD, "position": SOME_NUMBERS, "pose": SOME_NUMBERS},
-    "jog": {"arm": WORD, "twist": SOME_NUMBERS, "in_tip": MessagePart("true or false", _flag, False)},
-    "call": {"to": WORD, "command": WORD, "values": SOME_NUMBERS, "text": NO_WORD},
+    "jog": {"arm": WORD, "twist": SOME_NUMBERS, "in_tip": MessagePart("true or false", _flag, False),
+            "tick": TICK},
+    "call": {"to": WORD, "command": WORD, "values": SOME_NUMBERS, "text": NO_WORD, "tick": TICK},
 }

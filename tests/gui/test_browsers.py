@@ -16,6 +16,7 @@ from procs.gui.catalogue import sources_of
 from procs.gui.scene_source import ArmModels
 from shm import directory
 from shm.clock import monotonic_ns
+from shm.faults import FaultCell, Faults
 from tests.conftest import World
 from tests.tools.robot import ScriptedRobot, robot
 
@@ -44,8 +45,9 @@ class Console:
         document = from_json(directory.document(scripted.name))
         self.robot, self.is_over = scripted, False
         self.sources, self.models = sources_of(document), ArmModels(document)
+        self.faults = Faults(scripted.name, write=True)
         self.all = Browsers(ConsoleService(scripted.name, owners_of(document), self.sources, lambda: self.is_over,
-                                            self.models, "r"))
+                                            self.models, "r", self.faults.generation))
         self.control = self.all.served.control
         self._tasks: list[asyncio.Task[None]] = []
         self.made = 0
@@ -63,6 +65,9 @@ class Console:
             await asyncio.sleep(0)
 
     async def ask(self, browser: Browser, page: FakePage, op: str, **parts: Any) -> dict[str, Any]:
+        """Say it as a page does that has heard the newest tick; the answer."""
+        if op in ("call", "jog"):
+            parts = {"tick": self.all.served.ticks.add(monotonic_ns(), self.faults.generation()), **parts}
         browser.handle(json.dumps({"op": op, "id": 1, **parts}))
         await self.tick()
         return page.last("reply")
@@ -74,6 +79,7 @@ class Console:
             task.cancel()
         self.sources.close()
         self.models.close()
+        self.faults.close()
 
 
 Story = Callable[[Console], Any]
@@ -209,6 +215,85 @@ def test_what_is_no_message_is_answered_and_does_nothing(world: World, message: 
         answer = page.last("reply")
         assert answer["outcome"] == "refused" and words in answer["text"], answer
         assert executed(console.robot) == [] and console.all.served.counts.refused == 1
+
+    play(world.name, story)
+
+
+JOG = {"op": "jog", "arm": "PSM1", "twist": [0.0, 0.0, 0.0, 0.1, 0.0, 0.0]}
+STREAM = {"op": "call", "to": "PSM1", "command": "servo_jv", "values": [0.1] * 6}
+MOVE = {"op": "call", "to": "PSM1", "command": "move_jp", "values": [0.1] * 6}
+
+
+@pytest.mark.parametrize(("message", "late_s", "counts"), [
+    (JOG, 0.35, False), (STREAM, 0.1, True), (STREAM, 0.35, False), (MOVE, 0.35, True),
+    (MOVE, 1.1, False), (MOVE, 30.0, False), ({**MOVE, "command": "hold", "values": []}, 30.0, True)])
+def test_what_comes_late_is_not_done_unless_it_stops(world: World, message: dict[str, Any], late_s: float,
+                                                     counts: bool) -> None:
+    async def story(console: Console) -> None:
+        browser, page = console.page()
+        console.robot.show_arm(0.1, "ENABLED")
+        await console.tick(monotonic_ns() - round(late_s * 1e9))
+        browser.handle('{"op": "control", "take": true}')
+        number = console.all.served.ticks.number
+        await console.tick()
+        browser.handle(json.dumps({**message, "id": 1, "tick": number}))
+        assert len(executed(console.robot)) == counts
+        await console.tick()
+        answer = page.last("reply")
+        assert (answer["outcome"], "too late" in answer["text"]) == (("done", False) if counts else ("refused", True))
+
+    play(world.name, story)
+
+
+@pytest.mark.parametrize("tick", [{}, {"tick": 0}, {"tick": 1 << 40}])
+def test_a_wish_without_a_tick_that_was_heard_counts_as_old(world: World, tick: dict[str, int]) -> None:
+    async def story(console: Console) -> None:
+        browser, page = console.page()
+        await console.tick()
+        browser.handle('{"op": "control", "take": true}')
+        browser.handle(json.dumps({**MOVE, **tick, "id": 1}))
+        await console.tick()
+        assert "too late" in page.last("reply")["text"] and executed(console.robot) == []
+
+    play(world.name, story)
+
+
+def test_what_was_wished_before_a_fault_is_said_to_be_from_before(world: World) -> None:
+    async def story(console: Console) -> None:
+        arm = FaultCell(console.faults, "PSM1")
+        browser, _ = console.page()
+        browser.handle('{"op": "control", "take": true}')
+        await console.tick()
+        before = console.all.served.ticks.number
+        arm.fault()
+        for message in (MOVE, {**MOVE, "command": "state_command", "values": [], "text": "home"}, STREAM):
+            browser.handle(json.dumps({**message, "tick": before}))
+        await console.tick()
+        browser.handle(json.dumps({**MOVE, "tick": before + 1}))
+        given = []
+        for command in console.robot.mailbox.drain():
+            given.append(command.origin.generation >= arm.void)
+            console.robot.mailbox.reply(command, 3, "")
+        assert given == [False, False, False, True]
+
+    play(world.name, story)
+
+
+def test_beats_that_come_late_do_not_keep_control(world: World) -> None:
+    async def story(console: Console) -> None:
+        browser, page = console.page()
+        browser.handle('{"op": "control", "take": true}')
+        now = monotonic_ns()
+        await console.tick(now)
+        await console.tick(now + 1_900_000_000)
+        assert page.last("tick")["you"], "it hears ticks, though it wants nothing: by them it shows that it is there"
+        browser.handle('{"op": "beat", "tick": 1}')
+        browser.handle('{"op": "beat"}')
+        await console.tick(now + 2_100_000_000)
+        assert console.control.holder(now + 2_100_000_000) == "" and not page.last("tick")["you"]
+        count = len(page.heard)
+        await console.tick(now + 2_200_000_000)
+        assert len(page.heard) == count
 
     play(world.name, story)
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import queue
 import signal
+import socket
 import threading
 import time
 import urllib.request
@@ -13,7 +15,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from websockets.exceptions import ConnectionClosed
+from websockets.exceptions import ConnectionClosed, ConnectionClosedOK
 from websockets.sync.client import ClientConnection, connect
 
 from shm.ring import RingReader
@@ -30,18 +32,37 @@ class ScriptedPage:
     """What a page says and hears, without a browser around it."""
 
     def __init__(self, link: ClientConnection) -> None:
-        self.link, self.number = link, 0
+        self.link, self.number, self.tick = link, 0, 0
+        self._heard: queue.Queue[dict[str, Any] | None] = queue.Queue()
+        self.listening = threading.Thread(target=self._listen)
+        self.listening.start()
+
+    def _listen(self) -> None:
+        with contextlib.suppress(ConnectionClosed):
+            while True:
+                found = json.loads(self.link.recv())
+                self.tick = found["id"] if found["op"] == "tick" else self.tick
+                self._heard.put(found)
+        self._heard.put(None)
 
     def say(self, op: str, **parts: Any) -> None:
-        """One message."""
-        self.link.send(json.dumps({"op": op, **parts}))
+        """One message; what a person wishes goes with the newest tick that was heard."""
+        wish = {"tick": self.tick} if op in ("beat", "jog", "call") else {}
+        self.link.send(json.dumps({"op": op, **wish, **parts}))
 
     def hear(self, op: str) -> dict[str, Any]:
         """The next message of this kind."""
-        while True:
-            found: dict[str, Any] = json.loads(self.link.recv(timeout=60))
+        while (found := self._heard.get(timeout=60)) is not None:
             if found["op"] == op:
                 return found
+        self._heard.put(None)
+        raise ConnectionClosedOK(None, None)
+
+    def take_control(self) -> None:
+        """Until it has it."""
+        self.say("control", take=True)
+        while not self.hear("tick")["you"]:
+            pass
 
     def call(self, to: str, command: str, *values: float, text: str = "") -> dict[str, Any]:
         """A command, and its end."""
@@ -51,6 +72,51 @@ class ScriptedPage:
             found = self.hear("reply")
             if found.get("id") == self.number and found["outcome"] != "accepted":
                 return found
+
+
+class SlowWay:
+    """Between a page and the console: what the page says is delivered `late_s` later, what it hears at once."""
+
+    def __init__(self, port: int) -> None:
+        self.late_s, self._ends = 0.0, [socket.create_server(("127.0.0.1", 0))]
+        self.port = self._ends[0].getsockname()[1]
+        self._console = port
+        self._said: queue.Queue[tuple[float, bytes]] = queue.Queue()
+        self._threads = [threading.Thread(target=work) for work in (self._listen, self._deliver)]
+        for thread in self._threads:
+            thread.start()
+
+    def _listen(self) -> None:
+        page = self._ends[0].accept()[0]
+        console = socket.create_connection(("127.0.0.1", self._console))
+        self._ends += [page, console]
+        back = threading.Thread(target=self._back, args=(page, console))
+        back.start()
+        with contextlib.suppress(OSError):
+            while said := page.recv(65536):
+                self._said.put((time.monotonic() + self.late_s, said))
+        self._said.put((0.0, b""))
+        console.close()
+        back.join()
+
+    def _back(self, page: socket.socket, console: socket.socket) -> None:
+        with contextlib.suppress(OSError):
+            while heard := console.recv(65536):
+                page.sendall(heard)
+
+    def _deliver(self) -> None:
+        with contextlib.suppress(OSError):
+            while (row := self._said.get())[1]:
+                time.sleep(max(0.0, row[0] - time.monotonic()))
+                self._ends[2].sendall(row[1])
+
+    def close(self) -> None:
+        for end in self._ends:
+            with contextlib.suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
+            end.close()
+        for thread in self._threads:
+            thread.join()
 
 
 @contextlib.contextmanager
@@ -73,6 +139,8 @@ def page(robot: Robot, port: int, **headers: str) -> Iterator[ScriptedPage]:
         finally:
             over.set()
             beating.join()
+            link.close()
+            made.listening.join()
 
 
 @pytest.mark.alone  # held up for a second, a console sends its pages away
@@ -90,11 +158,12 @@ def test_the_console_is_there_for_its_pages_and_its_death_ends_what_is_held(robo
         with urllib.request.urlopen(f"http://127.0.0.1:{port}/", timeout=60) as response:
             assert b"PSM1" in response.read()
         assert "take control" in other.call("PSM1", "state_command", text="enable")["text"]
-        one.say("control", take=True)
+        one.take_control()
         for text in ("enable", "home"):
             assert one.call("PSM1", "state_command", text=text)["outcome"] == "done"
         one.say("want", sources=["PSM1/state", "scene", "processes", "messages"])
-        data = one.hear("tick")["data"]
+        while not (data := one.hear("tick")["data"]):
+            pass
         assert data["PSM1/state"]["is_homed"] and len(data["scene"]["arms"]["PSM1"]["frames"]) == 8 * 7
         assert {"gui", "PSM1", "supervisor"} <= {process["name"] for process in data["processes"]["rows"]}
         before = yaw()
@@ -118,7 +187,7 @@ def test_the_console_is_there_for_its_pages_and_its_death_ends_what_is_held(robo
         """Whether a page that comes now moves the arm; a console that a busy machine holds up sends it away."""
         try:
             with page(robot, port) as again:
-                again.say("control", take=True)
+                again.take_control()
                 return again.call("PSM1", "move_jp", 0.1, 0, 0.12, 0, 0, 0)["outcome"] == "done"
         except ConnectionClosed:
             return False
@@ -128,12 +197,42 @@ def test_the_console_is_there_for_its_pages_and_its_death_ends_what_is_held(robo
     assert robot.down() == 0
 
 
+def test_on_a_slow_way_a_jog_ends_with_the_finger_and_control_with_the_page(robot: Robot, records: Records) -> None:
+    port = free()
+    robot.up(KINEMATIC, "--set", f"gui.listen=127.0.0.1:{port}")
+    joint = (state := records(robot, "PSM1", "state")).field("position")
+    with contextlib.closing(SlowWay(port)) as way, page(robot, way.port) as one:
+        one.take_control()
+        for text in ("enable", "home"):
+            assert one.call("PSM1", "state_command", text=text)["outcome"] == "done"
+        jog = {"to": "PSM1", "command": "servo_jv", "values": [0.05, 0, 0, 0, 0, 0]}
+        velocity, ticks, end = state.field("velocity"), 0, time.monotonic() + 60
+        while not (state.newest() and joint[0] > 0.0) and time.monotonic() < end:
+            one.say("call", **jog)
+            time.sleep(0.05)
+        wait_for(lambda: state.newest() and not velocity[0] and joint[0] > 0.0, 30, "it has moved, and stands")
+        way.late_s, released = 4.0, float(joint[0])
+        for _ in range(20):
+            one.say("call", id="late", **jog)
+            time.sleep(0.05)
+        while one.hear("tick")["you"]:
+            ticks += 1
+            assert ticks < 1200, "by then nothing has come in time for a minute"
+        refused: list[dict[str, Any]] = []
+        while len(refused) < 20:
+            refused += [row for row in (one.hear("reply"),) if row.get("id") == "late"]
+        assert {(row["id"], row["outcome"]) for row in refused} == {("late", "refused")}
+        assert state.newest() and joint[0] == released
+        number = one.number
+        assert one.call("PSM1", "hold")["outcome"] == "done" and one.number == number + 1, "a stop counts however late"
+
+
 def test_what_was_asked_while_the_console_stood_still_is_not_done(robot: Robot, records: Records) -> None:
     port = free()
     robot.up(KINEMATIC, "--set", f"gui.listen=127.0.0.1:{port}")
     joint = (state := records(robot, "PSM1", "state")).field("position")
     with page(robot, port) as one:
-        one.say("control", take=True)
+        one.take_control()
         for text in ("enable", "home"):
             assert one.call("PSM1", "state_command", text=text)["outcome"] == "done"
         pid = robot.pid("gui")

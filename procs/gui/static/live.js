@@ -10,6 +10,7 @@ let run = "";
 let you = false;
 let holder = "";
 let lastTick = 0;
+let tick = 0; // the number of the newest one
 let number = 0;
 const waiting = new Map(); // commands without an end
 const listeners = []; // called after each tick
@@ -120,13 +121,16 @@ function want() {
   say({ op: "want", sources: list });
 }
 
-const say = (message) => socket?.readyState === 1 && socket.send(JSON.stringify(message));
+// What a person wishes goes with the newest tick that the page has heard: who gets it knows how old it is at most.
+const WISHES = ["beat", "jog", "call"];
+const say = (message) => socket?.readyState === 1 && socket.send(JSON.stringify(WISHES.includes(message.op) ? { ...message, tick } : message));
 
 function connect() {
   socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/live`);
   let isGreeted = false;
   socket.onopen = () => {
     wanted = "";
+    tick = 0;
     lastTick = performance.now();
     want();
   };
@@ -161,6 +165,7 @@ function heed(message) {
     if (Date.now() - left < 5000) say({ op: "control", take: true });
   } else if (message.op === "tick") {
     lastTick = performance.now();
+    tick = message.id;
     for (const [name, found] of Object.entries(message.data)) {
       sources[name] = found;
       heard[name] = lastTick;
@@ -309,7 +314,7 @@ export function jogBegins(button, make) {
   if (!you) return note(button, "bad", "Take control first: this page only looks.");
   const push = () => {
     const found = make();
-    if (!found || !you || document.hidden) return jogEnds();
+    if (!found || !you || !isConnected() || document.hidden) return jogEnds();
     say(found); // of a stream: nobody waits for the answer
   };
   button.classList.add("on");
