@@ -6,7 +6,7 @@ import asyncio
 import itertools
 import json
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, Final, Protocol
@@ -47,6 +47,10 @@ PENDING: Final = 5
 """Ticks that a browser has not taken; then it gets the newest of all instead."""
 WAITING: Final = 256
 """Answers that a browser has not taken."""
+A_TICK_NS: Final = 10_000_000
+"""Of a tick, so long one page is listened to; what it says beyond that waits for the next one. A page of ours needs a
+tenth of it, and whoever says thousands of things holds nobody up.
+"""
 PERSON: Final = Rights(True, True, True)
 NUMBERS: Final = itertools.count(1)
 
@@ -104,6 +108,8 @@ class Browser:
         self._answers: deque[bytes] = deque()
         self._ticks: deque[bytes] = deque()
         self._news = asyncio.Event()
+        self._has_time, self._left_ns = asyncio.Event(), A_TICK_NS
+        self._has_time.set()
         self._shown: dict[str, bytes] = {}
         self._is_over = False
         self._pulled: set[str] = set()
@@ -114,6 +120,22 @@ class Browser:
         self._say("hello", run=served.run, name=name, system=served.system)
 
     # what it says
+
+    async def listen(self, receive: Callable[[], Awaitable[str]]) -> None:
+        """Handle what comes, as far as this tick has time for it; until `receive` ends it."""
+        while True:
+            text = await receive()
+            await self._has_time.wait()
+            begin_ns = monotonic_ns()
+            self.handle(text)
+            self._left_ns -= monotonic_ns() - begin_ns
+            if self._left_ns <= 0:
+                self._has_time.clear()
+
+    def begin(self) -> None:
+        """A new tick."""
+        self._left_ns = A_TICK_NS
+        self._has_time.set()
 
     def handle(self, text: str) -> None:
         """One message; what is wrong with it is answered, and nothing else happens."""
@@ -136,15 +158,9 @@ class Browser:
         self._say("reply", number, outcome="refused", text=why)
 
     def _want(self, asked: Message, now_ns: int) -> None:
-        sources = self._served.sources
         wants = tuple(dict.fromkeys(asked.parts["sources"]))
-        for name in wants:
-            sources.check(name)
-        before, self.wants = self.wants, wants
-        for name in wants:
-            sources.take(name)
-        for name in before:
-            sources.leave(name)
+        self._served.sources.change(self.wants, wants)
+        self.wants = wants
         self._shown.clear()
 
     def _beat(self, asked: Message, now_ns: int) -> None:
@@ -253,8 +269,7 @@ class Browser:
     def gone(self) -> None:
         """It has left: control is free, nothing is wanted for it. Commands under way finish."""
         self._served.control.drop(self.name)
-        for name in self.wants:
-            self._served.sources.leave(name)
+        self._served.sources.leave(self.wants)
         self.wants = ()
         for robot in self._pulled:
             with suppress(WrongMessage):
@@ -286,6 +301,7 @@ class Browsers:
         holder, number = served.control.holder(now_ns), served.ticks.add(now_ns, served.generation())
         served.sources.begin(now_ns)
         for browser in self.all:
+            browser.begin()
             browser.look()
             # A page that nobody sees hears all the same that it has control, and that it has it no more.
             if browser.wants or browser.name == holder or browser.has_control:

@@ -61,6 +61,8 @@ def _number(reader: RingReader, entry: TopicEntry, path: FieldPath) -> FieldCell
     cells = cells_of(entry, path, np.frombuffer(reader.record, reader.dtype))
     if cells.is_text or len(cells.labels) != 1:
         raise ValueError(f"{path.text} is not one number")
+    if cells.labels[0] != path.text:  # one name for one number: pages share what is read
+        raise ValueError(f"{path.text} is called {cells.labels[0]}")
     return cells
 
 

@@ -66,8 +66,7 @@ class WebServer:
         sending = asyncio.create_task(browser.deliver())
         try:
             with suppress(WebSocketDisconnect, RuntimeError):  # also where we have closed it
-                while True:
-                    browser.handle(await page.receive_text())
+                await browser.listen(page.receive_text)
         finally:
             sending.cancel()
             self._browsers.leave(browser)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, Protocol
 
 import numpy as np
@@ -19,6 +19,11 @@ UNSEEN: Final = frozenset({"stamp_ns", "jacobian", "spatial_jacobian", "bias_gen
 """Fields of records that no page shows."""
 AGAIN_NS: Final = 500_000_000
 """Between two attempts to attach to what cannot be read."""
+
+MADE: Final = 16
+"""Sources of families, as plots, that one page may want: each costs the console and the robot what it reads."""
+OPENED: Final = 2
+"""Of those that are opened in a tick: a plot begins with all that its ring remembers."""
 
 
 class Source(Protocol):
@@ -97,37 +102,55 @@ class Sources:
                  families: Mapping[str, Callable[[str], Maker]] | None = None) -> None:
         """`families`: what makes those whose names begin with `FAMILY:`, by the rest of the name, or a ValueError."""
         self._makers, self._families = dict(makers), dict(families or {})
+        self._made: dict[str, Maker] = {}
         self._open: dict[str, Source | None] = {}
         self._users: dict[str, int] = {}
         self._encoded: dict[str, bytes] = {}
         self._retry_ns: dict[str, int] = {}
         self._problems: dict[str, str] = {}
-        self._now_ns = 0
+        self._now_ns = self._opened = 0
 
-    def check(self, name: str) -> None:
-        """ValueError unless there is such a source."""
-        family, _, rest = name.partition(":")
-        if name not in self._makers and family in self._families:
-            self._makers[name] = self._families[family](rest)
-        if name not in self._makers:
-            raise ValueError(none_such("source", name[:80], self._makers))
+    def change(self, before: Sequence[str], after: Sequence[str]) -> None:
+        """A page that wanted those wants these, each once; ValueError, and nothing changes, where one of them is none.
+        """
+        makes = [name for name in after if ":" in name]
+        if len(makes) > MADE:
+            raise ValueError(f"{len(makes)} plots and logs on one page; allowed are {MADE}")
+        taken: list[str] = []
+        try:
+            for name in after:
+                self._take(name)
+                taken.append(name)
+        except ValueError:
+            self.leave(taken)
+            raise
+        self.leave(before)
 
-    def take(self, name: str) -> None:
-        """One page more wants it."""
-        self._users[name] = self._users.get(name, 0) + 1
-
-    def leave(self, name: str) -> None:
-        """One page less does."""
-        self._users[name] -= 1
-        if not self._users[name]:
+    def leave(self, names: Sequence[str]) -> None:
+        """One page less wants them; what nobody wants is forgotten: names of families have no end."""
+        for name in names:
+            self._users[name] -= 1
+            if self._users[name]:
+                continue
             del self._users[name]
+            for known in (self._made, self._retry_ns, self._problems):
+                known.pop(name, None)
             source = self._open.pop(name, None)
             if source is not None:
                 source.close()
 
+    def _take(self, name: str) -> None:
+        """One page more wants it; ValueError unless there is such a source."""
+        family, _, rest = name.partition(":")
+        if name not in self._users and family in self._families:
+            self._made[name] = self._families[family](rest)
+        if name not in self._makers and name not in self._made:
+            raise ValueError(none_such("source", name[:80], self._makers))
+        self._users[name] = self._users.get(name, 0) + 1
+
     def begin(self, now_ns: int) -> None:
         """A new tick: what is asked for from now on is read anew."""
-        self._now_ns = now_ns
+        self._now_ns, self._opened = now_ns, 0
         self._encoded.clear()
 
     def part(self, name: str) -> bytes:
@@ -141,14 +164,21 @@ class Sources:
         source = self._open.get(name)
         try:
             if source is None:
-                if self._now_ns < self._retry_ns.get(name, 0):
+                is_made = name in self._made
+                if self._now_ns < self._retry_ns.get(name, 0) or (is_made and self._opened >= OPENED):
                     return {"age": None, "problem": self._problems.get(name, "")}
+                self._opened += is_made
                 self._retry_ns[name] = self._now_ns + AGAIN_NS
-                source = self._open[name] = self._makers[name]()
+                source = self._open[name] = (self._made.get(name) or self._makers[name])()
             return source.read(self._now_ns)
         except (SegmentError, OSError, ValueError) as error:
             self._problems[name] = str(error)
             return {"age": None, "problem": str(error)}
+
+    @property
+    def are_made(self) -> int:
+        """Of families: how many are known."""
+        return len(self._made)
 
     @property
     def are_open(self) -> int:

@@ -11,6 +11,7 @@ import pytest
 
 from procs.crtk.calls import owners_of
 from procs.document.system import from_json
+from procs.gui import browsers
 from procs.gui.browsers import PENDING, Browser, Browsers, ConsoleService
 from procs.gui.catalogue import sources_of
 from procs.gui.scene_source import ArmModels
@@ -311,5 +312,28 @@ def test_who_was_held_up_disconnects_all_and_hears_no_more_of_them(world: World)
         await console.tick()
         assert page.closed == "held up" and executed(console.robot) == []
         assert console.control.holder(monotonic_ns()) == ""
+
+    play(world.name, story)
+
+
+def test_a_page_that_says_thousands_of_things_is_listened_to_for_a_part_of_each_tick(
+        world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def story(console: Console) -> None:
+        monkeypatch.setattr(browsers, "A_TICK_NS", 1)  # shorter than any message
+        browser, _ = console.page()
+        said = 0
+
+        async def receive() -> str:  # all is there already: nobody else gets a turn meanwhile
+            nonlocal said
+            said += 1
+            return '{"op": "want", "sources": ["PSM1/state"]}'
+
+        listening = asyncio.ensure_future(browser.listen(receive))
+        await console.tick()
+        said = 0
+        for _ in range(5):
+            await console.tick()
+        listening.cancel()
+        assert said == 5
 
     play(world.name, story)

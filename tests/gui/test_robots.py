@@ -56,7 +56,7 @@ def test_a_page_is_sent_its_robot_and_its_fault_in_words(world: World) -> None:
         scripted.io.field("fault")[0] = fault.number
         scripted.io.field("powered")[0] = True
         scripted.io.publish(monotonic_ns())
-        sources.take("IO1/robot0")
+        sources.change((), ["IO1/robot0"])
         sources.begin(monotonic_ns())
         shown = json.loads(b"{" + sources.part("IO1/robot0") + b"}")["IO1/robot0"]
         assert shown["position"] == pytest.approx([0.1 * i for i in range(7)])
@@ -89,7 +89,7 @@ def test_a_page_is_sent_the_gains_of_its_robot_however_old(world: World) -> None
         gains = directory.writer(scripted.name, "IO1", "gains", "io")
         gains.field("p_gain")[:] = range(7)
         gains.publish(monotonic_ns() - 60_000_000_000)
-        sources.take("IO1/gains0")
+        sources.change((), ["IO1/gains0"])
         sources.begin(monotonic_ns())
         shown = json.loads(b"{" + sources.part("IO1/gains0") + b"}")["IO1/gains0"]
         assert shown["p_gain"] == list(range(7)) and shown["age"] == 0.0
