@@ -7,7 +7,6 @@ import itertools
 import json
 from collections import deque
 from collections.abc import Awaitable, Callable, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, Final, Protocol
 
@@ -17,6 +16,7 @@ from procs.crtk.calls import Calls, CommandOwner
 from procs.crtk.messages import MAX_BYTES, Message, WrongMessage, parsed, said
 from procs.document.bridges import Rights
 from procs.gui.control import BrowserControl
+from procs.gui.held import HeldDown
 from procs.gui.messages import OPS
 from procs.gui.scene_source import ArmModels
 from procs.gui.sources import Sources
@@ -30,7 +30,7 @@ FOR_ALL: Final = frozenset({("system", "power_off"), ("arm", "hold"), ("arm", "s
                             ("third_party", "hold"), ("third_party", "state_command"), ("suj", "state_command"),
                             ("teleop", "state_command"), ("io", "power_off"), ("console", "teleop_enable"),
                             ("focus", "focus_in"), ("focus", "focus_out"), ("suj", "set_lift_velocity"),
-                            ("suj", "clutch")})
+                            ("suj", "clutch"), ("boards", "release_tip")})
 """Commands that every browser may give as far as they stop something, without control: also who has just lost it."""
 LATE_NS: Final = 1_000_000_000
 """So old a wish may be when it comes, as in mailboxes."""
@@ -41,8 +41,6 @@ are 50 ms apart, and a page draws between them.
 """
 HELD: Final = frozenset({("boards", "pull_tip"), ("suj", "set_lift_velocity")})
 """Commands that are, besides streams."""
-HAND: Final = "pull_tip", "release_tip"
-"""Orders to emulated boards: a page that has gone pulls at nothing any more."""
 PENDING: Final = 5
 """Ticks that a browser has not taken; then it gets the newest of all instead."""
 WAITING: Final = 256
@@ -92,19 +90,24 @@ class ConsoleService:
     control: BrowserControl = field(default_factory=BrowserControl)
     counts: PageCounts = field(default_factory=PageCounts)
 
+    def calls(self) -> Calls:
+        """Ways to all owners, for a person's commands."""
+        made = Calls(self.system, self.owners, PERSON, self.is_over)
+        made.program = "gui"
+        return made
+
 
 class Browser:
     """One page that is connected."""
 
-    def __init__(self, served: ConsoleService, socket: PageSocket, name: str) -> None:
+    def __init__(self, served: ConsoleService, held: HeldDown, socket: PageSocket, name: str) -> None:
         """`name`: its address and port, which no other one has."""
         self.name = name
         self.wants: tuple[str, ...] = ()
         self.has_control = False
         """As far as it has heard."""
-        self._served, self._socket = served, socket
-        self._calls = Calls(served.system, served.owners, PERSON, served.is_over)
-        self._calls.program = "gui"
+        self._served, self._held, self._socket = served, held, socket
+        self._calls = served.calls()
         self._answers: deque[bytes] = deque()
         self._ticks: deque[bytes] = deque()
         self._news = asyncio.Event()
@@ -112,7 +115,6 @@ class Browser:
         self._has_time.set()
         self._shown: dict[str, bytes] = {}
         self._is_over = False
-        self._pulled: set[str] = set()
         self._end: asyncio.Future[None] | None = None
         self._ops: dict[str, Callable[[Message, int], None]] = {
             "want": self._want, "beat": self._beat, "control": self._control, "call": self._call,
@@ -186,8 +188,7 @@ class Browser:
         seen = None if only_stops else self._seen(asked, now_ns, HELD_LATE_NS if is_held else LATE_NS)
         self._calls.send(asked.id, to, command, values, text, seen)
         served.counts.commands += 1
-        if owner.kind == "boards" and command in HAND:
-            (self._pulled.add if command == HAND[0] else self._pulled.discard)(text)
+        self._held.note(self.name, to, command, values, text)
 
     def _preview(self, asked: Message, now_ns: int) -> None:
         """Where the links of an arm would be at these joints, or with its tip there; nothing is asked of the arm."""
@@ -267,13 +268,10 @@ class Browser:
         self._end = asyncio.ensure_future(self._socket.close(1012, why))
 
     def gone(self) -> None:
-        """It has left: control is free, nothing is wanted for it. Commands under way finish."""
+        """It has left: control is free, nothing is wanted for it, what it held is let go. Commands under way finish."""
         self._served.control.drop(self.name)
         self._served.sources.leave(self.wants)
         self.wants = ()
-        for robot in self._pulled:
-            with suppress(WrongMessage):
-                self._calls.send(None, "boards", HAND[1], [], robot)
         self._calls.close()
 
 
@@ -283,10 +281,11 @@ class Browsers:
     def __init__(self, served: ConsoleService) -> None:
         self.served = served
         self.all: set[Browser] = set()
+        self._held = HeldDown(served.calls())
 
     def come(self, socket: PageSocket, peer: str) -> Browser:
         """A page connects."""
-        browser = Browser(self.served, socket, peer)
+        browser = Browser(self.served, self._held, socket, peer)
         self.all.add(browser)
         return browser
 
@@ -299,6 +298,7 @@ class Browsers:
         """Once a cycle: one message to each page with all that it wants; each value is read once for all pages."""
         served = self.served
         holder, number = served.control.holder(now_ns), served.ticks.add(now_ns, served.generation())
+        self._held.tick(holder, served.control.is_free(now_ns))
         served.sources.begin(now_ns)
         for browser in self.all:
             browser.begin()
@@ -312,3 +312,8 @@ class Browsers:
         for browser in self.all:
             self.served.control.drop(browser.name)
             browser.forget(why)
+
+    def close(self) -> None:
+        """The console ends: nothing stays held down."""
+        self._held.end()
+        self._held.close()

@@ -20,6 +20,10 @@ class BrowserControl:
             self._holder = ""
         return self._holder
 
+    def is_free(self, now_ns: int) -> bool:
+        """Nobody has it, and nobody who had it was there for so long: who goes from page to page has it in between."""
+        return not self.holder(now_ns) and now_ns - self._heard_ns > HEARTBEAT_NS
+
     def take(self, browser: str, now_ns: int, *, over: bool = False) -> str:
         """Who has it after that: the browser, or another one that it is not taken `over` from."""
         if over or self.holder(now_ns) in ("", browser):

@@ -64,6 +64,7 @@ class GuiLoop(ServingLoop):
     def close(self) -> None:
         """Disconnect everybody."""
         self.events.run_until_complete(self._server.close())
+        self._browsers.close()
         self._sources.close()
         self._models.close()
         self._faults.close()

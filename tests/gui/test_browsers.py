@@ -5,11 +5,12 @@ from __future__ import annotations
 import asyncio
 import json
 from collections.abc import Callable
+from contextlib import closing
 from typing import Any
 
 import pytest
 
-from procs.crtk.calls import owners_of
+from procs.crtk.calls import CommandOwner, owners_of
 from procs.document.system import from_json
 from procs.gui import browsers
 from procs.gui.browsers import PENDING, Browser, Browsers, ConsoleService
@@ -17,7 +18,10 @@ from procs.gui.catalogue import sources_of
 from procs.gui.scene_source import ArmModels
 from shm import directory
 from shm.clock import monotonic_ns
+from shm.commands import COMMANDS
 from shm.faults import FaultCell, Faults
+from shm.mailbox import Mailbox
+from shm.mailbox_map import create_mailbox
 from tests.conftest import World
 from tests.tools.robot import ScriptedRobot, robot
 
@@ -47,7 +51,8 @@ class Console:
         self.robot, self.is_over = scripted, False
         self.sources, self.models = sources_of(document), ArmModels(document)
         self.faults = Faults(scripted.name, write=True)
-        self.all = Browsers(ConsoleService(scripted.name, owners_of(document), self.sources, lambda: self.is_over,
+        self.owners = owners_of(document)
+        self.all = Browsers(ConsoleService(scripted.name, self.owners, self.sources, lambda: self.is_over,
                                             self.models, "r", self.faults.generation))
         self.control = self.all.served.control
         self._tasks: list[asyncio.Task[None]] = []
@@ -76,6 +81,7 @@ class Console:
     def close(self) -> None:
         for browser in tuple(self.all.all):
             self.all.leave(browser)
+        self.all.close()
         for task in self._tasks:
             task.cancel()
         self.sources.close()
@@ -216,6 +222,42 @@ def test_what_is_no_message_is_answered_and_does_nothing(world: World, message: 
         answer = page.last("reply")
         assert answer["outcome"] == "refused" and words in answer["text"], answer
         assert executed(console.robot) == [] and console.all.served.counts.refused == 1
+
+    play(world.name, story)
+
+
+def test_a_tip_that_a_page_pulls_is_let_go_with_its_control_whatever_holds_up_the_order(world: World) -> None:
+    async def story(console: Console) -> None:
+        create_mailbox(world.name, "boards", "boards")
+        console.owners["boards"] = CommandOwner("boards", {row.name: row for row in COMMANDS["boards"]})
+        with closing(Mailbox(world.name, "boards", "boards")) as boards:
+            (one, _), (other, page) = console.page(), console.page()
+            pull = {"op": "call", "to": "boards", "command": "pull_tip", "values": [0.0] * 6 + [1.0], "text": "PSM1"}
+
+            async def came() -> list[str]:
+                await console.tick()
+                return [command.name for command in boards.drain()]
+
+            one.handle('{"op": "control", "take": true}')
+            await console.tick()
+            one.handle(json.dumps({**pull, "tick": console.all.served.ticks.number}))
+            assert await came() == ["pull_tip"] and await came() == []
+            other.handle('{"op": "control", "take": true, "over": true}')
+            console.is_over = True
+            assert await came() == []
+            console.is_over = False
+            assert await came() == ["release_tip"] and await came() == []
+            other.handle(json.dumps({**pull, "tick": console.all.served.ticks.number}))
+            assert await came() == ["pull_tip"]
+            one.handle(json.dumps({"op": "call", "to": "boards", "command": "release_tip", "text": "PSM1"}))
+            assert await came() == ["release_tip"], "every page may let go"
+            other.handle(json.dumps({**pull, "tick": console.all.served.ticks.number}))
+            assert await came() == ["pull_tip"]
+            console.is_over = True
+            console.all.leave(other)
+            assert await came() == []
+            console.is_over = False
+            assert await came() == ["release_tip"] and page.closed == ""
 
     play(world.name, story)
 

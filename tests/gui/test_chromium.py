@@ -165,6 +165,7 @@ def test_the_slave_that_follows_is_seen_following(robot: Robot) -> None:
         assert page.until(f"trocar.value('{teleop}.reason')"), "it says what it waits for"
         page.click("#console-operator-press")
         page.until(f"trocar.value('{teleop}.following')", 90)
+        page.driver.switch_to.new_window("tab")  # the page Console stays open: with it the operator would go
         page.open("/3d")
         page.until(f"{stage}?.isPlaced")
         where = f"{stage}.models.PSM1.tip.position.toArray()"

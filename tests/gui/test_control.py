@@ -46,3 +46,13 @@ def test_what_a_browser_says_late_shows_that_it_was_there_then() -> None:
     control.beat("a", 6 * S, 5 * S + S // 2)
     control.beat("a", 6 * S, 5 * S)
     assert control.holder(7 * S + S // 2) == "a" and control.holder(7 * S + S // 2 + 1) == ""
+
+
+def test_it_is_free_when_nobody_was_there_for_as_long_as_silence_lasts() -> None:
+    control = BrowserControl()
+    assert control.is_free(10 * S)
+    control.take("a", 10 * S)
+    control.drop("a")
+    assert not control.is_free(11 * S) and control.is_free(10 * S + HEARTBEAT_NS + 1)
+    control.take("b", 20 * S)
+    assert not control.is_free(20 * S + HEARTBEAT_NS) and control.is_free(20 * S + HEARTBEAT_NS + 1)

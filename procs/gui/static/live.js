@@ -327,6 +327,8 @@ for (const name of ["pointerup", "pointercancel", "visibilitychange"]) window.ad
 window.addEventListener("blur", jogEnds); // of the window: what had the focus before the button loses it, too
 document.addEventListener("visibilitychange", () => (jogEnds(), want()));
 
+// Who goes from page to page is there until now: that is said, as what ends without anybody in control counts from it.
+window.addEventListener("pagehide", () => you && say({ op: "beat" }));
 window.addEventListener("pagehide", () => you && sessionStorage.setItem("control", String(Date.now())));
 
 // --- keys, theme
