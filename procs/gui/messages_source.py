@@ -1,4 +1,4 @@
-"""What processes have to say: their newest status, warnings and errors."""
+"""What processes have to say: their newest status, warnings and errors, and the remedy of each arm's last error."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from typing import Any, Final
 
 from procs.crtk.reported import FIELDS, event_rings, message_of
 from procs.document.system import SystemConfig
-from shm.events import STATUS
+from shm.events import ERROR, STATUS
+from shm.ring import RingReader
 
 KEPT: Final = 80
 OLDER: Final = 40
@@ -21,39 +22,62 @@ class MessagesSource:
 
     def __init__(self, document: SystemConfig) -> None:
         named = {row.name for row in document.processes}
-        self._readers = []
+        self._readers: list[tuple[str, RingReader]] = []
         for name, reader in event_rings(document.name):
             if name in named:
                 self._readers.append((name, reader))
             else:
                 reader.close()
         self._rows: deque[dict[str, Any]] = deque(maxlen=KEPT)
+        self._robots = {(arm.io, arm.robot): arm.name for arm in document.arms}
+        self._arms = {arm.name for arm in document.arms}
+        self._last: dict[str, dict[str, Any]] = {}
         self._look_ns = 0
-        self._shown: dict[str, Any] = {"age": 0.0, "rows": []}
+        self._shown: dict[str, Any] = {"age": 0.0, "rows": [], "remedies": {}}
         self._is_first = True
 
     def read(self, now_ns: int) -> dict[str, Any]:
-        """`rows`, looked for five times a second."""
+        """`rows`, looked for five times a second; `remedies` by arm, however many messages came after its error."""
         if now_ns < self._look_ns:
             return self._shown
         self._look_ns = now_ns + LOOK_NS
         found: list[dict[str, Any]] = []
         for name, reader in self._readers:
-            if self._is_first:
-                found += [message_of(name, row) for row in reader.last(OLDER) if row["severity"] >= STATUS]
-                while reader.next():
-                    pass
-            else:
-                for _ in range(A_LOOK):
-                    if not reader.next():
-                        break
-                    if int(reader.field("severity")) >= STATUS:
-                        found.append(message_of(name, {key: reader.field(key)[()] for key in FIELDS}))
+            events = self._before(reader) if self._is_first else self._new(reader)
+            found += [self._message(name, event) for event in events]
         self._is_first = False
         if found:
             self._rows.extend(sorted(found, key=lambda row: row["order"]))
-            self._shown = {"age": 0.0, "rows": list(self._rows)}
+            remedies = {arm: row["hint"] for arm, row in self._last.items()}
+            self._shown = {"age": 0.0, "rows": list(self._rows), "remedies": remedies}
         return self._shown
+
+    def _before(self, reader: RingReader) -> list[Any]:
+        """From before somebody looked: the newest ones, and all errors that there still are."""
+        kept = reader.last(reader.depth)
+        while reader.next():
+            pass
+        newest = len(kept) - OLDER
+        return [row for i, row in enumerate(kept) if row["severity"] >= (STATUS if i >= newest else ERROR)]
+
+    def _new(self, reader: RingReader) -> list[Any]:
+        found = []
+        for _ in range(A_LOOK):
+            if not reader.next():
+                break
+            if int(reader.field("severity")) >= STATUS:
+                found.append({key: reader.field(key)[()] for key in (*FIELDS, "component")})
+        return found
+
+    def _message(self, name: str, event: Any) -> dict[str, Any]:
+        """An event as a message; an error of an arm, or of its robot in its io, is that arm's last one."""
+        row = message_of(name, event)
+        component = bytes(event["component"]).rstrip(b"\0").decode(errors="replace")
+        arm = name if name in self._arms else self._robots.get((name, component))
+        is_error = row["severity"] == "error" and row["hint"]
+        if arm is not None and is_error and row["order"] >= self._last.get(arm, row)["order"]:
+            self._last[arm] = row
+        return row
 
     def close(self) -> None:
         """Unmap."""

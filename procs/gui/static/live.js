@@ -382,11 +382,8 @@ function messages() {
 
 // The remedy of an arm in FAULT: the hint of its last error.
 function remedies() {
-  for (const element of document.querySelectorAll("[data-remedy]")) {
-    const rows = sources.messages?.rows || [];
-    const last = rows.findLast((row) => row.severity === "error" && row.hint && (row.from === element.dataset.remedy || row.text.includes(element.dataset.remedy)));
-    put(element, last?.hint || "");
-  }
+  const found = sources.messages?.remedies || {};
+  for (const element of document.querySelectorAll("[data-remedy]")) put(element, found[element.dataset.remedy] || "");
 }
 
 onUnits(render);
