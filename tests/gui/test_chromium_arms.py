@@ -31,14 +31,15 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[BrowserPage]:
 
 
 def held(page: BrowserPage, css: str, condition: str) -> None:
-    """Hold a button until something is so; once more where a busy machine has cost the page its control."""
-    for _ in range(4):
+    """Hold a button until something is so; once more where a busy machine has cost the page its control, or the jog."""
+    for _ in range(12):
         page.take_control()
         button = page.find(css)
         page.js("arguments[0].scrollIntoView({block: 'center'})", button)
         ActionChains(page.driver).move_to_element(button).click_and_hold().perform()
         try:
-            page.until(f"({condition}) || document.body.dataset.control !== 'you'")
+            page.until(f"({condition}) || document.body.dataset.control !== 'you'"
+                       " || !document.querySelector('.jog.on')")
         finally:
             ActionChains(page.driver).release().perform()
         if page.js(f"return {condition}"):
@@ -233,3 +234,24 @@ def test_a_refused_command_says_why_where_it_was_pressed(page: BrowserPage) -> N
     page.click("#arm-PSM1 button.commands:nth-child(2)")  # Home, of an arm without power
     page.until("document.querySelector('#arm-PSM1 button.commands:nth-child(2)').dataset.outcome === 'refused'")
     assert "PSM1" in page.note() and "refused" in page.note()
+
+
+def test_a_jog_that_the_arm_refuses_ends_and_says_why_while_it_is_held(page: BrowserPage) -> None:
+    page.open()
+    page.take_control()
+    homed(page)
+    page.open("/arm/PSM1")
+    page.take_control()
+    page.until("trocar.value('PSM1/state.valid')")
+    button = page.find(".jog[data-joint='0'][data-sign='1']")
+    page.js("arguments[0].scrollIntoView({block: 'center'})", button)
+    before = page.value("PSM1/state.position")[0]
+    ActionChains(page.driver).move_to_element(button).click_and_hold().perform()
+    try:
+        page.until(f"trocar.value('PSM1/state.position')[0] > {before} + 0.002")
+        page.js("trocar.call('PSM1', 'state_command', [], 'disable')")
+        page.until("!document.querySelector('.jog.on')")
+        assert "refused" in page.note() and "power-off" in page.note()
+    finally:
+        ActionChains(page.driver).release().perform()
+    assert page.wrongs() == []

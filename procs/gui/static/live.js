@@ -303,25 +303,34 @@ document.addEventListener("click", (event) => {
 });
 
 // A held jog: said every 50 ms while it is pressed; the arm ends it by itself 0.1 s after the last time.
-let jogging = 0;
+let jog = null; // { button, timer, isOver }
 function jogEnds() {
-  clearInterval(jogging);
-  jogging = 0;
-  document.querySelector(".jog.on")?.classList.remove("on");
+  if (!jog) return;
+  clearInterval(jog.timer);
+  jog.button.classList.remove("on");
+  jog = null;
 }
 export function jogBegins(button, make) {
   jogEnds();
   if (!you) return note(button, "bad", "Take control first: this page only looks.");
+  const mine = { button, isOver: false };
+  // Each has its answer: what is refused, by a fault for one, is seen where one presses, and does not go on when it is over.
+  const heardOf = (outcome, text) => {
+    if (GOOD.includes(outcome) || mine.isOver) return;
+    mine.isOver = true;
+    if (jog === mine) jogEnds();
+    note(button, "bad", `${outcome}: ${text}`);
+  };
   const push = () => {
     const found = make();
-    if (!found || !you || !isConnected() || document.hidden) return jogEnds();
-    say(found); // of a stream: nobody waits for the answer
+    if (!found || !you || document.hidden) jogEnds();
+    else if (!isConnected()) heardOf("lost", "not connected");
+    else ask(found, heardOf);
   };
+  jog = mine;
   button.classList.add("on");
-  // The first goes with an answer, so that a refusal is seen.
-  const first = make();
-  if (first) ask(first, (outcome, text) => GOOD.includes(outcome) || (jogEnds(), note(button, "bad", `${outcome}: ${text}`)));
-  jogging = setInterval(push, 50);
+  mine.timer = setInterval(push, 50);
+  push();
 }
 for (const name of ["pointerup", "pointercancel", "visibilitychange"]) window.addEventListener(name, jogEnds, true);
 window.addEventListener("blur", jogEnds); // of the window: what had the focus before the button loses it, too
