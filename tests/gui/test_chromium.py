@@ -95,6 +95,22 @@ def test_the_console_is_killed_and_the_page_comes_back(robot: Robot, records: Re
         assert state.newest() and bool(cell)
 
 
+def test_a_page_too_many_says_so_and_comes_in_when_another_one_leaves(robot: Robot) -> None:
+    with served(robot, KINEMATIC, "--set", "gui.max_clients=1") as address, chromium(address) as page:
+        page.open()
+        first = page.driver.current_window_handle
+        page.driver.switch_to.new_window("tab")
+        page.driver.get(address)
+        lost = "document.querySelector('.bar .lost').textContent"
+        page.until(f"document.body.dataset.connection === 'lost' && {lost}.startsWith('1 pages are open already')")
+        assert "nor does Power off" in page.js(f"return {lost}")
+        second = page.driver.current_window_handle
+        page.driver.switch_to.window(first)
+        page.driver.close()
+        page.driver.switch_to.window(second)
+        page.until("document.body.dataset.connection === 'live'")
+
+
 def test_what_is_old_turns_grey(robot: Robot) -> None:
     with served(robot) as address, chromium(address) as page:
         page.open()

@@ -11,6 +11,7 @@ let you = false;
 let holder = "";
 let lastTick = 0;
 let tick = 0; // the number of the newest one
+let refused = ""; // why the server has ended the connection, where it said so
 let number = 0;
 const waiting = new Map(); // commands without an end
 const listeners = []; // called after each tick
@@ -131,14 +132,14 @@ function connect() {
   socket.onopen = () => {
     wanted = "";
     tick = 0;
-    lastTick = performance.now();
     want();
   };
   socket.onmessage = (event) => {
     isGreeted = true;
     heed(JSON.parse(event.data));
   };
-  socket.onclose = () => {
+  socket.onclose = (event) => {
+    refused = event.reason;
     you = false;
     holder = "";
     for (const [, call] of waiting) call("lost", "the connection was lost; what became of it is not known");
@@ -157,6 +158,7 @@ async function askAgain() {
 
 function heed(message) {
   if (message.op === "hello") {
+    lastTick = performance.now();
     if (run && run !== message.run) location.reload(); // another server: this page is none of its own
     run = message.run;
     // Who goes from page to page in one tab keeps control, unless somebody else has taken it meanwhile.
@@ -185,6 +187,8 @@ function heed(message) {
 
 function shown() {
   document.body.dataset.connection = isConnected() ? "live" : "lost";
+  const lost = document.querySelector(".bar .lost");
+  if (lost) put(lost, refused || "not connected");
   document.body.dataset.control = you ? "you" : holder ? "other" : "nobody";
   const button = document.getElementById("control");
   if (localStorage.getItem("first-steps") === "closed") document.getElementById("first-steps")?.remove();
