@@ -1,7 +1,8 @@
 """Who may come in: every request and every connection of a browser passes here first.
 
 A browser on this machine of the user of the system needs nothing, all others the token (or a certificate). Pages of
-others cannot use a browser's place here: names that are none of ours, and origins that are not ours, are refused.
+others cannot use a browser's place here: names that are none of ours, origins that are not ours, and what others' pages
+fetch without one, are refused; a link from elsewhere may open a page.
 """
 
 from __future__ import annotations
@@ -26,6 +27,8 @@ GUESS_S: Final = 1.0
 GUESSING: Final = 32
 """Addresses that wait at a time; wrong tokens of further ones are refused at once: who has it is kept out by nobody."""
 MAX_FORM: Final = 4096
+FILES: Final = "/files/"
+"""Below it is what costs something to make: no link from elsewhere leads there."""
 HEADERS: Final = (
     # Nothing but this server's own files is ever fetched, whatever a library would like: labs are offline.
     (b"content-security-policy", b"default-src 'self' 'unsafe-inline' 'unsafe-eval' data: blob:; "
@@ -131,9 +134,18 @@ def refusal(headers: dict[str, str], scope: Scope, is_here: bool) -> str:
         return f"{name[:80]} is no name of this machine; take 127.0.0.1 or localhost"
     if origin is not None and origin.partition("://")[2] != host:
         return "that page is not from here"
+    if headers.get("sec-fetch-site") in ("cross-site", "same-site") and not _opens_page(headers, scope):
+        return "that page is not from here"  # pictures and scripts of others: browsers send no origin with those
     if scope["type"] == "http" and scope["method"] not in ("GET", "HEAD") and origin is None:
         return "that is from no page"
     return ""
+
+
+def _opens_page(headers: dict[str, str], scope: Scope) -> bool:
+    """Whether a person opens a page of ours in a tab: by a link from elsewhere, for one."""
+    is_document = headers.get("sec-fetch-mode") == "navigate" and headers.get("sec-fetch-dest") == "document"
+    return (is_document and scope["type"] == "http" and scope["method"] == "GET"
+            and not str(scope["path"]).startswith(FILES))
 
 
 def _name(headers: dict[str, str]) -> str:

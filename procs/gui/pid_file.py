@@ -13,6 +13,8 @@ from fastapi import Response
 from procs.gui.robots import IoRobot
 
 DUE_S: Final = 30.0
+WAITING: Final = 4
+"""So many may be asked for at a time, with the one that is being made."""
 NOTES: Final = 400
 """Letters of them that fit beside a file."""
 
@@ -21,20 +23,29 @@ class PidFiles:
     """Makes them one at a time, each by a process of its own: reading and checking files holds nobody up."""
 
     def __init__(self, system: str) -> None:
-        self._system, self._one = system, asyncio.Lock()
+        self._system, self._one, self._asked = system, asyncio.Lock(), 0
 
     async def file(self, robot: IoRobot) -> Response:
         """The file of a robot, or why there is none."""
-        async with self._one:
-            with tempfile.TemporaryDirectory(prefix="trocar-") as place:
-                made = Path(place) / f"PID-{robot.robot.name}.json"
-                code, said = await self._run("pid", "save", robot.robot.name, str(made), "--system", self._system)
-                if code or not made.is_file():
-                    return Response(said or "no file was made", 409, media_type="text/plain")
-                notes = said.replace(str(made), made.name).encode("ascii", "replace").decode()[:NOTES]
-                return Response(made.read_bytes(), media_type="application/json", headers={
-                    "content-disposition": f'attachment; filename="{made.name}"', "cache-control": "no-store",
-                    "x-notes": "; ".join(notes.splitlines())})
+        if self._asked >= WAITING:
+            return Response(f"{WAITING} files are being made: try again in a while", 503, media_type="text/plain")
+        self._asked += 1
+        try:
+            async with self._one:
+                return await self._made(robot)
+        finally:
+            self._asked -= 1
+
+    async def _made(self, robot: IoRobot) -> Response:
+        with tempfile.TemporaryDirectory(prefix="trocar-") as place:
+            made = Path(place) / f"PID-{robot.robot.name}.json"
+            code, said = await self._run("pid", "save", robot.robot.name, str(made), "--system", self._system)
+            if code or not made.is_file():
+                return Response(said or "no file was made", 409, media_type="text/plain")
+            notes = said.replace(str(made), made.name).encode("ascii", "replace").decode()[:NOTES]
+            return Response(made.read_bytes(), media_type="application/json", headers={
+                "content-disposition": f'attachment; filename="{made.name}"', "cache-control": "no-store",
+                "x-notes": "; ".join(notes.splitlines())})
 
     async def _run(self, *words: str) -> tuple[int, str]:
         running = await asyncio.create_subprocess_exec(

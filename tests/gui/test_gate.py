@@ -100,6 +100,21 @@ def test_pages_of_others_cannot_come_through_our_browser(headers: dict[str, str]
     assert asked.status == 403 and words in asked.reason + asked.body.decode()
 
 
+@pytest.mark.parametrize("site", ["cross-site", "same-site"])
+def test_pages_of_others_fetch_nothing_but_a_link_opens_a_page(site: str) -> None:
+    def asked(mode: str, dest: str, path: str = "/", **options: Any) -> int:
+        headers = {**HERE, "sec-fetch-site": site, "sec-fetch-mode": mode, "sec-fetch-dest": dest}
+        return ask(headers, path=path, **options).status
+
+    pid = "/files/pid/IO1/PSM1.json"
+    assert asked("no-cors", "image", pid) == asked("no-cors", "script") == asked("navigate", "iframe") == 403
+    assert asked("navigate", "document", pid) == 403 and asked("navigate", "document", kind="websocket") == 403
+    assert asked("navigate", "document") == asked("navigate", "document", "/arm/PSM1") == 200
+    for own in ("same-origin", "none"):
+        assert ask({**HERE, "sec-fetch-site": own, "sec-fetch-mode": "navigate"}, path=pid).status == 200
+    assert ask(HERE, path=pid).status == 200, "programs say nothing of the kind"
+
+
 def test_what_changes_something_has_to_come_from_our_page() -> None:
     assert ask(HERE, method="POST").status == 403
     assert ask({**HERE, "origin": "http://127.0.0.1:8080"}, method="POST").status == 200

@@ -14,7 +14,7 @@ from procs.codes import FAULTS
 from procs.document.system import Actuator, Brake, IoConfig, Linear, Robot, from_json
 from procs.gui.browsers import FOR_ALL
 from procs.gui.catalogue import sources_of
-from procs.gui.pid_file import PidFiles
+from procs.gui.pid_file import WAITING, PidFiles
 from procs.gui.robots import IoRobot, robots_of, slides
 from procs.gui.trace_source import SIGNALS, TraceSource
 from shm import directory
@@ -137,3 +137,26 @@ def test_a_pid_file_is_that_of_the_command_line_or_its_reason(code: int, writes:
     if writes:
         assert answer.headers["content-disposition"] == 'attachment; filename="PID-A.json"'
         assert answer.headers["x-notes"] == "PID-A.json: said" and not Path(asked[3]).exists()
+
+
+def test_few_wait_for_a_pid_file_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def story() -> None:
+        go, runs = asyncio.Event(), 0
+
+        async def run(self: PidFiles, *words: str) -> tuple[int, str]:
+            nonlocal runs
+            runs += 1
+            await go.wait()
+            return 1, "said"
+
+        monkeypatch.setattr(PidFiles, "_run", run)
+        files = PidFiles("robot")
+        asked = [asyncio.ensure_future(files.file(two_robots()[0])) for _ in range(WAITING + 2)]
+        while not all(each.done() for each in asked[WAITING:]):
+            await asyncio.sleep(0)
+        assert [each.result().status_code for each in asked[WAITING:]] == [503, 503] and runs == 1
+        go.set()
+        assert {(await each).status_code for each in asked[:WAITING]} == {409} and runs == WAITING
+        assert (await files.file(two_robots()[0])).status_code == 409
+
+    asyncio.run(story())
