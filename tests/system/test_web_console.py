@@ -227,6 +227,18 @@ def test_on_a_slow_way_a_jog_ends_with_the_finger_and_control_with_the_page(robo
         assert one.call("PSM1", "hold")["outcome"] == "done" and one.number == number + 1, "a stop counts however late"
 
 
+def test_an_emulated_operator_goes_with_the_last_page_that_had_control(robot: Robot, records: Records) -> None:
+    port = free()
+    robot.up(KINEMATIC.with_name("kinematic-teleop.yaml"), "--set", f"gui.listen=127.0.0.1:{port}")
+    present = (state := records(robot, "console", "state")).field("operator_present")
+    for _ in range(2):  # who goes from page to page in time takes the operator along; nobody is measured here
+        with page(robot, port) as one:
+            one.take_control()
+            assert one.call("console", "emulate_operator_present", 1)["outcome"] == "done"
+            wait_for(lambda: state.newest() and bool(present), 30, "the operator is there")
+    wait_for(lambda: state.newest() and not bool(present), 30, "the operator has gone")
+
+
 def test_what_was_asked_while_the_console_stood_still_is_not_done(robot: Robot, records: Records) -> None:
     port = free()
     robot.up(KINEMATIC, "--set", f"gui.listen=127.0.0.1:{port}")
