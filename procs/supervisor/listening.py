@@ -33,8 +33,8 @@ class Listening:
         for each in self.sockets:
             self._poll.register(each, select.POLLIN)
 
-    def is_wanted(self, now_ns: int, is_up: bool, is_refused: bool = False, is_last: bool = False) -> bool:
-        """Whether somebody is connected, or waits to be; only a process that is up can have connections.
+    def is_wanted(self, now_ns: int, is_running: bool, is_refused: bool = False, is_last: bool = False) -> bool:
+        """Whether somebody is connected, or waits to be; only a process can have connections, also in its setup.
 
         `is_refused`: it is not going to be there, whoever waits. They are told so by the end of their connections, and
         count as long as they try again: one who has gone would otherwise wait for ever. `is_last`: the answer is of
@@ -44,7 +44,7 @@ class Listening:
             if is_refused:
                 self._turn_away()
             return True
-        if not is_up:
+        if not is_running:
             self._connected = False
         elif is_last or now_ns >= self._look_at:
             self._look_at, self._connected = now_ns + LOOK_NS, any(map(connections, self._ports))

@@ -128,7 +128,7 @@ class Supervisor:
 
         def is_wanted(is_refused: bool, is_last: bool) -> bool:
             subscriptions.look()
-            return (listening.is_wanted(monotonic_ns(), child.is_up, is_refused, is_last)
+            return (listening.is_wanted(monotonic_ns(), child.state == lifecycle.RUNNING, is_refused, is_last)
                     or bool(subscriptions.wanted))
 
         return Demand(child, is_wanted, lambda: not missing(child, children))
