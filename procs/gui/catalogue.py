@@ -50,4 +50,4 @@ def sources_of(document: SystemConfig) -> Sources:
     makers[MESSAGES] = partial(MessagesSource, document)
     makers[PROCESSES] = partial(ProcessesSource, document)
     makers[SCENE] = partial(SceneSource, document)
-    return Sources(makers, {PLOT: partial(plot_of, document.name), LOG: partial(log_of, document)})
+    return Sources(makers, {PLOT: partial(plot_of, document), LOG: partial(log_of, document)})

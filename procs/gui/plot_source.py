@@ -9,7 +9,9 @@ import numpy as np
 
 from procs.crtk.field_paths import FieldCells, FieldPath, cells_of, parse_path
 from procs.crtk.topics import TopicEntry, find
+from procs.document.system import SystemConfig
 from procs.gui.sources import PROGRAM, Maker
+from procs.gui.validity import checked
 from shm import directory
 from shm.ring import RingReader
 from shm.segment import SegmentError
@@ -20,14 +22,16 @@ BEFORE_NS: Final = 60_000_000_000
 
 
 class PlotSource:
-    """The samples since the last tick."""
+    """The samples since the last tick; no number where its robot, or what measures it, is away."""
 
-    def __init__(self, system: str, entry: TopicEntry, path: FieldPath) -> None:
+    def __init__(self, document: SystemConfig, entry: TopicEntry, path: FieldPath) -> None:
         """Attach, and want it with the group of the field; SegmentError or ValueError when there is none such."""
+        system = document.name
         self._reader: RingReader = directory.reader(system, entry.instance, entry.ring, often=False)
         self._subscriber: Subscriber | None = None
         try:
-            self._cells = _number(self._reader, entry, path)
+            self._cells = checked(document, entry.instance, entry.ring, _number(self._reader, entry, path),
+                                  self._reader.dtype)
             self._subscriber = Subscriber(system, entry.instance, PROGRAM)
             group = self._cells.field.group
             self._subscriber.want(entry.ring, *([group] if group else []))
@@ -66,16 +70,16 @@ def _number(reader: RingReader, entry: TopicEntry, path: FieldPath) -> FieldCell
     return cells
 
 
-def plot_of(system: str, name: str) -> Maker:
+def plot_of(document: SystemConfig, name: str) -> Maker:
     """What makes the source of a field path; ValueError when that is none, or not one number."""
     path = parse_path(name)
     try:
-        entry = find(system, path.topic)
-        reader = directory.reader(system, entry.instance, entry.ring, often=False)
+        entry = find(document.name, path.topic)
+        reader = directory.reader(document.name, entry.instance, entry.ring, often=False)
     except SegmentError as error:
         raise ValueError(str(error)) from None
     try:
         _number(reader, entry, path)
     finally:
         reader.close()
-    return partial(PlotSource, system, entry, path)
+    return partial(PlotSource, document, entry, path)

@@ -115,8 +115,9 @@ def test_what_is_old_turns_grey(robot: Robot) -> None:
     with served(robot) as address, chromium(address) as page:
         page.open()
         page.until("!document.querySelector('#arm-PSM1').classList.contains('stale')")
-        page.open("/plots#PSM1/state.position[0]")
-        page.until("document.querySelector('#plot-legend .chip:not(.stale) b')?.textContent.startsWith('0.')")
+        page.open("/plots#PSM1/state.trajectory_ratio,PSM1/state.position[0]")
+        page.until("document.querySelector('#plot-legend .chip:not(.stale) b')?.textContent.startsWith('1.')")
+        page.until("document.querySelectorAll('#plot-legend .chip b')[1]?.textContent === '–'")  # it has no power
         robot.trocar("stop", "PSM1", "--yes")
         page.until("/s old/.test(document.querySelector('#plot-legend .chip.stale .age')?.textContent)")
         page.open()
