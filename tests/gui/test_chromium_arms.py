@@ -111,6 +111,27 @@ def test_a_tip_moves_to_a_pose_that_was_seen_before(page: BrowserPage) -> None:
     page.until("/is none/.test(document.querySelector('.note.bad')?.textContent)")
 
 
+def test_nothing_is_read_of_an_arm_without_power(page: BrowserPage) -> None:
+    page.open("/arm/PSM1")
+    page.take_control()
+    page.until("document.querySelector('[data-goal=\"2\"]').value === '120.00' || trocar.value('PSM1/state.valid')")
+    page.js("trocar.call('PSM1', 'state_command', [], 'disable')")
+    page.until("trocar.value('PSM1/state.valid') === false")
+    goal, x = "[data-goal='1']", "[data-pose=tip][data-part='0']"
+    for css, does in ((goal, "read"), (x, "read-tip")):
+        typed(page, css, "11,5")
+        page.js("document.querySelector('.note')?.remove()")
+        page.click(f"[data-does={does}]")
+        assert "Nothing is measured now" in page.note()
+        assert page.find(css).get_attribute("value") == "11,5"
+    page.until("[...document.querySelectorAll('.numbers .live, .joints td.live:nth-child(2)')]"
+               ".every((part) => part.textContent === '–')")
+    page.open()
+    page.take_control()
+    homed(page)
+    page.until("trocar.value('PSM1/state.is_homed')", 60)
+
+
 def test_what_is_typed_keeps_its_meaning_where_units_change(page: BrowserPage) -> None:
     page.open("/arm/PSM1")
     turning, sliding, jaw = "[data-goal='0']", "[data-goal='2']", "#jaw-goal"

@@ -7,12 +7,14 @@ from pathlib import Path
 
 import pytest
 from nicegui.client import Client
+from nicegui.element import Element
 from nicegui.page import page as nicegui_page
 
 from procs.config import load_system
 from procs.document.system import SystemConfig
 from procs.gui.pages.application import pages_of_system
 from procs.gui.pages.frame import page, pages_of
+from procs.gui.validity import flags_of
 from tests.system.robot import ROOT
 from tests.system.test_two_consoles import dual
 
@@ -50,3 +52,33 @@ def test_pages_are_in_the_bar_have_all_keys_no_name_twice_and_ask_before_somethi
         assert {"power-off", "power-on", "home"} <= set(names), f"{path}: keys press buttons"
         assert max(names.values()) == 1, (path, names.most_common(3))
         assert labels <= set(names), path
+
+
+def flags(part: Element) -> set[str]:
+    """What has to be true for it to be shown: by `data-valid` of the nearest that has one, or hidden without."""
+    found, nearest, around = set(), "", part
+    while True:
+        nearest = nearest or str(around.props.get("data-valid", ""))
+        found.add(str(around.props.get("data-show", "")))
+        if around.parent_slot is None:
+            return found | {nearest}
+        around = around.parent_slot.parent
+
+
+@pytest.mark.parametrize("which", ["kinematic-full.yaml", "demo-ecm-si.yaml", "demo-teleop.yaml"])
+def test_every_number_is_shown_while_its_flag_is_true_and_no_other_one_hides_it(which: str, tmp_path: Path) -> None:
+    document = system(which, tmp_path)
+    known = {f"{row.name}/state": flags_of(row.kind, "state") for row in document.processes if row.kind != "io"}
+    wrong, seen = [], 0
+    for path, wants, content in pages_of_system(document):
+        with Client(nicegui_page(path), request=None) as client, page(document, path, wants):
+            content()
+        for part in list(client.elements.values()):
+            source, *rest = str(part.props.get("data-live", part.props.get("data-now", ""))).split(".")
+            flag = known.get(source, {}).get(rest[0] if rest else "")
+            if flag is not None and part.props.get("data-format") != "text":
+                seen += 1
+                if not {f"{source}.{flag}", f"{source}.{flag}.{rest[1] if len(rest) > 1 else ''}"} & flags(part):
+                    wrong.append((path, source, *rest))
+        client.delete()
+    assert seen > 50 and not wrong

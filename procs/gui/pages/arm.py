@@ -10,10 +10,10 @@ from procs.document.system import SystemConfig
 from procs.gui.catalogue import SCENE, record
 from procs.gui.pages.assets import assets
 from procs.gui.pages.parts import Part, box, button, live
+from procs.gui.pages.poses import TURNS, axes, numbers, turned
 from procs.gui.pages.scene import ArmScene
 from procs.kinematics.endoscopes import NAMES
 
-TURNS: Final = "turned about x, then y, then z: axes that stay as they are"
 ROOM: Final = 8
 """Joints that a record has room for."""
 
@@ -115,7 +115,8 @@ def _joint(state: str, i: int, kind: str) -> None:
 
 
 def _jaw(state: str) -> None:
-    with box("card", data_source=state, data_show=f"{state}.has_jaw"), box("row"):
+    with_jaw = f"{state}.has_jaw"
+    with box("card", data_source=state, data_show=with_jaw, data_valid=with_jaw), box("row"):
         Part("h2", "", "Jaw")
         live(f"{state}.jaw_position", "joint:r")
         Part("span", "quiet", data_unit="r")
@@ -132,7 +133,7 @@ def _jaw(state: str) -> None:
 
 
 def _gripper(state: str) -> None:
-    with box("card", data_source=state), box("row"):
+    with box("card", data_source=state, data_valid=f"{state}.gripper_valid"), box("row"):
         Part("h2", "", "Gripper")
         live(f"{state}.gripper_position", "joint:r")
         Part("span", "quiet", data_unit="r")
@@ -146,21 +147,14 @@ def _tip(arm: ArmConfig, state: str) -> None:
             Part("span", "quiet", "in")
             live(f"{state}.reference_frame", classes="quiet")
         with box("numbers"):
-            _header()
+            axes()
             _inputs("Goal of the tip", "tip", "go to")
         with box("row"):
             Part("button", "", "Read", type="button", data_does="read-tip", title="Take the measured pose as goal")
             Part("button", "primary commands", "Move tip", type="button", data_does="move-tip")
             Part("span", "reason", id="tip-says")
-        with box("part numbers", data_valid=f"{state}.reference_valid"):
-            for text, field, form, first in (
-                    ("measured, mm", "measured_cp", "mm:2", 0), ("setpoint, mm", "setpoint_cp", "mm:2", 0),
-                    ("in its base, mm", "local_measured_cp", "mm:2", 0),
-                    ("velocity, mm/s", "measured_cv", "mm:1", 0), ("turning, °/s", "measured_cv", "deg:1", 3)):
-                Part("span", "", text)
-                for i in range(first, first + 3):
-                    live(f"{state}.{field}.{i}", form)
-            _turned(f"{state}.measured_cp")
+        with box("part numbers"):
+            _poses(state)
         with box("row", data_valid=f"{state}.reference_valid"):
             Part("span", "quiet", "quaternion x y z w")
             for i in range(3, 7):
@@ -182,16 +176,16 @@ def _tip(arm: ArmConfig, state: str) -> None:
                                  data_axis=str(axis), data_sign=str(sign))
 
 
-def _header() -> None:
-    for text in ("", "x", "y", "z"):
-        Part("b", "quiet", text)
-
-
-def _turned(pose: str) -> None:
-    """A row with the orientation of a pose in degrees."""
-    Part("span", "", "turned about, °", title=TURNS)
-    for i in range(3):
-        live(pose, f"turn:{i}")
+def _poses(state: str) -> None:
+    """Rows of a table of x, y, z: those in its base are known where its base stands or not."""
+    known, in_base = f"{state}.reference_valid", f"{state}.cartesian_valid"
+    for text, field, valid in (("measured", "measured_cp", known), ("setpoint", "setpoint_cp", known),
+                               ("in its base", "local_measured_cp", in_base),
+                               ("setpoint there", "local_setpoint_cp", in_base)):
+        numbers(f"{text}, mm", f"{state}.{field}", "mm:2", data_valid=valid)
+        turned(f"{state}.{field}", data_valid=valid)
+    numbers("velocity, mm/s", f"{state}.measured_cv", "mm:1", data_valid=known)
+    numbers("turning, °/s", f"{state}.measured_cv", "deg:1", 3, data_valid=known)
 
 
 def _inputs(what: str, pose: str, place: str) -> None:
@@ -215,11 +209,9 @@ def _base(arm: ArmConfig, state: str) -> None:
             Part("span", "quiet", "in")
             live(f"{state}.reference_frame", classes="quiet")
         with box("numbers", data_valid=f"{state}.reference_valid"):
-            _header()
-            Part("span", "", "place, mm")
-            for i in range(3):
-                live(f"{state}.base_frame.{i}", "mm:2")
-            _turned(f"{state}.base_frame")
+            axes()
+            numbers("place, mm", f"{state}.base_frame", "mm:2")
+            turned(f"{state}.base_frame")
         if arm.base_from:
             Part("p", "quiet", f"{arm.base_from} gives it.")
             return

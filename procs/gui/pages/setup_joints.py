@@ -83,7 +83,7 @@ def _joints(cart: Cart, place: int, arm: CartArm, state: str) -> None:
     is_kinematic = cart.simulation == "KINEMATIC" and cart.kind != FIXED
     has_pots = cart.kind != FIXED and cart.simulation != "KINEMATIC"
     unit = "counts" if cart.kind == SI else "V"
-    kinds = ["p" if i == 0 else "r" for i in range(arm.joints)]
+    kinds, known = ["p" if i == 0 else "r" for i in range(arm.joints)], f"{state}.setup_valid.{place}"
     columns = ["", "position", *([f"primary {unit}", f"secondary {unit}"] if has_pots else []),
                *(["put at"] if is_kinematic else [])]
     with form(cart.name, "servo_jp", arm.name), box("scroll"), Part("table", "joints setup"):
@@ -95,7 +95,7 @@ def _joints(cart: Cart, place: int, arm: CartArm, state: str) -> None:
                 with Part("tr"):
                     Part("td", "", f"joint {i}")
                     with Part("td"):
-                        live(f"{state}.position.{place}.{i}", f"joint:{kind}")
+                        live(f"{state}.position.{place}.{i}", f"joint:{kind}", data_valid=known)
                         Part("span", "unit", data_unit=kind)
                     if has_pots:
                         for field in ("primary_voltage", "secondary_voltage"):
@@ -104,7 +104,7 @@ def _joints(cart: Cart, place: int, arm: CartArm, state: str) -> None:
                     if is_kinematic:
                         with Part("td"):
                             arg("input", f"joint-{kind}", size="8", inputmode="decimal", aria_label=f"Joint {i}",
-                                data_now=f"{state}.position.{place}.{i}")
+                                data_now=f"{state}.position.{place}.{i}", data_valid=known)
         if is_kinematic:
             with Part("tfoot"), Part("tr"), Part("td", "", colspan=str(len(columns))):
                 Part("button", "quiet", "Read", type="button", data_reads="", title="Where it is now")

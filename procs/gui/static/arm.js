@@ -1,5 +1,5 @@
 // The page of an arm: jog while held, goals as people type them, a preview in 3D before anything moves.
-import { ask, asked, data, fixed, jogBegins, note, onTick, value } from "./live.js";
+import { ask, asked, fixed, jogBegins, note, onTick, sourceAge, value } from "./live.js";
 import { onUnits, perUnit, typed, unit, units } from "./units.js";
 
 const page = document.querySelector("[data-arm]");
@@ -17,7 +17,16 @@ const shownSpeed = () => {
   document.getElementById("jog-shown").textContent = units() === "deg" ? `${(speed() * FULL.turns * 57.2958).toFixed(1)} °/s, ${(speed() * FULL.slides * 1000).toFixed(1)} mm/s` : `${(speed() * FULL.turns).toFixed(2)} rad/s, ${(speed() * FULL.slides).toFixed(3)} m/s`;
 };
 
-function read() {
+// Whether what a flag of the record stands for is measured now; if not, that is said beside the button.
+export function isMeasured(flag, button) {
+  const age = sourceAge(state);
+  if (age !== null && age < 1 && value(`${state}.${flag}`)) return true;
+  if (button) note(button, "bad", `Nothing is measured now: ${arm} has no power, is not heard of, or does not know where that is.`);
+  return false;
+}
+
+function read(button) {
+  if (!isMeasured("valid", button)) return;
   measured().forEach((q, i) => {
     const input = goals()[i];
     input.value = fixed(q * factor(i), units() === "deg" ? 2 : 4);
@@ -26,9 +35,9 @@ function read() {
   preview();
 }
 
-function readJaw() {
+function readJaw(button) {
   const angle = value(`${state}.jaw_position`);
-  if (typeof angle === "number" && value(`${state}.has_jaw`)) document.getElementById("jaw-goal").value = fixed(angle * perUnit(false), units() === "deg" ? 2 : 4);
+  if (isMeasured("has_jaw", button)) document.getElementById("jaw-goal").value = fixed(angle * perUnit(false), units() === "deg" ? 2 : 4);
 }
 
 // The goal in rad and m; null where something is no number.
@@ -77,8 +86,8 @@ page.addEventListener("change", (event) => {
 page.addEventListener("click", async (event) => {
   const button = event.target.closest("button");
   if (!button) return;
-  if (button.dataset.does === "read") read();
-  else if (button.dataset.does === "read-jaw") readJaw();
+  if (button.dataset.does === "read") read(button);
+  else if (button.dataset.does === "read-jaw") readJaw(button);
   else if (button.dataset.does === "move") {
     if (!(await preview())) return note(button, "bad", goal() ? document.getElementById("preview-says").textContent : "A number is missing, or is none.");
     button.dataset.confirm = `Move ${arm} to this place? The green shape shows where.`;
@@ -122,7 +131,7 @@ let isRead = false;
 let ratioSet = false;
 let isChosen = false;
 onTick(() => {
-  if (!isRead && count() && data(state)?.valid) {
+  if (!isRead && count() && isMeasured("valid")) {
     isRead = true;
     read();
     readJaw();

@@ -48,9 +48,11 @@ async function flip(button) {
   perform(button, JSON.parse(on ? button.dataset.stepsOff : button.dataset.stepsOn));
 }
 
-// What is at `data-now`, as it would be typed.
-function read(form) {
-  for (const input of form.querySelectorAll("[data-now]")) {
+// What is at `data-now`, as it would be typed; nothing that is not known.
+function read(form, button) {
+  const inputs = [...form.querySelectorAll("[data-now]")];
+  if (inputs.some(({ dataset }) => dataset.valid && !value(dataset.valid))) return note(button, "bad", "Where it is is not known now.");
+  for (const input of inputs) {
     const v = value(input.dataset.now);
     const factor = perUnit(input.dataset.arg === "joint-p");
     if (typeof v === "number") input.value = (v * factor).toFixed(units() === "deg" ? 2 : 4);
@@ -94,7 +96,7 @@ window.addEventListener("blur", letGo); // of the window, not of what had the fo
 document.addEventListener("click", (event) => {
   const button = event.target.closest("button");
   if (button?.dataset.switch) return flip(button);
-  if (button?.dataset.reads !== undefined) return read(button.closest("[data-form]"));
+  if (button?.dataset.reads !== undefined) return read(button.closest("[data-form]"), button);
   if (button?.dataset.submit === undefined) return;
   const form = button.closest("[data-form]");
   const [to, command, text] = JSON.parse(form.dataset.form);

@@ -1,6 +1,6 @@
 // Poses as people type them: where the tip is to go, seen before it moves; where the base stands.
-import { arm, previewed, stage, state } from "./arm.js";
-import { asked, data, fixed, note, onTick, value } from "./live.js";
+import { arm, isMeasured, previewed, stage, state } from "./arm.js";
+import { asked, fixed, note, onTick, value } from "./live.js";
 import { quaternion, turns } from "./pose.js";
 import { perUnit, typed, unit, units } from "./units.js";
 
@@ -46,10 +46,11 @@ document.addEventListener("click", async (event) => {
   const button = event.target.closest("button");
   const does = button?.dataset.does;
   if (does === "read-tip") {
+    if (!isMeasured("reference_valid", button)) return;
     read("tip", `${state}.measured_cp`);
     says().textContent = "";
     stage()?.preview(null);
-  } else if (does === "read-base") read("base", `${state}.base_frame`);
+  } else if (does === "read-base") isMeasured("reference_valid", button) && read("base", `${state}.base_frame`);
   else if (does === "move-tip") {
     const pose = wanted("tip");
     if (!pose || !(await preview(pose))) return note(button, "bad", pose ? says().textContent : NO_NUMBER);
@@ -68,7 +69,7 @@ document.addEventListener("click", async (event) => {
 
 let isRead = false;
 onTick(() => {
-  if (isRead || !data(state)?.reference_valid || !inputs("tip").length) return;
+  if (isRead || !isMeasured("reference_valid") || !inputs("tip").length) return;
   isRead = true;
   read("tip", `${state}.measured_cp`);
   read("base", `${state}.base_frame`);
