@@ -40,6 +40,8 @@ def sources_of(document: SystemConfig) -> Sources:
         makers[robot.source] = partial(RobotSource, document.name, robot, simulated=document.clock != WALL)
         if robot.pid is not None:
             makers[robot.gains] = partial(gains_source, document.name, robot)
+            makers[record(robot.pid.arm, "audit")] = partial(RecordSource, document.name, robot.pid.arm, "audit",
+                                                             simulated=False, ages=False)
             for axis in range(len(robot.robot.actuators)):
                 makers[f"{robot.io.name}/trace{robot.place}-{axis}"] = partial(TraceSource, document.name, robot, axis)
     for io in document.ios:

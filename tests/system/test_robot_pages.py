@@ -118,6 +118,27 @@ def test_a_gain_is_edited_applied_and_saved_and_a_step_is_seen(console: tuple[Ro
     assert page.wrongs() == []
 
 
+@pytest.mark.parametrize("way", ["hold from elsewhere", "Power off"])
+def test_a_step_does_not_go_back_after_the_arm_was_stopped(console: tuple[Robot, BrowserPage], way: str) -> None:
+    robot = console[0]
+    robot.home("ECM")
+    page = opened(console, "/pid")
+    setpoint = shown("IO1/robot0.setpoint_position.0")
+    page.until(f"{shown('ECM/state.state')} === 'ENABLED' && {setpoint} !== null && {shown('ECM/audit')}")
+    before = page.value("IO1/robot0.setpoint_position.0")
+    page.js("document.getElementById('step-time').value = '5'")
+    page.click("#step")
+    page.until(f"{setpoint} > {before + 0.017}")
+    if way == "Power off":
+        page.find("#power-off").click()
+    else:
+        robot.trocar("send", "ECM", "hold")
+    page.until("/does not step back/.test(document.querySelector('.note.bad')?.textContent)")
+    assert ("it was stopped" if way == "Power off" else "asked for hold") in page.note()
+    assert way == "Power off" or page.value("IO1/robot0.setpoint_position.0") == pytest.approx(before + 0.01745, abs=1e-3)
+    assert page.wrongs() == []
+
+
 def test_a_pedal_that_is_pressed_is_seen(console: tuple[Robot, BrowserPage]) -> None:
     page = opened(console, "/buttons")
     row = "document.querySelector('[data-input=coag]').closest('tr')"

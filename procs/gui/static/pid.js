@@ -1,5 +1,5 @@
 // The page PID: gains that are edited and applied, the plot of one joint, and a step to try them.
-import { confirmed, data, hasControl, note, onTick, perform, value } from "./live.js";
+import { confirmed, data, hasControl, note, onTick, perform, sourceAge, value } from "./live.js";
 import { made } from "./forms.js";
 import { Trace } from "./trace.js";
 import { perUnit, typed, unit } from "./units.js";
@@ -116,7 +116,7 @@ let first = 0;
 const slides = () => at("axis").selectedOptions[0].dataset.slides === "p";
 
 function choose() {
-  page.dataset.wants = `${arm}/state ${gains} ${traces}${at("axis").value}`;
+  page.dataset.wants = `${arm}/state ${arm}/audit ${gains} ${traces}${at("axis").value}`;
   trace.clear();
 }
 
@@ -175,13 +175,47 @@ async function step(button) {
   const change = slides() ? size / 1000 : (size * Math.PI) / 180;
   const by = (v) => [[arm, "servo_jr", Array.from({ length: joints }, (_, i) => (i === axis ? v : 0)), ""]];
   pause(false);
-  const done = await perform(button, [by(change)]);
-  if (!done) return;
-  await new Promise((go) => setTimeout(go, time * 1000));
-  await perform(button, [by(-change)]);
-  await new Promise((go) => setTimeout(go, 1000));
+  const begun = performance.now();
+  isStopped = false;
+  if (!(await perform(button, [by(change)]))) return;
+  const there = await stepped();
+  await sleep(time * 1000 - (performance.now() - begun));
+  const why = meanwhile(there);
+  if (why) note(button, "bad", `It does not step back: ${why}. The arm stays where it is.`);
+  else await perform(button, [by(-change)]);
+  await sleep(1000);
   pause(true); // it stays to be looked at
 }
+
+const sleep = (ms) => new Promise((go) => setTimeout(go, ms));
+const request = () => data(`${arm}/audit`);
+const setpoint = () => [...(value(`${arm}/state.setpoint_position`) || [])];
+let isStopped = false;
+
+// The setpoint after our step; null where the arm was asked for anything else.
+async function stepped() {
+  for (let k = 0; k < 20 && !isOurs(request()); k++) await sleep(50);
+  await sleep(100); // what is shown by now is no older than the step
+  return isOurs(request()) ? setpoint() : null;
+}
+
+// Of a stream only its first row is written: this one, or that of a step before.
+const isOurs = (row) => row?.command === "servo_jr" && row.program === "gui" && row.outcome !== "refused";
+
+// Why nobody may go on with the step; empty: all is as it was after its first half.
+function meanwhile(before) {
+  const row = request();
+  const on = page.querySelector("[data-switch]").dataset.switch;
+  if (isStopped) return "it was stopped";
+  if (!hasControl()) return "this page has lost control";
+  if (!(sourceAge(`${arm}/state`) < 1)) return `${arm} is not heard of`;
+  if (value(`${arm}/state.state`) !== "ENABLED" || !value(on)) return `${arm} is not enabled any more`;
+  if (!isOurs(row)) return `${arm} was asked for ${row?.command} ${row?.text}`.trim();
+  return before && setpoint().every((v, i) => Math.abs(v - before[i]) < 1e-6) ? "" : "the setpoint is another one";
+}
+
+// Whatever stops something: also Power off by its key.
+document.addEventListener("click", ({ target }) => target.closest("[data-free]") && (isStopped = true), true);
 at("step").addEventListener("click", (event) => step(event.currentTarget));
 
 choose();
