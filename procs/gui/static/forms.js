@@ -86,10 +86,12 @@ function holdOn(button) {
   });
 }
 
+// Only by the first button: the menu of another one would swallow that it is let go.
 document.addEventListener("pointerdown", (event) => {
   const button = event.target.closest("button[data-hold]");
-  if (button) holdOn(button);
+  if (button && !event.button) holdOn(button);
 });
+document.addEventListener("contextmenu", (event) => event.target.closest("button[data-hold]") && event.preventDefault());
 for (const name of ["pointerup", "pointercancel", "visibilitychange", "pagehide"]) window.addEventListener(name, letGo, true);
 window.addEventListener("blur", letGo); // of the window, not of what had the focus before
 
