@@ -225,6 +225,26 @@ def test_a_plot_shows_a_move_and_gives_it_as_a_table(page: BrowserPage) -> None:
     assert page.wrongs() == []
 
 
+def test_a_paused_plot_takes_nothing_and_goes_on_with_a_gap(page: BrowserPage) -> None:
+    page.open("/processes")  # by its hash alone a page is not loaded anew
+    page.open("/plots#PSM1/state.position[0]")
+    signal, newest = "document.querySelector('.plots').plots.signals()[0]", "trocar.data('plot:PSM1/state.position[0]').t"
+    page.until(f"{signal}.t.length > 50")
+    page.click("[data-plot=pause]")
+    kept = page.js(f"return [{signal}.t.length, {newest}.at(-1)]")
+    page.until(f"{newest}.at(-1) > {kept[1] + 1.0}")
+    assert page.js(f"return {signal}.t.length") == kept[0]
+    page.js("document.querySelector('.plots').plots.add('PSM1/state.position[1]')")
+    page.until("document.querySelector('.plots').plots.signals()[1].t.length > 50")  # what was before
+    page.click("[data-plot=pause]")
+    page.until(f"{signal}.t.length > {kept[0] + 5}")
+    assert page.js(f"return {signal}.v[{kept[0]}]") is None
+    times = page.js(f"return {signal}.t")
+    assert times == sorted(times) and times[kept[0]] > times[kept[0] - 1] + 0.9
+    rows = page.js("return document.querySelector('.plots').plots.csv()").splitlines()[1:]
+    assert len({row.split(",")[0] for row in rows}) == len(rows), "a gap is no row of its own"
+
+
 def test_one_of_two_browsers_has_control_and_loses_it(page: BrowserPage) -> None:
     one = page
     with chromium(page.address, 820, 1180) as other:

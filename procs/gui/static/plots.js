@@ -9,7 +9,7 @@ const legend = document.getElementById("plot-legend");
 const pick = (name) => document.getElementById(`plot-${name}`);
 const COLOURS = ["#4f9cf0", "#e8833a", "#3fbf8f", "#d65db1", "#b98cf0", "#c9b23a", "#5cc6d0", "#e5484d"];
 const KEPT_S = 60;
-let signals = []; // { name, unit, t, v, seen }
+let signals = []; // { name, unit, t, v, seen, isCut }
 let isPaused = false;
 let end = 0;
 let zoom = null; // [from, to] while paused
@@ -55,14 +55,23 @@ function take() {
     const found = data(`plot:${signal.name}`);
     if (!found?.t || found === signal.seen) continue;
     signal.seen = found;
+    // Nothing while it is paused, however long that is, but for what was before of a signal that is added meanwhile.
+    if (isPaused && signal.t.length) {
+      signal.isCut = true;
+      continue;
+    }
+    if (signal.isCut && found.t.length) {
+      signal.isCut = false;
+      signal.t.push(found.t[0]);
+      signal.v.push(null); // no line across what was left out
+    }
     for (let i = 0; i < found.t.length; i++) {
       signal.t.push(found.t[i]);
       signal.v.push(found.v[i]);
     }
     const last = signal.t.at(-1) || 0;
-    let old = 0;
-    while (signal.t[old] < last - KEPT_S - 2) old++;
-    if (old > 2000 && !isPaused) (signal.t.splice(0, old), signal.v.splice(0, old));
+    const old = first(signal.t, last - KEPT_S - 2);
+    if (old > 2000) (signal.t.splice(0, old), signal.v.splice(0, old));
     if (!isPaused) end = Math.max(end, last);
   }
   if (!isPaused) draw();
@@ -70,7 +79,6 @@ function take() {
 
 const range = () => zoom || [end - Number(pick("span").value), end];
 const LEFT = 64;
-const at = (t) => LEFT + ((t - range()[0]) / (range()[1] - range()[0])) * (canvas.clientWidth - LEFT);
 const timeAt = (x) => range()[0] + ((x - LEFT) / (canvas.clientWidth - LEFT)) * (range()[1] - range()[0]);
 function first(list, t) {
   let [low, high] = [0, list.length];
@@ -91,6 +99,7 @@ function draw() {
   paint.fillRect(0, 0, width, height);
   paint.font = "12px system-ui, sans-serif";
   const [from, to] = range();
+  const at = (t) => LEFT + ((t - from) / (to - from)) * (width - LEFT);
   const units = [...new Set(signals.map((signal) => signal.unit))];
   const tall = (height - 18) / Math.max(1, units.length);
   units.forEach((unit, lane) => {
