@@ -82,3 +82,24 @@ def test_every_number_is_shown_while_its_flag_is_true_and_no_other_one_hides_it(
                     wrong.append((path, source, *rest))
         client.delete()
     assert seen > 50 and not wrong
+
+
+def shown(document: SystemConfig, path: str) -> set[str]:
+    """What values a page shows: their paths, and how."""
+    wants, content = next((wants, content) for made, wants, content in pages_of_system(document) if made == path)
+    with Client(nicegui_page(path), request=None) as client, page(document, path, wants):
+        content()
+    found = {f"{part.props['data-live']} {part.props.get('data-format', '')}" for part in client.elements.values()
+             if "data-live" in part.props}
+    client.delete()
+    return found
+
+
+def test_poses_are_shown_with_their_orientation_those_of_an_ecm_teleoperation_too(tmp_path: Path) -> None:
+    document = system("kinematic-full.yaml", tmp_path)
+    on_teleop, on_arm = shown(document, "/teleop"), shown(document, "/arm/PSM1")
+    for pose in ("MTMR_PSM1/state.mtm_measured_cp", "MTMR_PSM1/state.psm_setpoint_cp", "MTMR_PSM1/state.goal_cp",
+                 "MTML/state.measured_cp", "MTMR/state.measured_cp", "ECM/state.setpoint_cp"):
+        assert {f"{pose}.0 mm:1", f"{pose} turn:0", f"{pose} turn:2"} <= on_teleop
+    for field in ("measured_cp", "setpoint_cp", "local_measured_cp", "local_setpoint_cp"):
+        assert {f"PSM1/state.{field}.2 mm:2", f"PSM1/state.{field} turn:1"} <= on_arm

@@ -16,6 +16,8 @@ from procs.kinematics.endoscopes import NAMES
 
 ROOM: Final = 8
 """Joints that a record has room for."""
+FORCE: Final = {"r": "N·m", "p": "N"}
+"""Unit of the effort of a joint that turns, and of one that slides."""
 
 
 def arm_page(document: SystemConfig, arm: ArmConfig) -> None:
@@ -101,9 +103,16 @@ def _joint(state: str, i: int, kind: str) -> None:
     form = f"joint:{kind}"
     with Part("tr", data_show=f"{state}.count>{i}"):
         live(f"{state}.names.{i}", tag="td")
-        for field in ("position", "setpoint_position", "velocity"):
+        for field in ("position", "setpoint_position"):
             live(f"{state}.{field}.{i}", form, tag="td")
-        live(f"{state}.effort.{i}", "num:3", tag="td")
+        with Part("td"):
+            live(f"{state}.velocity.{i}", form)
+            with Part("span", "unit"):
+                Part("span", "", data_unit=kind)
+                Part("span", "", "/s")
+        with Part("td"):
+            live(f"{state}.effort.{i}", "num:3")
+            Part("span", "unit", FORCE[kind])
         with Part("td"):
             for text, sign in (("−", -1), ("+", 1)):
                 Part("button", "jog commands", text, type="button", data_joint=str(i), data_sign=str(sign),
@@ -124,6 +133,7 @@ def _jaw(state: str) -> None:
         live(f"{state}.jaw_setpoint_position", "joint:r")
         Part("span", "quiet", "effort")
         live(f"{state}.jaw_effort", "num:3")
+        Part("span", "quiet", FORCE["r"])
         box("spacer")
         Part("input", type="text", inputmode="decimal", id="jaw-goal", value="0", size="6", aria_label="Jaw goal",
              data_typed="r")

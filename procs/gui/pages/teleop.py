@@ -9,6 +9,7 @@ from procs.document.system import SystemConfig
 from procs.gui.catalogue import record
 from procs.gui.pages.console import PEDALS, SCALES, teleop_buttons
 from procs.gui.pages.parts import Part, box, button, live
+from procs.gui.pages.poses import axes, numbers, turned
 
 ALIGNS: Final = "The master may move to align."
 LOCKS: Final = (("Lock rotation", "Rotation locked", "rotation_locked", "lock_rotation", "", f"Unlock it? {ALIGNS}"),
@@ -57,6 +58,8 @@ def _teleop(row: TeleopPsmConfig | TeleopEcmConfig) -> None:
             live(f"{state}.desired_state", classes="quiet")
         if isinstance(row, TeleopPsmConfig):
             _frames(state)
+        else:
+            _arms_of(row)
         with box("row quiet"):
             Part("span", "", "scale")
             live(f"{state}.scale", "num:2")
@@ -85,9 +88,18 @@ def _teleop(row: TeleopPsmConfig | TeleopEcmConfig) -> None:
 
 def _frames(state: str) -> None:
     with box("numbers", data_valid=f"{state}.valid"):
-        for text in ("", "x", "y", "z"):
-            Part("b", "quiet", text)
+        axes()
         for text, field in (("master", "mtm_measured_cp"), ("slave", "psm_setpoint_cp"), ("goal", "goal_cp")):
-            Part("span", "", f"{text}, mm")
-            for i in range(3):
-                live(f"{state}.{field}.{i}", "mm:1")
+            numbers(f"{text}, mm", f"{state}.{field}", "mm:1")
+            turned(f"{state}.{field}")
+
+
+def _arms_of(row: TeleopEcmConfig) -> None:
+    """Of an ECM teleoperation, as its arms tell them."""
+    with box("numbers"):
+        axes()
+    for name, field in ((row.mtml, "measured_cp"), (row.mtmr, "measured_cp"), (row.ecm, "setpoint_cp")):
+        state = record(name)
+        with box("numbers", data_source=state, data_valid=f"{state}.reference_valid"):
+            numbers(f"{name}, mm", f"{state}.{field}", "mm:1")
+            turned(f"{state}.{field}")
