@@ -14,14 +14,15 @@ from procs.config import load_system
 from procs.document.system import SystemConfig
 from procs.gui.pages.application import pages_of_system
 from procs.gui.pages.frame import page, pages_of
+from procs.gui.pages.system import system_page
 from procs.gui.validity import flags_of
 from tests.system.robot import ROOT
 from tests.system.test_two_consoles import dual
 
 SYSTEMS = ROOT / "configs" / "systems"
-MOVING = ('"home"', '"align_MTM"', '"set_align_MTM", [1]', '"lock_rotation", [0]', '"select_teleop"',
+MOVING = ('"home"', '"enable"', '"resume"', '"power_on"', '"align_MTM"', '"set_align_MTM", [1]', '"lock_rotation", [0]', '"select_teleop"',
           '"teleop_enable", [1]', '"emulate_operator_present", [1]', '"emulate_camera", [0]', '"emulate_clutch", [0]')
-"""In the commands of buttons: something may move by them."""
+"""In the commands of buttons: power goes on, or something may move, by them."""
 
 
 def system(which: str, folder: Path) -> SystemConfig:
@@ -47,8 +48,8 @@ def test_pages_are_in_the_bar_have_all_keys_no_name_twice_and_ask_before_somethi
                    if '"set_output"' in str(part.props.get("data-steps-on", ""))]
         client.delete()
         assert all(part.props["data-confirm-on"] and part.props["data-confirm-off"] for part in outputs), path
-        asked = [str(part.props.get("data-confirm")) for part in buttons if '"SUJ"' not in part.props["data-steps"]]
-        assert all("?" in text for text in asked), f"{path}: who moves something is asked first"
+        asked = [str(part.props.get("data-confirm")) for part in buttons]
+        assert all("?" in text for text in asked), f"{path}: who powers or moves something is asked first"
         assert {"power-off", "power-on", "home"} <= set(names), f"{path}: keys press buttons"
         assert max(names.values()) == 1, (path, names.most_common(3))
         assert labels <= set(names), path
@@ -103,3 +104,13 @@ def test_poses_are_shown_with_their_orientation_those_of_an_ecm_teleoperation_to
         assert {f"{pose}.0 mm:1", f"{pose} turn:0", f"{pose} turn:2"} <= on_teleop
     for field in ("measured_cp", "setpoint_cp", "local_measured_cp", "local_setpoint_cp"):
         assert {f"PSM1/state.{field}.2 mm:2", f"PSM1/state.{field} turn:1"} <= on_arm
+
+
+def test_first_steps_are_done_when_all_arms_are(tmp_path: Path) -> None:
+    document = system("kinematic-full.yaml", tmp_path)
+    with Client(nicegui_page("/"), request=None) as client, page(document, "/"):
+        system_page(document)
+    marks = {str(part.props["data-on"]) for part in client.elements.values() if part.tag == "i"}
+    client.delete()
+    names = ("MTML", "MTMR", "PSM1", "PSM2", "PSM3", "ECM", "SUJ")
+    assert {f"{name}/state.{what}" for name in names for what in ("state=ENABLED", "is_homed")} <= marks

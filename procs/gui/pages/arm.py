@@ -63,9 +63,10 @@ def _head(arm: ArmConfig, state: str) -> None:
         with box("reason", data_show=f"!{state}.state=FAULT"):
             live(f"{state}.reason", tag="p", data_show=f"{state}.reason")
         with box("row buttons"):
-            for text, word in (("Enable", "enable"), ("Home", "home"), ("Resume", "resume"), ("Unhome", "unhome")):
-                button(text, [[(arm.name, "state_command", [], word)]],
-                       confirm=f"Home {arm.name}? It moves." if word == "home" else "")
+            for word, question in (("enable", "Amplifiers go on."), ("home", "It moves."),
+                                   ("resume", "It goes on with what it was paused in, and may move."), ("unhome", "")):
+                button(word.capitalize(), [[(arm.name, "state_command", [], word)]],
+                       confirm=f"{word.capitalize()} {arm.name}? {question}" if question else "")
             box("spacer")
             button("Hold", [[(arm.name, "hold", [], "")]], "quiet", is_free=True, title="Stay where it is")
             for text, word in (("Pause", "pause"), ("Disable", "disable")):

@@ -35,8 +35,8 @@ def _cart(cart: Cart) -> None:
             live(f"{state}.state", classes="chip", data_tone="")
         live(f"{state}.reason", tag="p", classes="reason", data_show=f"{state}.reason")
         with box("row"):
-            button("Enable", [[(name, "state_command", [], "enable")]])
-            button("Home", [[(name, "state_command", [], "home")]])
+            button("Enable", [[(name, "state_command", [], "enable")]], confirm=f"Enable {name}? Its power goes on.")
+            button("Home", [[(name, "state_command", [], "home")]], confirm=f"Home {name}? Its power goes on.")
             button("Disable", [[(name, "state_command", [], "disable")]], "quiet", is_free=True)
             if cart.simulation != "KINEMATIC" and any(arm.lifts for arm in cart.arms):
                 Part("span", "quiet", "Lift, while held:")

@@ -7,7 +7,7 @@ from typing import Final
 from procs.document.arms import ArmConfig
 from procs.document.system import SystemConfig
 from procs.gui.catalogue import MESSAGES, record
-from procs.gui.pages.frame import power_buttons
+from procs.gui.pages.frame import moving, power_buttons
 from procs.gui.pages.parts import Part, box, button, live
 
 SAID_ALREADY: Final = "HOMED|DISABLED|ENABLED|FAULT"
@@ -56,7 +56,8 @@ def arm_card(arm: ArmConfig) -> None:
         with box("reason", data_show=f"!{state}.state=FAULT"):
             live(f"{state}.reason", tag="p", data_show=f"{state}.reason")
         with box("row buttons"):
-            button("Enable", [[(arm.name, "state_command", [], "enable")]])
+            button("Enable", [[(arm.name, "state_command", [], "enable")]],
+                   confirm=f"Enable {arm.name}? Amplifiers go on.")
             button("Home", [[(arm.name, "state_command", [], "home")]], confirm=f"Home {arm.name}? It moves.")
             box("spacer")
             button("Hold", [[(arm.name, "hold", [], "")]], "quiet", is_free=True, title="Stay where it is")
@@ -75,25 +76,26 @@ def cart_card(name: str) -> None:
             live(f"{state}.state", classes="chip", data_tone="")
         live(f"{state}.reason", tag="p", classes="reason", data_show=f"{state}.reason")
         with box("row buttons"):
-            button("Enable", [[(name, "state_command", [], "enable")]])
+            button("Enable", [[(name, "state_command", [], "enable")]], confirm=f"Enable {name}? Its power goes on.")
             box("spacer")
             button("Disable", [[(name, "state_command", [], "disable")]], "quiet", is_free=True)
 
 
 def _first_steps(document: SystemConfig) -> None:
     """What to do first, done steps in green; gone once a slave follows, or when it is closed."""
-    arm = record(document.arms[0].name) if document.arms else ""
-    steps = [("Take control, top right", "first-control", ""), ("Power on all arms", "", f"{arm}.state=ENABLED"),
-             ("Home them: they move", "", f"{arm}.is_homed")]
+    arms = [record(name) for name in moving(document)]
+    steps = [("Take control, top right", "first-control", []),
+             ("Power on all arms", "", [f"{arm}.state=ENABLED" for arm in arms]),
+             ("Home them: they move", "", [f"{arm}.is_homed" for arm in arms])]
     psm = next((record(row.name) for row in document.arms if row.type == "PSM"), "")
     if psm:
-        steps.append(("Put an instrument on", "", f"{psm}.tool"))
+        steps.append(("Put an instrument on", "", [f"{psm}.tool"]))
     over = ""
     if document.consoles and document.teleop_psms:
         console, teleop = record(document.consoles[0].name), record(document.teleop_psms[0].name)
-        steps += [("Start teleoperation", "", f"{console}.teleop_enabled"),
-                  ("Sit down; without pedals: Console, press operator", "", f"{console}.operator_present"),
-                  ("Move the master: the slave follows", "", f"{teleop}.following")]
+        steps += [("Start teleoperation", "", [f"{console}.teleop_enabled"]),
+                  ("Sit down; without pedals: Console, press operator", "", [f"{console}.operator_present"]),
+                  ("Move the master: the slave follows", "", [f"{teleop}.following"])]
         over = f"!{teleop}.following"
     with box("card first", id="first-steps", **({"data_show": over} if over else {})):
         with box("row head"):
@@ -101,8 +103,11 @@ def _first_steps(document: SystemConfig) -> None:
             box("spacer")
             Part("button", "quiet", "×", type="button", data_does="dismiss", aria_label="Close")
         with Part("ol"):
-            for text, classes, condition in steps:
-                Part("li", classes, text, **({"data_on": condition} if condition else {}))
+            for text, classes, conditions in steps:
+                with Part("li", classes):
+                    Part("span", "", text)
+                    for condition in conditions:  # done when all of them are so
+                        Part("i", "mark", data_on=condition)
 
 
 def _power(document: SystemConfig) -> None:
