@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterator
 
@@ -190,6 +191,10 @@ def test_the_log_of_a_process_is_seen_while_it_is_written(page: BrowserPage) -> 
     page.click("#processes tr[data-name=PSM1] button")
     page.until("document.getElementById('log-of').textContent === 'Log of PSM1' && !trocar.value('log:PSM1')?.problem")
     page.take_control()
+    page.js("document.querySelector('#processes tr[data-name=PSM1] button').focus()")
+    seen = page.js("return JSON.stringify(trocar.value('processes.rows'))")
+    page.until(f"JSON.stringify(trocar.value('processes.rows')) !== {json.dumps(seen)}")
+    page.until("document.activeElement.closest('tr')?.dataset.name === 'PSM1'")
     lines = page.js("return document.querySelectorAll('#log .message').length")
     page.js("trocar.call('PSM1', 'move_jp', [9, 0, 0, 0, 0, 0], '')")  # a warning
     page.until(f"document.querySelectorAll('#log .message').length > {lines}")
@@ -228,7 +233,8 @@ def test_a_plot_shows_a_move_and_gives_it_as_a_table(page: BrowserPage) -> None:
 def test_a_paused_plot_takes_nothing_and_goes_on_with_a_gap(page: BrowserPage) -> None:
     page.open("/processes")  # by its hash alone a page is not loaded anew
     page.open("/plots#PSM1/state.position[0]")
-    signal, newest = "document.querySelector('.plots').plots.signals()[0]", "trocar.data('plot:PSM1/state.position[0]').t"
+    signal = "document.querySelector('.plots').plots.signals()[0]"
+    newest = "trocar.data('plot:PSM1/state.position[0]').t"
     page.until(f"{signal}.t.length > 50")
     page.click("[data-plot=pause]")
     kept = page.js(f"return [{signal}.t.length, {newest}.at(-1)]")

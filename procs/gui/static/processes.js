@@ -4,20 +4,28 @@ import { cell, data, onTick } from "./live.js";
 const shownOr = (v, digits) => (typeof v === "number" && v > 0 ? v.toFixed(digits) : "–");
 let chosen = location.hash.slice(1);
 
-function line(row) {
+// What stands in a row behind its name.
+const texts = (row) => [
+  row.kind, row.state.toLowerCase(), shownOr(row.rate_hz, 0), shownOr(row.period_p99_ms, 2), shownOr(row.work_p99_ms, 2), String(row.missed),
+  row.cpu === null ? "–" : row.cpu.toFixed(0), shownOr(row.memory_mb, 0), String(row.restarts ?? 0), row.exit_reason || row.policy || "",
+];
+
+function made(row) {
   const found = document.createElement("tr");
-  found.className = row.state === "RUNNING" ? "" : row.state === "STOPPED" ? "quiet" : "bad";
-  found.classList.toggle("here", row.name === chosen);
   found.dataset.name = row.name;
   const name = cell("td", "");
   name.append(Object.assign(cell("button", row.name, "link"), { type: "button", title: "Show its log" }));
-  found.append(
-    name, cell("td", row.kind), cell("td", row.state.toLowerCase()), cell("td", shownOr(row.rate_hz, 0)),
-    cell("td", shownOr(row.period_p99_ms, 2)), cell("td", shownOr(row.work_p99_ms, 2)), cell("td", String(row.missed)),
-    cell("td", row.cpu === null ? "–" : row.cpu.toFixed(0)), cell("td", shownOr(row.memory_mb, 0)),
-    cell("td", String(row.restarts ?? 0)), cell("td", row.exit_reason || row.policy || ""),
-  );
+  found.append(name, ...texts(row).map((text) => cell("td", text)));
   return found;
+}
+
+// The row that is there is changed, not made anew: it may have the keyboard's focus.
+function line(body, row) {
+  let found = body.querySelector(`[data-name="${CSS.escape(row.name)}"]`);
+  if (!found) body.append((found = made(row)));
+  found.className = row.state === "RUNNING" ? "" : row.state === "STOPPED" ? "quiet" : "bad";
+  found.classList.toggle("here", row.name === chosen);
+  texts(row).forEach((text, i) => found.cells[i + 1].textContent !== text && (found.cells[i + 1].textContent = text));
 }
 
 let listed = "";
@@ -27,7 +35,7 @@ function processes() {
   const key = JSON.stringify(rows) + chosen;
   if (!body || !rows || key === listed) return;
   listed = key;
-  body.replaceChildren(...rows.map(line));
+  for (const row of rows) line(body, row);
 }
 
 const at = (id) => document.getElementById(id);
