@@ -20,7 +20,8 @@ from tests.system.robot import ROOT
 from tests.system.test_two_consoles import dual
 
 SYSTEMS = ROOT / "configs" / "systems"
-MOVING = ('"home"', '"enable"', '"resume"', '"power_on"', '"align_MTM"', '"set_align_MTM", [1]', '"lock_rotation", [0]', '"select_teleop"',
+MOVING = ('"home"', '"enable"', '"resume"', '"power_on"',
+          '"align_MTM"', '"set_align_MTM", [1]', '"lock_rotation", [0]', '"select_teleop"',
           '"teleop_enable", [1]', '"emulate_operator_present", [1]', '"emulate_camera", [0]', '"emulate_clutch", [0]')
 """In the commands of buttons: power goes on, or something may move, by them."""
 

@@ -68,7 +68,8 @@ def arg(tag: str, kind: str, **attributes: Any) -> Part:
     """A value of a form: "choice" of a select, "num", "deg", "mm", of a joint that slides ("joint-p") or turns
     ("joint-r"), or "joint": as what is chosen moves.
 
-    `data_now`: what *Read* (`data-reads`) takes, with `data_valid` while that is true. `data_low`, `data_high`: what is allowed, as it is typed.
+    `data_now`: what *Read* (`data-reads`) takes, with `data_valid` while that is true. `data_low`, `data_high`: what is
+    allowed, as it is typed.
     """
     return Part(tag, "", data_arg=kind, **attributes)
 
