@@ -21,6 +21,8 @@ OPTIONS = ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--use-a
            "--enable-unsafe-swiftshader", "--hide-scrollbars", "--disable-background-networking",
            "--disable-component-update", "--no-first-run")
 DUE_S = 40.0
+SIZES = ((1280, 720), (820, 1180))
+"""Of a small screen and a tablet."""
 
 
 class BrowserPage:
@@ -90,6 +92,20 @@ class BrowserPage:
     def note(self) -> str:
         """What is said beside the button that was pressed."""
         return str(self.until("document.querySelector('.note')?.textContent"))
+
+    def too_wide(self) -> list[str]:
+        """Pages of the bar that can be shifted sideways, or have parts beyond the edge that nothing scrolls to."""
+        found = []
+        for path in self.js("return [...document.querySelectorAll('.bar nav a')].map((a) => a.getAttribute('href'))"):
+            self.open(path)
+            self.until("document.querySelector('main').querySelector('.card')")
+            beyond = self.js("""if (document.documentElement.scrollWidth > innerWidth) return 'the page';
+                for (const part of document.querySelectorAll('.bar *, main *'))
+                  if (part.getClientRects().length && part.getBoundingClientRect().right > innerWidth + 1
+                      && !part.closest('.scroll, .stage')) return part.outerHTML.slice(0, 90);
+                return ''""")
+            found += [f"{path}: {beyond}"] if beyond else []
+        return found
 
     def wrongs(self) -> list[str]:
         """What the browser complains of: scripts, files that are not there, addresses that it may not ask."""

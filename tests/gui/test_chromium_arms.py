@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import pytest
 from selenium.webdriver.common.action_chains import ActionChains
 
-from tests.gui.chromium import BrowserPage, chromium
+from tests.gui.chromium import SIZES, BrowserPage, chromium
 from tests.gui.test_chromium import KINEMATIC, homed
 from tests.system.conftest import systems
 from tests.system.test_socket_bridge import free
@@ -249,6 +249,13 @@ def test_a_paused_plot_takes_nothing_and_goes_on_with_a_gap(page: BrowserPage) -
     assert times == sorted(times) and times[kept[0]] > times[kept[0] - 1] + 0.9
     rows = page.js("return document.querySelector('.plots').plots.csv()").splitlines()[1:]
     assert len({row.split(",")[0] for row in rows}) == len(rows), "a gap is no row of its own"
+
+
+@pytest.mark.parametrize(("width", "height"), SIZES)
+def test_no_page_is_wider_than_the_screen(page: BrowserPage, width: int, height: int) -> None:
+    with chromium(page.address, width, height) as other:
+        other.open()
+        assert other.too_wide() == []
 
 
 def test_one_of_two_browsers_has_control_and_loses_it(page: BrowserPage) -> None:

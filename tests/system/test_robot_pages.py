@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from selenium.webdriver.common.action_chains import ActionChains
 
-from tests.gui.chromium import BrowserPage, chromium
+from tests.gui.chromium import SIZES, BrowserPage, chromium
 from tests.system.conftest import systems
 from tests.system.robot import Robot
 from tests.system.robot_pages import OPTIONS, system_file
@@ -138,6 +138,13 @@ def test_a_step_does_not_go_back_after_the_arm_was_stopped(console: tuple[Robot,
     stands = page.value("IO1/robot0.setpoint_position.0")
     assert way == "Power off" or stands == pytest.approx(before + 0.01745, abs=1e-3)
     assert page.wrongs() == []
+
+
+@pytest.mark.parametrize(("width", "height"), SIZES)
+def test_no_page_is_wider_than_the_screen(console: tuple[Robot, BrowserPage], width: int, height: int) -> None:
+    with chromium(console[1].address, width, height) as page:
+        page.open()
+        assert page.too_wide() == []
 
 
 def test_a_pedal_that_is_pressed_is_seen(console: tuple[Robot, BrowserPage]) -> None:

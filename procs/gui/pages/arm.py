@@ -192,7 +192,7 @@ def _poses(state: str) -> None:
     known, in_base = f"{state}.reference_valid", f"{state}.cartesian_valid"
     for text, field, valid in (("measured", "measured_cp", known), ("setpoint", "setpoint_cp", known),
                                ("in its base", "local_measured_cp", in_base),
-                               ("setpoint there", "local_setpoint_cp", in_base)):
+                               ("its setpoint", "local_setpoint_cp", in_base)):
         numbers(f"{text}, mm", f"{state}.{field}", "mm:2", data_valid=valid)
         turned(f"{state}.{field}", data_valid=valid)
     numbers("velocity, mm/s", f"{state}.measured_cv", "mm:1", data_valid=known)

@@ -23,9 +23,10 @@ NAMES: Final = {"p_gain": "P", "d_gain": "D", "i_gain": "I", "p_deadband": "dead
                 "use_disturbance_observer": "observer", "nominal_mass": "observer, inertia",
                 "disturbance_cutoff": "observer, cut-off"}
 ALWAYS: Final = ("p_gain", "d_gain", "i_gain")
-ROWS: Final = (("measured", "position", "joint"), ("setpoint", "setpoint_position", "joint"),
-               ("error", "position_error", "joint"), ("effort", "effort", "num:3"),
-               ("effort asked", "setpoint_effort", "num:3"))
+ROWS: Final = (("measured", "position", "joint", ""), ("setpoint", "setpoint_position", "joint", ""),
+               ("error", "position_error", "joint", ""), ("effort", "effort", "num:3", "N·m | N"),
+               ("effort asked", "setpoint_effort", "num:3", "N·m | N"))
+"""What is shown of an axis, its field, how, and its unit; that of joints stands at their names."""
 TRACES: Final = dict(zip(SIGNALS, ("position", "setpoint", "velocity", "velocity setpoint", "effort",
                                    "effort asked", "disturbance", "error"), strict=True))
 SHOWN_FIRST: Final = ("position", "setpoint_position", "effort", "setpoint_effort")
@@ -81,9 +82,11 @@ def _table(robot: IoRobot, pid: PidConfig) -> None:
                     Part("span", "", name)
                     Part("span", "unit", data_unit=kind)
         with Part("tbody"):
-            for text, field, form in ROWS:
+            for text, field, form, unit in ROWS:
                 with Part("tr"):
-                    Part("td", "", text)
+                    with Part("td"):
+                        Part("span", "", text)
+                        Part("span", "unit", unit)
                     for i, kind in enumerate(kinds):
                         with Part("td"):
                             live(f"{robot.source}.{field}.{i}", f"joint:{kind}" if form == "joint" else form)

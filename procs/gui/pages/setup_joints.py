@@ -9,6 +9,7 @@ from procs.document.system import SystemConfig
 from procs.gui.catalogue import record
 from procs.gui.pages.assets import script
 from procs.gui.pages.parts import Part, arg, box, button, form, hold, live, switch
+from procs.gui.pages.poses import TURNS
 
 EXTRA: Final = ("spare 1", "spare 2", "brakes", "ground")
 
@@ -129,8 +130,8 @@ def _pose(path: str, valid: str, text: str, frame: str = "") -> None:
             for i in range(3):
                 live(f"{path}.{i}", "mm:1", "figure")
             Part("span", "unit", "mm")
-        with Part("span", data_show=valid):
-            for i in range(3, 7):
-                live(f"{path}.{i}", "num:3", "figure")
-            Part("span", "unit", "xyzw")
+        with Part("span", data_show=valid, title=TURNS):
+            for i in range(3):
+                live(path, f"turn:{i}", "figure")
+            Part("span", "unit", "°")
         Part("span", "quiet", "not known", data_show=f"!{valid}")

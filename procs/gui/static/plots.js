@@ -78,7 +78,7 @@ function take() {
 }
 
 const range = () => zoom || [end - Number(pick("span").value), end];
-const LEFT = 64;
+const LEFT = 78; // room for -0.000010
 const timeAt = (x) => range()[0] + ((x - LEFT) / (canvas.clientWidth - LEFT)) * (range()[1] - range()[0]);
 function first(list, t) {
   let [low, high] = [0, list.length];
