@@ -6,6 +6,8 @@ altogether are skipped and counted as missed. Pure but for the control page it w
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from shm.control_page import ControlPage
@@ -19,6 +21,15 @@ ROOM = 20_000  # for the figures of a second
 QUICKEST_NS = 1_000_000  # between two cycles of a loop with longer periods, however much news there is
 GAIN = 0.05
 FIGURES = ("avg", "std", "min", "max", "p99")
+
+
+def phase_ns(share: float, period_ns: int, ios_ns: Sequence[int]) -> int:
+    """Where in its period a member of simulated time has its turn; `ios_ns` are the periods of io.
+
+    A share of the shortest of all these, so that nobody's turn comes in the very instant of io's, also where the one
+    period is a multiple of the other: who comes first there would be left to chance.
+    """
+    return round(share * min(period_ns, *ios_ns)) if ios_ns else round(share * period_ns)
 
 
 class Pacing:

@@ -27,7 +27,7 @@ from procs.document.system import WALL, SystemConfig, from_json
 from procs.listening import handed
 from procs.manifest import proc
 from procs.own_memory import OwnMemory
-from procs.pacing import QUICKEST_NS, Pacing
+from procs.pacing import QUICKEST_NS, Pacing, phase_ns
 from procs.pauses import Pauses
 from procs.realtime import fetch_segments, in_words, lock_memory, realtime, step_back
 from shm import directory, loglines
@@ -77,7 +77,8 @@ class Node(OwnMemory):
             self.clock = LockstepClock(system, name)
         period_ns = round(self.row.period_s * 1e9)
         self._wakeup = self.page.wakeup()
-        self._pacing = Pacing(self.page, period_ns, round(proc(kind).phase * period_ns))
+        ios_ns = [round(io.period_s * 1e9) for io in document.ios]
+        self._pacing = Pacing(self.page, period_ns, phase_ns(proc(kind).phase, period_ns, ios_ns))
         self._beat = self.page.field("heartbeat_ns")
         self._check_at = 0
         self._stop = ""

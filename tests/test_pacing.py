@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procs.pacing import GAIN, INTERVAL_NS, ROOM, SHORT_NS, Pacing
+from procs.manifest import PROCS
+from procs.pacing import GAIN, INTERVAL_NS, ROOM, SHORT_NS, Pacing, phase_ns
 
 PERIOD = 1_000_000
 
@@ -196,3 +197,18 @@ def test_a_cycle_before_its_deadline_misses_nothing_and_keeps_the_grid(page: Pag
     pacing.begin_work(woken)
     following = pacing.end_of_work(woken + 100)
     assert following % PERIOD == 0 and 0 < following - woken <= PERIOD + 100 and page["missed"] == 0
+
+
+@pytest.mark.parametrize("io_ns", [333_333, 500_000, 666_667, 1_000_000, 2_000_000])
+@pytest.mark.parametrize("times", [0.125, 0.25, 0.5, 1, 2, 3, 4, 5, 10, 15])
+def test_no_turn_of_a_member_comes_in_the_instant_of_ios(io_ns: int, times: float) -> None:
+    io_ns *= 8  # so that all of these are whole
+    period_ns = round(io_ns * times)
+    for share in {row.phase for row in PROCS if row.phase}:
+        first = phase_ns(share, period_ns, [3 * io_ns, io_ns])
+        assert 0 < first < period_ns
+        assert all((first + turn * period_ns) % io_ns for turn in range(1000))
+
+
+def test_without_io_the_phase_is_of_the_own_period() -> None:
+    assert phase_ns(0.5, PERIOD, []) == PERIOD // 2

@@ -142,7 +142,8 @@ def test_nothing_is_left_of_a_system_that_was_shown_by_who_is_killed(robot: Robo
 
 def test_a_run_on_emulated_boards_that_was_recorded_whole_replays_bit_for_bit(robots: Callable[[], Robot]) -> None:
     robot = robots()
-    robot.up(DEMO, "--clock", "lockstep", "--set", "recorder.on=true")
+    robot.up(DEMO, "--clock", "lockstep", "--set", "recorder.on=true", "--set", "arm.period_s=0.002",
+             "--set", "io.period_s=0.001")  # whose turns would meet in every second cycle
     robot.trocar("record", "run", "--detach")
     robot.trocar("home", "PSM1")
     robot.trocar("send", "PSM1", "move_jp", *map(str, GOAL), "--wait")
