@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import signal
 import sys
+import threading
 from collections.abc import Iterator
 from types import FrameType
 
@@ -24,11 +25,13 @@ def ended_by_term() -> Iterator[None]:
 
 @contextlib.contextmanager
 def ended_as_by_ctrl_c() -> Iterator[None]:
-    """Of a program of the main thread: SIGTERM, and SIGHUP of a terminal that is closed, do what Ctrl-C does.
+    """SIGTERM, and SIGHUP of a terminal that is closed, do what Ctrl-C does; in the main thread, others hear of none.
 
     Only the first of them, so that none ends the ending. What is ignored (nohup) stays so.
     """
-    ours = [number for number in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(number) != signal.SIG_IGN]
+    is_main = threading.current_thread() is threading.main_thread()
+    ours = [number for number in (signal.SIGTERM, signal.SIGHUP)
+            if is_main and signal.getsignal(number) != signal.SIG_IGN]
 
     def over(number: int, frame: FrameType | None) -> None:
         for each in ours:
