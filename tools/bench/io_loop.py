@@ -51,6 +51,7 @@ USUAL_HZ = 1500
 FIRST_HZ, STEP_HZ, MAX_HZ = 3000, 500, 8000
 NAMED_HZ = {1500: "1k5", 3000: "3k", 4500: "4k5", 6000: "6k"}
 TURNS = 3  # of kernel and numpy
+ARMS_ON_TWO = "arm.period_s=0.005"  # where there are two cores arms share one with the boards, also those on numpy
 SLOW_ARMS = "arm.period_s=0.005"  # they hold; the rate to find is that of io
 FIRST_BOARD = 6  # of the demo's PSM; copies begin at board 0
 SOURCE = ROOT / "configs"
@@ -68,7 +69,7 @@ def run(seconds: float = SECONDS, sustained_s: float = SUSTAINED_S, sizes: tuple
     cores = sorted(psutil.Process().cpu_affinity() or [])
     placed = (f"io.cpu={cores[0]}", f"emulation.cpu={cores[1]}") if len(cores) > 1 else ()
     if len(cores) == 2:
-        placed = (*placed, f"arm.cpu={cores[1]}")
+        placed = (*placed, f"arm.cpu={cores[1]}", ARMS_ON_TWO)
     with own_folder(f"bench-io-{os.getpid()}") as folder:
         for psms in sizes:
             found = _measure(write_system(folder, psms), seconds, *placed)
