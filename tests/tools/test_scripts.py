@@ -58,14 +58,19 @@ def test_a_missing_venv_module_is_told_in_one_line(tmp_path: Path, script: str) 
     assert "apt-get install python3-venv" in done.stderr
 
 
-def test_an_installed_project_starts_at_once_and_passes_arguments_on(tmp_path: Path) -> None:
-    environment = bare(tmp_path, "exit 1")
-    fake = tmp_path / ".venv" / "bin"
+def echoing(folder: Path) -> str:
+    """Make a `.venv` there whose python prints its arguments; returns what marks the requirements as installed."""
+    fake = folder / ".venv" / "bin"
     fake.mkdir(parents=True)
     (fake / "python").write_text('#!/bin/sh\necho "$@"\n')
     (fake / "python").chmod(0o755)
-    wanted = subprocess.run("cat pyproject.toml constraints.txt | cksum", shell=True, cwd=tmp_path, text=True,
-                            capture_output=True, check=True).stdout
+    return subprocess.run("cat pyproject.toml constraints.txt | cksum", shell=True, cwd=folder, text=True,
+                          capture_output=True, check=True).stdout
+
+
+def test_an_installed_project_starts_at_once_and_passes_arguments_on(tmp_path: Path) -> None:
+    environment = bare(tmp_path, "exit 1")
+    wanted = echoing(tmp_path)
     (tmp_path / ".venv" / ".trocar").write_text(wanted)
     for words, meant in (("", "demo"), ("--clock wall --for 3", "demo --clock wall --for 3"), ("--json", "demo --json"),
                          ("up --for 3", "up --for 3"), ("--version", "--version"), ("-h", "-h")):
@@ -76,12 +81,7 @@ def test_an_installed_project_starts_at_once_and_passes_arguments_on(tmp_path: P
 
 def test_what_the_tests_have_installed_is_enough_to_start(tmp_path: Path) -> None:
     environment = bare(tmp_path, "exit 1")
-    fake = tmp_path / ".venv" / "bin"
-    fake.mkdir(parents=True)
-    (fake / "python").write_text('#!/bin/sh\necho "$@"\n')
-    (fake / "python").chmod(0o755)
-    wanted = subprocess.run("cat pyproject.toml constraints.txt | cksum", shell=True, cwd=tmp_path, text=True,
-                            capture_output=True, check=True).stdout
+    wanted = echoing(tmp_path)
     (tmp_path / ".venv" / ".trocar[dev,bench]").write_text(wanted)
     assert ask(tmp_path, "start", environment).stdout == "-P -m tools demo\n"
     (tmp_path / ".venv" / ".trocar[dev,bench]").write_text("of other requirements\n")
