@@ -103,6 +103,8 @@ class DiskFile:
         self.is_ended = False
         self.has_failed = False
         """Something else than messages is not in it: what was copied, or its end."""
+        self.has_made_room = False
+        """Something was removed for it."""
         self.problem = ""
         """Why something is not in it, in words; empty: all that was tried is."""
 
@@ -188,6 +190,7 @@ class DiskFile:
             except OSError as error:
                 if error.errno not in NO_ROOM or not self._make_room():
                     raise
+                self.has_made_room = True
 
     def _sync(self) -> None:
         """Nothing that was written is lost when the power goes."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -156,17 +157,20 @@ class FaultRecording:
 
         Those that are too many are removed.
         """
-        if self.file is None:
+        own = self.file
+        if own is None:
             return
 
         def copy(file: RecordingFile) -> None:
-            for path in before:
-                if path.exists():
-                    for chunk in chunks_of(path, since_ns):
-                        file.put(chunk)
+            there = [path for path in before if path.exists()]
+            for path in there:
+                for chunk in chunks_of(path, since_ns):
+                    file.put(chunk)
+            if own.has_made_room and len(there) < len(before):
+                raise OSError(errno.ENOSPC, "the oldest of the black box made room for it")
 
-        self.file.do(copy)
-        self.file.finish({"rings": str(self.lost)}, names.LOSSES)
+        own.do(copy)
+        own.finish({"rings": str(self.lost)}, names.LOSSES)
         disk.do(lambda: remove([file.path for file in kept(folder, names.FAULT)[:-keep]])())
 
     def close(self) -> None:

@@ -64,6 +64,23 @@ def test_all_that_rings_have_and_the_box_before_is_kept(rings: RingsOfATest) -> 
         assert len(setpoints) > 1490
 
 
+@pytest.mark.parametrize("has_made_room", [False, True])
+def test_what_made_room_for_a_fault_is_said_to_be_missing(rings: RingsOfATest, has_made_room: bool) -> None:
+    rings.write(200)
+    fault = rings.fault()
+    rings.passes(2.0)
+    while not fault.step("zstd"):
+        pass
+    assert fault.file is not None
+    fault.file.has_made_room = has_made_room
+    fault.finish(rings.folder, rings.disk, [rings.folder / "box-that-is-gone.mcap"], 3)
+    rings.written()
+    assert fault.file.is_ended and fault.file.is_complete != has_made_room
+    assert fault.file.problem == ("the oldest of the black box made room for it" if has_made_room else "")
+    with open_recording(fault.file.path) as recording:
+        assert recording.is_whole and len(recording.records("PSM1/state").rows) > 100
+
+
 def test_so_many_are_kept_and_no_more(rings: RingsOfATest) -> None:
     for n in range(5):
         rings.passes(10.0 * n)
