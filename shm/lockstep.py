@@ -5,9 +5,10 @@ is due, time goes to the earliest of these; whoever finds that out does it, usua
 has news for a member wakes it, and time stands until it sleeps again. One member may be a server, which sleeps at its
 sockets; nobody answers what some others send there, so they wake it before they sleep.
 
-Finish:  F1 who asks the server wakes it    F2 finished + 1    F3 next := wish
-         F4 fall asleep (word := 1, full fence)   F5 is the time there, or news? then awake, done   F6 advance
-         F7 wait while the word is 1, bounded; then awake: from F2
+Finish:  F1 who asks the server wakes it    F2 finished + 1    F3 next := wish, or 0, which is due, to look for news
+         F4 fall asleep (word := 1, full fence)   F5 is the time there, or news? then awake, done
+         F6 who has looked: next := wish, full fence   F7 advance
+         F8 wait while the word is 1, bounded; then awake: from F2
 Serve:   the same, but at its sockets: before F2 and in F5 it answers until nothing waits there
 Advance: A1 is somebody awake or due? then done; remember everybody's `finished`
          A2 take the lock; who has it already does A6 after we have looked, or says A4: done
@@ -15,11 +16,13 @@ Advance: A1 is somebody awake or due? then done; remember everybody's `finished`
          too early? done, it says when another look is worth it
          A5 now := the earliest wish    A6 give the lock back, full fence, wake all that are due, from A1
 
-Only who is awake wakes others (but for clients, which come at any time). A1 alone may see A asleep, then B, which woke
-A in between: with A3 all slept at the moment between the two. Of two who fall asleep at the same time at least one sees
-that both do (F4, A1), or the lock's holder does (A6). F2, F3 and F4 come in this order and are loaded in the opposite
-one: a new wish is never taken for that of an earlier sleep. The lock is the kernel's: who dies gives it back. Sleeps
-are bounded, and the supervisor looks and wakes again and again: a death between A2 and the end of A6 costs no more.
+Only who is awake wakes others (but for clients, which come at any time). Who has news for one that is awake, which
+needs no waking, may be asleep before that one looks: it looks while its wish is not out, and time stands until F6. A1
+alone may see A asleep, then B, which woke A in between: with A3 all slept at the moment between the two. Of two who
+fall asleep at the same time at least one sees that both do (F4 or F6, A1), or the lock's holder does (A6). F2, F3 and
+F4 come in this order and are loaded in the opposite one: a new wish is never taken for that of an earlier sleep. The
+lock is the kernel's: who dies gives it back. Sleeps are bounded, and the supervisor looks and wakes again and again: a
+death between A2 and the end of A6 costs no more.
 """
 
 from __future__ import annotations
@@ -229,7 +232,7 @@ class Member(Steps):
             self._own.sleep(lambda: self.words[active] == 1, POLL_NS)
 
     def sleep_until(self, deadline_ns: int, stopped: Callable[[], bool],
-                    news: Callable[[], bool] = lambda: False) -> bool:
+                    news: Callable[[], bool] | None = None) -> bool:
         """Say that everything due now is done, and wait until simulated time reaches the deadline, or `stopped()`, or
         `news()`, for which somebody woke us; returns whether there was any.
         """
@@ -245,7 +248,7 @@ class Member(Steps):
             while serve(0):
                 pass
 
-    def _sleep(self, deadline_ns: int, stopped: Callable[[], bool], news: Callable[[], bool],
+    def _sleep(self, deadline_ns: int, stopped: Callable[[], bool], news: Callable[[], bool] | None,
                wait: Callable[[int], object]) -> bool:
         words, now, wakeup, place = self.words, self._now, self._own, self._place
         if words[now] >= deadline_ns:
@@ -255,21 +258,24 @@ class Member(Steps):
             self._wake(self._server)  # F1
         while not stopped():
             words[self._finished[place]] = (words[self._finished[place]] + 1) % WORDS  # F2
-            words[self._next[place]] = deadline_ns  # F3
+            words[self._next[place]] = deadline_ns if news is None else 0  # F3
             wakeup.begin()  # F4
             try:
                 if words[now] >= deadline_ns:
                     return False
-                if news():  # F5
-                    return True
-                early = self.advance()  # F6
+                if news is not None:
+                    if news():  # F5
+                        return True
+                    words[self._next[place]] = deadline_ns  # F6
+                    self._fence()
+                early = self.advance()  # F7
                 if words[now] < deadline_ns and wakeup.sleeps:
-                    wait(min(early or POLL_NS, POLL_NS))  # F7
+                    wait(min(early or POLL_NS, POLL_NS))  # F8
             finally:
                 wakeup.end()
             if words[now] >= deadline_ns:
                 return False
-            if news():
+            if news is not None and news():
                 return True
         return False
 

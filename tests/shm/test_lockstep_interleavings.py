@@ -56,11 +56,14 @@ def sleeper(real: Real, name: str, table: Table, wishes: tuple[int, ...], wakes:
     return run
 
 
-def hearer(real: Real, name: str, table: Table) -> Program:
-    """Sleeps for long, or until there is news."""
+def hearer(real: Real, name: str, table: Table, wishes: tuple[int, ...] = ()) -> Program:
+    """Sleeps until each of these instants, then for long, or until there is news."""
 
     def run(me: Actor) -> None:
         member = begun(real, me, name, table)
+        for wish in wishes:
+            member.sleep_until(wish, partial(going, me, wish))
+            me.note(member.now_ns())
         member.sleep_until(LATER, partial(going, me, 0), lambda: me.load(NEWS)[0] == 1)
         me.note(member.now_ns())
         leave(member, member._place)
@@ -113,6 +116,15 @@ def news(real: Real, third: bool = False) -> Explorer:
     return Explorer(programs, partial(on_time, wishes), before=admitted(real, table))
 
 
+def news_for_who_is_awake(real: Real) -> Explorer:
+    """io has news for the console at 1, when the console is awake as well and about to fall asleep."""
+    wishes: Wishes = {"console": (1, 1), "io": (1, 3)}
+    table = Table(tuple(wishes))
+    programs = {"io": sleeper(real, "io", table, wishes["io"], "console"),
+                "console": hearer(real, "console", table, wishes["console"][:1])}
+    return Explorer(programs, partial(on_time, wishes), before=admitted(real, table))
+
+
 def test_two_who_wake_together_wait_for_each_other() -> None:
     assert lockstep(Real(), {"A": (1,), "B": (1,)}).explore().states > 10_000
 
@@ -120,6 +132,11 @@ def test_two_who_wake_together_wait_for_each_other() -> None:
 @pytest.mark.slow
 def test_who_has_news_holds_time_until_it_was_heard() -> None:
     assert news(Real()).explore().states > 10_000
+
+
+@pytest.mark.slow
+def test_who_falls_asleep_hears_at_once_what_was_said_while_it_was_awake() -> None:
+    assert news_for_who_is_awake(Real()).explore().states > 10_000
 
 
 @pytest.mark.slow
@@ -137,17 +154,22 @@ TOGETHER = partial(lockstep, wishes={"A": (1,), "B": (1,)})
 APART = partial(lockstep, wishes={"A": (1, 2), "B": (2,)})
 MUTANTS: dict[str, tuple[Callable[[Real], Explorer], tuple[Change, ...]]] = {  # and the search that finds it first
     "asleep before the wish is out": (TOGETHER, (
-        ("lockstep", "words[self._next[place]] = deadline_ns  # F3", "pass"),
+        ("lockstep", "words[self._next[place]] = deadline_ns if news is None else 0  # F3", "pass"),
         ("lockstep", "wakeup.begin()  # F4", "wakeup.begin(); words[self._next[place]] = deadline_ns"))),
     "wish before the count": (news, (
         ("lockstep", COUNT, "words[self._next[place]] = deadline_ns"),
-        ("lockstep", "words[self._next[place]] = deadline_ns  # F3", "words[self._finished[place]] += 1"))),
+        ("lockstep", "words[self._next[place]] = deadline_ns if news is None else 0  # F3",
+         "words[self._finished[place]] += 1"))),
     "falling asleep without fence": (APART, (("wakeup", "self._fence()  # P2", "pass"),)),
     "nobody is woken": (APART, (
         ("lockstep", "            if wish:\n                self._wake_due()", "            pass"),)),
     "no lock": (APART, (("lockstep", "if not self._lock.take(0):", "if False:"),)),
     "two looks that may differ": (news, (("lockstep", "if wish and seen == again:", "if wish:"),)),
     "no look after the lock": (APART, (("lockstep", "while self._wish(seen):  # A1", "if self._wish(seen):"),)),
+    "time goes on while somebody looks": (news_for_who_is_awake, (
+        ("lockstep", "deadline_ns if news is None else 0  # F3", "deadline_ns"),)),
+    "who has looked hides it": (news, (
+        ("lockstep", "                    self._fence()\n                early", "                early"),)),
     "time goes past who is awake": (news, (("lockstep", "if not wakeup.sleeps:", "if False:"),)),
 }
 
