@@ -23,6 +23,23 @@ def test_a_simulated_clock_may_stand_still():
         assert port.counters.timeouts == 0
 
 
+def test_a_machine_that_stood_still_costs_no_read_in_simulated_time():
+    with bus_of(3) as bus, port_to(bus, now_ns=lambda: 1234, real_time=False, deadline_ms=None) as port:
+        port.discover()
+        assert port.read_all()
+        transport = port._link.transport
+        poll, waits = transport.poll, []
+
+        def held_up(timeout_ms):
+            """It is over, however long it was to be, before the boards had a core."""
+            waits.append(timeout_ms)
+            return [] if len(waits) <= 2 else poll(timeout_ms)
+
+        transport.poll = held_up
+        assert port.read_all() and len(waits) > 2
+        assert port.counters.timeouts == 0
+
+
 def test_an_empty_datagram_ends_the_wait_while_time_stands_still():
     with bus_of(3) as bus, port_to(bus, now_ns=lambda: 1234, real_time=False, deadline_ms=20_000) as port:
         port.discover()
