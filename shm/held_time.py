@@ -15,6 +15,7 @@ from shm.lockstep import NEVER, SCHEMA, Steps, Table, clock_page, waker_of, wake
 from shm.segment import SegmentError
 
 LOOK_S: Final = 1e-4
+PAUSE_NS: Final = 100_000_000  # more between two looks is a pause of the whole machine, and of those waited for
 
 
 class HeldTime(Steps):
@@ -38,13 +39,15 @@ class HeldTime(Steps):
     def run_until(self, time_ns: int, wait_s: float, look: Callable[[], None] = lambda: None) -> bool:
         """Let time go to `time_ns`, and wait until all that was due has been done and everybody sleeps.
 
-        False where that takes longer than `wait_s` in real time: somebody is awake, or nobody takes part. `look` is
-        called again and again meanwhile; it may raise.
+        False where that takes longer than `wait_s` in real time, our own pauses left out: somebody is awake, or nobody
+        takes part. `look` is called again and again meanwhile; it may raise.
         """
         self.words[self._limit] = time_ns
-        end_ns = monotonic_ns() + round(wait_s * 1e9)
+        left_ns, before_ns = round(wait_s * 1e9), monotonic_ns()
         while self.advance() != NEVER:
-            if monotonic_ns() >= end_ns:
+            now_ns = monotonic_ns()
+            left_ns, before_ns = left_ns - min(now_ns - before_ns, PAUSE_NS), now_ns
+            if left_ns <= 0:
                 return False
             look()
             pause(LOOK_S)

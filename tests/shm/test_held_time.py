@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
 
+from shm import held_time
+from shm.clock import monotonic_ns
 from shm.control_page import create_control
 from shm.held_time import HeldTime
 from shm.lockstep import EPOCH_NS, Table, Timekeeper
 from shm.segment import SegmentError
 from tests.shm.test_lockstep import MS, PLAYER
 
+SECOND = 1_000_000_000
 HOLDER = """
 import sys
 from shm.held_time import HeldTime
@@ -71,6 +75,17 @@ def test_a_run_that_takes_too_long_is_told(world: Any, time_: Timekeeper) -> Non
     time_.admit(["A", "B"])
     with HeldTime(world.name) as held:
         assert not held.run_until(EPOCH_NS + MS, 0.05), "A and B are awake"
+
+
+def test_a_pause_of_the_whole_machine_is_no_time_that_was_waited(world: Any, time_: Timekeeper,
+                                                                  monkeypatch: pytest.MonkeyPatch) -> None:
+    with HeldTime(world.name) as held:
+        begin(world, time_)
+        looks = itertools.count()
+        monkeypatch.setattr(held_time, "monotonic_ns", lambda: monotonic_ns() + (next(looks) > 0) * 1000 * SECOND)
+        assert held.run_until(EPOCH_NS + MS, 20.0)
+    for child in list(world.children):
+        world.kill(child)
 
 
 def test_who_makes_the_page_holds_time_until_all_are_up(world: Any, time_: Timekeeper) -> None:
