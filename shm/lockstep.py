@@ -6,9 +6,8 @@ has news for a member wakes it, and time stands until it sleeps again. One membe
 sockets; nobody answers what some others send there, so they wake it before they sleep.
 
 Finish:  F1 who asks the server wakes it    F2 finished + 1    F3 next := wish, or 0, which is due, to look for news
-         F4 fall asleep (word := 1, full fence)   F5 is the time there, or news? then awake, done
-         F6 who has looked: next := wish, full fence   F7 advance
-         F8 wait while the word is 1, bounded; then awake: from F2
+         F4 fall asleep (word := 1, full fence)   F5 is the time there, or news? then awake, done   F6 who has looked:
+         next := wish, full fence   F7 advance   F8 wait while the word is 1, bounded; then awake: from F2
 Serve:   the same, but at its sockets: before F2 and in F5 it answers until nothing waits there
 Advance: A1 is somebody awake or due? then done; remember everybody's `finished`
          A2 take the lock; who has it already does A6 after we have looked, or says A4: done
@@ -233,9 +232,7 @@ class Member(Steps):
 
     def sleep_until(self, deadline_ns: int, stopped: Callable[[], bool],
                     news: Callable[[], bool] | None = None) -> bool:
-        """Say that everything due now is done, and wait until simulated time reaches the deadline, or `stopped()`, or
-        `news()`, for which somebody woke us; returns whether there was any.
-        """
+        """All due now is done: wait until the deadline, `stopped()`, or `news()`; returns whether there was any."""
         return self._sleep(deadline_ns, stopped, news, self._own.wait)
 
     def serve_until(self, deadline_ns: int, stopped: Callable[[], bool], serve: Callable[[int], bool]) -> None:

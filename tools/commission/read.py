@@ -13,6 +13,7 @@ from tools.commission.subject import Subject
 from tools.commission.window import Window
 
 REST_S: Final = 2.0
+REHEARSAL_LOOKS: Final = 4
 LOOK_S: Final = 0.05
 MIN_VALID: Final = 0.99  # share of good samples
 RATE_WITHIN: Final = 0.1
@@ -31,8 +32,8 @@ def run(bench: RobotBench) -> Outcome:
     """See the module."""
     outcome = Outcome()
     for name in dict.fromkeys(subject.io for subject in bench.subjects):
-        io, window = bench.document.io(name), bench.sample(name, REST_S)
-        outcome.add(judge_samples(name, window, io.period_s))
+        window, found = _at_rest(bench, name)
+        outcome.add(found)
         outcome.figures[name] = {"rate_hz": rate_of(window), "good": float(window.fields["valid"].mean())}
         for subject in (each for each in bench.subjects if each.io == name):
             outcome.add(judge_rest(window, subject))
@@ -48,6 +49,18 @@ def run(bench: RobotBench) -> Outcome:
             _by_hand(bench, subject, outcome)
     _buttons(bench, outcome)
     return outcome
+
+
+def _at_rest(bench: RobotBench, name: str) -> tuple[Window, list[Finding]]:
+    """A while without power, and what is wrong with its samples. Emulated boards share the machine with us, and may be
+    held up with it: one good look of several is enough there.
+    """
+    for _ in range(REHEARSAL_LOOKS if bench.document.emulation is not None else 1):
+        window = bench.sample(name, REST_S)
+        found = judge_samples(name, window, bench.document.io(name).period_s)
+        if not found:
+            break
+    return window, found
 
 
 def rate_of(window: Window) -> float:

@@ -9,6 +9,7 @@ import pytest
 from tests.tools.commission.harness import RigBench
 from tools.commission import axis, power, read
 from tools.commission.person import Declined
+from tools.commission.window import Window
 
 Break = Callable[[RigBench], object]
 
@@ -58,6 +59,22 @@ def test_what_is_read_stops_at_sensors_that_are_wrong(breaks: Break, where: str,
     assert where in problem
     assert says in problem
     assert not bench.harness.record.powered.any()
+
+
+@pytest.mark.parametrize(("looks", "finds"), [(2, ""), (99, "50.0 % of its samples are good; allowed: 99 % at least")])
+def test_a_rehearsal_forgives_a_machine_that_was_held_up_but_not_silent_boards(looks: int, finds: str) -> None:
+    bench = RigBench("demo.yaml")
+    sample, taken = bench.sample, []
+
+    def held_up(io: str, seconds: float) -> Window:
+        window = sample(io, seconds)
+        taken.append(window)
+        window.fields["valid"][: len(window) // 2] &= len(taken) > looks
+        return window
+
+    bench.sample = held_up  # type: ignore[method-assign]
+    problems = [str(problem) for problem in read.run(bench).problems]
+    assert problems == [] if not finds else finds in problems[0]
 
 
 def test_a_potentiometer_far_outside_the_limits_is_that_of_other_files() -> None:
