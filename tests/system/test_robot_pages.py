@@ -147,6 +147,24 @@ def test_no_page_is_wider_than_the_screen(console: tuple[Robot, BrowserPage], wi
         assert page.too_wide() == []
 
 
+@pytest.mark.parametrize(("width", "height"), SIZES)
+def test_every_view_has_in_the_picture_what_it_is_of(console: tuple[Robot, BrowserPage], width: int, height: int
+                                                     ) -> None:
+    with chromium(console[1].address, width, height) as page:
+        page.open("/3d")
+        page.until("document.querySelector('.stage')?.stage?.isPlaced")
+        for view in page.js("return [...document.querySelectorAll('[data-view]')].map(({ dataset }) => dataset.view)"):
+            if view == "operator":  # of the tips, from where the endoscope is
+                continue
+            farthest = page.js("""const [view] = arguments, { stage } = document.querySelector('.stage');
+                stage.look(view);
+                stage.camera.updateMatrixWorld();
+                const are = (model) => view === 'all' || (model.type === 'MTM') === (view === 'masters');
+                const places = stage.points(are, view === 'all').map((at) => at.clone().project(stage.camera));
+                return Math.max(...places.map(({ x, y }) => Math.max(Math.abs(x), Math.abs(y))))""", view)
+            assert 0.7 < farthest < 1.0, view
+
+
 def test_a_pedal_that_is_pressed_is_seen(console: tuple[Robot, BrowserPage]) -> None:
     page = opened(console, "/buttons")
     row = "document.querySelector('[data-input=coag]').closest('tr')"

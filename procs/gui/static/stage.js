@@ -8,6 +8,8 @@ const NEAR = "#ff9f1c";
 const TRAIL = 200;
 const RAIL_TOP = new THREE.Vector3(0, 0.065, -0.46);
 const UP = new THREE.Vector3(0, 1, 0);
+const MARGIN = 1.12; // around what the camera is to show
+const NEAREST = 0.5; // m
 
 const pose = (frames, i, position, turn) => {
   position.set(frames[7 * i], frames[7 * i + 1], frames[7 * i + 2]);
@@ -354,20 +356,21 @@ export default {
         this.scene.add(...this.stands);
       }
     },
-    around(wanted, whole) {
-      const box = new THREE.Box3();
+    // What is to be seen of some models, and of the carts.
+    points(wanted, whole) {
       this.scene.updateMatrixWorld(true);
+      const found = [];
       for (const setups of whole ? Object.values(this.setups) : []) {
-        box.expandByPoint(new THREE.Vector3(0, 0, 0)); // where its column stands
-        for (const setup of Object.values(setups)) for (const at of setup.at) box.expandByPoint(at);
+        found.push(new THREE.Vector3(0, 0, 0)); // where its column stands
+        for (const setup of Object.values(setups)) found.push(...setup.at);
       }
       for (const model of Object.values(this.models).filter(wanted))
-        for (const at of model.isRemote && model.size ? [...model.at, RAIL_TOP.clone().applyMatrix4(model.rail.matrix)] : model.at) box.expandByPoint(at.clone().applyMatrix4(model.group.matrixWorld));
-      return box;
+        for (const at of model.isRemote && model.size ? [...model.at, RAIL_TOP.clone().applyMatrix4(model.rail.matrix)] : model.at) found.push(at.clone().applyMatrix4(model.group.matrixWorld));
+      return found;
     },
     // Masters stand beside the patient's side: nobody says where the console is in the room.
     place() {
-      const [masters, others] = [true, false].map((are) => this.around((model) => (model.type === "MTM") === are));
+      const [masters, others] = [true, false].map((are) => new THREE.Box3().setFromPoints(this.points((model) => (model.type === "MTM") === are)));
       if (masters.isEmpty() || others.isEmpty()) return;
       this.beside = new THREE.Vector3(others.min.x - masters.max.x - (Object.keys(this.setups).length ? 0.5 : 0.25), 0, 0);
       this.beside.y = others.getCenter(new THREE.Vector3()).y - masters.getCenter(new THREE.Vector3()).y;
@@ -375,14 +378,13 @@ export default {
       this.refresh();
     },
     look(view) {
-      const box = this.around((model) => (view === "masters" ? model.type === "MTM" : view === "all" || model.type !== "MTM" || this.only), view === "all");
-      if (box.isEmpty()) return;
+      const points = this.points((model) => (view === "masters" ? model.type === "MTM" : view === "all" || model.type !== "MTM" || this.only), view === "all");
+      if (!points.length) return;
+      const box = new THREE.Box3().setFromPoints(points);
       const centre = box.getCenter(new THREE.Vector3());
-      const radius = Math.max(0.18, box.getSize(new THREE.Vector3()).length() / 2);
       const facing = Object.keys(this.setups).length ? -1 : 1; // a cart is seen from the patient's side
       this.grid.position.z = facing < 0 ? -0.002 : box.min.z - 0.03; // the floor, as far as one knows
       const from = { all: facing < 0 ? [0.7, 1.1, 0.35] : [0.35, -1.2, 0.45], masters: [-0.9, -1.1, 0.6], side: [1, 0, 0.05], top: [0, -0.02, 1], front: [0, -facing, 0.15] };
-      const distance = ((view === "all" && facing < 0 ? 0.85 : 1.15) * radius) / Math.sin((this.camera.fov * Math.PI) / 360) / Math.min(1, this.camera.aspect);
       const ecm = Object.values(this.models).find((model) => model.type === "ECM") || Object.values(this.models).find((model) => model.type === "PSM");
       // What the endoscope sees, from a little behind: neither itself, nor the masters, nor the cart.
       for (const part of this.stands || []) part.visible = view !== "operator";
@@ -396,10 +398,22 @@ export default {
         this.camera.position.copy(this.controls.target).addScaledVector(ahead, -0.3);
       } else {
         this.controls.target.copy(centre);
-        this.camera.position.set(...(from[view] || from.all)).normalize().multiplyScalar(distance).add(centre);
+        const way = new THREE.Vector3(...(from[view] || from.all)).normalize();
+        this.camera.position.copy(way).multiplyScalar(MARGIN * this.distanceTo(points, centre, way)).add(centre);
       }
       this.controls.update();
       this.later();
+    },
+    // How far from the centre the camera must be, that way, to have all points in the picture.
+    distanceTo(points, centre, way) {
+      const right = new THREE.Vector3().crossVectors(this.camera.up, way).normalize();
+      const up = new THREE.Vector3().crossVectors(way, right);
+      const high = Math.tan((this.camera.fov * Math.PI) / 360);
+      const wide = high * this.camera.aspect;
+      return Math.max(NEAREST, ...points.map((point) => {
+        const at = point.clone().sub(centre);
+        return at.dot(way) + Math.max(Math.abs(at.dot(up)) / high, Math.abs(at.dot(right)) / wide);
+      }));
     },
     preview(frames, jaw) {
       if (!this.ghost) return;
