@@ -39,7 +39,7 @@ class BusPort:
     `now_ns` is the clock of all stamps. With `real_time=False` (simulated clock, stands still while we wait) receive
     deadlines are generous and nothing is waited for. `bridge`: over FireWire behind the hub even where the boards could
     do without. `query_wait_ns` replaces the time the boards are given between query and read, `deadline_ms` the 2 ms a
-    cyclic read waits for its reply (1 s when simulated). `exclusive` refuses a bus that another host is driving.
+    cyclic read waits for its reply (0.5 s when simulated). `exclusive` refuses a bus that another host is driving.
     `first_control` is written to the status register of all boards as soon as the bus is known to be ours, before
     anything about them is judged (io: power off, whatever a predecessor left). Without board ids (tools) everything
     found is listed, and nothing can be read or written cyclically. `quiet` finds the boards by reads alone where an

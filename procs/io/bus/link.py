@@ -18,8 +18,8 @@ from procs.io.bus.transport import MAX_QUEUED, Transport
 DATAGRAM_BYTES: Final = 4096  # more than any board sends
 CYCLE_TIMEOUT_MS: Final = 2
 SETUP_TIMEOUT_MS: Final = 20
-SIMULATED_TIMEOUT_MS: Final = 1000  # time stands still while we wait; emulated boards say so when no reply comes
-SIMULATED_SLICE_MS: Final = 20  # a machine that stood still for all of us has cost one of them
+SIMULATED_TIMEOUT_MS: Final = 500  # time stands still while we wait; emulated boards say so when no reply comes
+SIMULATED_SLICE_MS: Final = 50  # a machine that stood still for all of us has cost one of them
 SETUP_TRIES: Final = 5
 MAX_SEQUENCE: Final = 0xFFFF
 MAX_MISSING: Final = 32  # labels, of 64, that rest because the reply to their read has not come
@@ -213,8 +213,8 @@ class Link:
 
     def _has_come(self, timeout_ms: int) -> bool:
         """Wait for a datagram in simulated time: so long as this process, and with it the boards, had the time to."""
-        poll = self.transport.poll
-        return any(poll(SIMULATED_SLICE_MS) for _ in range(-(-timeout_ms // SIMULATED_SLICE_MS)))
+        poll, slice_ms = self.transport.poll, min(timeout_ms, SIMULATED_SLICE_MS)
+        return any(poll(slice_ms) for _ in range(max(1, -(-timeout_ms // SIMULATED_SLICE_MS))))
 
     def read_quadlet(self, node: int, address: int, *, flags: int = 0, timeout_ms: int | None = None,
                      tries: int = SETUP_TRIES) -> int | None:
