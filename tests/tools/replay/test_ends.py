@@ -161,8 +161,10 @@ def test_a_program_that_is_asked_to_end_while_an_arm_approaches_asks_it_to_hold(
         world: Any, tmp_path: Path, verb: str, number: signal.Signals) -> None:
     with robot(world.name) as made:
         command = [sys.executable, "-m", "tools", *_words_of(verb, made, tmp_path), "--system", made.name]
+        # whoever runs the tests may ignore SIGHUP (nohup), and then its programs do as well
         program = subprocess.Popen(command, cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)},
-                                   stderr=subprocess.PIPE, text=True)
+                                   stderr=subprocess.PIPE, text=True,
+                                   preexec_fn=lambda: signal.signal(number, signal.SIG_DFL))
         asked, end_ns = list[str](), monotonic_ns() + 30_000_000_000
         while "hold" not in asked and program.poll() is None and monotonic_ns() < end_ns:
             made.beat()
