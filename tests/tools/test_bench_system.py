@@ -7,9 +7,11 @@ import shlex
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from shm.client import MailboxFull
 from shm.segment import names_of
 from tools.bench import system as bench_system
 from tools.bench.system import Mark, figures, row
@@ -42,6 +44,25 @@ def test_figures_are_those_of_the_worst_io_and_of_all_processes() -> None:
     assert found["cpu_percent_without_boards"] == pytest.approx(50.0) and found["arm_missed_percent"] == 2.0
     assert found["cpu_percent_boards"] == pytest.approx(25.0) and found["cpu_percent_total"] == pytest.approx(75.0)
     assert found["locked_mb"] == 160.0
+
+
+class HeldUp:
+    """A master that takes no goal for a while, or one that takes all."""
+
+    def __init__(self, name: str, untaken: int) -> None:
+        self.name, self.taken, self._untaken = name, 0, untaken
+
+    def step(self, passed_s: float) -> None:
+        if self._untaken:
+            self._untaken -= 1
+            raise MailboxFull(f"{self.name} has not taken the last 32 commands")
+        self.taken += 1
+
+
+def test_a_master_that_is_held_up_is_named_and_ends_no_measurement() -> None:
+    masters: list[Any] = [HeldUp("MTMR", 3), HeldUp("MTML", 0)]
+    assert bench_system.swing(masters, 0.05) == [("MTMR", 3)]
+    assert [master.taken for master in masters] == [7, 10]
 
 
 def test_options_of_another_bench_are_refused() -> None:

@@ -16,6 +16,7 @@ from __future__ import annotations
 import contextlib
 import os
 import platform
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ from typing import Any
 import psutil
 
 from shm import directory
+from shm.client import MailboxFull
 from shm.clock import monotonic_ns
 from shm.control_page import ControlPage
 from shm.events import ERROR, WARNING
@@ -135,9 +137,7 @@ def _measure(system: str, taken: list[OperatorSim], seconds: float) -> dict[str,
         for close in (*(sway.close for sway in sways), *(each.close for each in reported.values())):
             stack.callback(close)
         before, begin, used = marks(system), monotonic_ns(), cpu_s(os.getpid())
-        for k in beats(MOVES_HZ, round(seconds * MOVES_HZ), [0]):
-            for sway in sways:
-                sway.step(k / MOVES_HZ)
+        untaken = swing(sways, seconds)
         after, passed_s = marks(system), (monotonic_ns() - begin) * 1e-9
         rows = [row(name, before[name], after[name]) for name in after if name in before]
         bench = {"name": "bench", "kind": "bench", "cpu_percent": (cpu_s(os.getpid()) - used) / passed_s * 100.0}
@@ -153,8 +153,21 @@ def _measure(system: str, taken: list[OperatorSim], seconds: float) -> dict[str,
         "homed": homed, "following": following, "processes": [*rows, bench],
         "reported": {name: [*errors[name][1], *warnings[name][1]] for name in reported
                      if errors[name][0] + warnings[name][0]},
-        "problems": _problems(system, homed, missing, errors, before, after),
+        "problems": [*_problems(system, homed, missing, errors, before, after),
+                     *(f"{name} did not take {count} of the goals that it was sent" for name, count in untaken)],
     }
+
+
+def swing(sways: Sequence[Sway], seconds: float) -> list[tuple[str, int]]:
+    """Move masters for so long; who did not take goals, and how many: a master that is held up ends no measurement."""
+    untaken = dict.fromkeys((sway.name for sway in sways), 0)
+    for k in beats(MOVES_HZ, round(seconds * MOVES_HZ), [0]):
+        for sway in sways:
+            try:
+                sway.step(k / MOVES_HZ)
+            except MailboxFull:
+                untaken[sway.name] += 1
+    return [(name, count) for name, count in untaken.items() if count]
 
 
 def marks(system: str) -> dict[str, Mark]:
