@@ -82,7 +82,7 @@ def pages(size: int) -> int:
 def readable(raw: bytes) -> str:
     """Text from a cell that may hold anything, fit for one line."""
     text = raw.rstrip(b"\0").decode(errors="replace")
-    return "".join(c if c.isprintable() else "\ufffd" for c in text)
+    return text if text.isprintable() else "".join(c if c.isprintable() else "\ufffd" for c in text)
 
 
 def checked(fd: int, name: str) -> Header:

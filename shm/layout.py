@@ -100,7 +100,10 @@ def cut_text(text: str, size: int) -> bytes:
 
 def shorten(text: str, size: int) -> bytes:
     """UTF-8 of a sentence, at most `size` bytes; one that is longer ends with a whole word and "…"."""
-    if size < MIN_SENTENCE or len(text.encode(errors="replace")) <= size:
+    encoded = text.encode(errors="replace")
+    if len(encoded) <= size:
+        return encoded
+    if size < MIN_SENTENCE:
         return cut_text(text, size)
     kept = cut_text(text, size - len(MORE)).decode()
     whole, blank, _ = kept.rpartition(" ")

@@ -252,7 +252,8 @@ class ArmLogic:
 
     def _reason(self) -> str:
         """In FAULT why, else what is waited for."""
-        return self.machine.fault_text if self.state is ArmState.FAULT else self._stages[self.state].waits
+        state = self.machine.state
+        return self.machine.fault_text if state is ArmState.FAULT else self._stages[state].waits
 
     def _start(self) -> None:
         """The first fresh record of io: take over what a predecessor left, or restart."""

@@ -78,11 +78,12 @@ class ArmReadings:
         """A new cycle: the record was stamped `stamp_ns` (0: there is none yet) by io's life number `epoch`."""
         self.stamp_ns, self.epoch = stamp_ns, epoch
         self.fresh = stamp_ns > 0 and abs(now_ns - stamp_ns) <= LATE_NS
-        self.has_power = bool(self.powered.item() and self.amps_on.item())
+        powered = self.powered.item()
+        self.has_power = bool(powered and self.amps_on.item())
         fault = int(self.fault.item())
         self.problem = 0 if fault in HARMLESS else fault
         self.valid = bool(
-            self.fresh and self.powered.item() and self.biased.item() and 0 <= self.age_ns.item() <= LATE_NS
+            self.fresh and powered and self.biased.item() and 0 <= self.age_ns.item() <= LATE_NS
         )
         self._convert()
 

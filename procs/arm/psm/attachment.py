@@ -32,7 +32,9 @@ class Attachment:
         `has_switch`: an input of io tells when it is on. `always`: it is never taken off.
         """
         self._cell, self._reported = cell, reported
-        self._fit = AttachmentState(min(int(cell.item()), AttachmentState.ENGAGED))
+        self.present = self.waits = self.is_settled = False
+        """It is on; it is on and not engaged; it is engaged, or not there."""
+        self.fit = AttachmentState(min(int(cell.item()), AttachmentState.ENGAGED))
         self.has_switch, self._always = has_switch, always
         self._settled_ns = 0
         if always and self.fit is AttachmentState.UNKNOWN:
@@ -47,21 +49,9 @@ class Attachment:
     def fit(self, fit: AttachmentState) -> None:
         self._fit = fit
         self._cell[...] = fit
-
-    @property
-    def present(self) -> bool:
-        """It is on."""
-        return self._fit >= AttachmentState.FOUND
-
-    @property
-    def waits(self) -> bool:
-        """It is on, and not engaged."""
-        return self._fit is AttachmentState.FOUND or self._fit is AttachmentState.NEW
-
-    @property
-    def is_settled(self) -> bool:
-        """It is engaged, or not there."""
-        return self._fit is AttachmentState.ENGAGED or self._fit is AttachmentState.ABSENT
+        self.present = fit >= AttachmentState.FOUND
+        self.waits = fit in (AttachmentState.FOUND, AttachmentState.NEW)
+        self.is_settled = fit in (AttachmentState.ENGAGED, AttachmentState.ABSENT)
 
     def say(self, on: bool) -> None:
         """It is on from now on whatever its switch says; or the switch counts again."""
@@ -75,7 +65,7 @@ class Attachment:
             if now_ns < self._settled_ns:
                 return False
         on = self._always or pressed or bool(self._reported.item())
-        if on is (before >= AttachmentState.FOUND) and before is not AttachmentState.UNKNOWN:
+        if on is self.present and before is not AttachmentState.UNKNOWN:
             return False
         new = AttachmentState.FOUND if before is AttachmentState.UNKNOWN else AttachmentState.NEW
         self.fit = new if on else AttachmentState.ABSENT

@@ -116,11 +116,13 @@ class PsmLogic(ArmLogic):
 
     def misses(self) -> str:
         """See ArmLogic."""
-        if self.tool.waits and self.detection.asks:
+        if not self.tool.waits:
+            return ""
+        if self.detection.asks:
             return self.detection.request
-        if self.tool.waits and self.detection.tool is None:
+        if self.detection.tool is None:
             return "the instrument's memory to be read"
-        if self.tool.waits and self.adapter.has_switch and self.adapter.fit is not AttachmentState.ENGAGED:
+        if self.adapter.has_switch and self.adapter.fit is not AttachmentState.ENGAGED:
             return "sterile adapter not seen under the instrument: look at its switch, or emulate_adapter_present 1"
         return ""
 
