@@ -5,9 +5,12 @@ from __future__ import annotations
 import contextlib
 import socket
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 from typing import Final
 
+from procs.config.build.emulated import ports_of
+from procs.document.system import IoConfig, SystemConfig
 from procs.port_holders import holders
 
 BUS_PORT: Final = 1394
@@ -32,3 +35,21 @@ def free_address(system: str) -> Callable[[int], str]:
         raise NoAddress(f"no free loopback address with port {BUS_PORT} for an emulated bus: {others}")
 
     return address
+
+
+def at_free_addresses(system: SystemConfig) -> SystemConfig:
+    """The same system with all its emulated buses at free addresses, for a document made elsewhere, or from one that
+    is up; NoAddress.
+    """
+    emulation = system.emulation
+    if emulation is None:
+        return system
+    address = free_address(system.name)
+    buses = tuple(replace(bus, address=address(place)) for place, bus in enumerate(emulation.buses))
+    ports = ports_of(buses)
+
+    def moved(ios: Iterable[IoConfig]) -> tuple[IoConfig, ...]:
+        return tuple(replace(io, port=ports[io.name]) if io.port else io for io in ios)
+
+    on_boards = None if emulation.ios is None else moved(emulation.ios)
+    return replace(system, ios=moved(system.ios), emulation=replace(emulation, buses=buses, ios=on_boards))

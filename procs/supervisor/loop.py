@@ -17,7 +17,7 @@ from typing import Final
 from procs.config import load_system
 from procs.document.system import LOCKSTEP, PACED, WALL, SystemConfig, from_json
 from procs.realtime import cores
-from procs.supervisor.addresses import NoAddress, free_address
+from procs.supervisor.addresses import NoAddress, at_free_addresses, free_address
 from procs.supervisor.dependencies import Circle
 from procs.supervisor.gui_token import told
 from procs.supervisor.listening import AddressTaken
@@ -77,7 +77,10 @@ def main() -> None:
     name = chosen.system or "trocar"
     if chosen.document:
         try:
-            sys.exit(_run(replace(from_json(chosen.file.read_bytes()), name=name), chosen.seconds))
+            sys.exit(_run(at_free_addresses(replace(from_json(chosen.file.read_bytes()), name=name)), chosen.seconds))
+        except NoAddress as error:
+            log.error("%s", error)
+            sys.exit(1)
         except (OSError, ValueError) as error:
             log.error("%s: %s", chosen.file, error)
             sys.exit(1)

@@ -23,10 +23,10 @@ pytestmark = [pytest.mark.slow, pytest.mark.simulated]  # paced, as everything w
 
 SHELL = f'trocar() {{ "{sys.executable}" -P -m tools "$@"; }}\n'  # what the script of that name does
 ENDLESS_S = 4.0  # so long those are watched that go on until Ctrl-C
-ENDLESS = re.compile(r"trocar (echo (?!.*(--once|-n ))|bus watch (?!.*--once))")
-# Those that start a system, or end one; and what needs a process of a user's own: test_user_process.py.
+ENDLESS = re.compile(r"trocar (echo (?!.*(--once|-n ))|bus watch (?!.*--once)|replay .*--as)")
+# Those that start a system, or end one; and what needs a process of a user's own.
 ALONE = re.compile(r"trocar (demo|bench|commission|up|down|set|replay)\b")
-# Tests of their own have demo, bench, commission, replay: test_robot.py, test_bench_system.py, test_commission.py, …
+# Tests of their own have bench, commission and set: test_bench_system.py, test_commission.py, test_user_process.py.
 EXAMPLES = [example for verb in VERBS for example in examples_of(verb)]
 
 
@@ -113,6 +113,24 @@ def test_examples_of_help_work_on_the_demo(person: Person) -> None:
         person.types(line)
 
 
+def test_the_example_of_the_demo_works(person: Person) -> None:
+    (line,) = (example for example in EXAMPLES if example.startswith("trocar demo"))
+    assert "stayed healthy" in person.types(line)
+    rows = person.types("trocar demo --for 1 --json 2>/dev/null").splitlines()
+    assert rows and all(isinstance(json.loads(row), dict) for row in rows)
+
+
+def test_examples_of_replay_work_on_a_recording_of_the_demo(person: Person) -> None:
+    for line in ("trocar up configs/systems/demo.yaml --boards emulated --detach", "trocar power-on", "trocar home",
+                 "trocar send PSM1 move_jp 0.2 -0.1 0.15 0.4 0.3 -0.2 --wait", "trocar dump monday.mcap"):
+        person.types(line)
+    replays = [example for example in EXAMPLES if example.startswith("trocar replay")]
+    assert {option for line in replays for option in ("--arms", "--as", "--fresh") if option in line} == {
+        "--arms", "--as", "--fresh"}
+    for line in replays:
+        person.types(line)
+
+
 JSON = {  # of the verbs that print JSON: one that works on the demo, with an arm that is homed
     "up": "", "down": "", "demo": "", "bench": "", "commission": "", "replay": "",  # they start or end a system
     "bus": "", "power-on": "power-on PSM1", "home": "home PSM1", "send": "send PSM1", "status": "status",
@@ -161,3 +179,5 @@ def test_examples_of_buses_work_with_boards_on_the_desk(person: Person) -> None:
         if line.startswith("trocar bus"):
             there = re.sub(r"\budp(:\S+)?", f"udp:{address}", line)
             person.types(f"{there} --yes" if "write" in there else there)  # it asks, but only at a terminal
+    rows = person.types(f"trocar bus scan udp:{address} --json 2>/dev/null").splitlines()
+    assert rows and all(isinstance(json.loads(row), dict) for row in rows)

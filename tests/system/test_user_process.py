@@ -16,6 +16,7 @@ from procs.config.read.yamltext import parse_yaml
 from shm import directory
 from shm.subscriptions import Subscriber
 from tests.system.robot import ROOT, Robot, wait_for
+from tools.cli import VERBS, examples_of
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 PAGE = (ROOT / "docs/write-a-process.md").read_text()
@@ -62,6 +63,8 @@ def test_the_examples_of_the_page_run_and_their_deaths_change_nothing_else(robot
     arm, smooth = (directory.reader(robot.name, *names) for names in (("PSM1", "state"), ("smooth", "measured")))
     wait_for(lambda: arm.newest() and smooth.newest()
              and np.allclose(arm.field("position"), smooth.field("position"), atol=1e-6), 20, "the filter has settled")
+    (example,) = (line for verb in VERBS for line in examples_of(verb) if line.startswith("trocar set box"))
+    assert "box.stiffness = 200" in robot.trocar(*example.split()[1:])
     push = directory.reader(robot.name, "box", "push")
     assert "box.z = 0.0" in robot.trocar("set", "box.z", "0") and "box.x = 0.05" in robot.trocar("get", "box")
     assert "out of range" in robot.trocar("set", "box.stiffness", "-1", code=1)

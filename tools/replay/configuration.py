@@ -10,7 +10,7 @@ from procs.recordings.reading import RecordingReader
 from tools.errors import Problem
 from tools.recorded.choosing import TIMED
 
-LOOPBACK: Final = "udp:127."
+LOOPBACK: Final = ("udp:127.", "udpfw:127.")
 
 
 def recorded_system(recording: RecordingReader) -> SystemConfig:
