@@ -15,7 +15,7 @@ from procs.document.system import from_json
 from shm import directory
 from tests.system.robot import DEMO, Robot
 from tools.cli import VERBS, examples_of
-from tools.commission import home, scan, stop
+from tools.commission import home, move, scan, stop
 from tools.commission.bench import RunningBench
 from tools.commission.finding import Outcome
 from tools.commission.person import Act, Stop
@@ -93,3 +93,11 @@ def test_stages_stop_at_a_stop_without_effect_a_dead_amplifier_and_a_missing_boa
     assert not np.any(bench.sample("IO1", 0.3).fields["amp_on"][-1])
     _order(robot, "unplug_board", 7, text="IO1")
     assert "board 7 on IO1" in _one(scan.run(bench))
+
+
+def test_a_stuck_axis_ends_the_slow_move_and_is_named(running: tuple[Robot, RunningBench]) -> None:
+    robot, bench = running
+    _order(robot, "jam", 0, 1, text="PSM1")
+    found = _one(move.run(bench))
+    assert "yaw" in found and "allowed: " in found
+    assert not np.any(bench.sample("IO1", 0.3).fields["amp_on"][-1])
