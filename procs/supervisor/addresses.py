@@ -38,8 +38,9 @@ def free_address(system: str) -> Callable[[int], str]:
 
 
 def at_free_addresses(system: SystemConfig) -> SystemConfig:
-    """The same system with all its emulated buses at free addresses, for a document made elsewhere, or from one that
-    is up; NoAddress.
+    """The same system with its emulated buses at free addresses: its document may be that of one that is up.
+
+    NoAddress when none is free.
     """
     emulation = system.emulation
     if emulation is None:
@@ -49,7 +50,7 @@ def at_free_addresses(system: SystemConfig) -> SystemConfig:
     ports = ports_of(buses)
 
     def moved(ios: Iterable[IoConfig]) -> tuple[IoConfig, ...]:
-        return tuple(replace(io, port=ports[io.name]) if io.port else io for io in ios)
+        return tuple(replace(io, port=ports.get(io.name, io.port)) for io in ios)
 
     on_boards = None if emulation.ios is None else moved(emulation.ios)
     return replace(system, ios=moved(system.ios), emulation=replace(emulation, buses=buses, ios=on_boards))

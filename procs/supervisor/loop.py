@@ -77,13 +77,11 @@ def main() -> None:
     name = chosen.system or "trocar"
     if chosen.document:
         try:
-            sys.exit(_run(at_free_addresses(replace(from_json(chosen.file.read_bytes()), name=name)), chosen.seconds))
-        except NoAddress as error:
-            log.error("%s", error)
-            sys.exit(1)
-        except (OSError, ValueError) as error:
+            system = at_free_addresses(replace(from_json(chosen.file.read_bytes()), name=name))
+        except (NoAddress, OSError, ValueError) as error:
             log.error("%s: %s", chosen.file, error)
             sys.exit(1)
+        sys.exit(_run(system, chosen.seconds))
     try:
         loaded = load_system(chosen.file, search=chosen.path, boards=chosen.boards, sets=chosen.sets, name=name,
                              bus_address=free_address(name), cores=cores(),
