@@ -252,7 +252,7 @@ class AttachedRobot:
             self._keeps_slow(arm, pace)
             if self.now_ns() > end_ns:
                 self._give_up(f"{link.name}: {command} is not done after {limit_s:g} s")
-            self._time.pause(POLL_S, STANDS_S)
+            self.wait_until(self.now_ns() + round(POLL_S * 1e9))
         self._is_asking = False
         if ended != "done":
             if why := self.look(arm):

@@ -29,6 +29,8 @@ class HostTime:
     """So many until something comes, which is what `comes` does."""
     comes: ClassVar[Callable[[], object]]
 
+    stands_after = -1
+    """So many waits until it stands still."""
     hold_ups = 0
     """The wait after so many takes a quarter of a second longer."""
 
@@ -45,6 +47,9 @@ class HostTime:
         self.waits -= 1
         if self.waits == 0:
             HostTime.comes()
+        self.stands_after -= self.stands_after > 0
+        if self.stands_after == 0:
+            return  # after so much real time
         self.hold_ups -= 1
         seconds += 0.25 if self.hold_ups == 0 else 0.0
         self.host.run_until(self.host.now_ns + round(max(seconds, 0.0) * 1e9))

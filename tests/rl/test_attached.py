@@ -325,6 +325,17 @@ def test_who_was_held_up_in_the_slow_move_does_not_go_on(psm: Host, monkeypatch:
     env.close()
 
 
+def test_a_slow_move_ends_where_the_system_s_time_stands_still(psm: Host, monkeypatch: pytest.MonkeyPatch) -> None:
+    env = made(psm)
+    monkeypatch.setattr(HostTime, "stands_after", 20)
+    with pytest.raises(RobotStopped, match="the system's time has stood still for 10 s"):
+        env.reset(options={"start": 1})
+    psm.run(0.1)
+    state = psm.reader("PSM1")
+    assert state.newest() and not state.field("is_busy")[()]
+    env.close()
+
+
 @pytest.mark.parametrize(("command", "values"), [("hold", ()), ("move_jp", (0.2, -0.1, 0.11, 0.0, 0.0, 0.0)),
                                                  ("jaw/servo_jp", (0.1,))])
 def test_who_else_commands_the_arm_has_it(psm: Host, command: str, values: tuple[float, ...]) -> None:
