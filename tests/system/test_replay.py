@@ -118,6 +118,7 @@ def test_records_are_shown_as_a_system_that_only_can_be_looked_at(robot: Robot, 
     try:
         wait_for(lambda: (name, "PSM1", "state") in names_of(name), 30, "the rings")
         wait_for(lambda: "PSM1/measured_js" in robot.trocar("list", "--system", name), 30, "what was recorded")
+        wait_for(lambda: robot.types("echo", "PSM1/state", "--once", "--system", name).returncode == 0, 30, "a record")
         rows = robot.trocar("echo", "PSM1/state", "-n", "3", "--json", "--system", name).splitlines()
         assert json.loads(rows[0])["state"] == "ENABLED" and len(rows) == 3
         assert '"simulation": "REPLAY"' in robot.trocar("list", "--json", "--system", name)
