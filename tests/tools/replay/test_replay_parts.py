@@ -139,6 +139,9 @@ def test_real_robots_are_told_from_emulated_and_kinematic_ones() -> None:
     assert real_robots(wired, ["PSM1"]) == ["PSM1"]
     with pytest.raises(Problem, match="not emulated"):
         startable(wired)
+    (io,) = loaded.system.ios
+    bridged = dataclasses.replace(loaded.system, ios=(dataclasses.replace(io, port="udpfw:127.1.2.3"),))
+    assert b"udpfw:127.1.2.3" in startable(bridged)[0], "emulated boards that could do without FireWire"
     with pytest.raises(Problem, match="real time"):
         startable(dataclasses.replace(loaded.system, clock="wall"))
 
