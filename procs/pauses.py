@@ -40,9 +40,14 @@ class Pauses:
         self._begun_ns = now_ns
         return 0
 
+    @property
+    def over_ns(self) -> int:
+        """From when on, on CLOCK_BOOTTIME, what this cycle does is about the past."""
+        return min(self._begun_ns + self._limit_ns, NEVER)
+
     def is_over(self) -> bool:
         """This cycle began so long ago that what it does is about the past."""
-        return self._now_ns() - self._begun_ns > self._limit_ns
+        return self._now_ns() > self.over_ns
 
 
 def duration(held_up_ns: int) -> str:

@@ -111,6 +111,10 @@ class Node(OwnMemory):
         """We were held up in the middle of this cycle: what it does is about the past."""
         return self._pauses.is_over()
 
+    def over_ns(self) -> int:
+        """From when on that is so in this cycle, on CLOCK_BOOTTIME."""
+        return self._pauses.over_ns
+
     @property
     def stop_reason(self) -> str:
         """Why the loop ended; empty while it runs."""

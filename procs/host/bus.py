@@ -22,6 +22,7 @@ class DirectTransport:
     pause_ms = 0
     most_read = most_write = wire.MAX_DATA
     stranger = ""
+    fd = -1
 
     def __init__(self, world: Emulation, bus: int, address: str, now_ns: Callable[[], int]) -> None:
         """To bus number `bus` of the emulated ones, whose address would be this one."""

@@ -20,7 +20,7 @@ from procs.io.arm_requests import ArmRequests, WishCommand
 from procs.io.axis_drive import AxisDrive
 from procs.io.bias import Bias
 from procs.io.brakes import Brakes
-from procs.io.bus.port import Port
+from procs.io.bus.port import Port, Reaction
 from procs.io.buttons import Buttons
 from procs.io.commands import IoCommands
 from procs.io.digital_outputs import DigitalOutputs
@@ -37,9 +37,10 @@ from procs.io.robots import Robots, Samples
 from procs.io.safety import Safety
 from procs.io.setpoint_tracker import SetpointSource, SetpointTracker
 from procs.io.setup_brakes import SetupBrakes
-from procs.io.stages import ALL, CHECKED, CONTROLLED, DECODED, ENCODED, NONE, stages
+from procs.io.stages import stages
 from procs.io.tasks import Tasks
 from procs.io.timing import Timing
+from procs.kernel.progress import BAD, CHECKED, CONTROLLED, DECODED, ENCODED, NONE, READY, SENT
 from procs.requests import Request
 from shm.faults import NoFaults, OwnCell
 
@@ -49,6 +50,7 @@ STRANGER_REPEAT_NS: Final = 120_000_000_000
 FADES_NS, FADED_NS = 3_000_000, 10_000_000
 STABLE_NS: Final = 2_500_000  # efforts may stand so long, or PERIODS where that is more: light joints bear no longer
 PERIODS: Final = 1.25
+NEVER: Final = 1 << 62
 GAPS: Final = 8  # between samples: so many make the mean
 FAREWELLS: Final = 3  # writes at the end: a datagram may be lost
 
@@ -70,15 +72,16 @@ class RobotIo:
                  sources: Sequence[SetpointSource], preset: Flags | None = None, *,
                  gains: Field | None = None, instruments: Field | None = None,
                  cells: Sequence[OwnCell] = (), is_over: Callable[[], bool] = bool,
+                 over_ns: Callable[[], int] = lambda: NEVER,
                  report: Callable[[WishCommand, str, str], None] | None = None) -> None:
         """`sources` in the order of `io.pids`; `preset` (axes,) says which encoders kept a preload.
 
         `cells`, in the order of `io.robots`, say since when commands count: see shm/faults.py. `is_over`: we were held
-        up in the middle of this cycle. `report` hears what became of arms' wishes. `gains` and `instruments` give the
-        fields of these records; None: nobody looks.
+        up in the middle of this cycle; `over_ns`: from when on that is so, on CLOCK_BOOTTIME. `report` hears what
+        became of arms' wishes. `gains` and `instruments` give the fields of these records; None: nobody looks.
         """
         self.io, self.record, self.reports = io, record, IoReports()
-        self.port, self._now_ns, self._is_over = port, now_ns, is_over
+        self.port, self._now_ns, self._is_over, self._over_ns = port, now_ns, is_over, over_ns
         self.robots = robots = Robots(io)
         if robots.board_ids != tuple(port.board_ids):
             raise ValueError(f"port has boards {port.board_ids}, the robots are on {robots.board_ids}")
@@ -119,6 +122,8 @@ class RobotIo:
         self._before_ns = self._good_ns
         period_ns = io.period_s * 1e9
         self._gap_ns, self._stable_ns = period_ns, max(STABLE_NS, PERIODS * period_ns)
+        if self.stages.bound is not None:
+            port.react(Reaction(self.stages.bound, self._oldest_ns, float(self._stable_ns), float(GAPS)))
         self._missed_ns = -MISSED_REPEAT_NS
         self._lost = False
         self._away: Flags = np.zeros(len(port.board_ids), dtype=bool)
@@ -141,8 +146,8 @@ class RobotIo:
     def cycle(self, commands: Iterable[Request] = ()) -> None:
         """One cycle; the caller publishes the record afterwards, and has numpy ignore what is not a number.
 
-        `commands`: () where there are none. While nothing is going on but the joint controllers, all stages from the
-        sample to the write are one call; what has news is done step by step from there on, with the same result.
+        `commands`: () where there are none. While nothing is going on but the joint controllers, all from the sample to
+        the write is one call; what has news is done step by step from there on, with the same result.
         """
         read_ns = self._now_ns()
         self.port.ask_all()
@@ -152,7 +157,11 @@ class RobotIo:
             self.follow.receive(read_ns, news)
         self.wishes.has_news = news >= self.follow.wishes_bit and self.wishes.are_new()
         is_calm = not commands and self._is_calm()
-        self.good = good = self.port.read_all()
+        if is_calm:
+            done = self.port.answer(self._good_ns, self.power.wake_ns, self._over_ns(), self._gap_ns)
+        else:
+            done = NONE if self.port.read_all() else BAD
+        self.good = good = done != BAD
         now_ns = self.stamp_ns = self.port.recv_ns if good else self._now_ns()
         if good:
             self._before_ns, self._good_ns = self._good_ns, now_ns
@@ -161,17 +170,15 @@ class RobotIo:
         share = min(1.0, self._stable_ns / self._gap_ns)
         if not good:
             share *= share_of(now_ns - self._good_ns)
-        done = self.stages.at_once(share) if good and is_calm and now_ns < self.power.wake_ns else NONE
+        if done == NONE and is_calm and now_ns < self.power.wake_ns:
+            done = self.stages.at_once(share)
         is_finite = True
-        if done != ALL:
+        if done < READY:
             self._step_by_step(good, commands, now_ns, done)
             is_finite = done != ENCODED and bool(self.stages.encode(share, self.outputs.acts_once))
-        if self._is_over():  # what was worked out is about the past, and so is what was to be switched on
-            self.outputs.all_off()
-            self.stages.encode(0.0, self.outputs.acts_once)
-        self.port.write_all()
-        self.outputs.written()
-        if done == ALL:
+        if done != SENT:
+            self._write()
+        if done >= READY:
             self._whole_ns = now_ns
         if not is_finite:
             self._not_finite(now_ns)
@@ -180,6 +187,13 @@ class RobotIo:
         self._show(good, read_ns, now_ns)
         if self.instruments.running:
             self.instruments.step(good, now_ns)
+
+    def _write(self) -> None:
+        if self._is_over():  # what was worked out is about the past, and so is what was to be switched on
+            self.outputs.all_off()
+            self.stages.encode(0.0, self.outputs.acts_once)
+        self.port.write_all()
+        self.outputs.written()
 
     def _is_calm(self) -> bool:
         """Nothing but the sample can bring anything about in this cycle."""

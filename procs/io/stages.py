@@ -20,10 +20,8 @@ from procs.io.setpoint_tracker import SetpointTracker
 from procs.kernel.bound import BoundStruct
 from procs.kernel.io_fields import IO
 from procs.kernel.library import bind
+from procs.kernel.progress import CHECKED, CONTROLLED, DECODED, ENCODED, READY
 from procs.kernel.track_fields import TRACK
-
-NONE, DECODED, CHECKED, CONTROLLED, ENCODED, ALL = range(6)
-"""How far `Stages.at_once` got."""
 
 
 class Parts(Protocol):
@@ -56,7 +54,9 @@ class Stages:
     show: Callable[[], int]
     """The rest of the record, once the boards are written. 1: an input has changed (`Buttons.settle`)."""
     at_once: Callable[[float], int]
-    """From `decode` to `encode` with this share, up to the first that has news: which that is. ALL: there are none."""
+    """From `decode` to `encode` with this share, up to the first that has news: which that is; else READY."""
+    bound: BoundStruct | None = None
+    """What the kernel works on; None: numpy does the work."""
     why_numpy: str = ""
     """Why the kernel does not do it; empty: it does."""
 
@@ -74,8 +74,8 @@ def kernel_stages(bound: BoundStruct, tracked: BoundStruct | str, parts: Parts) 
     """By the kernel, but for setpoints where `tracked` says why not."""
     decode, check, control, encode, show, at_once = map(bound.function, IO.functions)
     if isinstance(tracked, str):
-        return Stages(_everybody(parts.follow), decode, check, control, encode, show, at_once, tracked)
-    return Stages(tracked.function("track"), decode, check, control, encode, show, at_once)
+        return Stages(_everybody(parts.follow), decode, check, control, encode, show, at_once, bound, tracked)
+    return Stages(tracked.function("track"), decode, check, control, encode, show, at_once, bound)
 
 
 def _everybody(follow: SetpointTracker) -> Callable[[int], int]:
@@ -105,6 +105,6 @@ def numpy_stages(parts: Parts, why: str) -> Stages:
             return CHECKED
         if control():
             return CONTROLLED
-        return ALL if encode(share, 0) else ENCODED
+        return READY if encode(share, 0) else ENCODED
 
-    return Stages(_everybody(parts.follow), decode, check, control, encode, show, at_once, why)
+    return Stages(_everybody(parts.follow), decode, check, control, encode, show, at_once, why_numpy=why)

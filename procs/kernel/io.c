@@ -222,14 +222,12 @@ int64_t Io_encode(const Io *k, double share, int64_t acts_once) {
 
 /* -- at_once: procs/io/stages.py -----------------------------------------------------------------------------------*/
 
-enum { DECODED = 1, CHECKED, CONTROLLED, ENCODED, ALL };
-
 /* Four stages, up to the first with news: which that is. */
 int64_t Io_at_once(const Io *k, double share) {
   if (Io_decode(k)) return DECODED;
   if (Io_check(k)) return CHECKED;
   if (Io_control(k)) return CONTROLLED;
-  return Io_encode(k, share, 0) ? ALL : ENCODED;
+  return Io_encode(k, share, 0) ? READY : ENCODED;
 }
 
 /* -- show: procs/io/robots.py, procs/io/digital_outputs.py, procs/io/buttons.py ------------------------------------*/

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import random
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
@@ -17,11 +17,12 @@ from procs.boards.robots.plant import Plant
 from procs.document.system import SystemConfig
 from procs.fpga import registers, wire
 from procs.io.bus.bus_port import BusPort
-from procs.io.cycle import RobotIo
+from procs.io.cycle import NEVER, RobotIo
 from procs.io.record import IoRecord
 from procs.io.reports import IoEvent
 from procs.io.robots import Robots
 from procs.io.start import POWER_OFF, prepare
+from shm.clock import boottime_ns
 from tests.io.harness import FakeCommand, FakeSource, SteppedClock
 
 
@@ -30,7 +31,7 @@ class Direct:
 
     where, on_firewire, gives_address, pause_ms = "in this process", False, registers.ip_quadlet("127.0.0.1"), 0
     most_read = most_write = wire.MAX_DATA
-    stranger = ""
+    stranger, fd = "", -1
 
     def __init__(self, world: Emulation, bus: int, clock: SteppedClock) -> None:
         self._world, self._bus, self._clock = world, bus, clock
@@ -89,26 +90,29 @@ class Direct:
 class BoardsHarness:
     """One io of a system as its emulated boards see it: every robot of its files, with or without an arm."""
 
-    def __init__(self, system: SystemConfig, name: str = "", *, driven: bool = False) -> None:
-        """`driven`: as the system's io runs it, not as the boards see it."""
+    def __init__(self, system: SystemConfig, name: str = "", *, driven: bool = False, link: type[Direct] = Direct,
+                 now_ns: Callable[[], int] | None = None) -> None:
+        """`driven`: as the system's io runs it, not as the boards see it. `now_ns`: io's clock, if not the boards'."""
         whole = system.emulated()
         self.io = (system if driven else whole).io(name) if name else whole.ios[0]
         self.clock = SteppedClock()
         self.plant = Plant(whole)
         self.world = Emulation(whole, self.plant, self.clock.ns)
         bus = [bus.io for bus in whole.emulation.buses].index(self.io.name)
-        self.link = Direct(self.world, bus, self.clock)
+        self.link = link(self.world, bus, self.clock)
         self.robots = Robots(self.io)
         bridge = whole.emulation.buses[bus].network == "bridge"  # whatever its firmware could do without
-        self.port = BusPort(self.link, self.robots.board_ids, self.clock, self.io.protocol, bridge=bridge,
-                            real_time=False, first_control=POWER_OFF)
+        self.now_ns = now_ns or self.clock
+        self.port = BusPort(self.link, self.robots.board_ids, self.now_ns, self.io.protocol, bridge=bridge,
+                            real_time=now_ns is not None, exclusive=now_ns is None, first_control=POWER_OFF)
         self.preset = prepare(self.robots, self.port)
         brakes = sum(len(robot.brakes) for robot in self.io.robots)
         self.record = IoRecord.private(self.robots.axes, len(self.robots.names), len(self.io.digital_inputs), brakes,
                                        len(self.io.digital_outputs))
         self.arms = {pid.robot: FakeSource() for pid in self.io.pids}
-        self.core = RobotIo(self.io, self.port, self.clock, self.record, list(self.arms.values()),
-                            self.preset)
+        self.over_ns = NEVER
+        self.core = RobotIo(self.io, self.port, self.now_ns, self.record, list(self.arms.values()), self.preset,
+                            is_over=lambda: boottime_ns() > self.over_ns, over_ns=lambda: self.over_ns)
         self.period_ns = round(self.io.period_s * 1e9)
         self.events: list[IoEvent] = []
 
@@ -117,7 +121,7 @@ class BoardsHarness:
             self.clock.ns += self.period_ns
             for robot, arm in self.arms.items():
                 place = self.robots.names.index(robot)
-                arm.stamp_ns = self.clock.ns
+                arm.stamp_ns = self.now_ns()
                 arm.bias_generation[...] = self.record.bias_generation[place]
                 arm.pid_generation[...] = self.record.pid_generation[place]
             self.world.advance(self.clock.ns)

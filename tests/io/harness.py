@@ -24,6 +24,7 @@ from procs.io.bus.port import BoardInfo, Counters
 from procs.io.cycle import RobotIo
 from procs.io.record import IoRecord, private
 from procs.io.setpoint_tracker import SetpointSource, WishFields
+from procs.kernel.progress import BAD, NONE
 from procs.wishes import WISHES
 from shm.origins import Origin
 from shm.topics import SETPOINT
@@ -141,6 +142,11 @@ class FakePort:
         self.blocks[~self.away] = self.live[~self.away]
         self.recv_ns = self.now_ns()
         return True
+
+    def react(self, reaction) -> None: ...
+
+    def answer(self, good_ns: int, wake_ns: int, over_ns: int, gap_ns: float) -> int:
+        return NONE if self.read_all() else BAD
 
     def write_all(self) -> bool:
         self.sent.append(self.out.copy())

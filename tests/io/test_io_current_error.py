@@ -9,7 +9,7 @@ import pytest
 
 from procs.config import load_system
 from procs.document.system import Brake, Linear
-from procs.io.stages import NONE
+from procs.kernel.progress import NONE
 from tests import stock
 from tests.io.boards_harness import BoardsHarness
 from tests.io.harness import IoHarness, robot

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from procs.io.stages import NONE
+from procs.kernel.progress import NONE
 from tests.io.fault_rows import (
     ENGAGED_A,
     NUMBERS,

@@ -15,7 +15,7 @@ import pytest
 from procs.document.system import Brake, Linear, PidConfig, Tolerance
 from procs.fpga import blocks, lookup, registers
 from procs.io.cycle import RobotIo
-from procs.io.stages import ALL, CHECKED, DECODED
+from procs.kernel.progress import CHECKED, DECODED, READY
 from tests.io.harness import POT_AT_ZERO, FakeCommand, IoHarness, actuator, gains, robot
 from tests.traces import Mishaps, Trace, shown
 
@@ -206,7 +206,7 @@ def test_a_calm_cycle_is_one_call_and_step_by_step_would_do_the_same(monkeypatch
     play = IoPlay(harness, "braked")
     for _ in range(STEPS):
         play.step()
-    assert {DECODED, CHECKED, ALL} <= set(ends) and ends.count(ALL) > STEPS // 2
+    assert {DECODED, CHECKED, READY} <= set(ends) and ends.count(READY) > STEPS // 2
     monkeypatch.setattr(RobotIo, "_is_calm", lambda core: False)
     patient = IoPlay(braked(), "braked")
     for _ in range(STEPS):

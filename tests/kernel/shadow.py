@@ -73,7 +73,7 @@ def shadowed(parts: Parts) -> Stages:
     kernel, by_numpy = kernel_stages(bound, "not here", parts), numpy_stages(parts, "")
     return dataclasses.replace(kernel, **{
         name: partial(both, name, bound, getattr(kernel, name), getattr(by_numpy, name), exact=name == "at_once")
-        for name in IO.functions})
+        for name in IO.functions}, bound=None)
 
 
 def chosen_both(table: CStruct, source: object) -> tuple[Callable[..., int], ...]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from procs.fpga import blocks, registers, wire
 from procs.io.bus import discovery
+from procs.io.bus.exchange import Exchange
 from procs.io.bus.link import Link
 from procs.io.bus.port import (
     ALL_BOARDS,
@@ -22,11 +23,13 @@ from procs.io.bus.port import (
     Counters,
     PortError,
     Quads,
+    Reaction,
 )
 from procs.io.bus.protocols import BoardReader, BroadcastWrite, QueryRead, SequentialRead, SequentialWrite, Writer
 from procs.io.bus.push_read import UnaskedRead
 from procs.io.bus.rows import Rows
 from procs.io.bus.transport import Transport
+from procs.kernel.progress import BAD, NONE, SENT
 
 _Found: TypeAlias = tuple[discovery.HubBoard, tuple[BoardInfo, ...]]
 
@@ -36,10 +39,11 @@ MAX_BLOCK: Final = 1440  # bytes of a block transfer that was asked for by hand;
 class BusPort:
     """A `Port`. `board_ids` may come in any order; rows are ascending.
 
-    `now_ns` is the clock of all stamps. With `real_time=False` (simulated clock, stands still while we wait) receive
-    deadlines are generous and nothing is waited for. `bridge`: over FireWire behind the hub even where the boards could
-    do without. `query_wait_ns` replaces the time the boards are given between query and read, `deadline_ms` the 2 ms a
-    cyclic read waits for its reply (0.5 s when simulated). `exclusive` refuses a bus that another host is driving.
+    `now_ns` is the clock of all stamps, CLOCK_MONOTONIC unless `real_time=False`: a simulated clock, which stands still
+    while we wait; then receive deadlines are generous and nothing is waited for. `bridge`: over FireWire behind the hub
+    even where the boards could do without. `query_wait_ns` replaces the time the boards are given between query and
+    read, `deadline_ms` the 2 ms a cyclic read waits for its reply (0.5 s when simulated). `exclusive` refuses a bus
+    that another host is driving.
     `first_control` is written to the status register of all boards as soon as the bus is known to be ours, before
     anything about them is judged (io: power off, whatever a predecessor left). Without board ids (tools) everything
     found is listed, and nothing can be read or written cyclically. `quiet` finds the boards by reads alone where an
@@ -76,6 +80,8 @@ class BusPort:
         self._nodes: ChainMap[int, int] = ChainMap()
         self._reader: BoardReader | None = None
         self._writer: Writer | None = None
+        self._reaction: Reaction | None = None
+        self._exchange: Exchange | None = None
 
     def _make_rows(self, width: int) -> None:
         count = len(self.board_ids)
@@ -91,7 +97,7 @@ class BusPort:
     def close(self) -> None:
         """Close the transport; boards keep their last command until their watchdog trips."""
         self._link.close()
-        self._reader = self._writer = None
+        self._reader = self._writer = self._exchange = None
 
     @property
     def stranger(self) -> str:
@@ -177,6 +183,7 @@ class BusPort:
                     hub.board, self._query_wait_ns)
         self._nodes = self._nodes.new_child(wanted)  # a rescan keeps this part up to date
         self._reader, self._writer = _parts(self._protocol, self._link, rows)
+        self._make_exchange()
 
     def _check_size(self, layouts: Sequence[blocks.Layout]) -> None:
         """What is for all boards at once must fit one datagram."""
@@ -207,6 +214,33 @@ class BusPort:
         if not good:
             counters.bad_reads += 1
         return good
+
+    def react(self, reaction: Reaction) -> None:
+        """From now on `answer` does this with a sample, where it can."""
+        self._reaction = reaction
+        self._make_exchange()
+
+    def _make_exchange(self) -> None:
+        """Where there is one query to all boards, and one write, on the machine's clock."""
+        parts, reaction = (self._reader, self._writer), self._reaction
+        if reaction is not None and self._link.real_time and isinstance(parts[0], QueryRead) and isinstance(
+                parts[1], BroadcastWrite):
+            self._exchange = Exchange(self._link, parts[0], parts[1], reaction)
+
+    def answer(self, good_ns: int, wake_ns: int, over_ns: int, gap_ns: float) -> int:
+        """`read_all`, then io's stages and `write_all`: how far that got, see procs/kernel/progress.py."""
+        exchange, counters = self._exchange, self.counters
+        if exchange is None:
+            return NONE if self.read_all() else BAD
+        done = exchange.answer(good_ns, wake_ns, over_ns, gap_ns)
+        self.recv_ns = self._link.recv_ns
+        counters.reads += 1
+        if done == BAD:
+            counters.bad_reads += 1
+        elif done == SENT:
+            self.send_ns = self._link.send_ns
+            counters.writes += 1
+        return done
 
     def write_all(self) -> bool:
         """Send `out` to every board, also after a bad read (it feeds the watchdogs), then zero its control words."""

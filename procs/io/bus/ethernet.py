@@ -64,6 +64,7 @@ class EthernetTransport:
     gives_address: int | None = None
     pause_ms = 0
     stranger = ""
+    fd = -1
     most_read, most_write = MAX_READ, MAX_WRITE
     send: Callable[[wire.Buffer], object]
     poll: Callable[[int], object]

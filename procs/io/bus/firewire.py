@@ -81,6 +81,7 @@ class FirewireTransport:
     gives_address: int | None = None
     pause_ms = 0
     stranger = ""
+    fd = -1
     most_read = wire.MAX_DATA
     send: Callable[[wire.Buffer], object]
     poll: Callable[[int], object]

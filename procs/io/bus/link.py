@@ -14,6 +14,7 @@ import numpy as np
 from procs.fpga import wire
 from procs.io.bus.port import Counters, Quads
 from procs.io.bus.transport import MAX_QUEUED, Transport
+from procs.kernel.exchange_fields import NOTHING, UNREADABLE
 
 DATAGRAM_BYTES: Final = 4096  # more than any board sends
 CYCLE_TIMEOUT_MS: Final = 2
@@ -172,22 +173,35 @@ class Link:
         self.send_ns = self.now_ns()
         return True
 
-    def receive(self, tl: int, timeout_ms: int) -> int:
-        """Wait for the reply with label `tl`: its size in `rx`, or TIMED_OUT or DROPPED. Others are thrown away."""
+    @property
+    def misses_none(self) -> bool:
+        """No label rests."""
+        return not self._missing
+
+    def receive(self, tl: int, timeout_ms: int, begin_ns: int = 0, come: int = NOTHING) -> int:
+        """Wait for the reply with label `tl`: its size in `rx`, or TIMED_OUT or DROPPED. Others are thrown away.
+
+        `begin_ns`: since then somebody else has waited, and so many bytes have `come` to `rx`.
+        """
         rx, left_ms, transport = self.rx, timeout_ms, self.transport
-        begin_ns = self.now_ns()
-        deadline_ns = begin_ns + timeout_ms * 1_000_000
-        if self.spin_ns:
+        now_ns = self.now_ns()
+        if begin_ns:
+            left_ms = max(0, timeout_ms - (now_ns - begin_ns) // 1_000_000)
+        else:
+            begin_ns = now_ns
             spin_until_ns = begin_ns + self.spin_ns
-            while not transport.poll(0) and self.now_ns() < spin_until_ns:
+            while self.spin_ns and not transport.poll(0) and self.now_ns() < spin_until_ns:
                 pass
+        deadline_ns = begin_ns + timeout_ms * 1_000_000
         for _ in range(MAX_QUEUED):
-            if not (transport.poll(left_ms) if self.real_time else self._has_come(left_ms)):
-                break
-            try:
-                size = transport.recv_into(rx)
-            except OSError:  # an ICMP "nobody listens" of an earlier send: as good as silence
-                size = -1
+            size, come = come, NOTHING
+            if size == NOTHING:
+                if not (transport.poll(left_ms) if self.real_time else self._has_come(left_ms)):
+                    break
+                try:
+                    size = transport.recv_into(rx)
+                except OSError:  # an ICMP "nobody listens" of an earlier send: as good as silence
+                    size = UNREADABLE
             self.recv_ns = now_ns = self.now_ns()
             if size == wire.TRAILER_BYTES:
                 self.seen_generation = rx[1]

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs.fpga.blocks import Columns
+from procs.kernel.bound import BoundStruct
 
 Quads: TypeAlias = NDArray[np.uint32]
 
@@ -75,6 +76,18 @@ class Counters:
             counts.fill(0)
 
 
+@dataclass(frozen=True, slots=True)
+class Reaction:
+    """What io does with a sample in the call that has received it, for as long as a `Port` lives."""
+
+    stages: BoundStruct
+    """What the kernel does io's stages on."""
+    oldest_ns: int
+    """A sample counts as no older than this; see procs/io/cycle.py for all three."""
+    stable_ns: float
+    gaps: float
+
+
 class Port(Protocol):
     """A bus with its boards; rows of all arrays are the boards in ascending board id."""
 
@@ -132,6 +145,16 @@ class Port(Protocol):
         """Sample every board that is not `away` into `blocks`; False, and `blocks` as it was, where one fails.
 
         Asks first where nobody has."""
+
+    def react(self, reaction: Reaction) -> None:
+        """From now on `answer` does this with a sample, where it can."""
+
+    def answer(self, good_ns: int, wake_ns: int, over_ns: int, gap_ns: float) -> int:
+        """`read_all`, then io's stages and `write_all`: how far that got, see procs/kernel/progress.py.
+
+        `good_ns`: when the sample before arrived; `gap_ns`: what lay between samples so far. Nothing is done with a
+        sample from `wake_ns` on, and nothing sent from `over_ns` on, which is of CLOCK_BOOTTIME.
+        """
 
     def write_all(self) -> bool:
         """Send `out` to every board; False when it could not be sent."""

@@ -32,6 +32,7 @@ from procs.kernel.library import chosen
 
 QUERY_WAIT_NS, BOARD_WAIT_NS = 10_000, 5_000  # after a query, and for each board to reach the hub's memory
 MAX_WAIT_NS: Final = 400_000  # that we wait by ourselves
+UNSENT: Final = -1  # in place of a label
 
 
 class BoardReader(Protocol):
@@ -92,17 +93,18 @@ class QueryRead:
         self._link, self._rows, self._bus = link, rows, BusNodes(link, rows)
         self._time_mask = rows.layouts[-1].time_mask
         self._take_members()
-        self._made_for = -1, -1, rows.away.tobytes()
+        self.made_for = -1, -1, rows.away.tobytes()
+        """Bus generation, the hub's node, and who is away: all that is prepared is for these."""
         self._reads: list[bytes] = []
-        self._asked, self._sent, self._hub_node, self._ready_ns = False, False, -1, 0
+        self._asked, self._sent, self._ready_ns = False, False, 0
         self._read = self._is_good = False  # the last read brought blocks, and all were the wanted ones
 
     def _take_members(self) -> None:
         """Ask the boards that are there."""
         rows = self._rows
         members = np.flatnonzero(~rows.away).tolist()
-        self._blocks = HubBlocks(self._link, rows, members)
-        self._query = self._blocks.query.data
+        self.blocks = HubBlocks(self._link, rows, members)
+        self._query = self.blocks.query.data
         self._least_wait_ns = QUERY_WAIT_NS + BOARD_WAIT_NS * len(members)
         self._wait_ns = self._least_wait_ns if rows.query_wait_ns is None else rows.query_wait_ns
 
@@ -115,40 +117,63 @@ class QueryRead:
         self._read = False
         if not self._bus.settled() or not link.ready():
             return
-        self._hub_node = hub_node = self._rows.nodes[self._rows.hub]
-        if (link.generation, hub_node, self._rows.away.tobytes()) != self._made_for:
+        hub_node = self._rows.nodes[self._rows.hub]
+        if (link.generation, hub_node, self._rows.away.tobytes()) != self.made_for:
             self._prepare(hub_node)
-        self._blocks.ask(link.next_sequence(), link.next_tl(), link.generation)
+        self.blocks.ask(link.next_sequence(), link.next_tl(), link.generation)
         self._sent = link.send(self._query)
         self._ready_ns = link.send_ns + self._wait_ns
 
     def read(self) -> bool:
         """Sample every board; a fixed number of datagrams and array operations."""
+        tl, link = self.request(), self._link
+        return tl != UNSENT and self.take(link.receive(tl, link.cycle_timeout_ms))
+
+    def request(self) -> int:
+        """Once the boards have sampled, ask the hub for all of it: the label of its reply, or UNSENT."""
         if not self._asked:
             self.ask()
-        link, now_ns, found, hub = self._link, self._link.now_ns, self._blocks, self._rows.hub
+        link, now_ns, found = self._link, self._link.now_ns, self.blocks
         self._asked, ready_ns = False, self._ready_ns if self._sent and link.real_time else 0
         while now_ns() < ready_ns:
             pass
-        if not self._sent:
-            return self._bus.blame() if self._bus.is_lost else found.blame_all()
-        tl = link.next_tl()
-        if not link.send(self._reads[tl]):
-            return found.blame_all()
-        size = link.receive(tl, link.cycle_timeout_ms)
-        if found.source(size) != self._hub_node:
-            return found.blame_reply(size, hub)
-        self._read, self._is_good = True, bool(found.take())
-        return True if self._is_good else found.blame()
+        if self._sent:
+            tl = link.next_tl()
+            if link.send(self._reads[tl]):
+                return tl
+            found.blame_all()
+        elif self._bus.is_lost:
+            self._bus.blame()
+        else:
+            found.blame_all()
+        return UNSENT
+
+    def take(self, size: int) -> bool:
+        """The reply, or what came instead, is in the link's buffer: whether all blocks are what was asked for."""
+        found = self.blocks
+        if found.source(size) != self.hub_node:
+            return found.blame_reply(size, self._rows.hub)
+        good = bool(found.take())
+        self.has_taken(good)
+        return True if good else found.blame()
+
+    def has_taken(self, good: bool) -> None:
+        """There was a reply; it says how long the boards took, where it is `good`."""
+        self._read, self._is_good = True, good
 
     def _prepare(self, hub_node: int) -> None:
         """Read requests with every label, for this generation, hub and boards."""
         generation, away = self._link.generation, self._rows.away.tobytes()
-        if away != self._made_for[2]:
+        if away != self.made_for[2]:
             self._take_members()
-        self._reads = [wire.block_read(hub_node, registers.HUB, self._blocks.length, tl, generation)
+        self._reads = [wire.block_read(hub_node, registers.HUB, self.blocks.length, tl, generation)
                        for tl in range(wire.TL_COUNT)]
-        self._made_for = generation, hub_node, away
+        self.made_for = generation, hub_node, away
+
+    @property
+    def hub_node(self) -> int:
+        """Who replies."""
+        return self.made_for[1]
 
     def _adapt_wait(self) -> None:
         """Wait as long as the last board took the last time, when that is longer than the rule.
@@ -158,7 +183,7 @@ class QueryRead:
         if not self._is_good:
             self._wait_ns = min(self._wait_ns + BOARD_WAIT_NS, MAX_WAIT_NS)
             return
-        ticks = swapped(self._blocks.last.item()) & self._time_mask
+        ticks = swapped(self.blocks.last.item()) & self._time_mask
         self._wait_ns = max(self._least_wait_ns, ticks * 1_000_000_000 // registers.CLOCK_HZ)
 
 
@@ -271,29 +296,31 @@ class BroadcastWrite:
     """One datagram with the groups of all boards."""
 
     def __init__(self, link: Link, rows: Rows) -> None:
-        self._link, self._groups = link, Groups(rows)
+        self._link, self.groups = link, Groups(rows)
         self._made_for = -1
         self._heads: list[bytes] = []
 
     def write(self) -> bool:
         """Encode and send the groups of all boards."""
-        link, groups = self._link, self._groups
-        if link.generation != self._made_for:
-            self._prepare()
+        link, groups = self._link, self.groups
+        heads = self.heads()
         groups.pack()
         datagram = groups.datagram
-        datagram[:22] = self._heads[link.next_tl()]
+        datagram[:22] = heads[link.next_tl()]
         if not link.send(datagram):
             return False
         groups.sent()
         return True
 
-    def _prepare(self) -> None:
+    def heads(self) -> list[bytes]:
         """Control word, header and header CRC for every label."""
-        data, generation, flags = bytes(self._groups.length), self._link.generation, self._link.flags
-        self._heads = [wire.block_write(wire.BROADCAST, registers.REAL_TIME, data, tl, generation, flags)[:22]
-                       for tl in range(wire.TL_COUNT)]
-        self._made_for = generation
+        link = self._link
+        if link.generation != self._made_for:
+            data, generation, flags = bytes(self.groups.length), link.generation, link.flags
+            self._heads = [wire.block_write(wire.BROADCAST, registers.REAL_TIME, data, tl, generation, flags)[:22]
+                           for tl in range(wire.TL_COUNT)]
+            self._made_for = generation
+        return self._heads
 
 
 class SequentialWrite:

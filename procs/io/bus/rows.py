@@ -112,7 +112,7 @@ class HubBlocks:
         self.mask_of_boards = sum(1 << rows.board_ids[row] for row in members)
         self.quads = [layout.hub_quads for layout in layouts]
         self.length = 4 * (sum(self.quads) + 1)  # bytes
-        self._size = self.length + wire.BLOCK_OVERHEAD_BYTES
+        self.size = self.length + wire.BLOCK_OVERHEAD_BYTES  # of a reply
         # Header and status are compared as they lie in the buffer, so that only good blocks are swapped and copied.
         self.check = np.array([(swapped(layout.check_mask), swapped(BOARD_MASK)) for layout in layouts], np.uint32)
         self.masked, self.expected = np.zeros((count, 2), np.uint32), np.zeros((count, 2), np.uint32)
@@ -158,7 +158,7 @@ class HubBlocks:
 
     def source(self, size: int) -> int:
         """The node that sent the reply of `size` bytes, -1 where that is not a block of our length."""
-        if size != self._size:
+        if size != self.size:
             return -1
         label, source, length = REPLY.unpack_from(self._link.rx)
         if label & TCODE_BITS != wire.BLOCK_RESPONSE << 4 or length != self.length:

@@ -34,6 +34,8 @@ class Transport(Protocol):
     """Wait so many ms at most; true: there is something to receive."""
     recv_into: Callable[[memoryview], int]
     """One reply, and its size; 0: what came was none. OSError as for sockets."""
+    fd: int
+    """The descriptor that requests to the hub, as they are, and its replies alone go through; -1: there is none."""
     stranger: str
     """Who sent the newest datagram that was refused because it is not from the boards; empty: nobody has."""
 

@@ -73,6 +73,7 @@ class UdpTransport:
         self.pause_ms = 0 if self._loopback else ADDRESS_PAUSE_MS
         self.most_read = self.most_write = wire.MAX_DATA if self._loopback else FRAME_DATA_BYTES
         self.stranger = ""
+        self.fd = -1
         self._socket: socket.socket | None = None
         self._own = ""  # address of the interface that leads to the bus; empty: there is none
         # Ports are taken in an order that comes to each of them, and that nobody can guess.
@@ -101,7 +102,7 @@ class UdpTransport:
         """Close the socket; harmless when there is none."""
         if self._socket is not None:
             self._socket.close()
-        self._socket = None
+        self._socket, self.fd = None, -1
         self.send = self.poll = self.recv_into = self._closed
 
     def _closed(self, _: object) -> int:
@@ -156,7 +157,7 @@ class UdpTransport:
         poll.register(made, select.POLLIN)
         self._socket, self.poll = made, poll.poll
         if self._hub is not None:
-            self.send, self.recv_into = made.send, made.recv_into
+            self.send, self.recv_into, self.fd = made.send, made.recv_into, made.fileno()
         else:
             self.send = self._send_to_everybody if self._everybody else self._send_by_board
             self.recv_into = self._receive

@@ -1,0 +1,79 @@
+"""From the boards' reply to the write that answers it in one call of the kernel, system calls included.
+
+Only what every good cycle is. Whatever else comes instead of the reply is left to `Link.receive`, and a write that did
+not leave to the caller, as if this were not here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+
+from procs.io.bus.link import Link
+from procs.io.bus.port import Reaction
+from procs.io.bus.protocols import UNSENT, BroadcastWrite, QueryRead
+from procs.kernel.bound import BoundStruct
+from procs.kernel.bus_fields import HUB, WRITE
+from procs.kernel.exchange_fields import EXCHANGE
+from procs.kernel.library import bind
+from procs.kernel.progress import BAD, NONE, READY, SENT
+
+HEAD_BYTES: Final = 22  # of a block write, before its data
+GENERATION_AT: Final = -7  # of a reply, from its end: the bus generation
+
+
+class Exchange:
+    """The kernel's call for one reader and one writer; its arrays are bound anew when who is on the bus changes."""
+
+    def __init__(self, link: Link, reader: QueryRead, writer: BroadcastWrite, reaction: Reaction) -> None:
+        self._link, self._reader, self._writer = link, reader, writer
+        self._reaction, self.io = reaction, reaction.stages.address
+        self.oldest_ns, self.stable_ns, self.gaps = reaction.oldest_ns, reaction.stable_ns, reaction.gaps
+        self.came = np.zeros(3, np.int64)
+        """How many bytes; when; when the write left."""
+        self._came = self.came.data
+        self._made_for: object = None
+        self._parts: tuple[BoundStruct, ...] = ()  # of which the kernel has the addresses
+        self._answer: Callable[..., int] | None = None
+
+    def _prepare(self) -> None:
+        reader, groups = self._reader, self._writer.groups
+        self._made_for = reader.made_for
+        heads = b"".join(self._writer.heads())
+        self.labels, self.head_bytes = len(heads) // HEAD_BYTES, HEAD_BYTES
+        self.heads = np.frombuffer(heads, np.uint8).reshape(self.labels, self.head_bytes)
+        self.data_bytes, self.reply_bytes, self.hub_node = reader.blocks.length, reader.blocks.size, reader.hub_node
+        found, sent = bind(HUB, reader.blocks), bind(WRITE, groups)
+        self._answer = None
+        if isinstance(found, BoundStruct) and isinstance(sent, BoundStruct):
+            self.hub_address, self.write_address = found.address, sent.address
+            bound = bind(EXCHANGE, self)
+            if isinstance(bound, BoundStruct):
+                self._parts, self._answer = (found, sent), bound.function("answer")
+
+    def answer(self, good_ns: int, wake_ns: int, over_ns: int, gap_ns: float) -> int:
+        """See `Port.answer`."""
+        link, reader = self._link, self._reader
+        tl, timeout_ms = reader.request(), link.cycle_timeout_ms
+        if tl == UNSENT:
+            return BAD
+        if self._made_for is not reader.made_for:
+            self._prepare()
+        fd, call = link.transport.fd, self._answer
+        if call is None or fd < 0 or not link.misses_none:  # more than the label tells replies from others
+            return NONE if reader.take(link.receive(tl, timeout_ms)) else BAD
+        begin_ns = link.send_ns
+        done = call(fd, tl, link.next_tl(), timeout_ms, link.spin_ns, good_ns, wake_ns, over_ns, gap_ns)
+        size, received_ns, sent_ns = self._came
+        if done == BAD:
+            return NONE if reader.take(link.receive(tl, timeout_ms, begin_ns, size)) else BAD
+        link.recv_ns = received_ns
+        link.seen_generation = link.rx[size + GENERATION_AT]
+        reader.has_taken(True)
+        if done == SENT:
+            link.send_ns = sent_ns
+        elif done == READY:  # held up, or refused by the system, which then has told us of an earlier datagram
+            link.suspect = True
+        return done

@@ -1,0 +1,64 @@
+/* From the boards' reply to the write that answers it, as procs/io/bus/exchange.py and procs/io/cycle.py do it. */
+#define _GNU_SOURCE
+#include "fields.h"
+#include "numeric.h"
+#include <errno.h>
+#include <poll.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <time.h>
+
+enum { SIZE, RECEIVED_NS, SENT_NS };  // of what came
+
+static int64_t time_ns(clockid_t clock) {
+  struct timespec now;
+  clock_gettime(clock, &now);
+  return now.tv_sec * 1000000000LL + now.tv_nsec;
+}
+
+/* The bytes of the next datagram; UNREADABLE, or NOTHING: none in time, or a signal came before. */
+static int64_t receive(const Hub *hub, int fd, int64_t timeout_ms, int64_t spin_ns) {
+  int64_t until_ns = spin_ns ? time_ns(CLOCK_MONOTONIC) + spin_ns : 0, size;
+  size_t room = sizeof(uint32_t) * hub->buffer;
+  while ((size = recv(fd, hub->received, room, MSG_DONTWAIT)) < 0 && errno == EAGAIN
+         && spin_ns && time_ns(CLOCK_MONOTONIC) < until_ns) {
+  }
+  if (size < 0 && errno == EAGAIN) {
+    struct pollfd wanted = {.fd = fd, .events = POLLIN};
+    if (poll(&wanted, 1, (int)timeout_ms) <= 0) return NOTHING;
+    size = recv(fd, hub->received, room, MSG_DONTWAIT);
+  }
+  return size < 0 ? UNREADABLE : size;
+}
+
+/* Fresh blocks of all boards with the label of our read. */
+static int is_wanted(const Exchange *k, const Hub *hub, int64_t size, int64_t tl) {
+  const uint8_t *rx = (const uint8_t *)hub->received;
+  return size == k->reply_bytes && rx[2] >> 2 == tl && (rx[3] & 0xF0) == BLOCK_RESPONSE << 4
+         && (rx[5] & 0x3F) == k->hub_node && (rx[12] << 8 | rx[13]) == k->data_bytes && Hub_take(hub);
+}
+
+static int send_all(const Exchange *k, const Write *write, int fd, int64_t label) {
+  memcpy(write->datagram, k->heads + label * k->head_bytes, k->head_bytes);
+  Write_pack(write);
+  int64_t size = send(fd, write->datagram, write->datagram_bytes, MSG_DONTWAIT | MSG_NOSIGNAL);
+  if (size != write->datagram_bytes) return 0;
+  k->came[SENT_NS] = time_ns(CLOCK_MONOTONIC);
+  for (int64_t b = 0; b < write->boards; b++) write->out[(b + 1) * write->columns - 1] = 0;
+  return 1;
+}
+
+/* Receive, do all stages, send: how far that got. BAD: what came, if anything, is not what was asked for with `tl`. */
+int64_t Exchange_answer(const Exchange *k, int64_t fd, int64_t tl, int64_t label, int64_t timeout_ms, int64_t spin_ns,
+                        int64_t good_ns, int64_t wake_ns, int64_t over_ns, double gap_ns) {
+  const Hub *hub = (const Hub *)(intptr_t)k->hub;
+  int64_t size = k->came[SIZE] = receive(hub, (int)fd, timeout_ms, spin_ns);
+  int64_t now_ns = k->came[RECEIVED_NS] = time_ns(CLOCK_MONOTONIC);
+  if (!is_wanted(k, hub, size, tl)) return BAD;
+  if (now_ns >= wake_ns) return NONE;
+  int64_t age_ns = now_ns - good_ns < k->oldest_ns ? now_ns - good_ns : k->oldest_ns;
+  gap_ns += ((double)age_ns - gap_ns) / k->gaps;
+  int64_t done = Io_at_once((const Io *)(intptr_t)k->io, least_of(1.0, k->stable_ns / gap_ns));
+  if (done != READY || time_ns(CLOCK_BOOTTIME) > over_ns) return done;
+  return send_all(k, (const Write *)(intptr_t)k->write, (int)fd, label) ? SENT : READY;
+}
