@@ -13,6 +13,7 @@ from procs.kernel.library import SWITCH
 from shm.segment import names_of
 from tools.bench import io_loop as bench_io
 from tools.bench.baseline import Baseline, BaselineRun
+from tools.errors import Problem
 
 
 class FakeBaseline:
@@ -109,3 +110,11 @@ def test_a_short_measurement_counts_the_packets_of_a_cycle(tmp_path: Path) -> No
     assert 0.0 < found["read_to_write_us_p50"] <= found["read_to_write_us_p99"]
     assert found["cycles"] > 100
     assert not [parts for parts in names_of() if parts[0].startswith(f"bench-io-{os.getpid()}")]
+
+
+def test_a_rate_at_which_no_robot_can_be_homed_misses_everything() -> None:
+    def cannot() -> float:
+        raise Problem("the arms did not home: PSM1: io was restarted")
+
+    assert bench_io.part_missed(lambda: 0.25) == (0.25, "")
+    assert bench_io.part_missed(cannot) == (1.0, "the arms did not home: PSM1: io was restarted")
