@@ -17,7 +17,7 @@ from procs.document.system import WALL, Process, SystemConfig
 from procs.log_files import put_aside
 from procs.manifest import hung_s, late_s, proc
 from procs.paths import log_folder
-from procs.realtime import in_words, lacking, realtime
+from procs.realtime import in_words, lacking, realtime, step_back
 from procs.supervisor import memory
 from procs.supervisor.children import Child, Ending
 from procs.supervisor.clearing import Clearings
@@ -94,8 +94,8 @@ class Supervisor:
         self.page.segment.claim("supervisor")
         self.page.field("pid")[...] = os.getpid()
         highest = max((p.priority for p in system.processes), default=0)
-        row = Process("supervisor", "supervisor", BEAT_S, priority=highest, cpus=system.cpus)
-        self._granted = realtime(row, system.clock)
+        self._row = Process("supervisor", "supervisor", BEAT_S, priority=highest, cpus=system.cpus)
+        self._granted = realtime(self._row, system.clock)
         self.page.field("policy")[...] = in_words(self._granted)
         self.keeper = None if system.clock == WALL else Timekeeper(system.name, memory.simulated(system), make)
         if self.keeper is not None:
@@ -120,7 +120,8 @@ class Supervisor:
         path = folder / f"{row.name}.log"
         put_aside(path, self.system.logs.keep)
         page = self._pages[row.name] = ControlPage(self.system.name, row.name, write=True)
-        return Child(row, OsProcess(self.system.name, row, page, path, self._listening[row.name].sockets))
+        process = OsProcess(self.system.name, row, page, path, self._listening[row.name].sockets)
+        return Child(row, process, core_ns=None if self.keeper is None else core_time_ns)
 
     def _demand(self, child: Child) -> Demand:
         subscriptions, children = Subscriptions(self._pages[child.row.name]), {c.row.name: c for c in self.children}
@@ -168,11 +169,19 @@ class Supervisor:
             self.keeper.hold(False)
         self._systemd.tell("READY=1")
         if self.keeper is None:  # simulated time needs no rights
-            shared = lock_shared(self.system.name, [child.process.pid for child in self.children])
+            shared = self._lock_shared()
             self.page.field("policy")[...] = in_words([*self._granted, shared])
             policies = {name: bytes(page.get("policy")).decode() for name, page in self._pages.items()}
             if rights := lacking(policies):
                 log.warning("%s", rights)
+
+    def _lock_shared(self) -> str:
+        """It takes 50 ms: not before those that drive robots, on the only core that io may have."""
+        step_back()
+        try:
+            return lock_shared(self.system.name, [child.process.pid for child in self.children])
+        finally:
+            self._granted = realtime(self._row, self.system.clock)
 
     def _step_until(self, done: Callable[[], bool], end: Callable[[], bool]) -> None:
         while not done() and not end():
@@ -300,9 +309,7 @@ class Supervisor:
             for child in children:
                 child.stop()
             # Asked twice, it takes no less time: an io that is killed has not switched anything off.
-            limit_s = max((proc(child.row.kind).stop_s for child in children), default=0.0) + GONE_S
-            end = monotonic_ns() + round(limit_s * 1e9)
-            self._step_until(partial(_all_ended, children), lambda end=end: monotonic_ns() >= end)  # type: ignore[misc]
+            self._step_until(partial(_all_ended, children), _all_killed(children))
         return not self.killed
 
     def close(self) -> None:
@@ -317,6 +324,18 @@ def _all_up(children: Sequence[Child]) -> bool:
         if child.state == lifecycle.STOPPED:
             raise SetupFailed(f"{child.row.name}: {child.reason}; see trocar logs {child.row.name}")
     return all(child.is_up for child in children)
+
+
+def _all_killed(children: Sequence[Child]) -> Callable[[], bool]:
+    """Whether all that have not ended were killed, and had the time to be gone."""
+    last = monotonic_ns()
+
+    def over() -> bool:
+        nonlocal last
+        last = max(last, *(child.kill_at_ns for child in children))
+        return monotonic_ns() >= last + round(GONE_S * 1e9)
+
+    return over
 
 
 def _all_ended(children: Sequence[Child]) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -172,3 +172,22 @@ def test_being_asked_to_stop_while_starting_starts_nobody_else(
     supervisor.start_all()
     del supervisor.children[1:]
     assert supervisor.stop_all() and started == ["IO1"]
+
+
+def test_the_memory_that_all_share_is_locked_behind_those_that_drive_robots(
+    supervisor: Supervisor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    order: list[str] = []
+
+    def noted(name: str, result: object) -> Callable[..., object]:
+        return lambda *_: (order.append(name), result)[1]
+
+    monkeypatch.setattr(running, "step_back", noted("step back", None))
+    monkeypatch.setattr(running, "lock_shared", noted("lock", "locked"))
+    monkeypatch.setattr(running, "realtime", noted("come forward", ["FIFO 7"]))
+    rows, supervisor._rows = supervisor._rows, ()
+    supervisor.start_all()
+    assert order == ["step back", "lock", "come forward"]
+    assert supervisor.page.get("policy") == b"FIFO 7, locked"
+    supervisor._rows = rows
+    assert supervisor.stop_all()
