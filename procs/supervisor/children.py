@@ -14,6 +14,8 @@ from typing import Final, Protocol
 from procs import lifecycle
 from procs.document.system import Process
 from procs.manifest import proc
+from procs.supervisor.cores import IDLE, counted_ns
+from procs.supervisor.judge import OWN_LATE_NS
 from shm.clock import monotonic_ns
 
 HEALTHY_NS: Final = 10_000_000_000
@@ -71,6 +73,7 @@ class Child:
     row: Process
     process: Running
     now_ns: Callable[[], int] = monotonic_ns
+    core_ns: Callable[[int], int] | None = None  # of a process id, see cores.py: a busy machine is no danger
     state: str = lifecycle.STOPPED
     starts: int = 0  # how many processes it has had: the number of the one that runs
     restarts: int = 0  # of them by the policy for deaths
@@ -84,6 +87,7 @@ class Child:
     refused: str = ""  # why there is no process where there should be one
     is_wanted: bool = True  # if not, it may end by itself: that is no death
     is_done: bool = False  # it has done so
+    looked: tuple[int, int] = 0, IDLE  # when we looked last, and how long it had had a core
 
     @property
     def is_up(self) -> bool:
@@ -111,6 +115,8 @@ class Child:
         """What became of it: how it ended, if it has. Kills who takes too long to begin or to end."""
         if self.kill_at_ns and self.state == lifecycle.RUNNING and self.process.ready:
             self.kill_at_ns = 0  # its setup has succeeded
+        if self.kill_at_ns and self.core_ns is not None:
+            self._spare(self.core_ns)
         if self.kill_at_ns and self.now_ns() >= self.kill_at_ns:
             begins = self.state == lifecycle.RUNNING
             self._kill(f"setup was not done within {SETUP_S:.0f} s, killed" if begins else
@@ -119,6 +125,18 @@ class Child:
         if code is None and not self.refused:
             return None
         return self._ended(code, pid)
+
+    def _allow(self, seconds: float) -> None:
+        """It may take so long to begin, or to end."""
+        now = self.now_ns()
+        self.kill_at_ns, self.looked = now + round(seconds * 1e9), (now, IDLE)
+
+    def _spare(self, core_ns: Callable[[int], int]) -> None:
+        """Time does not count in which it waited for a core, or we did."""
+        now, (before, had) = self.now_ns(), self.looked
+        self.looked = now, core_ns(self.process.pid)
+        counted = counted_ns(had, self.looked[1], now - before) if now - before <= OWN_LATE_NS else 0
+        self.kill_at_ns += now - before - counted
 
     def restart_when_due(self) -> bool:
         """Carry out a planned restart; True when a process was started."""
@@ -138,12 +156,12 @@ class Child:
         if done == lifecycle.BEGIN:
             self._begin()
         elif done == lifecycle.ASK:
-            self.kill_at_ns = self.now_ns() + round(proc(self.row.kind).stop_s * 1e9)
+            self._allow(proc(self.row.kind).stop_s)
             self.process.ask_to_end()
 
     def _begin(self) -> None:
         self.starts, self.begun_ns, self.is_done = self.starts + 1, self.now_ns(), False
-        self.kill_at_ns = self.begun_ns + round(SETUP_S * 1e9)
+        self._allow(SETUP_S)
         try:
             self.process.begin()
         except OSError as error:

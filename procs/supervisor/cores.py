@@ -8,6 +8,13 @@ from typing import Final
 IDLE: Final = -1
 
 
+def counted_ns(before_ns: int, core_ns: int, passed_ns: int) -> int:
+    """Of the time that has passed, what a process had a core in, or wanted none; `core_time_ns` before, and now."""
+    if core_ns == IDLE:
+        return passed_ns
+    return 0 if before_ns == IDLE else min(passed_ns, core_ns - before_ns)
+
+
 def core_time_ns(pid: int) -> int:
     """The time that a process has had a core so far, while it wants one; IDLE when it sleeps, is stopped or is gone."""
     try:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Final
 
-from procs.supervisor.cores import IDLE
+from procs.supervisor.cores import IDLE, counted_ns
 
 OWN_LATE_NS: Final = 60_000_000  # three of our beats
 CALM_NS: Final = 1_000_000_000  # late again within this: the same episode
@@ -94,9 +94,7 @@ def _counted(member: JudgedProcess, silence: _Silence, passed_ns: int) -> int:
     if member.core_ns is None:
         return passed_ns
     before, silence.core_ns = silence.core_ns, member.core_ns()
-    if silence.core_ns == IDLE:
-        return passed_ns
-    return 0 if before == IDLE else min(passed_ns, silence.core_ns - before)
+    return counted_ns(before, silence.core_ns, passed_ns)
 
 
 def _judged(now_ns: int, member: JudgedProcess, silence: _Silence) -> Iterator[Verdict]:
