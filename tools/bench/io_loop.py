@@ -56,7 +56,7 @@ SLOW_ARMS = "arm.period_s=0.005"  # they hold; the rate to find is that of io
 FIRST_BOARD = 6  # of the demo's PSM; copies begin at board 0
 SOURCE = ROOT / "configs"
 LOOPBACK = Path("/proc/net/dev")
-HOMING_TRIES = 3
+HOMING_TRIES, AGAIN_S = 3, 1.0
 CPU = "cpu_us_without_wait"
 WAIT_US = 50.0  # from query to read, without sleeping; what eight boards get by the rule
 AWAKE = ("io.spin_us=0", f"io.query_wait_us={WAIT_US}", "arm.period_s=0.002")
@@ -265,7 +265,9 @@ def _look(reader: RingReader) -> None:
 
 def _home_all(system: str) -> None:
     """Once more where a busy machine has held an arm up, which ends its homing."""
-    for _ in range(HOMING_TRIES):
+    problems: list[str] = []
+    for again in range(HOMING_TRIES):
+        pause(again * AGAIN_S)
         reported = bring(system, arm_names(system), HOMED, 0.0, _silent)
         problems = [f"{name}: {why}" for name, why in reported.items() if why]
         if not problems:
