@@ -6,7 +6,7 @@ import ctypes
 import math
 import weakref
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 from operator import attrgetter
 from typing import Any
 
@@ -14,6 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs.kernel.fields import CField, CStruct
+
+
+@cache
+def _prototype(given: tuple[str, ...]) -> Callable[..., Callable[..., int]]:
+    """Of functions with a struct and such numbers: made once, for classes are garbage that nobody counts."""
+    more = [{"f8": ctypes.c_double}.get(each, ctypes.c_int64) for each in given]
+    return ctypes.PYFUNCTYPE(ctypes.c_int64, ctypes.c_void_p, *more)
 
 
 class BindError(Exception):
@@ -70,9 +77,7 @@ class BoundStruct:
 
     def function(self, name: str) -> Callable[..., int]:
         """A function of the table, with this struct."""
-        more = [{"f8": ctypes.c_double}.get(t, ctypes.c_int64) for t in self._table.functions[name]]
-        prototype = ctypes.PYFUNCTYPE(ctypes.c_int64, ctypes.c_void_p, *more)
-        found = prototype((f"{self._table.name}_{name}", self._library))
+        found = _prototype(self._table.functions[name])((f"{self._table.name}_{name}", self._library))
         pointer = ctypes.c_void_p(self.address)
         pointer.keeps = self  # type: ignore[attr-defined]  # who has the function has the memory
         return partial(found, pointer)

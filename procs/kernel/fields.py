@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ctypes
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 TYPES: Final[dict[str, str]] = {
@@ -63,7 +64,7 @@ class CStruct:
         functions = [f"int64_t {self.name}_{name}({head});" for name, head in zip(self.functions, heads, strict=True)]
         return f"typedef struct {{\n{members}\n}} {self.name};\n" + "\n".join(functions) + "\n"
 
-    @property
+    @cached_property
     def ctype(self) -> type[ctypes.Structure]:
         """The same for ctypes."""
         number = {"f8": ctypes.c_double, "i8": ctypes.c_int64}

@@ -20,6 +20,7 @@ from shm.clock import monotonic_ns
 
 HEALTHY_NS: Final = 10_000_000_000
 SETUP_S: Final = 60.0
+SPARED: Final = 20.0  # times as long as it may take, and it is killed however busy the machine is
 
 
 class Running(Protocol):
@@ -88,6 +89,7 @@ class Child:
     is_wanted: bool = True  # if not, it may end by itself: that is no death
     is_done: bool = False  # it has done so
     looked: tuple[int, int] = 0, IDLE  # when we looked last, and how long it had had a core
+    latest_ns: int = 0  # it is not spared any longer
 
     @property
     def is_up(self) -> bool:
@@ -130,13 +132,14 @@ class Child:
         """It may take so long to begin, or to end."""
         now = self.now_ns()
         self.kill_at_ns, self.looked = now + round(seconds * 1e9), (now, IDLE)
+        self.latest_ns = now + round(SPARED * seconds * 1e9)
 
     def _spare(self, core_ns: Callable[[int], int]) -> None:
         """Time does not count in which it waited for a core, or we did."""
         now, (before, had) = self.now_ns(), self.looked
         self.looked = now, core_ns(self.process.pid)
-        counted = counted_ns(had, self.looked[1], now - before) if now - before <= OWN_LATE_NS else 0
-        self.kill_at_ns += now - before - counted
+        counted = counted_ns(had, self.looked[1], min(now - before, OWN_LATE_NS))
+        self.kill_at_ns = min(self.kill_at_ns + now - before - counted, self.latest_ns)
 
     def restart_when_due(self) -> bool:
         """Carry out a planned restart; True when a process was started."""

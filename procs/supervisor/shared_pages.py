@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import mmap
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Final
 
@@ -21,10 +21,10 @@ MAP_LOCKED: Final = 0x2000
 FAILED: Final = ctypes.c_void_p(-1).value
 
 
-def lock_shared(system: str, pids: Iterable[int]) -> str:
+def lock_shared(system: str, pids: Iterable[int], beat: Callable[[], object]) -> str:
     """Lock all segments of a system, and code as these processes have mapped it, until we end.
 
-    Returns what was obtained, in words.
+    `beat` is called between two files. Returns what was obtained, in words.
     """
     wanted: dict[Path, int] = {}
     for pid in pids:
@@ -36,7 +36,11 @@ def lock_shared(system: str, pids: Iterable[int]) -> str:
     libc = ctypes.CDLL(None, use_errno=True)
     libc.mmap.restype = ctypes.c_void_p
     libc.mmap.argtypes = (ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int, ctypes.c_int, ctypes.c_int, ctypes.c_long)
-    refused = [file for file, size in wanted.items() if size and not _locked(libc, file, size)]
+    refused = []
+    for file, size in wanted.items():
+        beat()
+        if size and not _locked(libc, file, size):
+            refused.append(file)
     return NOT_LOCKED if refused else LOCKED
 
 

@@ -176,10 +176,10 @@ class Supervisor:
                 log.warning("%s", rights)
 
     def _lock_shared(self) -> str:
-        """It takes 50 ms: not before those that drive robots, on the only core that io may have."""
+        """It takes 50 ms of a core, maybe the only one that io has: with less priority than those that drive robots."""
         step_back()
         try:
-            return lock_shared(self.system.name, [child.process.pid for child in self.children])
+            return lock_shared(self.system.name, [child.process.pid for child in self.children], self.beat)
         finally:
             self._granted = realtime(self._row, self.system.clock)
 
@@ -332,8 +332,10 @@ def _all_killed(children: Sequence[Child]) -> Callable[[], bool]:
 
     def over() -> bool:
         nonlocal last
-        last = max(last, *(child.kill_at_ns for child in children))
-        return monotonic_ns() >= last + round(GONE_S * 1e9)
+        now = monotonic_ns()
+        if any(child.kill_at_ns for child in children):
+            last = now
+        return now >= last + round(GONE_S * 1e9)
 
     return over
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -11,13 +12,14 @@ import pytest
 from procs.fpga import wire
 from procs.io.bus.exchange import Exchange
 from procs.io.bus.port import Counters
+from procs.io.bus.protocols import QueryRead
 from procs.kernel.bound import BoundStruct
 from procs.kernel.io_fields import IO
 from procs.kernel.library import bind, kernel
 from procs.kernel.progress import BAD, DECODED, NONE, READY, SENT
 from shm.clock import boottime_ns
 from tests.kernel.shadow import bits
-from tests.kernel.socket_harness import SocketHarness
+from tests.kernel.socket_harness import SECOND_NS, SocketHarness
 
 pytestmark = pytest.mark.skipif(kernel().library is None, reason=f"no kernel: {kernel().why}")
 
@@ -28,6 +30,9 @@ def psm() -> Iterator[SocketHarness]:
     with contextlib.closing(made.port), contextlib.ExitStack() as held:
         held.callback(made.link.end)
         yield made
+
+
+COUNTED = ("reads", "writes", "bad_reads", "bad_writes", "stray", "timeouts", "dropped", "sequence_errors")
 
 
 def good(counters: Counters) -> bool:
@@ -94,7 +99,7 @@ def test_the_call_leaves_what_step_by_step_leaves(psm: SocketHarness, monkeypatc
     for cycle in range(60):
         goal[0] += 1e-4
         psm.to(goal)
-        psm.core._good_ns -= cycle % 4 * 1_000_000  # some gaps are longer: then efforts are less
+        psm.core._good_ns -= cycle % 4 * SECOND_NS  # some gaps are longer: then efforts are less
         psm.cycle()
     assert len(compared) > 50 and psm.errors() == []
 
@@ -104,8 +109,9 @@ def stray(reply: bytes) -> bytes:
     return reply[:2] + bytes((reply[2] ^ 0x80,)) + reply[3:]
 
 
-@pytest.mark.parametrize("before", [stray, lambda reply: b"", lambda reply: b"\1", lambda reply: bytes(4096)],
-                         ids=["label", "empty", "byte", "large"])
+@pytest.mark.parametrize("before", [
+    stray, lambda reply: b"", lambda reply: b"\1", lambda reply: stray(reply) + bytes(4096 - len(reply)),
+], ids=["label", "empty", "byte", "large"])
 def test_what_comes_before_the_reply_is_thrown_away(psm: SocketHarness, before: Callable[[bytes], bytes]) -> None:
     psm.port.counters.clear()
     psm.link.spoil = lambda reply: [before(reply), reply]
@@ -158,6 +164,20 @@ def test_a_hub_that_drops_a_read_is_no_boards_fault(psm: SocketHarness) -> None:
     psm.calm()
 
 
+def test_the_label_of_a_read_rests_whose_reply_may_still_come(psm: SocketHarness) -> None:
+    """Where requests cannot be forgotten labels are all there is to tell replies by."""
+    labels: list[int] = []
+
+    def of_another_node(reply: bytes) -> list[bytes]:
+        labels.append(reply[2] >> 2)
+        return [reply[:5] + bytes((reply[5] ^ 1,)) + reply[6:]]
+
+    psm.link.forgets, psm.link.spoil = False, of_another_node
+    assert psm.once() == BAD
+    link = psm.exchange._link
+    assert list(link._missing) == labels
+
+
 def test_while_labels_rest_more_than_the_label_is_looked_at(psm: SocketHarness) -> None:
     psm.exchange._link._missing.append(5)
     psm.exchange._link._forgets = False
@@ -202,7 +222,69 @@ def test_what_the_system_did_not_take_is_sent_again(psm: SocketHarness) -> None:
     assert psm.once() == READY
     psm.link.spoil = lambda reply: [reply]
     assert psm.port.counters.writes == 1 and psm.port.counters.bad_writes == 0
+    assert psm.exchange._link.suspect, "nobody may have listened to an earlier datagram"
     psm.calm()
+
+
+def state_of(psm: SocketHarness) -> dict[str, object]:
+    """What the bus remembers, but for times."""
+    link, reader = psm.port._link, psm.port._reader
+    assert isinstance(reader, QueryRead)
+    return {"link": [getattr(link, name) for name in ("tl", "sequence", "suspect", "generation", "seen_generation")],
+            "missing": list(link._missing), "reader": (reader._read, reader._is_good, reader._asked, reader._sent),
+            "counters": [getattr(link.counters, name) for name in COUNTED]}
+
+
+@pytest.mark.parametrize("spoil", [
+    lambda reply: [reply], lambda reply: [stray(reply), reply], lambda reply: [reply[:-4]], lambda reply: [],
+    lambda reply: [reply[:-7] + bytes((reply[-7] ^ 1,)) + reply[-6:]],
+], ids=["the reply", "another first", "short", "nothing", "another bus generation"])
+def test_the_bus_remembers_what_it_does_step_by_step(
+    psm: SocketHarness, spoil: Callable[[bytes], list[bytes]],
+) -> None:
+    link, found = psm.port._link, []
+    for exchange in (psm.exchange, None):
+        psm.port._exchange = exchange
+        psm.link.spoil = lambda reply: [reply]
+        psm.cycle(count=100)
+        link.tl, link.sequence = 3, 7
+        link.counters.clear()
+        psm.link.spoil = spoil
+        psm.cycle()
+        found.append(state_of(psm))
+    assert found[0] == found[1]
+
+
+def test_the_boards_time_is_learned_from_what_the_call_took(psm: SocketHarness) -> None:
+    reader = psm.exchange._reader
+    reader._wait_ns = 0
+    psm.cycle(count=2)
+    assert reader._wait_ns >= reader._least_wait_ns and psm.once() == SENT
+
+
+def test_a_reply_is_also_found_by_looking_for_it_again_and_again(psm: SocketHarness) -> None:
+    psm.exchange._link.spin_ns = 100_000
+    assert psm.once() == SENT
+    psm.link.spoil = lambda reply: []
+    assert psm.once() == BAD and psm.port.counters.timeouts == 1
+
+
+def test_another_socket_is_taken_at_once(psm: SocketHarness) -> None:
+    before = psm.link.fd
+    psm.exchange._link.suspect = True
+    assert psm.once() == SENT and psm.link.fd != before
+    psm.link.forget_written()
+    assert psm.once() == SENT
+    psm.link.deliver()
+    assert len(psm.link.written) == 1 and psm.errors() == []
+
+
+def test_what_is_bound_anew_leaves_no_classes_behind(psm: SocketHarness) -> None:
+    psm.exchange._prepare()
+    before = len(ctypes.Structure.__subclasses__())
+    for _ in range(5):
+        psm.exchange._prepare()
+    assert len(ctypes.Structure.__subclasses__()) == before and psm.once() == SENT
 
 
 def test_after_a_bus_reset_the_call_goes_on(psm: SocketHarness) -> None:

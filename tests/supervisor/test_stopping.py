@@ -37,6 +37,8 @@ def process_of(supervisor: Supervisor) -> OsProcess:
     assert isinstance(process, OsProcess)
     return process
 
+NS = 1_000_000_000
+
 
 @pytest.fixture
 def supervisor(world: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Supervisor]:
@@ -190,4 +192,20 @@ def test_the_memory_that_all_share_is_locked_behind_those_that_drive_robots(
     assert order == ["step back", "lock", "come forward"]
     assert supervisor.page.get("policy") == b"FIFO 7, locked"
     supervisor._rows = rows
+    assert supervisor.stop_all()
+
+
+def test_nobody_is_left_behind_before_all_were_killed_and_had_the_time_to_be_gone(
+    supervisor: Supervisor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    child, now = supervisor.children[0], [10 * NS]
+    monkeypatch.setattr(running, "monotonic_ns", lambda: now[0])
+    child.kill_at_ns = 13 * NS
+    over = running._all_killed([child])
+    for now[0] in (12 * NS, 60 * NS):  # we were held up, or it is spared
+        assert not over()
+    child.kill_at_ns = 0
+    for now[0], is_over in ((61 * NS, False), (64 * NS, False), (66 * NS, True)):
+        assert over() == is_over
+    monkeypatch.undo()
     assert supervisor.stop_all()

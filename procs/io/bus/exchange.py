@@ -1,7 +1,7 @@
 """From the boards' reply to the write that answers it in one call of the kernel, system calls included.
 
-Only what every good cycle is. Whatever else comes instead of the reply is left to `Link.receive`, and a write that did
-not leave to the caller, as if this were not here.
+It handles what happens in every good cycle and nothing else. Whatever comes instead of the reply is left to
+`Link.receive`, and a write that did not leave to the caller, as if this were not here.
 """
 
 from __future__ import annotations
@@ -39,6 +39,7 @@ class Exchange:
         self._answer: Callable[..., int] | None = None
 
     def _prepare(self) -> None:
+        """For another bus generation, hub or other boards: seldom."""
         reader, groups = self._reader, self._writer.groups
         self._made_for = reader.made_for
         heads = b"".join(self._writer.heads())
@@ -62,10 +63,12 @@ class Exchange:
         if self._made_for is not reader.made_for:
             self._prepare()
         fd, call = link.transport.fd, self._answer
-        if call is None or fd < 0 or not link.misses_none:  # more than the label tells replies from others
+        if call is None or fd < 0 or not link.misses_none:  # while labels rest, ours alone does not tell the reply
             return NONE if reader.take(link.receive(tl, timeout_ms)) else BAD
         begin_ns = link.send_ns
         done = call(fd, tl, link.next_tl(), timeout_ms, link.spin_ns, good_ns, wake_ns, over_ns, gap_ns)
+        if done != SENT:
+            link.tl = tl  # no label was used for a write
         size, received_ns, sent_ns = self._came
         if done == BAD:
             return NONE if reader.take(link.receive(tl, timeout_ms, begin_ns, size)) else BAD
@@ -74,6 +77,6 @@ class Exchange:
         reader.has_taken(True)
         if done == SENT:
             link.send_ns = sent_ns
-        elif done == READY:  # held up, or refused by the system, which then has told us of an earlier datagram
+        elif done == READY:  # held up, or refused, maybe because nobody listened to an earlier datagram
             link.suspect = True
         return done

@@ -181,7 +181,8 @@ class Link:
     def receive(self, tl: int, timeout_ms: int, begin_ns: int = 0, come: int = NOTHING) -> int:
         """Wait for the reply with label `tl`: its size in `rx`, or TIMED_OUT or DROPPED. Others are thrown away.
 
-        `begin_ns`: since then somebody else has waited, and so many bytes have `come` to `rx`.
+        `begin_ns`: since then somebody else has waited, and so many bytes have `come` to `rx` (UNREADABLE: what could
+        not be received; NOTHING: none).
         """
         rx, left_ms, transport = self.rx, timeout_ms, self.transport
         now_ns = self.now_ns()

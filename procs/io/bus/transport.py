@@ -35,7 +35,7 @@ class Transport(Protocol):
     recv_into: Callable[[memoryview], int]
     """One reply, and its size; 0: what came was none. OSError as for sockets."""
     fd: int
-    """The descriptor that requests to the hub, as they are, and its replies alone go through; -1: there is none."""
+    """The socket to which datagrams for the hub are written unchanged, where only its replies arrive; -1: none."""
     stranger: str
     """Who sent the newest datagram that was refused because it is not from the boards; empty: nobody has."""
 
