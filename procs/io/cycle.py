@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 
 from procs import codes
 from procs.document.system import IoConfig
+from procs.inputs import FOR_EVER_NS
 from procs.io.arm_requests import ArmRequests, WishCommand
 from procs.io.axis_drive import AxisDrive
 from procs.io.bias import Bias
 from procs.io.brakes import Brakes
-from procs.io.bus.port import Port, Reaction
+from procs.io.bus.port import ExchangeSettings, Port
 from procs.io.buttons import Buttons
 from procs.io.commands import IoCommands
 from procs.io.digital_outputs import DigitalOutputs
@@ -50,7 +51,6 @@ STRANGER_REPEAT_NS: Final = 120_000_000_000
 FADES_NS, FADED_NS = 3_000_000, 10_000_000
 STABLE_NS: Final = 2_500_000  # efforts may stand so long, or PERIODS where that is more: light joints bear no longer
 PERIODS: Final = 1.25
-NEVER: Final = 1 << 62
 GAPS: Final = 8  # between samples: so many make the mean
 FAREWELLS: Final = 3  # writes at the end: a datagram may be lost
 
@@ -72,7 +72,7 @@ class RobotIo:
                  sources: Sequence[SetpointSource], preset: Flags | None = None, *,
                  gains: Field | None = None, instruments: Field | None = None,
                  cells: Sequence[OwnCell] = (), is_over: Callable[[], bool] = bool,
-                 over_ns: Callable[[], int] = lambda: NEVER,
+                 over_ns: Callable[[], int] = lambda: FOR_EVER_NS,
                  report: Callable[[WishCommand, str, str], None] | None = None) -> None:
         """`sources` in the order of `io.pids`; `preset` (axes,) says which encoders kept a preload.
 
@@ -123,7 +123,7 @@ class RobotIo:
         period_ns = io.period_s * 1e9
         self._gap_ns, self._stable_ns = period_ns, max(STABLE_NS, PERIODS * period_ns)
         if self.stages.bound is not None:
-            port.react(Reaction(self.stages.bound, self._oldest_ns, float(self._stable_ns), float(GAPS)))
+            port.set_exchange(ExchangeSettings(self.stages.bound, self._oldest_ns, float(self._stable_ns), float(GAPS)))
         self._missed_ns = -MISSED_REPEAT_NS
         self._lost = False
         self._away: Flags = np.zeros(len(port.board_ids), dtype=bool)

@@ -20,7 +20,7 @@ from shm.clock import monotonic_ns
 
 HEALTHY_NS: Final = 10_000_000_000
 SETUP_S: Final = 60.0
-SPARED: Final = 20.0  # times as long as it may take, and it is killed however busy the machine is
+SPARED: Final = 10.0  # times as long as it may take, and it is killed however busy the machine is
 
 
 class Running(Protocol):

@@ -16,8 +16,9 @@ from procs.boards.emulation import Emulation
 from procs.boards.robots.plant import Plant
 from procs.document.system import SystemConfig
 from procs.fpga import registers, wire
+from procs.inputs import FOR_EVER_NS
 from procs.io.bus.bus_port import BusPort
-from procs.io.cycle import NEVER, RobotIo
+from procs.io.cycle import RobotIo
 from procs.io.record import IoRecord
 from procs.io.reports import IoEvent
 from procs.io.robots import Robots
@@ -110,7 +111,7 @@ class BoardsHarness:
         self.record = IoRecord.private(self.robots.axes, len(self.robots.names), len(self.io.digital_inputs), brakes,
                                        len(self.io.digital_outputs))
         self.arms = {pid.robot: FakeSource() for pid in self.io.pids}
-        self.over_ns = NEVER
+        self.over_ns = FOR_EVER_NS
         self.core = RobotIo(self.io, self.port, self.now_ns, self.record, list(self.arms.values()), self.preset,
                             is_over=lambda: boottime_ns() > self.over_ns, over_ns=lambda: self.over_ns)
         self.period_ns = round(self.io.period_s * 1e9)

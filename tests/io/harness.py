@@ -143,7 +143,7 @@ class FakePort:
         self.recv_ns = self.now_ns()
         return True
 
-    def react(self, reaction) -> None: ...
+    def set_exchange(self, settings) -> None: ...
 
     def answer(self, good_ns: int, wake_ns: int, over_ns: int, gap_ns: float) -> int:
         return NONE if self.read_all() else BAD

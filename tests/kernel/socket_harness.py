@@ -15,7 +15,7 @@ from procs.boards.board_faults import BoardFaults
 from procs.config import PROJECT_CONFIGS, load_system
 from procs.inputs import FOR_EVER_NS
 from procs.io.bus.exchange import Exchange
-from procs.io.bus.port import Reaction
+from procs.io.bus.port import ExchangeSettings
 from procs.io.cycle import GAPS
 from procs.kernel.progress import SENT
 from tests.io.boards_harness import BoardsHarness, Direct
@@ -99,7 +99,8 @@ class SocketHarness(BoardsHarness):
         self.core._timing._start_ns += 1 << 62
         self.core._oldest_ns, self.core._stable_ns = 100 * SECOND_NS, SECOND_NS
         assert self.core.stages.bound is not None
-        self.port.react(Reaction(self.core.stages.bound, self.core._oldest_ns, self.core._stable_ns, GAPS))
+        self.port.set_exchange(ExchangeSettings(self.core.stages.bound, self.core._oldest_ns, self.core._stable_ns,
+                                                GAPS))
         self.ends: Counter[int] = Counter()
         answer = self.port.answer
 

@@ -21,9 +21,9 @@ from procs.io.bus.port import (
     SEQUENTIAL_BROADCAST,
     BoardInfo,
     Counters,
+    ExchangeSettings,
     PortError,
     Quads,
-    Reaction,
 )
 from procs.io.bus.protocols import BoardReader, BroadcastWrite, QueryRead, SequentialRead, SequentialWrite, Writer
 from procs.io.bus.push_read import UnaskedRead
@@ -43,11 +43,10 @@ class BusPort:
     while we wait; then receive deadlines are generous and nothing is waited for. `bridge`: over FireWire behind the hub
     even where the boards could do without. `query_wait_ns` replaces the time the boards are given between query and
     read, `deadline_ms` the 2 ms a cyclic read waits for its reply (0.5 s when simulated). `exclusive` refuses a bus
-    that another host is driving.
-    `first_control` is written to the status register of all boards as soon as the bus is known to be ours, before
-    anything about them is judged (io: power off, whatever a predecessor left). Without board ids (tools) everything
-    found is listed, and nothing can be read or written cyclically. `quiet` finds the boards by reads alone where an
-    earlier host left them ready: writes, even of discovery, refresh the watchdogs.
+    that another host is driving. `first_control` is written to the status register of all boards as soon as the bus is
+    known to be ours, before anything about them is judged (io: power off, whatever a predecessor left). Without board
+    ids (tools) everything found is listed, and nothing can be read or written cyclically. `quiet` finds the boards by
+    reads alone where an earlier host left them ready: writes, even of discovery, refresh the watchdogs.
     """
 
     def __init__(self, transport: Transport, board_ids: Sequence[int], now_ns: Callable[[], int],
@@ -80,7 +79,7 @@ class BusPort:
         self._nodes: ChainMap[int, int] = ChainMap()
         self._reader: BoardReader | None = None
         self._writer: Writer | None = None
-        self._reaction: Reaction | None = None
+        self._settings: ExchangeSettings | None = None
         self._exchange: Exchange | None = None
 
     def _make_rows(self, width: int) -> None:
@@ -215,17 +214,17 @@ class BusPort:
             counters.bad_reads += 1
         return good
 
-    def react(self, reaction: Reaction) -> None:
+    def set_exchange(self, settings: ExchangeSettings) -> None:
         """From now on `answer` does this with a sample, where it can."""
-        self._reaction = reaction
+        self._settings = settings
         self._make_exchange()
 
     def _make_exchange(self) -> None:
         """Where there is one query to all boards, and one write, on the machine's clock."""
-        parts, reaction = (self._reader, self._writer), self._reaction
-        if reaction is not None and self._link.real_time and isinstance(parts[0], QueryRead) and isinstance(
-                parts[1], BroadcastWrite):
-            self._exchange = Exchange(self._link, parts[0], parts[1], reaction)
+        reader, writer, settings = self._reader, self._writer, self._settings
+        if (settings is not None and self._link.real_time and isinstance(reader, QueryRead)
+                and isinstance(writer, BroadcastWrite)):
+            self._exchange = Exchange(self._link, reader, writer, settings)
 
     def answer(self, good_ns: int, wake_ns: int, over_ns: int, gap_ns: float) -> int:
         """`read_all`, then io's stages and `write_all`: how far that got, see procs/kernel/progress.py."""

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from procs.io.bus.link import Link
-from procs.io.bus.port import Reaction
+from procs.io.bus.port import ExchangeSettings
 from procs.io.bus.protocols import UNSENT, BroadcastWrite, QueryRead
 from procs.kernel.bound import BoundStruct
 from procs.kernel.bus_fields import HUB, WRITE
@@ -27,10 +27,10 @@ GENERATION_AT: Final = -7  # of a reply, from its end: the bus generation
 class Exchange:
     """The kernel's call for one reader and one writer; its arrays are bound anew when who is on the bus changes."""
 
-    def __init__(self, link: Link, reader: QueryRead, writer: BroadcastWrite, reaction: Reaction) -> None:
+    def __init__(self, link: Link, reader: QueryRead, writer: BroadcastWrite, settings: ExchangeSettings) -> None:
         self._link, self._reader, self._writer = link, reader, writer
-        self._reaction, self.io = reaction, reaction.stages.address
-        self.oldest_ns, self.stable_ns, self.gaps = reaction.oldest_ns, reaction.stable_ns, reaction.gaps
+        self._settings, self.io = settings, settings.stages.address
+        self.oldest_ns, self.stable_ns, self.gaps = settings.oldest_ns, settings.stable_ns, settings.gaps
         self.came = np.zeros(3, np.int64)
         """How many bytes; when; when the write left."""
         self._came = self.came.data

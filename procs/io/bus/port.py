@@ -77,7 +77,7 @@ class Counters:
 
 
 @dataclass(frozen=True, slots=True)
-class Reaction:
+class ExchangeSettings:
     """What io does with a sample in the call that has received it, for as long as a `Port` lives."""
 
     stages: BoundStruct
@@ -146,7 +146,7 @@ class Port(Protocol):
 
         Asks first where nobody has."""
 
-    def react(self, reaction: Reaction) -> None:
+    def set_exchange(self, settings: ExchangeSettings) -> None:
         """From now on `answer` does this with a sample, where it can."""
 
     def answer(self, good_ns: int, wake_ns: int, over_ns: int, gap_ns: float) -> int:
