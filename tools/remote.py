@@ -1,4 +1,8 @@
-"""Commands to one component, and what became of them."""
+"""Commands to one component, and what became of them.
+
+An answer is waited for in the system's time and in ours: whoever has no core on a busy machine, or waits for somebody
+who has none, may answer late in simulated time.
+"""
 
 from __future__ import annotations
 
@@ -6,10 +10,12 @@ from collections.abc import Sequence
 from typing import Any
 
 from shm.client import Client, MailboxFull, Reply
-from shm.clock import monotonic_ns, pause
+from shm.clock import pause
 from shm.commands import ENDINGS
 from shm.origins import Origin
 from shm.segment import SegmentError
+from shm.system_time import SystemTime
+from tools.deadline import Deadline
 from tools.errors import Problem, Refused
 
 POLL_S = 0.001
@@ -23,6 +29,7 @@ class Remote:
         """Attach; SegmentError when there is no such component."""
         self.instance = instance
         self._client = Client(system, instance)
+        self._time = SystemTime(system)
         self._inbox: dict[int, list[Reply]] = {}
 
     @property
@@ -83,18 +90,19 @@ class Remote:
             raise Problem(f"{self.instance} has no command {command}") from None
 
     def _reply_to(self, number: int, command: str, timeout: float, wanted: tuple[str, ...]) -> Reply:
-        end = monotonic_ns() + round(timeout * 1e9)
+        deadline = Deadline(timeout, self._time.now_ns if self._time.simulated else None)
         last: Reply | None = None
-        while True:
+        is_over = False
+        while not is_over:
+            is_over = deadline.is_over()  # before the look: who was held up looks once more
             replies = self.replies_to(number)
             for i, reply in enumerate(replies):
                 last = reply
                 if not wanted or reply.outcome in wanted:
                     self._inbox[number] = replies[i + 1 :]
                     return reply
-            if monotonic_ns() >= end:
-                break
-            pause(POLL_S)
+            if not is_over:
+                pause(POLL_S)
         if last is not None:
             raise Problem(f"{self.instance}: {command} was {last.outcome}, but is not done after {timeout:g} s")
         raise Problem(f"{self.instance} did not answer {command} within {timeout:g} s; is it running? (trocar status)")
@@ -102,6 +110,7 @@ class Remote:
     def close(self) -> None:
         """Detach; the last one of a process frees its place."""
         self._client.close()
+        self._time.close()
 
     def __enter__(self) -> Remote:
         return self

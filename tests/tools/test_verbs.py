@@ -228,6 +228,16 @@ def test_status_finds_stalled_and_failed_processes(kinematic: ScriptedRobot) -> 
     assert rows["PSM1"]["problem"] == "failed: no such file"
 
 
+@pytest.mark.parametrize(("silent_s", "problem"), [(5, ""), (60, "stalled")])
+def test_who_waits_for_a_core_in_simulated_time_has_not_stalled(
+        kinematic: ScriptedRobot, monkeypatch: pytest.MonkeyPatch, silent_s: int, problem: str) -> None:
+    monkeypatch.setattr("tools.inspect.processes.is_simulated", lambda system: True)
+    kinematic.pages["IO1"].field("heartbeat_ns")[...] = monotonic_ns() - silent_s * 10**9
+    result = run("status", "--json", "--system", kinematic.name)
+    rows = {row["name"]: row for row in json.loads(result.stdout)["processes"]}
+    assert rows["IO1"]["problem"] == problem
+
+
 def test_attach_prints_one_page(kinematic: ScriptedRobot) -> None:
     kinematic.show_arm(state="ENABLED")
     kinematic.arm.field("reason")[...] = b"brakes to let go"

@@ -18,6 +18,7 @@ from tools.systems import alive, is_simulated
 
 LOOK_AGAIN_S = 0.02
 TRIES = 5
+SIMULATED_STALLED = 10.0  # times as long as on the wall clock
 ALL = 1 << 16  # records: more than any ring has
 SHOWN_OF_OTHERS = {"CREATED": "NOT ATTACHED", "RUNNING": "ATTACHED", "STOPPED": "DETACHED"}
 COLUMNS = ("process", "state", "pid", "Hz", "p99 ms", "work ms", "missed", "restarts", "problem")
@@ -163,7 +164,8 @@ def _problem(row: Process, state: str, lives_on: bool, page: ControlPage, simula
 def _stalled(row: Process, page: ControlPage, simulated: bool) -> bool:
     """Silent for longer than is allowed, and still so when looked at again: one late cycle is no stall."""
     try:
-        late_ns = (hung_s(row) if simulated else late_s(row)) * 1e9  # nobody is late there, see supervisor
+        # In simulated time nobody is late, all wait for whoever has no core, and the supervisor kills whoever hangs.
+        late_ns = (SIMULATED_STALLED * hung_s(row) if simulated else late_s(row)) * 1e9
     except KeyError:
         return False
     beat = int(page.get("heartbeat_ns"))

@@ -1,0 +1,51 @@
+"""Commands to one component: how long an answer is waited for."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+
+import pytest
+
+from tests.tools.robot import ScriptedRobot
+from tests.tools.test_verbs import kinematic as kinematic  # a fixture
+from tools.errors import Problem
+from tools.remote import Remote
+
+PATIENCE_S = 0.2
+
+
+class SimulatedTime:
+    """A system's time that is another one than ours."""
+
+    simulated = True
+
+    def __init__(self, now_ns: Callable[[], int]) -> None:
+        self.now_ns = now_ns
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+
+def test_an_answer_is_waited_for_while_simulated_time_stands(
+        kinematic: ScriptedRobot, monkeypatch: pytest.MonkeyPatch) -> None:
+    def answer() -> None:
+        time.sleep(2 * PATIENCE_S)
+        while not (asked := list(kinematic.mailbox.drain())):
+            time.sleep(0.001)
+        asked[0].done()
+
+    monkeypatch.setattr("tools.remote.SystemTime", lambda _: SimulatedTime(lambda: 0))
+    with Remote(kinematic.name, "PSM1") as remote:
+        late = threading.Thread(target=answer)
+        late.start()
+        assert remote.ask("hold", timeout=PATIENCE_S).outcome == "done"
+        late.join()
+
+
+def test_nobody_waits_longer_than_asked_while_simulated_time_goes_on(
+        kinematic: ScriptedRobot, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tools.remote.SystemTime", lambda _: SimulatedTime(time.monotonic_ns))
+    with Remote(kinematic.name, "PSM1") as remote, pytest.raises(Problem, match=r"did not answer hold within 0\.2 s"):
+        remote.ask("hold", timeout=PATIENCE_S)
