@@ -67,7 +67,7 @@ class Robot:
             )
         if wait:
             wait_for(self.is_up, UP_S, f"system up; supervisor said:\n{self.output()}")
-            self.pids |= {self.pid(i) for i in directory.instances(self.name)}
+            self.pids |= {self.pid(i) for i in directory.instances(self.name)} - {0}  # who has begun
 
     def output(self) -> str:
         """What the supervisor printed so far."""
@@ -157,6 +157,10 @@ class Robot:
 
     def left_over(self) -> list[str]:
         """Processes and segments that are still there."""
-        alive = [f"process {pid} {' '.join(psutil.Process(pid).cmdline())}" for pid in self.pids
-                 if psutil.pid_exists(pid) and psutil.Process(pid).status() != psutil.STATUS_ZOMBIE]
+        alive = []
+        for pid in self.pids:
+            with contextlib.suppress(psutil.NoSuchProcess):  # it ends while we look
+                process = psutil.Process(pid)
+                if process.status() != psutil.STATUS_ZOMBIE:
+                    alive.append(f"process {pid} {' '.join(process.cmdline())}")
         return alive + ["~".join(parts) for parts in names_of(self.name)]
