@@ -23,6 +23,9 @@ pytestmark = [pytest.mark.slow, pytest.mark.peers, pytest.mark.simulated]
 KINEMATIC = ROOT / "configs" / "systems" / "kinematic-teleop.yaml"
 DEMO = ROOT / "configs" / "systems" / "demo-teleop.yaml"
 Records = Callable[[Robot, str, str], RingReader]
+HANDLE = """const stage = document.querySelector('.stage').stage; stage.draw();
+const at = stage.models.MTMR.handle.getWorldPosition(stage.camera.position.clone()).project(stage.camera);
+return [Math.round(at.x * stage.$el.clientWidth / 2), Math.round(-at.y * stage.$el.clientHeight / 2)]"""
 COLOURS = """const stage = document.querySelector('.stage').stage; stage.draw();
 const gl = stage.renderer.getContext(), w = gl.drawingBufferWidth, h = gl.drawingBufferHeight;
 const pixels = new Uint8Array(4 * w * h); gl.readPixels(0, 0, w, h, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
@@ -232,7 +235,7 @@ def test_from_elsewhere_a_token_opens_the_console_and_nothing_else_does(robot: R
         page.until("document.querySelector('form')?.innerText.includes('Token of this system')")
 
 
-def test_a_tip_of_an_emulated_master_is_pulled_in_3d(robot: Robot) -> None:
+def test_a_tip_of_an_emulated_master_is_pulled_in_3d_and_let_go_with_its_view(robot: Robot) -> None:
     with served(robot, DEMO) as address, chromium(address) as page:
         page.open()
         page.take_control()
@@ -242,14 +245,16 @@ def test_a_tip_of_an_emulated_master_is_pulled_in_3d(robot: Robot) -> None:
         page.until("document.querySelector('.stage')?.stage?.isPlaced")
         page.click("[data-view=masters]")
         page.take_control()
-        where = page.js("""const stage = document.querySelector('.stage').stage; stage.draw();
-            const at = stage.models.MTMR.handle.getWorldPosition(stage.camera.position.clone()).project(stage.camera);
-            return [Math.round(at.x * stage.$el.clientWidth / 2), Math.round(-at.y * stage.$el.clientHeight / 2)]""")
+        where = page.js(HANDLE)
         tip = "document.querySelector('.stage').stage.models.MTMR.tip.position.toArray()"
         before = page.js(f"return {tip}")
         canvas = page.find(".stage canvas")
+        page.js("const { say } = window.trocar; window.said = [];"
+                "window.trocar.say = (message) => { window.said.push(message.command); say(message); };")
         drag = ActionChains(page.driver).move_to_element_with_offset(canvas, *where).click_and_hold()
         drag.move_by_offset(60, -60).perform()
         page.until(f"Math.hypot(...{tip}.map((v, i) => v - {before}[i])) > 0.01", 60)
+        page.js("document.querySelector('#app').__vue_app__.unmount()")
+        assert page.js("return window.said.at(-1)") == "release_tip"
         ActionChains(page.driver).release().perform()
         assert page.wrongs() == []

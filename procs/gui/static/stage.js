@@ -289,10 +289,12 @@ export default {
         model.group.add(this.ghost.group);
       }
     }
-    const hand = new Hand(this);
-    canvas.addEventListener("pointerdown", (event) => hand.take(event), true); // before the camera's controls
-    window.addEventListener("pointermove", (event) => hand.move(event));
-    for (const name of ["pointerup", "pointercancel", "blur", "pagehide"]) window.addEventListener(name, () => hand.release());
+    this.hand = new Hand(this);
+    this.heard = new AbortController();
+    const { signal } = this.heard;
+    canvas.addEventListener("pointerdown", (event) => this.hand.take(event), { capture: true, signal }); // before the camera's controls
+    window.addEventListener("pointermove", (event) => this.hand.move(event), { signal });
+    for (const name of ["pointerup", "pointercancel", "blur", "pagehide"]) window.addEventListener(name, () => this.hand.release(), { signal });
     this.resized = new ResizeObserver(() => this.fit());
     this.resized.observe(this.$el);
     this.$el.stage = this;
@@ -301,6 +303,8 @@ export default {
     window.trocar.onTick(this.update);
   },
   unmounted() {
+    this.hand.release();
+    this.heard.abort();
     this.resized.disconnect();
     this.renderer.dispose();
   },
