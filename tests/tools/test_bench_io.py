@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -86,7 +87,10 @@ def test_the_c_programs_exchange_datagrams_and_count_what_they_miss(tmp_path: Pa
     baseline = Baseline(tmp_path)
     if baseline.why_not:
         pytest.skip(f"no compiler: {baseline.why_not}")
-    found = baseline.run(500.0, 1.0, -1, -1)
+    for _ in range(3):  # on a busy machine hardly any write may be in time
+        found = baseline.run(500.0, 1.0, -1, -1)
+        if found.reply_to_write_us_p50 > 0.0:
+            break
     assert 0.0 <= found.missed < 1.0 and 0.0 < found.reply_to_write_us_p50 <= found.reply_to_write_us_p99
     assert found.cpu_us > 0.0
 
@@ -101,10 +105,11 @@ def test_without_a_compiler_there_is_no_baseline_and_the_bench_says_why(
 @pytest.mark.slow
 @pytest.mark.alone
 def test_a_short_measurement_counts_the_packets_of_a_cycle(tmp_path: Path) -> None:
-    for _ in range(3):  # others use lo, too
-        found = bench_io._measure(bench_io.write_system(tmp_path, 1), 1.0)
-        if found["packets_per_cycle"] < 4.5:
-            break
+    for forgiven in (*[Problem] * 4, ()):  # others use lo, too; on a busy machine arms may not home, or io has no core
+        with contextlib.suppress(forgiven):
+            found = bench_io._measure(bench_io.write_system(tmp_path, 1), 1.0)
+            if found["packets_per_cycle"] < 4.5 and found["cycles"] > 100:
+                break
     assert (found["boards"], found["axes"]) == (2, 7)
     assert 2.0 <= found["packets_per_cycle"] < 4.5  # fewer where a busy machine makes replies late
     assert 0.0 < found["read_to_write_us_p50"] <= found["read_to_write_us_p99"]

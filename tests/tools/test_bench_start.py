@@ -27,6 +27,6 @@ def test_each_command_is_tried_by_turns_and_its_median_counts(monkeypatch: pytes
 def test_verbs_are_measured_on_a_whole_robot_that_is_gone_afterwards(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(start, "TRIES", 1)
     figures = start.run()["figures"]
-    assert 0.0 < figures["python_s"] < figures["status_s"] and figures["up_s"] > 0.0
-    assert figures["status_cpu_s"] > figures["numpy_cpu_s"] > 0.0
+    assert all(figure > 0.0 for figure in figures.values())
+    assert max(figures["python_cpu_s"], figures["numpy_cpu_s"]) < figures["status_cpu_s"]
     assert not names_of(f"bench-start-{os.getpid()}")

@@ -22,10 +22,9 @@ from procs.ros.dds import Participant, TopicReader
 from procs.ros.messages import JointStates, PoseStamped, TwistStamped
 from shm.clock import monotonic_ns, pause
 from shm.control_page import ControlPage
-from tools.arms import home
 from tools.bench.beside import ARMS, PAIRS, PATIENCE_S, TAKE_S, ask, period_p99
 from tools.bench.cpu_time import cpu_s
-from tools.bench.system import FULL
+from tools.bench.system import FULL, home_all
 from tools.errors import Problem
 from tools.remote import Remote
 from tools.supervising import StartRequest, up_meanwhile
@@ -44,12 +43,12 @@ def run(seconds: float = 30.0, pairs: int = PAIRS) -> dict[str, Any]:
     domain = 1 + os.getpid() % 230
     sets = ("clock=wall", f"ros.domain={domain}", f"socket.listen=127.0.0.1:{port}")
     with up_meanwhile(StartRequest(FULL, name, sets=sets)):
-        home(name)
+        home_all(name)
         with closing(Participant(domain, name="bench")) as participant:
             figures = {"ros_cpu_percent_unsubscribed": _cpu_percent(name, [], min(seconds, 10.0))[0]}
             readers: list[TopicReader[Any]] = [participant.reader(f"{arm}/{topic}", message, 100)
                                                for arm in ARMS for topic, message in TOPICS]
-            _cpu_percent(name, readers, SETTLE_S)
+            _settle(name, readers)
             figures["ros_cpu_percent_30_topics"], figures["ros_messages_per_s"] = _cpu_percent(
                 name, readers, min(seconds, 10.0))
             figures["socket_command_ms_p50"] = _command_ms(port)
@@ -60,6 +59,16 @@ def run(seconds: float = 30.0, pairs: int = PAIRS) -> dict[str, Any]:
                        "cores": len(psutil.Process().cpu_affinity() or []), "load": os.getloadavg()[0],
                        "kernel": platform.release(), "python": platform.python_version()},
     }
+
+
+def _settle(system: str, readers: list[TopicReader[Any]]) -> None:
+    """Until something of every topic has come, and a while longer; Problem where nothing comes."""
+    missing, end = readers, monotonic_ns() + round(PATIENCE_S * 1e9)
+    while missing := [reader for reader in missing if not reader.take()]:
+        if monotonic_ns() > end:
+            raise Problem("the ROS bridge has sent nothing")
+        pause(TAKE_S)
+    _cpu_percent(system, readers, SETTLE_S)
 
 
 def _cpu_percent(system: str, readers: list[TopicReader[Any]], seconds: float) -> tuple[float, float]:
@@ -97,7 +106,7 @@ def _ratio(system: str, readers: list[TopicReader[Any]], seconds: float, pairs: 
             ask(remote, "stop", BRIDGE)
             ratios.append(with_bridges / period_p99(system, seconds, lambda: None))
             ask(remote, "start", BRIDGE)
-            _cpu_percent(system, readers, SETTLE_S)
+            _settle(system, readers)
     return statistics.median(ratios)
 
 

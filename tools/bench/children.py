@@ -120,7 +120,7 @@ class Team:
 
     def _last_words(self, role: str) -> str:
         with contextlib.suppress(subprocess.TimeoutExpired):
-            self._children[role].wait(timeout=1.0)
+            self._children[role].wait(timeout=10.0)
         self._errors[role].seek(0)
         lines = self._errors[role].read().decode(errors="replace").strip().splitlines()
         return f"with {self._children[role].returncode}: {lines[-1] if lines else 'no word'}"

@@ -29,9 +29,8 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from shm.clock import monotonic_ns, pause
-from tools.arms import home
 from tools.bench.beside import ARMS, PAIRS, PATIENCE_S, TAKE_S, MovingArms, cpu_percent, process_of, ratio, wait
-from tools.bench.system import FULL
+from tools.bench.system import FULL, home_all
 from tools.cleanup import own_folder
 from tools.errors import Problem
 from tools.free_port import reserved_port
@@ -54,7 +53,7 @@ def run(seconds: float = 30.0, pairs: int = PAIRS, browser: bool = False) -> dic
         raise Problem("--browser needs Chromium: apt-get install chromium")
     with own_folder(name) as folder, reserved_port(18080) as port, up_meanwhile(StartRequest(FULL, name, sets=(
             "clock=wall", f"gui.listen=127.0.0.1:{port}", "processes.gui.start=always"))):
-        home(name)
+        home_all(name)
         with closing(MovingArms(name)) as arms:
             figures = {}
             for key, pages in (("no_browser", ()), ("system", (SYSTEM_PAGE,)), ("3d", (SCENE_PAGE,))):

@@ -20,10 +20,9 @@ import psutil
 from procs.document.recorder import NAME
 from procs.recordings.reading import open_recording
 from shm import directory
-from tools.arms import home
 from tools.bench import beside
 from tools.bench.beside import PAIRS, MovingArms
-from tools.bench.system import FULL
+from tools.bench.system import FULL, home_all
 from tools.cleanup import own_folder
 from tools.errors import Problem
 from tools.printing import plain
@@ -40,7 +39,7 @@ def run(seconds: float = 30.0, pairs: int = PAIRS) -> dict[str, Any]:
     name = f"bench-recorder-{os.getpid()}"
     with own_folder(name) as folder, up_meanwhile(StartRequest(FULL, name, sets=(
             "clock=wall", "recorder.on=true", f"recorder.folder={folder}"))):
-        home(name)
+        home_all(name)
         with closing(MovingArms(name)) as arms:
             beside.wait(min(SETTLE_S, seconds), arms.go_on)
             figures: dict[str, Any] = {}

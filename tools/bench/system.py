@@ -58,7 +58,7 @@ def run(file: Path = FULL, paths: tuple[Path, ...] = (), boards: str = "", secon
     try:
         background.wait_until_up(_silent)
         begin = monotonic_ns()
-        refusals = _home(name)
+        refusals = home_all(name)
         homed_s = (monotonic_ns() - begin) * 1e-9
         with seats(name) as taken:
             for seat in taken:
@@ -80,7 +80,7 @@ def run(file: Path = FULL, paths: tuple[Path, ...] = (), boards: str = "", secon
     return {"bench": "system", **found, "conditions": conditions}
 
 
-def _home(system: str) -> list[str]:
+def home_all(system: str) -> list[str]:
     """Home all arms; what went wrong in tries before: a machine that still loads a dozen programs may stall them."""
     refusals: list[str] = []
     while len(refusals) < TRIES:

@@ -29,8 +29,8 @@ from numpy.typing import NDArray
 from shm import directory
 from shm.clock import monotonic_ns, pause
 from shm.events import ERROR
-from tools.arms import home, power_off, silent
-from tools.bench.system import SystemReport
+from tools.arms import power_off, silent
+from tools.bench.system import SystemReport, home_all
 from tools.errors import Problem
 from tools.examples.hand import Hand
 from tools.examples.operator_sim import OperatorSim, SimTeleop
@@ -63,7 +63,7 @@ def run(seconds: float = SECONDS, sets: tuple[str, ...] = SETS) -> dict[str, Any
     background = Background(StartRequest(SYSTEM, name, "emulated", sets=(*sets, "clock=wall")), tied=True)
     try:
         background.wait_until_up(silent)
-        home(name)
+        home_all(name)
         with OperatorSim(name, "console") as seat:
             reported = [SystemReport(name,
                                      process.name) for process in statuses(name) if process.kind not in ("supervisor",
