@@ -15,6 +15,7 @@ from tools.errors import Misuse, Problem
 from tools.systems import ROOT
 
 FAREWELL_S: Final = 3.0
+SERVER: Final = ("-m", "procs.io.bus.bus_server")
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +48,7 @@ class BusClient:
     def __init__(self, port: str) -> None:
         """Find the boards of a port, named as in system files."""
         self.port = port
-        command = [sys.executable, "-m", "procs.io.bus.bus_server", port]
+        command = [sys.executable, *SERVER, port]
         # A session of its own: Ctrl-C is for us, and then its end of the pipe closes.
         self._child = subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
                                        start_new_session=True)

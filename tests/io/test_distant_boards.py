@@ -13,7 +13,7 @@ import time
 import pytest
 
 from procs.fpga import blocks, registers
-from procs.io.bus import link
+from procs.io.bus import discovery, link
 from procs.io.bus.port import PROTOCOLS
 from procs.io.bus.ports import port_of
 from tests.io.emulated_ports import ROOT, in_namespace
@@ -55,6 +55,8 @@ def links():
 @pytest.mark.parametrize("network", ["ethernet", "bridge"])
 def test_boards_behind_a_cable_are_found_and_driven_at_the_usual_address(network, monkeypatch):
     monkeypatch.setattr(link, "SETUP_TIMEOUT_MS", 500)  # of a busy machine
+    monkeypatch.setattr(discovery, "SCAN_TIMEOUTS_MS", (200, 500))
+    monkeypatch.setattr(discovery, "NODES", IDS[-1] + 1)
     with boards_far_away(network):
         for protocol in PROTOCOLS:
             port = port_of("udp", IDS, time.monotonic_ns, protocol)

@@ -36,7 +36,7 @@ def test_without_a_key_it_is_ten_and_five_a_board_or_what_the_last_one_took() ->
 
 @pytest.mark.parametrize("boards", [1, 4])
 def test_boards_that_are_slower_than_that_are_given_more_time(boards: int) -> None:
-    with bus_of(boards) as bus, port_to(bus) as port:
+    with bus_of(boards) as bus, port_to(bus, deadline_ms=5000) as port:
         port.discover()
         assert port.read_all()
         bus.early_reads = 10

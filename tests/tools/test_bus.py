@@ -22,7 +22,7 @@ from shm.clock import monotonic_ns, pause
 from tests.io.controllers_bus import ControllersBus, controller
 from tests.io.stub_bus import StubBoard, StubBus
 from tests.lib import board_side
-from tools import cli
+from tools import bus_client, cli
 from tools.bus_client import FoundBoard
 from tools.errors import Problem
 from tools.inspect import samples
@@ -31,6 +31,14 @@ from tools.verbs import bus
 APP = cli.build("bus")
 QLA, DQLA, DRA = (FoundBoard(2, 0, hardware, 8, 2, 0, True) for hardware in ("QLA1", "DQLA", "dRA1"))
 WRITES = (wire.QUADLET_WRITE, wire.BLOCK_WRITE)
+PATIENT = """from procs.io.bus import bus_server, discovery, link
+discovery.NODES, discovery.SCAN_TIMEOUTS_MS, link.SETUP_TIMEOUT_MS = {nodes}, (5000,), 5000
+bus_server.main()"""
+
+
+def ask_patiently(monkeypatch: pytest.MonkeyPatch, nodes: int) -> None:
+    """Whoever speaks to the boards waits for late replies, and asks only as many nodes as there are."""
+    monkeypatch.setattr(bus_client, "SERVER", ("-c", PATIENT.format(nodes=nodes)))
 
 
 class Recorded(ControllersBus):
@@ -57,8 +65,9 @@ class Recorded(ControllersBus):
 
 
 @pytest.fixture
-def desk_bus() -> Iterator[Recorded]:
+def desk_bus(monkeypatch: pytest.MonkeyPatch) -> Iterator[Recorded]:
     """Two QLA1."""
+    ask_patiently(monkeypatch, 2)
     with Recorded(Controller(0, serial="1234-56"), Controller(3, serial="1234-57")) as made:
         yield made
 
@@ -119,11 +128,12 @@ def test_port_that_this_machine_has_not_is_told() -> None:
 
 
 @pytest.mark.slow
-def test_boards_that_share_an_id_are_told() -> None:
-    with StubBus([StubBoard(5, 0), StubBoard(2, 1), StubBoard(2, 4)], port=wire.UDP_PORT) as stub:
+def test_boards_that_share_an_id_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    ask_patiently(monkeypatch, 3)
+    with StubBus([StubBoard(5, 0), StubBoard(2, 1), StubBoard(2, 2)], port=wire.UDP_PORT) as stub:
         name = f"udp:{stub.address}"
         reported = " ".join(run("scan", name, "--no-serials", code=1).stdout.split())
-        assert reported.count("2 boards have id 2 (nodes 1 and 4); set every rotary switch differently") == 2
+        assert reported.count("2 boards have id 2 (nodes 1 and 2); set every rotary switch differently") == 2
         assert "2 boards have id 2" in run("read", name, 2, "STATUS", code=1).stderr
         assert "2 boards have id 2" in run("write", name, "all", "STATUS", 0, "--yes", code=1).stderr
         run("read", name, 5, "STATUS")
@@ -213,12 +223,13 @@ def test_writing_every_axis_at_once_is_misuse() -> None:
 @pytest.mark.parametrize(("answer", "code", "after"), [("y", 0, 0x2580), ("n", 1, 0x1680)])
 def test_write_asks_at_a_terminal(desk_bus: Recorded, answer: str, code: int, after: int) -> None:
     ours, theirs = pty.openpty()
+    tool = f"from tools import bus_client, cli; bus_client.SERVER = {bus_client.SERVER}; cli.main()"
     words = ["bus", "write", desk_bus.name, "0", "WATCHDOG", "0x2580"]
-    child = subprocess.Popen([sys.executable, "-m", "tools", *words], stdin=theirs, stdout=subprocess.PIPE,
+    child = subprocess.Popen([sys.executable, "-c", tool, *words], stdin=theirs, stdout=subprocess.PIPE,
                              stderr=subprocess.PIPE, text=True)
     try:
         os.write(ours, f"{answer}\n".encode())
-        _, reported = child.communicate(timeout=30)
+        _, reported = child.communicate(timeout=60)
     finally:
         os.close(ours)
         os.close(theirs)
@@ -268,7 +279,9 @@ def test_another_host_keeps_its_bus(desk_bus: Recorded) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(("hardware", "firmware", "axes"), [
     ("QLA1", 7, 4), ("QLA1", 8, 4), ("QLA1", 9, 4), ("DQLA", 8, 8), ("dRA1", 8, 10)])
-def test_watch_shows_any_kind_of_board(hardware: str, firmware: int, axes: int) -> None:
+def test_watch_shows_any_kind_of_board(
+        monkeypatch: pytest.MonkeyPatch, hardware: str, firmware: int, axes: int) -> None:
+    ask_patiently(monkeypatch, 1)
     with Recorded(controller(0, hardware, firmware)) as made:
         name = made.name.replace("udp:", "udpfw:")  # Rev 9 is a bridge where it is asked to be one
         (sample,) = rows("watch", name, 0, "--once")
