@@ -25,7 +25,7 @@ from tools.cli import build
 
 ROOT = Path(__file__).resolve().parents[2]
 DEMO = ROOT / "configs" / "systems" / "demo.yaml"
-UP_S = 60.0
+UP_S = 180.0
 OWN_PROCESS = ("up", "demo", "stream", "bench", "commission")
 
 

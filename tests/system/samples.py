@@ -35,4 +35,4 @@ def stop_boards(robot: Robot, seconds: float, ios: list[RingReader]) -> None:
         os.kill(boards, signal.SIGCONT)
     resumed_ns = monotonic_ns()
     for reader in ios:
-        wait_for(lambda: is_well(reader, resumed_ns), 5, f"good samples again after {seconds} s")  # noqa: B023
+        wait_for(lambda: is_well(reader, resumed_ns), 60, f"good samples again after {seconds} s")  # noqa: B023

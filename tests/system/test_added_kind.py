@@ -58,12 +58,12 @@ def test_a_kind_of_process_is_added_in_four_files(robot: Robot, tmp_path: Path) 
     assert len(METRONOME) == 4
     robot.root = tree_with(METRONOME, tmp_path / "tree")
     robot.up(ROOT / "configs" / "systems" / "kinematic.yaml", "--set", "trocar.processes.metronome.period_s=0.02")
-    wait_for(lambda: robot.state("metronome") == "RUNNING", 10, "it runs")
+    wait_for(lambda: robot.state("metronome") == "RUNNING", 60, "it runs")
     assert "begin a bar" in robot.trocar("send", "metronome")
     robot.trocar("send", "metronome", "begin", "1000000")
     assert "metronome/bar" in robot.trocar("list")
     assert json.loads(robot.trocar("echo", "metronome/state", "--json", "--once"))["beats"] >= 1000000
     pid = robot.kill("metronome")
-    wait_for(lambda: robot.state("metronome") == "RUNNING" and robot.pid("metronome") != pid, 20, "its restart")
+    wait_for(lambda: robot.state("metronome") == "RUNNING" and robot.pid("metronome") != pid, 60, "its restart")
     robot.pids.add(robot.pid("metronome"))
     assert robot.down() == 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 
 import numpy as np
@@ -12,6 +13,7 @@ from procs.arm.joints import joints
 from procs.config import load_system
 from shm import directory
 from shm.client import Client
+from shm.held_time import HeldTime
 from tests.system.robot import DEMO, Robot, wait_for
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
@@ -51,25 +53,29 @@ class WatchedArm:
         self.client.poll()
         self.client.send(name, values, text)
 
-    def reach(self, state: str) -> None:
-        wait_for(lambda: self.sub_state() == state, 120, f"{self.name} in {state}; it is in {self.sub_state()}")
+    def is_driven(self, mode: int, since_ns: int = 0) -> bool:
+        """In this control mode, in a record later than that."""
+        return self.state.newest() and int(self.state.field("control_mode")) == mode and self.state.stamp_ns > since_ns
 
-    def bring(self, state: str) -> None:
-        """Into a state by the ordinary way, and some way into it."""
+    def bring(self, state: str, held: HeldTime) -> None:
+        """Into a state by the ordinary way, and some way into it; there time stands."""
+        def reach(state: str) -> None:
+            go_on(held, lambda: self.sub_state() == state, f"{self.name} in {state}")
+
         if self.sub_state() != "HOMED":
             self.ask("state_command", (), "enable")
         if state != "POWERING" and self.sub_state() != "HOMED":
-            self.reach("ENABLED")
+            reach("ENABLED")
             self.ask("state_command", (), "home")
         if state in ("moving", "effort"):
-            self.reach("HOMED")
+            reach("HOMED")
             self.ask("move_jp", AWAY[self.name]) if state == "moving" else self.ask("free")
             mode = 2 if state == "moving" else 3
-            wait_for(lambda: self.state.newest() and int(self.state.field("control_mode")) == mode, 60, state)
+            go_on(held, lambda: self.is_driven(mode), state)
             start = self.state.stamp_ns
-            wait_for(lambda: self.state.newest() and self.state.stamp_ns > start + 400_000_000, 120, "0.4 s of it")
+            go_on(held, lambda: self.is_driven(mode, start + 400_000_000), f"0.4 s of {state}")
         else:
-            self.reach(state)
+            reach(state)
 
     def tips(self, since_ns: int) -> NDArray[np.float64]:
         """Where the tip truly was (k, 3) m, from the boards' own physics, and the joints at both ends."""
@@ -92,10 +98,11 @@ def test_a_killed_arm_process_moves_nothing_and_its_successor_goes_on(
 ) -> None:
     one = watched(arm)
     for state in STATES[arm]:
-        one.bring(state)
-        one.boards.newest()
-        before_ns = one.boards.stamp_ns
-        kill(robot, one)
+        with HeldTime(robot.name) as held:
+            one.bring(state, held)
+            one.boards.newest()
+            before_ns, process, old = one.boards.stamp_ns, one.state.epoch, robot.kill(arm)
+        succeeded(robot, one, old, process)
         check_path(one.tips(before_ns), state)
         sub_state = one.sub_state()
         if state in ("moving", "effort"):
@@ -103,13 +110,20 @@ def test_a_killed_arm_process_moves_nothing_and_its_successor_goes_on(
             one.ask("hold")
         else:
             assert sub_state in ("ENABLED", "POWERING")
-            one.reach("ENABLED")
+            wait_for(lambda: one.sub_state() == "ENABLED", 120, f"{arm} enabled")
     one.close()
 
 
-def kill(robot: Robot, one: WatchedArm) -> None:
-    """kill -9; returns once the successor has run for 0.3 s."""
-    old, process = robot.kill(one.name), one.state.epoch
+def go_on(held: HeldTime, condition: Callable[[], bool], what: str) -> None:
+    """Let time go on until a condition is so: no state passes unseen, however late we look."""
+    end = time.monotonic() + 120.0
+    while not condition():
+        assert time.monotonic() < end, what
+        held.run_until(held.now_ns() + 10_000_000, 60.0)
+
+
+def succeeded(robot: Robot, one: WatchedArm, old: int, process: int) -> None:
+    """One that has been killed has a successor, which has run for 0.3 s."""
     wait_for(lambda: robot.pid(one.name) != old and robot.state(one.name) == "RUNNING", 60, "the arm's restart")
     wait_for(lambda: one.state.newest() and one.state.epoch > process, 60, "its record")
     start = one.state.stamp_ns

@@ -19,7 +19,7 @@ def test_emulated_inputs_reach_the_record_and_a_killed_console_wants_presence(ro
 
     def shows(**wanted: object) -> None:
         wait_for(lambda: ring.newest() and all(ring.field(name).item() == value for name, value in wanted.items()),
-                 10, f"console/state shows {wanted}")
+                 60, f"console/state shows {wanted}")
 
     shows(valid=True, operator_present=False, teleop_enabled=False, scale=0.2)
     robot.trocar("send", "system", "home", "--wait")

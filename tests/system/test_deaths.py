@@ -73,14 +73,20 @@ def test_arm_killed_during_a_move_holds_and_comes_back(robot: Robot, clock: str)
     assert io.newest()
     first = int(io.field("cycle"))
     old = robot.kill("PSM1")
-    wait_for(lambda: robot.pid("PSM1") != old and robot.state("PSM1") == "RUNNING", 30, "the arm's restart")
-    wait_for(lambda: bool(arm_value(robot, "is_homed")), 10, "homed again, by shared memory alone")
+    held: list[bool] = []
+
+    def is_back() -> bool:
+        held.append(bool(io.newest() and io.field("holding").any()))
+        return robot.pid("PSM1") != old and robot.state("PSM1") == "RUNNING"
+
+    wait_for(is_back, 30, "the arm's restart")
+    wait_for(lambda: bool(arm_value(robot, "is_homed")), 60, "homed again, by shared memory alone")
     history = io.last(4000)
     history = history[history["cycle"] >= first]
     setpoints = history["setpoint_position"][:, :3]
     steps = np.abs(np.diff(setpoints, axis=0))
     assert history["pid_enabled"].all(), "the joint controller never let go"
-    assert history["holding"].any(), "io says that it held"
+    assert any(held) or history["holding"].any(), "io says that it held"
     assert steps.max(axis=0)[0] < 0.01, "no jump of the setpoint"
     assert io.newest()
     assert int(io.field("cycle")) > first
@@ -106,17 +112,17 @@ def test_boards_cut_the_amplifiers_when_io_is_killed(robot: Robot, clock: str) -
     boards = directory.reader(robot.name, "boards", "state")
     old = robot.kill("IO1")
     last = directory.reader(robot.name, "IO1", "state").head
-    wait_for(lambda: any(iter(partial(fired, boards), None)), 10, "every watchdog fired")
+    wait_for(lambda: any(iter(partial(fired, boards), None)), 60, "every watchdog fired")
     after_ns = boards.field("watchdog_ns") - boards.field("refresh_ns")
     assert np.all(after_ns <= 30_100_000), "within the watchdog time, by the boards' own clock"
     assert np.all(after_ns >= 29_900_000)
     assert not boards.field("amp_on").any()
     boards.close()
     state = json.loads(robot.trocar("echo", "PSM1/operating_state", "--json", "--once"))
-    wait_for(lambda: bytes(arm_value(robot, "state")[()]) == b"FAULT", 10, f"FAULT, not {state}")
+    wait_for(lambda: bytes(arm_value(robot, "state")[()]) == b"FAULT", 60, f"FAULT, not {state}")
     wait_for(lambda: robot.pid("IO1") != old and robot.state("IO1") == "RUNNING", 30, "io's restart")
     io = directory.reader(robot.name, "IO1", "state")
-    wait_for(lambda: io.newest() and io.head > last and not io.field("powered").any(), 10, "records of the new io")
+    wait_for(lambda: io.newest() and io.head > last and not io.field("powered").any(), 60, "records of the new io")
     assert io.epoch == 2
     assert not io.field("powered").any()
     assert not io.field("pid_enabled").any()
@@ -134,8 +140,8 @@ def test_everything_ends_when_the_supervisor_is_killed(robot: Robot) -> None:
     pids = [robot.pid(i) for i in ("boards", "IO1", "PSM1")]
     robot.kill("supervisor")
     assert robot.supervisor is not None
-    robot.supervisor.wait(10)
-    wait_for(lambda: not any(psutil.pid_exists(p) for p in pids), 20, "every process ends by itself")
+    robot.supervisor.wait(60)
+    wait_for(lambda: not any(psutil.pid_exists(p) for p in pids), 60, "every process ends by itself")
     robot.up()
     assert "cleared" in robot.output()
 

@@ -18,6 +18,8 @@ TELEOP = ROOT / "configs" / "systems" / "kinematic-teleop.yaml"
 PSM = ROOT / "configs" / "systems" / "kinematic.yaml"
 CART = ROOT / "configs" / "systems" / "kinematic-cart.yaml"
 MASTER = ROOT / "configs" / "systems" / "kinematic-mtm.yaml"
+SLOW = 0.001
+"""A ratio at which moves take minutes: they are under way when something else comes, on a busy machine as well."""
 
 
 def up(robot: Robot, file: Any) -> str:
@@ -42,13 +44,16 @@ def seen(arm: trocar.Psm) -> list[Any]:
     state, _ = arm.measured_js()
     with pytest.raises(trocar.Refused, match="finite"):
         arm.move_jr([0.0, 0.0, math.nan, 0, 0, 0])
+    arm.trajectory_j_set_ratio(SLOW)
     with pytest.warns(trocar.Clipped):
         far = arm.move_jp([0, 0, 5.0, 0, 0, 0])
     arm.hold()
     with pytest.raises(trocar.Refused):
         far.wait()
     arm.wait_for_busy(False)
+    arm.trajectory_j_set_ratio(1.0)
     arm.move_jp([0, 0, 0.12, 0, 0, 0]).wait()
+    wait_for(lambda: not (arm.is_busy() or arm.measured_jv()[0].any()), 60, "it stands")
     words = [arm.operating_state()[0], arm.is_homed(), arm.is_busy(), arm.joint_names(), arm.reference_frame(),
              arm.trajectory_j_get_ratio(), arm.tool()[0], arm.crtk_version()]
     numbers = [pose, start, joints, angles, state.position, arm.jaw.measured_jp()[0], arm.body.jacobian()[0],
@@ -59,12 +64,12 @@ def seen(arm: trocar.Psm) -> list[Any]:
 
 def test_a_script_sees_the_same_from_elsewhere(robot: Robot) -> None:
     at = up(robot, PSM)
-    with trocar.psm("PSM1", at=at) as arm:
+    with trocar.psm("PSM1", at=at, timeout=60.0) as arm:
         robot.pids.add(robot.pid("socket_bridge"))
         elsewhere = seen(arm)
     with trocar.psm("PSM1", robot.name) as arm:
         here = seen(arm)
-        with trocar.system(at=at) as system:
+        with trocar.system(at=at, timeout=60.0) as system:
             assert system.arms() == ["PSM1"] and system.name == robot.name
             system.home()
             assert arm.is_homed()
@@ -72,16 +77,17 @@ def test_a_script_sees_the_same_from_elsewhere(robot: Robot) -> None:
             assert arm.is_disabled()
     for one, other in zip(elsewhere, here, strict=True):
         assert np.array_equal(one, other, equal_nan=True) if isinstance(one, np.ndarray) else one == other
-    with pytest.raises(TimeoutError, match="no arm PSM9"):
-        trocar.arm("PSM9", at=at, timeout=3.0)
-    with pytest.raises(trocar.Problem, match="is no ECM"):
-        trocar.ecm("PSM1", at=at)
+    with trocar.system(at=at, timeout=60.0):  # so that the bridge stays
+        with pytest.raises(TimeoutError, match="no arm PSM9"):
+            trocar.arm("PSM9", at=at, timeout=10.0)
+        with pytest.raises(trocar.Problem, match="is no ECM"):
+            trocar.ecm("PSM1", at=at, timeout=60.0)
     assert robot.down() == 0
 
 
 def test_a_master_is_driven_from_elsewhere(robot: Robot) -> None:
     at = up(robot, MASTER)
-    with trocar.mtm("MTML", at=at) as mtm:
+    with trocar.mtm("MTML", at=at, timeout=60.0) as mtm:
         robot.pids.add(robot.pid("socket_bridge"))
         mtm.home()
         mtm.body.servo_cf([0, 0, 0, 0, 0, 0])
@@ -103,7 +109,7 @@ def test_a_master_is_driven_from_elsewhere(robot: Robot) -> None:
 def test_a_console_is_operated_from_elsewhere(robot: Robot) -> None:
     at = up(robot, TELEOP)
     robot.trocar("send", "system", "home", "--wait")
-    with trocar.console(at=at) as console, trocar.console("console", robot.name) as same:
+    with trocar.console(at=at, timeout=60.0) as console, trocar.console("console", robot.name) as same:
         robot.pids.add(robot.pid("socket_bridge"))
         assert console.teleops() == same.teleops() and "MTMR_PSM1" in console.teleops()
         assert console.teleop_is_selected("MTMR_PSM1")
@@ -111,7 +117,7 @@ def test_a_console_is_operated_from_elsewhere(robot: Robot) -> None:
             same.teleop_is_selected("x")
         console.teleop_set_scale(0.3)
         wait_for(lambda: console.teleop_get_scale() == same.teleop_get_scale() == 0.3, 20, "its scale")
-        with trocar.teleop("MTMR_PSM1", at=at) as teleop:
+        with trocar.teleop("MTMR_PSM1", at=at, timeout=60.0) as teleop:
             wait_for(lambda: teleop.get_scale() == 0.3, 20, "the scale of its teleoperation")
             assert teleop.current_state() == "DISABLED" and not teleop.following()
             console.teleop_start()
@@ -138,7 +144,7 @@ def test_moves_are_awaited(robot: Robot) -> None:
 
     async def both() -> None:
         ticking = asyncio.ensure_future(tick())
-        with trocar.psm("PSM1", robot.name) as here, trocar.psm("PSM1", at=at) as there:
+        with trocar.psm("PSM1", robot.name) as here, trocar.psm("PSM1", at=at, timeout=60.0) as there:
             robot.pids.add(robot.pid("socket_bridge"))
             here.home()
             for arm in (here, there):
@@ -147,6 +153,7 @@ def test_moves_are_awaited(robot: Robot) -> None:
                 await handle
                 assert abs(arm.measured_jp()[0][0] - 0.3) < 1e-3
                 await arm.move_jp([0, 0, 0.12, 0, 0, 0])
+            there.trajectory_j_set_ratio(SLOW)
             lost = there.move_jp([0.3, 0, 0.12, 0, 0, 0])
             there.hold()
             with pytest.raises(trocar.Refused):
@@ -160,22 +167,23 @@ def test_moves_are_awaited(robot: Robot) -> None:
 
 def test_setup_joints_are_placed_from_elsewhere(robot: Robot) -> None:
     at = up(robot, CART)
-    with trocar.suj(at=at) as suj:
+    with trocar.suj(at=at, timeout=60.0) as suj:
         robot.pids.add(robot.pid("socket_bridge"))
         suj.home()
         assert "PSM1" in suj.arms()
         with trocar.suj("SUJ", robot.name) as same:
             assert same.arms() == suj.arms() and same.reference_arm() == suj.reference_arm()
         suj.PSM2.servo_jp([0.1, 0.2, 1.5, -0.1, 0.4, 0.0])
-        assert np.allclose(suj.PSM2.measured_jp()[0], [0.1, 0.2, 1.5, -0.1, 0.4, 0.0])
+        wait_for(lambda: np.allclose(suj.PSM2.measured_jp()[0], [0.1, 0.2, 1.5, -0.1, 0.4, 0.0]), 60, "its place")
         assert suj.PSM2.local.measured_cp()[0].shape == (4, 4)
     assert robot.down() == 0
 
 
 def test_events_and_sounds_are_the_same_from_elsewhere(robot: Robot) -> None:
     at = up(robot, TELEOP)
-    with trocar.psm("PSM1", robot.name) as here, trocar.psm("PSM1", at=at) as there, \
-            trocar.system(robot.name) as system, trocar.system(at=at) as same, trocar.console(at=at) as console:
+    with trocar.psm("PSM1", robot.name) as here, trocar.psm("PSM1", at=at, timeout=60.0) as there, \
+            trocar.system(robot.name) as system, trocar.system(at=at, timeout=60.0) as same, \
+            trocar.console(at=at, timeout=60.0) as console:
         robot.pids.add(robot.pid("socket_bridge"))
         seen: dict[str, list[Any]] = {"here": [], "there": [], "volume": [], "present": []}
         here.on_event("operating_state", seen["here"].append)
@@ -220,7 +228,7 @@ def test_words_are_awaited_here_and_elsewhere(robot: Robot) -> None:
                 await psm.move_jp([0.1, 0, 0.12, 0, 0, 0])
                 await psm.move_jp([0.0, 0, 0.12, 0, 0, 0])
             assert (await psm.measured_jp())[0][2] == pytest.approx(0.12)
-            await psm.trajectory_j_set_ratio(0.02)
+            await psm.trajectory_j_set_ratio(SLOW)
             moving = asyncio.ensure_future(psm.move_jp([0.5, 0, 0.2, 0, 0, 0]))
             while not await psm.is_busy():
                 await asyncio.sleep(0.001)
@@ -231,6 +239,6 @@ def test_words_are_awaited_here_and_elsewhere(robot: Robot) -> None:
             await psm.disable()
         return states
 
-    for where in ({"system": robot.name}, {"at": at}):
+    for where in ({"system": robot.name}, {"at": at, "timeout": 60.0}):
         assert asyncio.run(story(**where))[-1] == "goal_reached"
     assert robot.down() == 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import select
 import signal
 import subprocess
 import sys
@@ -22,8 +23,9 @@ from tools.cli import VERBS, Verb, examples_of, loaded
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]  # paced, as everything without hardware is
 
 SHELL = f'trocar() {{ "{sys.executable}" -P -m tools "$@"; }}\n'  # what the script of that name does
-ENDLESS_S = 4.0  # so long those are watched that go on until Ctrl-C
+ENDLESS_S = 4.0  # from their first words on those are watched that go on until Ctrl-C
 ENDLESS = re.compile(r"trocar (echo (?!.*(--once|-n ))|bus watch (?!.*--once)|replay .*--as)")
+HELD_UP = re.compile("this program was held up|is not up after")
 # Those that start a system, or end one; and what needs a process of a user's own.
 ALONE = re.compile(r"trocar (demo|bench|commission|up|down|set|replay)\b")
 # Tests of their own have bench, commission and set: test_bench_system.py, test_commission.py, test_user_process.py.
@@ -40,19 +42,29 @@ class Person:
         self.environment.pop("TROCAR_RECORDER", None)  # people have one
 
     def types(self, line: str, timeout: float = 180.0) -> str:
-        """Run a line as it stands; fails when that does, or on a traceback. What never ends is ended by Ctrl-C."""
+        """Run a line as it stands, again where a busy machine held it up; fails when that does, or on a traceback."""
+        for _ in range(10):
+            code, reported = self._once(line, timeout)
+            if not HELD_UP.search(reported):
+                break
+        fine = code == 0 or (line == "trocar doctor" and "\nbad " in reported)  # such is this machine
+        assert "Traceback" not in reported and fine, f"{line} → {code}:\n{reported}"
+        return reported
+
+    def _once(self, line: str, timeout: float) -> tuple[int, str]:
+        """Its exit code and what it reported. What never ends is ended by Ctrl-C."""
         shell = subprocess.Popen(["bash", "-c", SHELL + line], cwd=self.folder, env=self.environment, text=True,
                                  stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
                                  start_new_session=True)
+        if ENDLESS.match(line):
+            select.select([shell.stdout], [], [], timeout)  # it has begun
         try:
             reported, _ = shell.communicate(timeout=ENDLESS_S if ENDLESS.match(line) else timeout)
         except subprocess.TimeoutExpired:
             assert ENDLESS.match(line), f"{line}: not over after {timeout} s"
             os.killpg(shell.pid, signal.SIGINT)
-            reported, _ = shell.communicate(timeout=20)
-        fine = shell.returncode == 0 or (line == "trocar doctor" and "\nbad " in reported)  # such is this machine
-        assert "Traceback" not in reported and fine, f"{line} → {shell.returncode}:\n{reported}"
-        return reported
+            reported, _ = shell.communicate(timeout=60)
+        return shell.returncode, reported
 
 
 @pytest.fixture

@@ -33,23 +33,23 @@ def test_a_pedal_moves_the_lens_and_a_death_stops_it(robot: Robot, tmp_path: Pat
     places = [state.info["outputs"].index(name) for name in OUTPUTS]
 
     def pins(*levels: bool) -> None:
-        wait_for(lambda: state.newest() and tuple(state.field("output")[places].tolist()) == levels, 10, f"{levels}")
+        wait_for(lambda: state.newest() and tuple(state.field("output")[places].tolist()) == levels, 60, f"{levels}")
 
     pins(True, True)
     boards.send("press", (1,), "focus_plus")
     pins(False, True)
-    robot.kill("lens")
+    old = robot.kill("lens")
     pins(False, True)
     boards.send("press", (0,), "focus_plus")  # while nobody looks
     pins(True, True)
     client.close()
+    wait_for(lambda: robot.pid("lens") != old and robot.state("lens") == "RUNNING", 60, "its restart")
     client = Client(robot.name, "lens")
-    wait_for(lambda: robot.state("lens") == "RUNNING", 20, "its restart")
     client.send("focus_out", (1,))
     pins(True, False)
     client.send("lock", (1,))
     pins(True, True)
-    wait_for(lambda: lens.newest() and bool(lens.field("locked")), 10, "it says that it is locked")
+    wait_for(lambda: lens.newest() and bool(lens.field("locked")), 60, "it says that it is locked")
     for part in (state, lens, boards, client):
         part.close()
     assert robot.down() == 0

@@ -53,7 +53,7 @@ def take_all_places(robot: Robot) -> subprocess.Popen[str]:
 
 def test_stopping_never_queues_behind_those_who_have_all_places(full: Robot) -> None:
     with trocar.arm("PSM1", full.name) as mover:
-        mover.trajectory_j_set_ratio(0.01)  # a minute: all that follows happens under way
+        mover.trajectory_j_set_ratio(0.001)  # minutes: all that follows happens under way
         under_way = mover.move_jp([0.5, 0.3, 0.2, 0.0, 0.0, 0.0])
         plan = take_all_places(full)
         try:
@@ -64,7 +64,7 @@ def test_stopping_never_queues_behind_those_who_have_all_places(full: Robot) -> 
             assert under_way.is_busy()
             assert full.trocar("send", "PSM1", "hold").startswith("done")
             with pytest.raises(trocar.Refused, match="replaced by hold"):
-                under_way.wait(5.0)
+                under_way.wait(60.0)
             full.trocar("send", "console", "teleop_enable", "0")
             with trocar.arm("MTMR", full.name) as master:
                 master.hold()
@@ -77,7 +77,7 @@ def test_stopping_never_queues_behind_those_who_have_all_places(full: Robot) -> 
             trocar.system(full.name).power_off()
             full.trocar("send", "system", "power_off", "--wait")
             full.trocar("down")
-            wait_for(lambda: not names_of(full.name), 10.0, "the end of the system")
+            wait_for(lambda: not names_of(full.name), 60.0, "the end of the system")
         finally:
             plan.kill()
             plan.communicate()

@@ -20,15 +20,12 @@ def echo(robot: Robot, topic: str) -> dict:
     return json.loads(robot.trocar("echo", topic, "--json", "--once"))
 
 
-def sub_state(robot: Robot) -> str:
-    return str(echo(robot, "PSM1/operating_state")["sub_state"])
-
-
-def reported(robot: Robot) -> list[str]:
+def is_reported(robot: Robot, text: str) -> bool:
+    """Whether an event says so."""
     events = directory.reader(robot.name, "PSM1", "events")
     texts = [row["text"].decode() for row in events.last(200)]
     events.close()
-    return texts
+    return any(text in each for each in texts)
 
 
 def with_memory(folder: Path) -> Path:
@@ -48,13 +45,13 @@ def test_adapter_and_instrument_are_engaged_and_a_successor_keeps_them(robot: Ro
     robot.trocar("home", "PSM1")
     assert len(echo(robot, "PSM1/measured_js")["name"]) == 7
     robot.trocar("send", "boards", "press", "PSM1_adapter", "1")
-    wait_for(lambda: sub_state(robot) == "ENGAGING_ADAPTER", 60, "engaging the adapter")
+    wait_for(lambda: is_reported(robot, "engaging adapter"), 300, "engaging the adapter")
     robot.trocar("home", "PSM1", "--timeout", "300", timeout=320)
-    assert any("engaging adapter 4 of 4" in text for text in reported(robot))
+    assert is_reported(robot, "engaging adapter 4 of 4")
     robot.trocar("send", "boards", "insert_instrument", "PSM1 LARGE_NEEDLE_DRIVER:400006")
-    wait_for(lambda: sub_state(robot) == "ENGAGING_TOOL", 120, "engaging the instrument")
+    wait_for(lambda: is_reported(robot, "engaging tool"), 300, "engaging the instrument")
     robot.trocar("home", "PSM1", "--timeout", "300", timeout=320)
-    assert any("engaging tool 3 of 3" in text for text in reported(robot))
+    assert is_reported(robot, "engaging tool 3 of 3")
     setpoints = directory.reader(robot.name, "IO1", "state")
     old = robot.kill("PSM1")
     wait_for(lambda: robot.pid("PSM1") != old and robot.state("PSM1") == "RUNNING", 60, "the arm's restart")

@@ -16,6 +16,7 @@ from tests.system.robot import DEMO, ROOT, Robot, wait_for
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 KINEMATIC = ROOT / "configs/systems/kinematic.yaml"
 LOCKSTEP = ("--set", "clock=lockstep")  # so that several robots on a busy machine are not too late for each other
+HOME = (0, 0, 0.12, 0, 0, 0)
 PLACE = (0.1, -0.1, 0.15, 0.2, 0.1, -0.1)
 
 
@@ -30,16 +31,16 @@ def homed(robot: Robot, *arms: str) -> None:
 
 def there(robot: Robot, arm: str, goal: tuple[float, ...]) -> bool:
     position = echo(robot, f"{arm}/measured_js")["position"]
-    return bool(np.abs(np.array(position) - goal).max() < 1e-9)
+    return bool(np.abs(np.array(position) - goal).max() < 1e-12)
 
 
 def test_kinematic_arm_is_powered_homed_moved_and_shown_as_such(robot: Robot) -> None:
     robot.up(KINEMATIC)
     assert "PSM1 is KINEMATIC" in robot.output()
     homed(robot)
-    assert np.allclose(echo(robot, "PSM1/measured_js")["position"], (0, 0, 0.12, 0, 0, 0), atol=1e-12)
+    wait_for(lambda: there(robot, "PSM1", HOME), 60, "home")
     robot.trocar("send", "PSM1", "move_jp", *map(str, PLACE))
-    wait_for(lambda: there(robot, "PSM1", PLACE), 20, "the move")
+    wait_for(lambda: there(robot, "PSM1", PLACE), 60, "the move")
     rows = {row["name"]: row for row in json.loads(robot.trocar("status", "--json"))["processes"]}
     assert set(rows) == {"supervisor", "io", "PSM1"}
     assert {name: row["simulation"] for name, row in rows.items()} == {
@@ -64,9 +65,10 @@ def killed_io_comes_back_without_power_and_a_person_homes(robot: Robot) -> None:
     robot.trocar("send", "PSM1", "move_jp", "0", "0", "0.12", "0", "0", "0", "--wait")
     old = robot.kill("io")
     wait_for(lambda: robot.pid("io") != old and robot.state("io") == "RUNNING", 30, "the restart of io")
-    wait_for(lambda: echo(robot, "PSM1/state")["state"] == "FAULT", 10, "FAULT")
+    wait_for(lambda: echo(robot, "PSM1/state")["state"] == "FAULT", 60, "FAULT")
+    wait_for(lambda: not np.any(echo(robot, "io/state")["powered"]), 60, "a record of the new io")
     state = echo(robot, "io/state")
-    assert not np.any(state["powered"]) and state["position"][2] == pytest.approx(0.12), "where it was"
+    assert state["position"][2] == pytest.approx(0.12), "where it was"
     homed(robot)
     assert echo(robot, "PSM1/operating_state")["is_homed"] is True
 
@@ -76,19 +78,19 @@ def test_killed_arm_is_held_and_goes_on_without_a_jump(robot: Robot, clock: str)
     robot.up(KINEMATIC, "--set", f"clock={clock}")
     homed(robot)
     robot.trocar("send", "PSM1", "move_jp", *map(str, PLACE))
-    wait_for(lambda: there(robot, "PSM1", PLACE), 20, "the move")
+    wait_for(lambda: there(robot, "PSM1", PLACE), 60, "the move")
     io = directory.reader(robot.name, "io", "state")
     assert io.newest()
     first = int(io.field("cycle"))
     old = robot.kill("PSM1")
     wait_for(lambda: robot.pid("PSM1") != old and robot.state("PSM1") == "RUNNING", 30, "the arm's restart")
-    wait_for(lambda: echo(robot, "PSM1/state")["is_homed"], 20, "homed again, by shared memory alone")
+    wait_for(lambda: echo(robot, "PSM1/state")["is_homed"], 60, "homed again, by shared memory alone")
     history = io.last(3000)
     history = history[history["cycle"] >= first]
     assert history["pid_enabled"].all() and np.abs(np.diff(history["position"], axis=0)).max() < 1e-12
     io.close()
     robot.trocar("send", "PSM1", "move_jp", "0", "0", "0.12", "0", "0", "0")
-    wait_for(lambda: there(robot, "PSM1", (0, 0, 0.12, 0, 0, 0)), 20, "a move afterwards")
+    wait_for(lambda: there(robot, "PSM1", HOME), 60, "a move afterwards")
 
 
 def test_real_and_kinematic_arms_run_side_by_side(robot: Robot, tmp_path: Path) -> None:
@@ -102,12 +104,12 @@ def test_real_and_kinematic_arms_run_side_by_side(robot: Robot, tmp_path: Path) 
     for arm, goal in (("PSM1", PLACE), ("PSM2", tuple(-0.5 * np.array(PLACE) + (0, 0, 0.2, 0, 0, 0)))):
         robot.trocar("send", arm, "move_jp", *map(str, goal))
         wait_for(lambda: np.abs(np.array(echo(robot, f"{arm}/measured_js")["position"]) - goal).max() < 0.02,  # noqa: B023
-                 20, f"the move of {arm}")
+                 60, f"the move of {arm}")
     rows = {row["name"]: row["simulation"] for row in json.loads(robot.trocar("status", "--json"))["processes"]}
     assert rows == {"supervisor": "", "boards": "", "IO1": "", "PSM1": "", "io": "KINEMATIC", "PSM2": "KINEMATIC"}
     assert echo(robot, "PSM1/state")["simulated"] is False
     robot.kill("io")
-    wait_for(lambda: echo(robot, "PSM2/state")["state"] == "FAULT", 20, "FAULT of the kinematic arm")
+    wait_for(lambda: echo(robot, "PSM2/state")["state"] == "FAULT", 60, "FAULT of the kinematic arm")
     assert echo(robot, "PSM1/operating_state")["is_homed"] is True, "the other arm notices nothing"
 
 
@@ -116,6 +118,6 @@ def test_stock_full_system_homes_the_arms_there_are(robot: Robot, data: Callable
              *LOCKSTEP)
     homed(robot)
     for arm in ("PSM1", "PSM2", "PSM3"):
-        assert np.allclose(echo(robot, f"{arm}/measured_js")["position"], (0, 0, 0.12, 0, 0, 0), atol=1e-12)
-    assert np.allclose(echo(robot, "ECM/measured_js")["position"], (0, 0, 0.12, 0), atol=1e-12)
-    assert np.allclose(echo(robot, "MTML/measured_js")["position"], 0.0, atol=1e-12)
+        wait_for(lambda: there(robot, arm, HOME), 60, f"{arm} at home")  # noqa: B023
+    wait_for(lambda: there(robot, "ECM", (0, 0, 0.12, 0)), 60, "ECM at home")
+    wait_for(lambda: there(robot, "MTML", (0,) * 7), 60, "MTML at home")

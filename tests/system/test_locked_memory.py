@@ -40,8 +40,10 @@ def rights(robot: Robot, instance: str) -> str:
 
 
 def test_each_locks_its_own_memory_and_the_supervisor_what_they_share(robot: Robot) -> None:
-    robot.up(ROOT / "configs/systems/kinematic.yaml", "--set", "clock=wall")
-    wait_for(lambda: "locked" in rights(robot, "supervisor"), 10, "the supervisor's locks")
+    patience = ("supervisor_lost_s=30", "processes.io.hung_s=60", "processes.PSM1.hung_s=60")
+    robot.up(ROOT / "configs/systems/kinematic.yaml", "--set", "clock=wall",
+             *(word for setting in patience for word in ("--set", setting)))
+    wait_for(lambda: "locked" in rights(robot, "supervisor"), 60, "the supervisor's locks")
     if "not locked" in rights(robot, "supervisor"):
         pytest.skip("nobody may lock memory here")
     shared = sum(path_of(segment_name(*parts)).stat().st_size for parts in names_of(robot.name))

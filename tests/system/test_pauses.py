@@ -24,6 +24,12 @@ STILL_M, STILL_RAD = 1e-5, 0.02
 EFFORT = 3  # control mode
 
 
+def patient(*names: str) -> list[str]:
+    """Options by which a busy machine, that holds these up for longer than we do, makes nobody kill them or end."""
+    sets = ["supervisor_lost_s=60", *(f"processes.{name}.hung_s=60" for name in names)]
+    return [word for each in sets for word in ("--set", each)]
+
+
 class Part:
     """One process: its record, what it said, and a client of its own."""
 
@@ -47,17 +53,17 @@ class Part:
 
     def hold_up(self) -> int:
         """Stop it, and let it go on after a while; returns when it was stopped, monotonic ns."""
-        pid, epoch = self.robot.pid(self.name), self.ring.epoch
-        stopped_ns = monotonic_ns()
+        pid = self.robot.pid(self.name)
         os.kill(pid, signal.SIGSTOP)
         try:
+            stopped_ns, epoch = monotonic_ns(), self.ring.epoch
             pause(PAUSE_S)
         finally:
             os.kill(pid, signal.SIGCONT)
-        wait_for(lambda: self.ring.epoch == epoch + 1, 10, f"{self.name} restarts")
+        wait_for(lambda: self.ring.epoch > epoch, 10, f"{self.name} restarts")
         assert self.robot.pid(self.name) == pid, "the same process"
         reported = [row["text"].decode() for row in self.events.last(100) if row["code"] == b"held-up"]
-        assert reported[-1].startswith(f"{self.name} was held up for 0.")
+        assert reported[-1].startswith(f"{self.name} was held up for ")
         wait_for(lambda: self.ring.newest() and self.ring.stamp_ns > stopped_ns + PAUSE_S * 1e9, 10, "its record")
         return stopped_ns
 
@@ -75,19 +81,24 @@ def went(ring: RingReader, field: str, since_ns: int, axes: int) -> float:
     return float(np.ptp(ring.since(since_ns)[field][:, :axes], axis=0).max())
 
 
+def insist(robot: Robot, *words: str) -> None:
+    """Run a verb, again where a busy machine held somebody up meanwhile."""
+    wait_for(lambda: robot.types(*words).returncode == 0, 60, f"trocar {' '.join(words)}")
+
+
 def held_up(answers: list[tuple[str, str]], name: str) -> bool:
-    return bool(answers) and answers[-1][0] == "failed" and answers[-1][1].startswith(f"{name} was held up for 0.")
+    return bool(answers) and answers[-1][0] == "failed" and answers[-1][1].startswith(f"{name} was held up for ")
 
 
 def test_who_is_held_up_while_a_slave_follows_ends_that_until_presence_is_shown_again(robot: Robot) -> None:
-    robot.up(TELEOP)
+    robot.up(TELEOP, *patient(NAME, "console", "system"))
     all_parts = parts(robot, MTMR_PSM1="teleop", MTMR="arm", PSM1="arm", console="console", system="system")
     teleop, master, slave, console, system = all_parts
     homing = system.client.send("home")
     wait_for(lambda: system.text("task") == "home", 10, "homing")
     system.hold_up()
     wait_for(lambda: held_up(system.answers(homing), "system"), 10, "an answer to who waits for it")
-    robot.trocar("send", "system", "home", "--wait")
+    insist(robot, "send", "system", "home", "--wait")
 
     def following(wanted: bool) -> None:
         wait_for(lambda: bool(teleop.value("following")) is wanted, 20, f"following: {teleop.text('reason')}")
@@ -120,7 +131,7 @@ def test_who_is_held_up_while_a_slave_follows_ends_that_until_presence_is_shown_
 
 @pytest.fixture
 def demo_parts(robot: Robot) -> Iterator[list[Part]]:
-    robot.up(DEMO)
+    robot.up(DEMO, *patient("PSM1", "IO1"))
     made = parts(robot, PSM1="arm", IO1="io")
     yield made
     for part in made:
@@ -132,7 +143,7 @@ def test_a_robot_whose_arm_or_io_was_held_up_stands_still_until_somebody_asks(
 ) -> None:
     arm, io = demo_parts
     boards = directory.reader(robot.name, "boards", "state")
-    robot.trocar("power-on")
+    insist(robot, "power-on")
     homing = arm.client.send("state_command", (), "home")
     wait_for(lambda: arm.text("sub_state") not in ("ENABLED", "HOMED"), 20, "homing has begun")
     arm.hold_up()
@@ -140,7 +151,7 @@ def test_a_robot_whose_arm_or_io_was_held_up_stands_still_until_somebody_asks(
     wait_for(lambda: arm.text("sub_state") == "ENABLED", 10, "powered")
     assert not arm.value("is_homed")
 
-    robot.home()
+    insist(robot, "home")
     move = arm.client.send("move_jp", (0.6, 0.4, 0.16, 0.3, 0.2, -0.2))
     wait_for(lambda: bool(arm.value("setpoint_position")[0] > 0.1), 20, "some of the move")
     stopped_ns = arm.hold_up()
@@ -163,5 +174,5 @@ def test_a_robot_whose_arm_or_io_was_held_up_stands_still_until_somebody_asks(
     wait_for(lambda: boards.newest() and boards.stamp_ns > io.ring.stamp_ns + 500_000_000, 10, "half a second more")
     assert not boards.since(stopped_ns + NOTICED_NS)["amp_on"].any(), "no amplifier was on again"
     assert not io.value("powered").any() and not io.value("pid_enabled").any()
-    robot.trocar("power-on")
+    insist(robot, "power-on")
     boards.close()

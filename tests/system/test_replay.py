@@ -23,6 +23,15 @@ KINEMATIC = ROOT / "configs/systems/kinematic.yaml"
 GOAL = (0.2, -0.1, 0.15, 0.4, 0.3, -0.2)
 
 
+def patiently(robot: Robot, *words: str) -> subprocess.CompletedProcess[str]:
+    """What a verb says that keeps time, or holds it; asked for again where a busy machine held it up."""
+    for _ in range(10):
+        said = robot.types(*words)
+        if "held up" not in said.stderr and "before it was held; try again" not in said.stderr:
+            break
+    return said
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("replay")
@@ -37,12 +46,16 @@ def robot(folder: Path) -> Iterator[Robot]:
 @pytest.fixture(scope="module")
 def recorded(robot: Robot, folder: Path) -> Path:
     """Homed, moved by a command, then by a stream of 100 goals."""
-    robot.up(KINEMATIC, "--clock", "lockstep")
-    robot.trocar("home", "PSM1")
     made = folder / "one.mcap"
 
     def has_the_move() -> bool:
-        """Rings hold three seconds of the system, which go on while a busy machine starts what we type."""
+        """Rings hold three seconds of the system, which go on while a busy machine starts what we type.
+
+        Each time it begins anew: what was asked for in all attempts would not fit into the ring of commands.
+        """
+        robot.down()
+        robot.up(KINEMATIC, "--clock", "lockstep")
+        robot.home("PSM1")
         made.unlink(missing_ok=True)
         robot.trocar("send", "PSM1", "move_jp", *map(str, GOAL), "--wait")
         streamed = robot.types("stream", "PSM1", "configs/recordings/psm-wave.csv", "--rate", "200", "--for", "0.5")
@@ -55,12 +68,14 @@ def recorded(robot: Robot, folder: Path) -> Path:
             asked = recording.records("PSM1/audit").rows
             return bool((asked["stamp_ns"][asked["command"] == b"move_jp"] > began).any())
 
-    wait_for(has_the_move, 120, "a dump that the move is in")
+    wait_for(has_the_move, 300, "a dump that the move is in")
     return made
 
 
 def test_a_run_in_lock_step_replays_bit_for_bit(robot: Robot, recorded: Path, folder: Path) -> None:
-    said = json.loads(robot.trocar("replay", str(recorded), "--fresh", "--into", str(folder / "again.mcap"), "--json"))
+    replay = patiently(robot, "replay", str(recorded), "--fresh", "--into", str(folder / "again.mcap"), "--json")
+    assert replay.returncode == 0, replay.stderr
+    said = json.loads(replay.stdout)
     assert said["difference"]["outcome"] == "equal" and said["commands"] > 20, said
     topics = {row["topic"]: row["compared"] for row in said["difference"]["topics"]}
     assert min(topics[name] for name in ("PSM1/state", "PSM1/setpoint", "io/state")) > 1000
@@ -81,9 +96,10 @@ def test_what_cannot_be_repeated_is_refused(robot: Robot, recorded: Path, folder
 
 
 def test_recorded_setpoints_move_the_arm_of_a_running_system(robot: Robot, recorded: Path) -> None:
-    for name, wait in (("move_jp", "--wait"),):
-        robot.trocar("send", "PSM1", name, "0", "0", "0.12", "0", "0", "0", wait)
-    said = json.loads(robot.trocar("replay", str(recorded), "--arms", "PSM1", "--speed", "2", "--json"))
+    robot.trocar("send", "PSM1", "move_jp", "0", "0", "0.12", "0", "0", "0", "--wait")
+    replay = patiently(robot, "replay", str(recorded), "--arms", "PSM1", "--speed", "2", "--json")
+    assert replay.returncode == 0, replay.stderr
+    said = json.loads(replay.stdout)
     assert said["arm"] == "PSM1" and not said["refused"] and said["samples"] > 100
     with open_recording(recorded) as recording:
         last = recording.records("PSM1/state").rows["setpoint_position"][-1][:6]
@@ -93,7 +109,7 @@ def test_recorded_setpoints_move_the_arm_of_a_running_system(robot: Robot, recor
 
 
 def test_recorded_commands_are_asked_for_again(robot: Robot, recorded: Path) -> None:
-    replay = robot.types("replay", str(recorded), "--commands", "--arms", "PSM1", "--speed", "4", "--json")
+    replay = patiently(robot, "replay", str(recorded), "--commands", "--arms", "PSM1", "--speed", "4", "--json")
     rows = [json.loads(line) for line in replay.stdout.splitlines()]
     assert replay.returncode == 0, replay.stderr
     assert rows and {row["command"] for row in rows} <= {"move_jp", "hold"}, rows  # what fell into the last 3 s
@@ -113,13 +129,13 @@ def test_an_arm_that_is_not_homed_is_not_moved(robot: Robot, recorded: Path) -> 
 
 def test_records_are_shown_as_a_system_that_only_can_be_looked_at(robot: Robot, recorded: Path) -> None:
     name = f"{robot.name}shown"
-    shown = subprocess.Popen([sys.executable, "-m", "tools", "replay", str(recorded), "--as", name, "--speed", "0.2"],
+    shown = subprocess.Popen([sys.executable, "-m", "tools", "replay", str(recorded), "--as", name, "--speed", "0.05"],
                              cwd=ROOT, env=robot.environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         wait_for(lambda: (name, "PSM1", "state") in names_of(name), 30, "the rings")
         wait_for(lambda: "PSM1/measured_js" in robot.trocar("list", "--system", name), 30, "what was recorded")
         wait_for(lambda: robot.types("echo", "PSM1/state", "--once", "--system", name).returncode == 0, 30, "a record")
-        rows = robot.trocar("echo", "PSM1/state", "-n", "3", "--json", "--system", name).splitlines()
+        rows = robot.trocar("echo", "PSM1/state", "-n", "3", "--timeout", "30", "--json", "--system", name).splitlines()
         assert json.loads(rows[0])["state"] == "ENABLED" and len(rows) == 3
         assert '"simulation": "REPLAY"' in robot.trocar("list", "--json", "--system", name)
         assert robot.types("send", "PSM1", "hold", "--system", name).returncode != 0
@@ -133,7 +149,7 @@ def test_records_are_shown_as_a_system_that_only_can_be_looked_at(robot: Robot, 
 
 def test_nothing_is_left_of_a_system_that_was_shown_by_who_is_killed(robot: Robot, recorded: Path) -> None:
     name = f"{robot.name}killed"
-    shown = subprocess.Popen([sys.executable, "-m", "tools", "replay", str(recorded), "--as", name, "--speed", "0.2"],
+    shown = subprocess.Popen([sys.executable, "-m", "tools", "replay", str(recorded), "--as", name, "--speed", "0.05"],
                              cwd=ROOT, env=robot.environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     wait_for(lambda: (name, "PSM1", "state") in names_of(name), 30, "the rings")
     shown.kill()
@@ -141,28 +157,33 @@ def test_nothing_is_left_of_a_system_that_was_shown_by_who_is_killed(robot: Robo
     wait_for(lambda: not names_of(name), 30, "all is gone")
 
 
-def recorded_whole(robot: Robot) -> Path:
-    """Homed and moved in lock-step, from the first instant on."""
+def recorded_whole(robot: Robot) -> Path | None:
+    """Homed and moved in lock-step, from the first instant on; None where the recorder was held up and lost some."""
     robot.up(DEMO, "--clock", "lockstep", "--set", "recorder.on=true", "--set", "arm.period_s=0.002",
              "--set", "io.period_s=0.001")  # whose turns would meet in every second cycle
     robot.trocar("record", "run", "--detach")
     robot.trocar("home", "PSM1")
     robot.trocar("send", "PSM1", "move_jp", *map(str, GOAL), "--wait")
-    robot.trocar("record", "run", "--stop")
+    is_whole = robot.types("record", "run", "--stop").returncode == 0
     robot.down()
+    if not is_whole:
+        return None
     [made] = (robot.logs / robot.name / "recordings").glob("run-*.mcap")
     return made
 
 
 def test_a_run_on_emulated_boards_that_was_recorded_whole_replays_bit_for_bit(robots: Callable[[], Robot]) -> None:
-    for _ in range(3):  # boards that the machine keeps from a core for half a second are a missed read, which io tells
+    made, said = None, dict[str, Any]()
+    for _ in range(5):  # boards that the machine keeps from a core for half a second are a missed read, which io tells
         robot = robots()
-        made = recorded_whole(robot)
-        replayed = robot.types("replay", str(made), "--fresh", "--json")
+        if (made := recorded_whole(robot)) is None:
+            continue
+        replayed = patiently(robot, "replay", str(made), "--fresh", "--json")
         said = json.loads(replayed.stdout or "{}")
         different = [row["topic"] for row in said["difference"]["topics"] if not row["equal"]] if said else []
         if said and "IO1/events" not in different:
             break
+    assert made is not None, "the recorder lost records each time"
     assert said, replayed.stderr
     assert said["difference"]["outcome"] == "equal" and said["commands"] >= 2, different
     topics = {row["topic"]: row["compared"] for row in said["difference"]["topics"]}
@@ -180,19 +201,18 @@ def test_a_stream_comes_as_near_as_is_said_on_a_clock_that_does_not_wait(robots:
     robot.home("PSM1")
 
     def done(*words: str) -> dict[str, Any]:
-        """What it says at its end; asked for again where a busy machine held it up."""
-        for _ in range(5):
-            said = robot.types(*words, "--json")
-            if "held up" not in said.stderr:
-                break
+        """What it says at its end."""
+        said = patiently(robot, *words, "--json")
         assert said.returncode == 0, said.stderr
         found: dict[str, Any] = json.loads(said.stdout.splitlines()[-1])
         return found
 
-    robot.trocar("record", "run", "PSM1", "--detach")
-    done("stream", "PSM1", "configs/recordings/psm-wave.csv", "--for", "1")
-    robot.trocar("record", "run", "--stop")
-    [made] = (robot.logs / robot.name / "recordings").glob("run-*.mcap")
+    for _ in range(5):
+        robot.trocar("record", "run", "PSM1", "--detach")
+        done("stream", "PSM1", "configs/recordings/psm-wave.csv", "--for", "1")
+        if robot.types("record", "run", "--stop").returncode == 0:  # else records are missing: it was held up
+            break
+    made = max((robot.logs / robot.name / "recordings").glob("run-*.mcap"))
     said = done("replay", str(made), "--arms", "PSM1")
     most = dict(zip(said["names"], said["recorded_max"], strict=False))
     assert said["samples"] > 50 and not said["refused"], said

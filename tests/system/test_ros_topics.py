@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
 import json
-import os
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -17,10 +15,9 @@ from cyclonedds.qos import Policy
 from procs.ros.dds import Participant
 from procs.ros.messages import Bool, Empty, JointStates, Joy
 from tests.system.robot import ROOT, Robot, wait_for
-from tests.system.test_ros_bridge import Client
+from tests.system.test_ros_bridge import Client, own_domain
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
-COUNT = itertools.count()
 PACKAGES = {
     "std_msgs": "Bool Empty Float64 Float64MultiArray String", "sensor_msgs": "JointState Joy",
     "geometry_msgs": "PoseStamped Quaternion QuaternionStamped TwistStamped WrenchStamped",
@@ -122,7 +119,7 @@ def expected(table: dict[str, list[Row]]) -> set[tuple[str, str, str]]:
 
 def up(robot: Robot, folder: Path, file: str) -> int:
     """Start one of our systems with a bridge that shows all; returns the domain."""
-    domain = 1 + (os.getpid() * 11 + next(COUNT)) % 230
+    domain = own_domain()
     system = yaml.safe_load((ROOT / f"configs/systems/{file}.yaml").read_text())
     system.setdefault("trocar", {})["ros"] = {"domain": domain, "pid": "rw", "io": "rw"}
     made = folder / f"{file}.yaml"
@@ -150,7 +147,7 @@ def test_topics_types_and_settings_are_those_of_the_original(
             return expected(table) <= found.keys()
 
         try:
-            wait_for(look, 30, "every topic")
+            wait_for(look, 60, "every topic")
         finally:
             missing = expected(table) - found.keys()
             assert not missing, "\n".join(map(str, sorted(missing)))

@@ -54,7 +54,7 @@ def test_one_process_is_stopped_and_started_by_a_person(robot: Robot) -> None:
     for name in ("io", "PSM1"):
         assert "runs (pid " in robot.trocar("start", name)
     assert row(robot, "PSM1")["lifecycle"] == "RUNNING" and row(robot, "PSM1")["restarts"] == 0
-    wait_for(lambda: arm_state(robot) == "DISABLED", 10, "nothing is powered by it")
+    wait_for(lambda: arm_state(robot) == "DISABLED", 60, "nothing is powered by it")
     before = robot.pid("PSM1")
     robot.trocar("restart", "PSM1", "--yes")
     assert robot.pid("PSM1") != before and len(processes(robot, "PSM1")) == 1
@@ -80,7 +80,7 @@ def test_three_clients_at_random_never_get_two_processes(robot: Robot) -> None:
                 assert len(processes(robot, "PSM1")) <= 1
             for index, client in enumerate(clients):
                 asked.update({(index, reply.id): reply.outcome for reply in client.poll()})
-        wait_for(lambda: _all_answered(clients, asked), 30, "an answer to everybody")
+        wait_for(lambda: _all_answered(clients, asked), 60, "an answer to everybody")
     finally:
         for client in clients:
             client.close()
@@ -101,9 +101,9 @@ def _all_answered(clients: list[Client], asked: dict[tuple[int, int], str]) -> b
 def test_a_system_is_stopped_in_every_phase_of_its_start(robot: Robot, phase: str) -> None:
     robot.up(DEMO, wait=False)
     assert robot.supervisor is not None
-    wait_for(lambda: reached(robot, phase), 30, phase)
+    wait_for(lambda: reached(robot, phase), 60, phase)
     robot.supervisor.send_signal(signal.SIGTERM)
-    assert robot.supervisor.wait(20) in (0, -signal.SIGTERM), robot.output()
+    assert robot.supervisor.wait(60) in (0, -signal.SIGTERM), robot.output()
     assert robot.left_over() == [] and not any(processes(robot, name) for name in ("boards", "IO1", "PSM1"))
     assert "was not done" not in robot.output() and "killed" not in robot.output(), "they ended by themselves"
 

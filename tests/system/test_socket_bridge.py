@@ -29,6 +29,8 @@ PAGE = (ROOT / "docs" / "socket.md").read_text(encoding="utf-8")
 KINEMATIC = ROOT / "configs" / "systems" / "kinematic.yaml"
 PATIENT = ("--set", "processes.socket_bridge.late_s=10")
 """A bridge that a busy machine holds up keeps its clients."""
+LATE_S = 6.0
+"""Of a bridge that is stopped for longer, when a test wants it to send its clients away."""
 Records = Callable[[Robot, str, str], RingReader]
 
 
@@ -120,19 +122,20 @@ def test_the_page_s_examples_run_and_the_bridge_is_there_for_them_alone(robot: R
     if shutil.which("nc"):
         (line,) = re.findall(r"^    (echo .* nc .*)$", PAGE, re.MULTILINE)
         assert '"position"' in run("bash", "-c", line.replace("7380", str(port)))
-    with connect(f"ws://127.0.0.1:{port}") as web:
+    with connect(f"ws://127.0.0.1:{port}", open_timeout=60) as web:
         web.send('{"op": "read", "topic": "PSM1/measured_js"}')
         assert json.loads(web.recv(timeout=30))["valid"] is True
     robot.pids.add(robot.pid("socket_bridge"))
     wait_for(lambda: commands() >= 3, 30, "it counts what was asked")
     stays.close()
-    wait_for(lambda: row(robot, "socket_bridge")["lifecycle"] == "STOPPED", 20, "it ends when nobody is connected")
+    wait_for(lambda: row(robot, "socket_bridge")["lifecycle"] == "STOPPED", 60, "it ends when nobody is connected")
     assert robot.down() == 0
 
 
 @pytest.mark.parametrize("how", ["kill -9", "stop and go"])
 def test_the_arm_stops_when_the_bridge_that_streams_does(robot: Robot, records: Records, how: str) -> None:
-    port = started(robot)
+    port = started(robot, "--set", f"processes.socket_bridge.late_s={LATE_S}", "--set",
+                   "processes.socket_bridge.hung_s=60")
     client, state = homed(robot, port), records(robot, "PSM1", "state")
     joint = state.field("position")
 
@@ -140,24 +143,27 @@ def test_the_arm_stops_when_the_bridge_that_streams_does(robot: Robot, records: 
         assert state.newest()
         return float(joint[0])
 
-    def stream(seconds: float) -> None:
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
-            client.say(op="call", to="PSM1", command="servo_jv", values=[0.05, 0, 0, 0, 0, 0])
-            time.sleep(0.01)
+    def say_jog() -> None:
+        client.say(op="call", to="PSM1", command="servo_jv", values=[0.05, 0, 0, 0, 0, 0])
+
+    def moves() -> bool:
+        say_jog()
+        return yaw() > 0.002
 
     def rests() -> bool:
         before = yaw(), state.stamp_ns
         wait_for(lambda: yaw() is not None and state.stamp_ns > before[1] + 100_000_000, 30, "0.1 s of the system")
         return yaw() == before[0]
 
-    stream(0.5)
-    assert yaw() > 0.002
+    wait_for(moves, 60, "the arm moves")
     pid = robot.pid("socket_bridge")
     os.kill(pid, signal.SIGKILL if how == "kill -9" else signal.SIGSTOP)
     begin, stood = yaw(), state.stamp_ns
     if how != "kill -9":
-        stream(0.8)  # nobody takes it now, it lies in the socket
+        end = time.monotonic() + LATE_S + 2.0
+        while time.monotonic() < end:  # nobody takes it now, it lies in the socket
+            say_jog()
+            time.sleep(0.02)
     wait_for(rests, 30, "the arm stands")
     assert yaw() - begin < 0.05 * 0.3 and state.stamp_ns > stood
     stands = yaw()
@@ -187,7 +193,7 @@ def test_clients_from_elsewhere_show_a_token_and_look(robot: Robot, tmp_path: Pa
     token.chmod(0o600)
     address = f"0.0.0.0:{free()}"
     assert "anybody could come" in robot.trocar("check", str(KINEMATIC), "--set", f"socket.listen={address}", code=1)
-    port = started(robot, "--set", f"socket.token_file={token}", "--set",
+    port = started(robot, *PATIENT, "--set", f"socket.token_file={token}", "--set",
                    f"socket.tls={{certificate: {certificate}, key: {key}}}", address=address)
     context = ssl.create_default_context(cafile=str(certificate))
     client = SocketClient(port, lambda bare: context.wrap_socket(bare, server_hostname="robot"))

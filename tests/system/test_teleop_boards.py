@@ -42,11 +42,13 @@ class Surgeon:
         self._is_open = not self._is_open
         self.boards.ask("set_position", (self.gripper - (0.0 if self._is_open else PINCH),), "MTML_gripper")
 
-    def pull(self, *by: float) -> None:
-        """The hand at the tip goes there, from where the tip is."""
+    def pull(self, far_m: float, *by: float) -> None:
+        """The hand at the tip goes there, from where the tip is; wait until the master has come so far."""
+        begin = self.away()
         pose = np.array(self.master.value("local_measured_cp"))
         pose[:3] += by
         self.boards.ask("pull_tip", pose, "MTML")
+        wait_for(lambda: np.linalg.norm(self.away() - begin) > far_m, 60, f"the master {far_m} m further")
 
     def let_go(self) -> None:
         self.boards.ask("release_tip", text="MTML")
@@ -65,10 +67,6 @@ class Surgeon:
     def follows(self) -> None:
         wait_for(lambda: self.teleop.is_following, 60, f"following; {self.teleop.reported}")
 
-    def moves(self, far_m: float) -> None:
-        begin = self.away()
-        wait_for(lambda: np.linalg.norm(self.away() - begin) > far_m, 60, f"the master {far_m} m further")
-
     def close(self) -> None:
         for part in (self.seat, self.boards):
             part.__exit__()
@@ -82,7 +80,7 @@ def operator(robot: Robot, data: Callable[[str], Path]) -> Iterator[Surgeon]:
              str(data("dvrk-share")), *SETS)
     with Remote(robot.name, "boards") as boards, Remote(robot.name, "PSM1") as slave:
         boards.ask("insert_instrument", text="PSM1 LARGE_NEEDLE_DRIVER:400006")
-        wait_for(lambda: slave.answered("set_tool_type", (), "LARGE_NEEDLE_DRIVER:400006").outcome == "done", 20,
+        wait_for(lambda: slave.answered("set_tool_type", (), "LARGE_NEEDLE_DRIVER:400006").outcome == "done", 60,
                  "an instrument")
     with Remote(robot.name, "system") as system:
         assert system.settled("home", timeout=120.0).outcome == "done"
@@ -108,19 +106,21 @@ def test_the_slave_follows_a_hand_and_deaths_end_that(operator: Surgeon) -> None
     operator.pinch()
     operator.follows()
 
-    operator.pull(0.05, 0.03, 0.0)
-    operator.moves(0.04)
-    masters, goals = followed(operator)
-    assert np.abs((goals - goals[0]) - 0.2 * (masters - masters[0])).max() < 1e-6
-    assert np.linalg.norm(goals[-1] - goals[0]) > 0.004
-    wait_for(lambda: np.linalg.norm(np.array(operator.slave.value("measured_cp")[:3]) - operator.place()) < 1e-3, 20,
+    for sign in (1, -1, 1, -1, 1):  # where we are held up meanwhile, what is kept begins when it is there
+        operator.pull(0.04, sign * 0.05, sign * 0.03, 0.0)
+        masters, goals = followed(operator)
+        assert np.abs((goals - goals[0]) - 0.2 * (masters - masters[0])).max() < 1e-6
+        if np.linalg.norm(goals[-1] - goals[0]) > 0.004:
+            break
+    else:
+        pytest.fail("the slave does not go a fifth of the master's way")
+    wait_for(lambda: np.linalg.norm(np.array(operator.slave.value("measured_cp")[:3]) - operator.place()) < 1e-3, 60,
              "the slave at its setpoint")
 
     operator.press("clutch", True)
-    wait_for(lambda: not operator.teleop.is_following, 20, "the clutch")
+    wait_for(lambda: not operator.teleop.is_following, 60, "the clutch")
     before = operator.place()
-    operator.pull(-0.05, -0.05, 0.0)
-    operator.moves(0.05)
+    operator.pull(0.05, -0.05, -0.05, 0.0)
     operator.let_go()
     assert np.abs(operator.place() - before).max() < STILL_M
     operator.press("clutch", False)
@@ -128,21 +128,20 @@ def test_the_slave_follows_a_hand_and_deaths_end_that(operator: Surgeon) -> None
     assert np.abs(operator.place() - before).max() < STILL_M
 
     operator.press("coag", False)
-    wait_for(lambda: not operator.teleop.is_following, 20, "the pedal let go of")
+    wait_for(lambda: not operator.teleop.is_following, 60, "the pedal let go of")
     for victim, reason in ((NAME, "align only"), ("console1", "align only"), ("MTML", "pinch or twist")):
         operator.press("coag", False)
-        wait_for(lambda: operator.seat.console.value("present_inputs") == 0, 20, "nobody there")
+        wait_for(lambda: operator.seat.console.value("present_inputs") == 0, 60, "nobody there")
         operator.press("coag", True)
         operator.waits_for("pinch or twist")
         operator.pinch()
         operator.follows()
-        operator.pull(0.0, 0.04, 0.02)
-        operator.moves(0.01)
+        operator.pull(0.01, 0.0, 0.04, 0.02)
         old = robot.kill(victim)
-        wait_for(lambda: not operator.teleop.is_following or robot.pid(victim) != old, 20, "the end of following")  # noqa: B023
+        wait_for(lambda: not operator.teleop.is_following or robot.pid(victim) != old, 60, "the end of following")  # noqa: B023
         before = operator.place()
         operator.let_go()  # a hand that holds on shows presence by the roll
-        wait_for(lambda victim=victim, old=old: robot.pid(victim) != old and robot.state(victim) == "RUNNING", 30,  # type: ignore[misc]
+        wait_for(lambda victim=victim, old=old: robot.pid(victim) != old and robot.state(victim) == "RUNNING", 60,  # type: ignore[misc]
                  f"{victim}'s restart")
         operator.waits_for(reason)
         assert np.linalg.norm(operator.place() - before) < 1e-3, f"the slave went on when {victim} had died"

@@ -116,7 +116,7 @@ def see(robot: Robot, row: SightRow, words: Words) -> None:
 def type_it(robot: Robot, row: SightRow) -> None:
     for words in row.typed:
         robot.trocar(*words, timeout=300)
-    assert "all well" in printed(robot, STATUS)
+    wait_for(lambda: "all well" in printed(robot, STATUS), 30, "all well")
 
 
 @pytest.mark.parametrize("key", [key for key in SCENARIOS if key not in APART])
