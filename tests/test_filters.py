@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -51,11 +50,6 @@ class Bad(Good):
 
     def quit(self) -> None:
         Bad.ended += 1
-
-
-class Slow(Good):
-    def update(self) -> None:
-        time.sleep(0.005)
 
 
 class Hanging(Good):
@@ -156,7 +150,11 @@ def test_one_that_raises_begins_anew_and_the_others_go_on(lab: Lab, clock: Still
     assert bad.head == 3 and count(good) == 18
 
 
-def test_one_that_is_slow_is_named(lab: Lab) -> None:
+def test_one_that_is_slow_is_named(lab: Lab, clock: StillClock) -> None:
+    class Slow(Good):
+        def update(self) -> None:
+            clock.now_ns += 5_000_000
+
     lab.add("bad", Slow)
     good = lab.add("good", Good)
     lab.cycle(5)

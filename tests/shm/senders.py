@@ -21,7 +21,7 @@ SIZES = 13  # longest command: more values than come with the owner's first copy
 UNDER_WAY = COMMANDS_DEPTH - 1  # of each client: all their answers fit in the reply ring
 EVERY = 25  # deaths from one look at all places to the next
 JUST_STARTED = "just started"
-PATIENT = 5000  # ms
+PATIENT = 60_000  # ms
 
 
 def values(sender: int, count: int) -> list[float]:

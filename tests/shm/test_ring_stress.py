@@ -13,7 +13,7 @@ from shm.topics import Field, Topic
 STRESS = Topic("stress", "io", 0, 0, (Field("check", "<u8", "", "sum"), Field("data", "(27,)<u8", "", "numbers")),
                depth=3)
 STRESS_WRITER = """
-import sys, time
+import select, sys, time
 import numpy as np
 from shm.ring import RingWriter
 from shm.segment import Segment
@@ -21,7 +21,7 @@ writer = RingWriter(Segment(sys.argv[2], write=True), "io")
 check, data = writer.field("check"), writer.field("data")
 add = np.arange(27, dtype=np.uint64)
 end = time.monotonic() + float(sys.argv[3])
-while time.monotonic() < end:
+while time.monotonic() < end or not select.select([sys.stdin], [], [], 0)[0]:
     for _ in range(100):
         np.add(add, np.uint64(writer.sequence * 0x9E3779B9), out=data)
         check[...] = data.sum()
@@ -41,7 +41,9 @@ good = bad = backwards = last = 0
 end = time.monotonic() + 60
 while reader.stamp_ns != 1 and time.monotonic() < end:
     if verb():
-        if int(data.sum()) == int(check[()]): good += 1
+        if int(data.sum()) == int(check[()]):
+            good += 1
+            if good == 2: print("going", flush=True)
         else: bad += 1
         if reader.sequence < last or reader.sequence != int(reader.field("sequence")[()]): backwards += 1
         last = reader.sequence
@@ -55,7 +57,8 @@ def test_no_record_is_torn_at_full_speed(world: Any) -> None:
     name = segment_name(world.name, "io", "stress")
     readers = [world.start(STRESS_READER, name, verb) for verb in ("newest", "newest", "next")]
     assert all(r.stdout.readline() == "ready\n" for r in readers)
-    writer = world.start(STRESS_WRITER, name, "1.0")
+    writer = world.start(STRESS_WRITER, name, "1.0")  # or longer, until its input closes
+    assert all(r.stdout.readline() == "going\n" for r in readers)
     written = int(world.finish(writer))
     counts = [tuple(map(int, world.finish(r).split())) for r in readers]
     world.remove()

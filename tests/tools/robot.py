@@ -97,8 +97,8 @@ class ScriptedRobot:
         self.supervisor.publish(monotonic_ns())
 
     def show_arm(self, position: float = 0.1, state: str = "DISABLED", *, valid: bool = True, homed: bool = False,
-                 busy: bool = False, jaw: bool = True, age_s: float = 0.0) -> None:
-        """One record of the arm, so old, every joint at `position`."""
+                 busy: bool = False, jaw: bool = True, age_s: float = 0.0, stamp_ns: int = 0) -> None:
+        """One record of the arm, so old or with that stamp, every joint at `position`."""
         values = {"valid": valid, "cartesian_valid": valid, "reference_valid": valid, "count": 6,
                   "state": state.encode(), "sub_state": state.encode(), "is_homed": homed,
                   "is_busy": busy, "has_jaw": jaw,
@@ -110,7 +110,7 @@ class ScriptedRobot:
         self.arm.field("velocity")[:6] = np.nan
         self.arm.field("spatial_jacobian")[...] = self.arm.field("body_measured_cf")[...] = np.nan
         self.arm.field("measured_cp")[...] = (1, 2, 3, 0, 0, 0, 1)
-        self.arm.publish(monotonic_ns() - round(age_s * 1e9))
+        self.arm.publish(stamp_ns or monotonic_ns() - round(age_s * 1e9))
 
     def close_ends(self) -> None:
         """Give everything back; the segments stay, as of a system that died."""

@@ -178,7 +178,7 @@ def test_mistakes_say_what_is_allowed(ring: RingWriter, words: tuple[str, ...], 
 
 @pytest.mark.parametrize("takes", [True, False])
 def test_set_looks_whether_io_has_the_gains(ring: RingWriter, takes: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tools.verbs.pid.CONFIRMED_NS", 100_000_000)
+    monkeypatch.setattr("tools.verbs.pid.CONFIRMED_NS", 30_000_000_000 if takes else 100_000_000)
     mailbox = Mailbox(os.environ["TROCAR_SYSTEM"], "IO1", "io")
 
     def io() -> None:

@@ -118,7 +118,8 @@ def test_no_next_step_while_some_arms_have_power() -> None:
     assert next_step(arms) == "" and next_step(arms[:1]) == "trocar home"
 
 
-def test_home_says_what_an_arm_waits_for(kinematic: ScriptedRobot) -> None:
+def test_home_says_what_an_arm_waits_for(kinematic: ScriptedRobot, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tools.arms.PATIENCE_NS", 0)
     kinematic.arm.field("reason")[...] = NAMED.encode()
     kinematic.show_arm(state="ENABLED")
     stop = threading.Event()
@@ -132,7 +133,7 @@ def test_home_says_what_an_arm_waits_for(kinematic: ScriptedRobot) -> None:
     answering = threading.Thread(target=accept)
     answering.start()
     try:
-        shown = CliRunner().invoke(APP, ["home", "--timeout", "1.5", "--system", kinematic.name])
+        shown = CliRunner().invoke(APP, ["home", "--timeout", "0.3", "--system", kinematic.name])
     finally:
         stop.set()
         answering.join()

@@ -88,16 +88,18 @@ def test_processes_show_what_they_use_and_how_long_they_are_silent(played: Scrip
     assert row.state == "dead 12 s" and row.is_gone and row.cpu_percent is None and "problem: dead" in row.details()
 
 
-def test_topics_show_declared_and_real_rate_and_age(played: ScriptedRobot) -> None:
+def test_topics_show_declared_and_real_rate_and_age(played: ScriptedRobot, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tools.inspector.topics.WINDOW_NS", 60_000_000_000)
+    stamp = monotonic_ns() + 10_000_000_000  # not old, however long we have no core
+    played.arm.publish(stamp - 1_000_000)
     data = TopicsData(played.name)
     try:
         data.rows()
-        stamp = monotonic_ns() - 100_000_000
         for k in range(100):
             played.arm.publish(stamp + k * 1_000_000)
         row = next(row for row in data.rows() if row.name == "PSM1/state")
         assert row.nominal_hz == 1500.0 and row.hz == pytest.approx(1000.0) and row.max_ms == pytest.approx(1.0)
-        assert row.age_s is not None and row.records == 101 and not row.is_old and row.lost == 0
+        assert row.age_s is not None and row.records == 102 and not row.is_old and row.lost == 0
         for k in (0, 1, 2, 3, 34, 35, 36):
             played.arm.publish(stamp + 200_000_000 + k * 1_000_000)
         row = next(row for row in data.rows({"PSM1": 33.0}) if row.name == "PSM1/state")
@@ -136,7 +138,7 @@ def test_values_have_units_words_courses_and_ages(played: ScriptedRobot) -> None
         rows = {row.key: row for row in data.look(("position",)).rows}
         assert rows["position"].value == "0.25 0.25 0.25 0.25 0.25 0.25" and rows["position"].unit == "rad|m"
         assert rows["PSM1/measured_js.position[0]"].value == "0.25" and rows["velocity"].value == "– – – – – –"
-        played.show_arm(0.5)
+        played.show_arm(0.5, age_s=-10.0)  # not old, however long we have no core
         found = data.look(("position",))
         course = {row.key: row for row in found.rows}["PSM1/measured_js.position[0]"].course
         assert course[-1] == 0.5 and course[0] == 0.25 and not found.is_old and found.sequence == 2

@@ -168,7 +168,7 @@ def test_a_program_that_is_asked_to_end_while_an_arm_approaches_asks_it_to_hold(
         asked, end_ns = list[str](), monotonic_ns() + 30_000_000_000
         while "hold" not in asked and program.poll() is None and monotonic_ns() < end_ns:
             made.beat()
-            made.show_arm(0.1, "ENABLED", homed=True)
+            made.show_arm(0.1, "ENABLED", homed=True, age_s=-600.0)  # fresh, however long we have no core
             for each in made.mailbox.drain():
                 asked.append(each.name)
                 each.accept()

@@ -38,7 +38,7 @@ def played(world: Any) -> Iterator[ScriptedRobot]:
 
 def show(played: ScriptedRobot, position: float, at_s: float, **rest: Any) -> None:
     """A record of the arm with this stamp, after the begin of the test's own time."""
-    played.show_arm(position, age_s=(monotonic_ns() - 10**9 - BEGIN) * 1e-9 - at_s, **rest)
+    played.show_arm(position, stamp_ns=BEGIN + 10**9 + round(at_s * 1e9), **rest)
 
 
 BEGIN = monotonic_ns() - 4_000_000_000
@@ -55,7 +55,7 @@ def values(found: Capture | None) -> list[float]:
 
 
 def test_the_last_seconds_are_every_record_once(played: ScriptedRobot) -> None:
-    for k in range(100):  # far from each other, for a machine that holds us up while we tell a record's age
+    for k in range(100):
         show(played, 0.01 * k, 1.0 * k - 96.0)
     with opened(played) as capturing:
         found = capturing.last(50.5)
@@ -283,8 +283,7 @@ def test_rings_are_aligned_on_their_stamps(played: ScriptedRobot) -> None:
         played.io.field("position")[0] = k
         played.io.field("valid")[...] = True
         played.io.publish(stamp + k * 1_000_000)
-    show_at = stamp - 500_000_000
-    played.show_arm(0.7, age_s=(monotonic_ns() - show_at) * 1e-9)
+    played.show_arm(0.7, stamp_ns=stamp - 500_000_000)
     when = f"{FIELD} > 0.5 and IO1/state.position[0] >= 6"
     with opened(played, when, "IO1/state.position[0]", FIELD) as capturing:
         found = capturing.past(1.0, 1.0)
