@@ -26,7 +26,7 @@ from tools.verbs.logs import tail
 MODULE = "procs.supervisor.loop"
 PR_SET_PDEATHSIG, TERMINATE = 1, 15
 LIBC = ctypes.CDLL(None)
-START_S = 90.0
+START_S = 300.0  # a supervisor that cannot start ends, and says why at once; a busy machine is slow
 
 
 @dataclass(frozen=True, slots=True)

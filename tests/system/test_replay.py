@@ -74,7 +74,7 @@ def recorded(robot: Robot, folder: Path) -> Path:
 
 def test_a_run_in_lock_step_replays_bit_for_bit(robot: Robot, recorded: Path, folder: Path) -> None:
     replay = patiently(robot, "replay", str(recorded), "--fresh", "--into", str(folder / "again.mcap"), "--json")
-    assert replay.returncode == 0, replay.stderr
+    assert replay.returncode == 0, replay.stdout + replay.stderr
     said = json.loads(replay.stdout)
     assert said["difference"]["outcome"] == "equal" and said["commands"] > 20, said
     topics = {row["topic"]: row["compared"] for row in said["difference"]["topics"]}

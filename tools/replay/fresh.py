@@ -33,7 +33,7 @@ from tools.supervising import Background, StartRequest
 
 TAKEN_EVERY_NS: Final = 100_000_000
 STANDS_S: Final = 30.0
-START_S: Final = 60.0
+START_S: Final = 300.0
 
 
 @dataclass(slots=True)
