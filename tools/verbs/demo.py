@@ -58,7 +58,8 @@ def demo(
     """Start emulated boards, home a master and a PSM, draw on the master: the PSM follows. No hardware; Ctrl-C ends it.
     It prints the address of its web console, in which it is seen.
 
-    Seconds are those of the system: a busy machine takes longer, but all ends after 5 times as long and a minute.
+    Seconds are those of the system: a busy machine takes longer, but all ends after 5 times as long and a minute,
+    with exit code 1 where they were not over by then.
 
     Example: trocar demo --for 10
     """
@@ -133,14 +134,15 @@ def _operate(system: str, begin: int, seconds: float, end: int | None) -> dict[s
 
 def _draw(hand: Hand, teleop: SimTeleop, watched: tuple[HealthWatch, Trace], seconds: float, skipped: list[int],
           time: SystemTime, end: int | None, show: Callable[[str], None]) -> None:
-    """Draw eights for so long (0: until Ctrl-C), until `end` at most; `skipped[0]` counts poses that came too late."""
+    """Draw eights for so long (0: until Ctrl-C); `skipped[0]` counts poses that came too late. Problem at `end`."""
     run, trace = watched
     count = round(seconds * RATE_HZ) if seconds else None
     with contextlib.suppress(KeyboardInterrupt):
         for k in beats(RATE_HZ, count, skipped, time=time):
             if end is not None and monotonic_ns() >= end:
-                note(f"ended after {k / RATE_HZ:.1f} of {seconds:g} s: this machine is busy ({speed_in_words(time)})")
-                break
+                trace.collect()
+                raise Problem(f"ended after {k / RATE_HZ:.1f} of {seconds:g} s: this machine is busy "
+                              f"({speed_in_words(time)})")
             passed_s = k / RATE_HZ
             size = SIZE_M * min(1.0, passed_s / RAMP_S)
             hand.draw(figure_eight(2.0 * math.pi * passed_s / TURN_S, size))
