@@ -147,6 +147,10 @@ class Robot:
             pytest.fail(f"trocar {' '.join(words)} → {done.returncode}\n{done.stdout}\n{done.stderr}\n{self.output()}")
         return done.stdout + done.stderr if code else done.stdout
 
+    def insist(self, *words: str) -> None:
+        """Run a verb until it does what it should: a busy machine may hold somebody up meanwhile."""
+        wait_for(lambda: self.types(*words).returncode == 0, 60, f"trocar {' '.join(words)}")
+
     def down(self) -> int:
         """Ask the supervisor to end and wait for it."""
         if self.supervisor is None:

@@ -81,11 +81,6 @@ def went(ring: RingReader, field: str, since_ns: int, axes: int) -> float:
     return float(np.ptp(ring.since(since_ns)[field][:, :axes], axis=0).max())
 
 
-def insist(robot: Robot, *words: str) -> None:
-    """Run a verb, again where a busy machine held somebody up meanwhile."""
-    wait_for(lambda: robot.types(*words).returncode == 0, 60, f"trocar {' '.join(words)}")
-
-
 def held_up(answers: list[tuple[str, str]], name: str) -> bool:
     return bool(answers) and answers[-1][0] == "failed" and answers[-1][1].startswith(f"{name} was held up for ")
 
@@ -98,7 +93,7 @@ def test_who_is_held_up_while_a_slave_follows_ends_that_until_presence_is_shown_
     wait_for(lambda: system.text("task") == "home", 10, "homing")
     system.hold_up()
     wait_for(lambda: held_up(system.answers(homing), "system"), 10, "an answer to who waits for it")
-    insist(robot, "send", "system", "home", "--wait")
+    robot.insist("send", "system", "home", "--wait")
 
     def following(wanted: bool) -> None:
         wait_for(lambda: bool(teleop.value("following")) is wanted, 20, f"following: {teleop.text('reason')}")
@@ -143,7 +138,7 @@ def test_a_robot_whose_arm_or_io_was_held_up_stands_still_until_somebody_asks(
 ) -> None:
     arm, io = demo_parts
     boards = directory.reader(robot.name, "boards", "state")
-    insist(robot, "power-on")
+    robot.insist("power-on")
     homing = arm.client.send("state_command", (), "home")
     wait_for(lambda: arm.text("sub_state") not in ("ENABLED", "HOMED"), 20, "homing has begun")
     arm.hold_up()
@@ -151,7 +146,7 @@ def test_a_robot_whose_arm_or_io_was_held_up_stands_still_until_somebody_asks(
     wait_for(lambda: arm.text("sub_state") == "ENABLED", 10, "powered")
     assert not arm.value("is_homed")
 
-    insist(robot, "home")
+    robot.insist("home")
     move = arm.client.send("move_jp", (0.6, 0.4, 0.16, 0.3, 0.2, -0.2))
     wait_for(lambda: bool(arm.value("setpoint_position")[0] > 0.1), 20, "some of the move")
     stopped_ns = arm.hold_up()
@@ -174,5 +169,5 @@ def test_a_robot_whose_arm_or_io_was_held_up_stands_still_until_somebody_asks(
     wait_for(lambda: boards.newest() and boards.stamp_ns > io.ring.stamp_ns + 500_000_000, 10, "half a second more")
     assert not boards.since(stopped_ns + NOTICED_NS)["amp_on"].any(), "no amplifier was on again"
     assert not io.value("powered").any() and not io.value("pid_enabled").any()
-    insist(robot, "power-on")
+    robot.insist("power-on")
     boards.close()

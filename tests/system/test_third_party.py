@@ -45,11 +45,6 @@ def start(robot: Robot, file: Path) -> subprocess.Popen[str]:
     return master
 
 
-def insist(robot: Robot, *words: str) -> None:
-    """Run a verb, again where a busy machine held somebody up meanwhile."""
-    wait_for(lambda: robot.types(*words).returncode == 0, 60, f"trocar {' '.join(words)}")
-
-
 def state_of(robot: Robot, name: str) -> tuple[str, str]:
     return next((process.state, process.problem) for process in statuses(robot.name) if process.name == name)
 
@@ -73,10 +68,10 @@ def moved(records: np.ndarray) -> float:
 
 def test_a_slave_follows_a_recording_and_its_death_ends_that(robot: Robot, tmp_path: Path) -> None:
     robot.up(SYSTEM, "--set", "supervisor_lost_s=60")
-    insist(robot, "send", "system", "home", "--wait")
+    robot.insist("send", "system", "home", "--wait")
     teleop = directory.reader(robot.name, "MTMR_PSM1", "state", "teleop")
     slave = directory.reader(robot.name, "PSM1", "state", "arm")
-    insist(robot, "send", "console", "teleop_enable", "1")
+    robot.insist("send", "console", "teleop_enable", "1")
     assert state_of(robot, "MTMR") == ("NOT ATTACHED", "")
     file = recording(tmp_path / "hand.csv")
 
