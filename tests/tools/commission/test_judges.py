@@ -155,6 +155,8 @@ def test_boards_that_do_not_cut_by_themselves_are_named(bench: RigBench) -> None
     reported = [str(each) for each in stop.judge_silence(io, (6, 7), stop.Silence({6: 0.031}, ((7, 2),)))]
     assert "IO1, board 7: its watchdog did not act within 0.08 s; allowed: 0.03 s" in reported[0]
     assert "IO1, board 7 axis 2: its amplifier stayed on without a host" in reported[1]
+    (late,) = stop.judge_silence(io, (6, 7), stop.Silence({6: 0.031, 7: 3.0}, ()))
+    assert "IO1, board 7: its watchdog was not seen to act before 3.00 s had passed; allowed: 0.03 s" in str(late)
     off = dataclasses.replace(io, watchdog_s=0.0)
     assert "its watchdog is switched off" in str(stop.judge_silence(off, (6, 7), stop.Silence({}, ()))[0])
 
