@@ -136,8 +136,8 @@ class Robot:
     def home(self, *arms: str, timeout: float = 120.0) -> None:
         """`trocar home`; asked for again where a busy machine held somebody up meanwhile."""
         for _ in range(2):
-            if "held up" not in self.trocar("home", *arms, code=None, timeout=timeout):
-                break
+            if self.types("home", *arms, timeout=timeout).returncode == 0:
+                return
         self.trocar("home", *arms, timeout=timeout)
 
     def trocar(self, *words: str, code: int | None = 0, timeout: float = 120.0) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -21,11 +21,13 @@ from tools.commission.finding import Outcome
 from tools.commission.person import Act, Stop
 from tools.commission.person_sim import AtBoards
 from tools.commission.stages import NAMES
+from tools.errors import Problem
 from tools.remote import Remote
 
 pytestmark = [pytest.mark.slow, pytest.mark.patient]
 WATCHDOG_S = 0.3  # the most that boards take: a busy machine holds io up for longer than the usual 0.03 s now and then
 PATIENCE = {"late_s": 5.0, "hung_s": 60.0}
+HELD_UP = ("io does not answer", "held up")
 
 
 @pytest.fixture
@@ -80,30 +82,38 @@ def _order(robot: Robot, command: str, *values: float, text: str) -> None:
         boards.ask(command, values, text)
 
 
-def _one(outcome: Outcome) -> str:
-    (found,) = outcome.problems
-    return str(found)
+def _found(run: Callable[[RunningBench], Outcome], bench: RunningBench) -> list[str]:
+    """What a stage says is wrong; again where a busy machine held up io meanwhile."""
+    for _ in range(5):
+        try:
+            found = [str(each) for each in run(bench).problems]
+        except Problem as problem:
+            found = [str(problem)]
+        if not any(word in text for text in found for word in HELD_UP):
+            break
+    return found
 
 
 def test_stages_stop_at_a_stop_without_effect_a_dead_amplifier_and_a_missing_board(
         running: tuple[Robot, RunningBench]) -> None:
     robot, bench = running
-    reported = [str(each) for each in stop.run(bench).problems]
+    reported = _found(stop.run, bench)
     assert "PSM1 axis 0 (yaw), board 6: its amplifier is still on after the emergency stop; allowed: off" in reported[0]
     assert not np.any(bench.sample("IO1", 0.3).fields["amp_on"][-1])
     _order(robot, "amp_fault", 3, 1, text="PSM1")
-    failing = _one(home.run(bench))
+    (failing,) = _found(home.run, bench)
     assert "PSM1, boards 6, 7" in failing
     assert "amplifier" in failing
     assert "allowed: homed" in failing
     assert not np.any(bench.sample("IO1", 0.3).fields["amp_on"][-1])
     _order(robot, "unplug_board", 7, text="IO1")
-    assert "board 7 on IO1" in _one(scan.run(bench))
+    (missing,) = _found(scan.run, bench)
+    assert "board 7 on IO1" in missing
 
 
 def test_a_stuck_axis_ends_the_slow_move_and_is_named(running: tuple[Robot, RunningBench]) -> None:
     robot, bench = running
     _order(robot, "jam", 0, 1, text="PSM1")
-    found = _one(move.run(bench))
+    (found,) = _found(move.run, bench)
     assert "yaw" in found and "allowed: " in found
     assert not np.any(bench.sample("IO1", 0.3).fields["amp_on"][-1])
