@@ -319,7 +319,8 @@ class Timekeeper(Steps):
         self.segment.at_close(self._speed.release)
         self._speed_at = (self.segment.header.first + SCHEMA.offset("speed")) // 8
         self._before, self._holds = (EPOCH_NS, monotonic_ns()), False
-        self._holder = Places(segment, segment.header.first + SCHEMA.offset("limit_ns"), 1)
+        self.holder = Places(segment, segment.header.first + SCHEMA.offset("limit_ns"), 1)
+        """Taken by a program from outside that holds time back."""
 
     def hold(self, holds: bool) -> None:
         """Time stands from now on, or goes on again, unless somebody else holds it back."""
@@ -339,9 +340,9 @@ class Timekeeper(Steps):
 
     def let_pass(self, seconds: float) -> None:
         """Sleep so long in real time, and see to it that time goes on where somebody died who should have."""
-        if self.words[self._limit] and not self._holds and self._holder.take(0):  # who held it back has died
+        if self.words[self._limit] and not self._holds and self.holder.take(0):  # who held it back has died
             self.words[self._limit] = 0
-            self._holder.give_back(0)
+            self.holder.give_back(0)
         self.advance()
         self._wake_due()
         pause(seconds)

@@ -41,6 +41,8 @@ class StartRequest:
     seconds: float | None = None
     document: bool = False
     """The file is a frozen document, as recordings have it."""
+    held: bool = False
+    """Simulated time stands at its beginning until somebody holds it back (shm/held_time.py)."""
 
     def command(self) -> list[str]:
         """The supervisor's command line."""
@@ -52,6 +54,7 @@ class StartRequest:
         for each in self.sets:
             words += ["--set", each]
         words += ["--document"] if self.document else []
+        words += ["--held"] if self.held else []
         return words + (["--for", f"{self.seconds:g}"] if self.seconds is not None else [])
 
 

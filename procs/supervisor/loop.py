@@ -33,7 +33,7 @@ log = logging.getLogger("supervisor")
 
 
 @contextlib.contextmanager
-def supervised(system: SystemConfig) -> Iterator[Supervisor]:
+def supervised(system: SystemConfig, awaits_holder: bool = False) -> Iterator[Supervisor]:
     """A supervisor that removes its shared memory on every path."""
     asked: list[str] = []
     made: list[Supervisor] = []
@@ -45,7 +45,7 @@ def supervised(system: SystemConfig) -> Iterator[Supervisor]:
 
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, hear)  # before there is anything to leave behind
-    supervisor = Supervisor(system)
+    supervisor = Supervisor(system, awaits_holder)
     made.append(supervisor)
     supervisor.stopping = asked[0] if asked else ""
     try:
@@ -67,6 +67,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--set", dest="sets", action="append", default=[])
     parser.add_argument("--for", dest="seconds", type=float)
     parser.add_argument("--document", action="store_true", help="the file is a frozen document, as recordings have it")
+    parser.add_argument("--held", action="store_true", help="simulated time stands until a program holds it back")
     return parser.parse_args()
 
 
@@ -81,7 +82,7 @@ def main() -> None:
         except (NoAddress, OSError, ValueError) as error:
             log.error("%s: %s", chosen.file, error)
             sys.exit(1)
-        sys.exit(_run(system, chosen.seconds))
+        sys.exit(_run(system, chosen.seconds, chosen.held))
     try:
         loaded = load_system(chosen.file, search=chosen.path, boards=chosen.boards, sets=chosen.sets, name=name,
                              bus_address=free_address(name), cores=cores(),
@@ -94,15 +95,15 @@ def main() -> None:
     if loaded.errors or loaded.system is None:
         log.error("nothing was started")
         sys.exit(1)
-    sys.exit(_run(loaded.system, chosen.seconds))
+    sys.exit(_run(loaded.system, chosen.seconds, chosen.held))
 
 
-def _run(system: SystemConfig, seconds: float | None) -> int:
+def _run(system: SystemConfig, seconds: float | None, awaits_holder: bool) -> int:
     for note in system.notes:
         log.info("%s", note)
     log.info("clock: %s", CLOCKS[system.clock])
     try:
-        with supervised(system) as supervisor:
+        with supervised(system, awaits_holder) as supervisor:
             log.info("system %s: %.1f MB of shared memory", system.name, supervisor.size / 1e6)
             try:
                 supervisor.start_all()

@@ -57,9 +57,12 @@ class SetupFailed(Exception):
 class Supervisor:
     """One running system."""
 
-    def __init__(self, system: SystemConfig) -> None:
-        """Make all shared memory; SegmentError when the name is taken or memory is full, AddressTaken."""
-        self.system = system
+    def __init__(self, system: SystemConfig, awaits_holder: bool = False) -> None:
+        """Make all shared memory; SegmentError when the name is taken or memory is full, AddressTaken.
+
+        `awaits_holder`: simulated time stands at its beginning until somebody holds it back (shm/held_time.py).
+        """
+        self.system, self._awaits_holder = system, awaits_holder
         memory.trust(system.service_user)
         self.stopping = ""
         self.lost = False  # our processes have ended because we were held up
@@ -165,7 +168,7 @@ class Supervisor:
                 return
         self.page.show("RUNNING")
         self._show()
-        if self.keeper is not None:
+        if self.keeper is not None and not self._awaits_holder:
             self.keeper.hold(False)
         self._systemd.tell("READY=1")
         if self.keeper is None:  # simulated time needs no rights
@@ -207,6 +210,9 @@ class Supervisor:
         if self.keeper is None:
             pause(BEAT_S)
             return
+        if self._awaits_holder and self.page.state == "RUNNING" and self.keeper.holder.is_taken(0):
+            self._awaits_holder = False
+            self.keeper.hold(False)
         self.keeper.admit([child.row.name for child in self.children if child.process.ready])
         self.keeper.let_pass(BEAT_S)
 

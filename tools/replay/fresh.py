@@ -7,16 +7,15 @@ the same bit for bit.
 
 from __future__ import annotations
 
-import contextlib
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import count, groupby
 from pathlib import Path
 from typing import Final
 
 from procs.recordings.reading import RecordedTopic, RecordingReader
-from shm.clock import monotonic_ns, pause
+from shm.clock import monotonic_ns
 from shm.held_time import HeldTime
 from shm.lockstep import EPOCH_NS
 from shm.origins import Origin
@@ -33,7 +32,6 @@ from tools.supervising import Background, StartRequest
 
 TAKEN_EVERY_NS: Final = 100_000_000
 STANDS_S: Final = 30.0
-START_S: Final = 300.0
 
 
 @dataclass(slots=True)
@@ -59,12 +57,12 @@ def run_again(recording: RecordingReader, file: Path, system: str, say: Say) -> 
     with own_folder(system) as folder:
         frozen = folder / "document.json"
         frozen.write_bytes(document)
-        background = Background(StartRequest(frozen, system, document=True), tied=True)
+        background = Background(StartRequest(frozen, system, document=True, held=True), tied=True)
         try:
-            with _held_from_the_start(system, background) as held:
-                background.wait_until_up(say)
+            background.wait_until_up(say)
+            with HeldTime(system) as held:  # it stands at its beginning until then, however late we come
                 if held.now_ns() != EPOCH_NS:
-                    raise Problem(f"the time of {system} had begun before it was held; try again")
+                    raise Problem(f"the time of {system} had begun before it was held")
                 with new_file(file) as stream, WholeRings(system, stream, file.stem) as rings:
                     _play(held, system, rings, commands, end_ns, run, say)
                     run.notes += [f"{lost} records of {topic} were lost" for topic, lost in rings.lost.items()]
@@ -75,20 +73,6 @@ def run_again(recording: RecordingReader, file: Path, system: str, say: Say) -> 
         finally:
             background.stop(say)
     return run
-
-
-@contextlib.contextmanager
-def _held_from_the_start(system: str, background: Background) -> Iterator[HeldTime]:
-    """Its time is held back before it begins: the supervisor lets it begin when all processes are up."""
-    end, held = monotonic_ns() + round(START_S * 1e9), None
-    while held is None:
-        if background.popen.poll() is not None or monotonic_ns() >= end:
-            background.wait_until_up(lambda text, fraction: None, 0.0)  # says why
-        with contextlib.suppress(SegmentError):
-            held = HeldTime(system)
-        pause(0.005)
-    with held:
-        yield held
 
 
 def _repeatable(recording: RecordingReader, out: Sequence[str]) -> tuple[list[RecordedCommand], list[str]]:
