@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import socket
 import time
 from collections.abc import Iterator
@@ -124,6 +125,26 @@ def test_sockets_answer_with_the_arrival_time_of_the_kernel() -> None:
                 Endpoints(buses, answer, time.monotonic_ns, simulated=False)
         finally:
             endpoints.close()
+
+
+def test_arrival_times_are_right_where_boards_were_held_up_while_they_compared_clocks() -> None:
+    stamps: list[int] = []
+    asked = itertools.count()
+
+    def held_up_once() -> int:
+        if next(asked) == 1:  # between the two looks at the other clock
+            time.sleep(0.05)
+        return time.monotonic_ns()
+
+    endpoints = Endpoints((BusConfig("a", "127.91.10.16", (Controller(0),)),),
+                          lambda bus, data, at, to: stamps.append(at), held_up_once, simulated=False)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as host, contextlib.closing(endpoints):
+        host.sendto(b"x", ("127.91.10.16", wire.UDP_PORT))
+        sent = time.monotonic_ns()
+        time.sleep(0.03)  # it lies there
+        while not stamps:
+            endpoints.serve(10 * MS)
+    assert next(asked) > 2 and stamps[0] <= sent + 10 * MS
 
 
 def test_in_lock_step_requests_arrive_at_the_simulated_time() -> None:

@@ -125,9 +125,10 @@ def file_with(folder: Path, **ros: Any) -> tuple[Path, int]:
 
 
 @contextlib.contextmanager
-def bridged(robot: Robot, folder: Path, **ros: Any) -> Iterator[Client]:
+def bridged(robot: Robot, folder: Path, *sets: str, **ros: Any) -> Iterator[Client]:
     made, domain = file_with(folder, **ros)
-    robot.up(made, "--path", str(ROOT / "configs"), "--set", "processes.ros_bridge.hung_s=60")
+    options = [word for each in ("hung_s=60", *sets) for word in ("--set", f"processes.ros_bridge.{each}")]
+    robot.up(made, "--path", str(ROOT / "configs"), *options)
     client = Client(domain)
     for topic, message in (("PSM1/operating_state", OperatingState), ("PSM1/measured_js", JointStates),
                            ("PSM1/measured_cp", PoseStamped), ("PSM1/warning", String)):
@@ -294,7 +295,7 @@ class StreamedGoals:
 @pytest.mark.parametrize(("how", "of_tip"), [(signal.SIGKILL, False), (signal.SIGSTOP, False), (signal.SIGSTOP, True)])
 def test_an_arm_whose_bridge_dies_or_stops_in_a_stream_stays_where_it_is(
         robot: Robot, tmp_path: Path, how: signal.Signals, of_tip: bool) -> None:
-    with bridged(robot, tmp_path) as client:
+    with bridged(robot, tmp_path, "backoff_s=8") as client:  # what is sent meanwhile is sent while there is none
         client.state("DISABLED")
         client.home()
         client.wait(lambda: client.last("PSM1/measured_js").header.stamp.sec > 0, "joints")
