@@ -7,6 +7,7 @@ altogether are skipped and counted as missed. Pure but for the control page it w
 from __future__ import annotations
 
 from collections.abc import Sequence
+from fractions import Fraction
 
 import numpy as np
 
@@ -20,6 +21,7 @@ SHORT_NS = 60_000_000_000  # so long that counts
 ROOM = 20_000  # for the figures of a second
 QUICKEST_NS = 1_000_000  # between two cycles of a loop with longer periods, however much news there is
 GAIN = 0.05
+SHARES = 4  # of a period, at most, in which it meets that of whom it follows
 FIGURES = ("avg", "std", "min", "max", "p99")
 
 
@@ -38,6 +40,7 @@ class Pacing:
     def __init__(self, page: ControlPage, period_ns: int, phase_ns: int) -> None:
         """`phase_ns` is where on the grid of periods cycles lie in lock-step."""
         self.period_ns, self._phase_ns = max(1, period_ns), phase_ns
+        self._step_ns = self.period_ns
         page.field("period_ns")[...] = period_ns
         names = ("heartbeat_ns", "cycles", "missed", "overruns", "interval_cycles")
         self._beat, self._cycles, self._missed, self._overruns, self._interval = (page.field(n) for n in names)
@@ -69,11 +72,18 @@ class Pacing:
         if self._beats:
             self._beat[...] = now_ns
 
+    def follows(self, period_ns: int) -> None:
+        """Whom we `follow` has that period: two thirds of ours begin at three places in ours, a third of it apart.
+
+        Any of these will do. Were it one of them, it would matter which of theirs was the newest that we saw.
+        """
+        self._step_ns = self.period_ns // Fraction(period_ns, self.period_ns).limit_denominator(SHARES).denominator
+
     def follow(self, wanted_ns: int) -> None:
-        """Pull the grid gently so that deadlines fall on `wanted_ns` plus whole periods."""
-        error = (wanted_ns - self._deadline) % self.period_ns
-        if error > self.period_ns // 2:
-            error -= self.period_ns
+        """Pull the grid gently so that deadlines fall on `wanted_ns`, or whole steps from there: see `follows`."""
+        error = (wanted_ns - self._deadline) % self._step_ns
+        if error > self._step_ns // 2:
+            error -= self._step_ns
         self._deadline += int(error * GAIN)
 
     def is_overloaded(self, now_ns: int) -> bool:

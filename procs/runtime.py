@@ -166,6 +166,10 @@ class Node(OwnMemory):
         self._pauses.end()
         gc.collect()  # what is left of the old loop; all that is older is frozen
 
+    def follows(self, name: str) -> None:
+        """The process `name` is whom we `follow`."""
+        self._pacing.follows(round(self.document.process(name).period_s * 1e9))
+
     def follow(self, stamp_ns: int, lead_ns: int) -> None:
         """Keep our cycle `lead_ns` behind the stamps of the process whose data we use."""
         if not self.clock.simulated:

@@ -138,6 +138,26 @@ def test_follow_pulls_the_grid_gently(page: Page, away: int) -> None:
     assert page["missed"] == 0
 
 
+@pytest.mark.parametrize("followed, apart", [(2 / 3, 1 / 3), (1 / 2, 1 / 2), (1, 1), (3 / 2, 1 / 2), (2, 1)])
+@pytest.mark.parametrize("work", [60_000, 200_000, 350_000])
+@pytest.mark.parametrize("begin", [0, 123_456, 555_555, 890_000])
+def test_who_follows_another_period_finds_its_place_whichever_of_its_stamps_are_seen(
+    page: Page, followed: float, apart: float, work: int, begin: int
+) -> None:
+    """`work` after a stamp its record is out: what is the newest depends on where one's own cycles lie."""
+    pacing, period, lead = Pacing(page, PERIOD, 0), round(followed * PERIOD), 190_000  # type: ignore[arg-type]
+    pacing.follows(period)
+    pacing.begin(begin, False)
+    now, behind = begin, []
+    for _ in range(1000):
+        now = max(now, pacing.end_of_work(now))
+        pacing.begin_work(now)
+        pacing.follow((now - work) // period * period + lead)
+        behind.append((now - lead) / PERIOD % apart)
+    settled = np.array(behind[500:])
+    assert np.minimum(settled, apart - settled).max() < 0.002
+
+
 def test_figures_are_of_the_last_second(page: Page) -> None:
     pacing = Pacing(page, PERIOD, 0)  # type: ignore[arg-type]
     pacing.begin(0, False)

@@ -186,6 +186,7 @@ class ArmLoop(runtime.Loop):
             reading=readings(node.reads(arm.io, "instruments"), io, arm.instrument_reader), faults=faults))
         self.written = self._io.field("write_ns")
         """When io last wrote its boards, ns."""
+        node.follows(arm.io)
         self._resting = 0
         self._events, self._name, self._warn_ns = node.events, node.name, 0
         self._most_periods = most_periods(node.row.period_s)

@@ -100,6 +100,7 @@ class SetupLoop(runtime.Loop):
             self._orders = IoMailbox(node.commands(cart.io), node)
             board = InterfaceBoard(node.document.io(cart.io), cart.robot, node.reads(cart.io, "state"), self._orders)
             self._written = board.write_ns
+            node.follows(cart.io)
             source = Classic(cart, setups, board, node.events, field, self._setpoint.field, fault_text)
         elif cart.kind == SI and cart.simulation != "KINEMATIC":
             self._link = link_of(cart)

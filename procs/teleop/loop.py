@@ -16,9 +16,7 @@ from procs.teleop.third_party import ThirdPartyArm
 from shm.faults import Cell, Watched
 from shm.ring import RingWriter
 
-# The master's record is out so long after its stamp. Its cycles are two thirds of ours: every other time it is a third
-# of a millisecond older, and half of that is what the grid settles on.
-BEHIND_MASTER_NS: Final = 360_000
+BEHIND_MASTER_NS: Final = 190_000  # its record is out by then
 
 IDLE_PERIODS: Final = 10  # while DISABLED it looks around a hundred times a second, and when it is asked for something
 
@@ -69,6 +67,8 @@ class TeleopLoop(runtime.Loop):
         faults = Watched(node.faults(), row.arms)
         self.teleop = build(node, self._state, faults)
         self._master = self.teleop.arms[0]
+        if self._master.sets_pace:
+            node.follows(self._master.name)
         self._mailbox = node.mailbox(faults)
 
     def wait(self) -> bool:

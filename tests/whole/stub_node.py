@@ -67,6 +67,7 @@ class StubNode:
     def __init__(self, document: Any, name: str) -> None:
         self.document, self.name, self.now_ns, self.wall_ns = document, name, 0, 0
         self.log: list[str] = []
+        self.paced_by: list[str] = []
         self.clock = SimpleNamespace(now_ns=lambda: self.now_ns + 50_000)
         self.rings: dict[tuple[str, str], StubRing] = {}
         self.clients: dict[str, StubClient] = {}
@@ -119,6 +120,9 @@ class StubNode:
     def tick(self, news: Callable[[], bool] | None = None, periods: int = 1) -> bool:
         self.log.append(f"tick {periods} {news() if news is not None else '-'}")
         return True
+
+    def follows(self, name: str) -> None:
+        self.paced_by.append(name)
 
     def follow(self, stamp_ns: int, lead_ns: int) -> None:
         self.log.append(f"follow {stamp_ns} {lead_ns}")

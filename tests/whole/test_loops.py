@@ -112,11 +112,12 @@ def test_a_teleoperation_follows_its_master_in_time_and_tells_how_late_it_is() -
     master.stamp_ns, node.now_ns = 8 * MS, 8_400_000
     node.log.clear()
     loop.cycle(node.now_ns, 0)
-    assert [line for line in node.log if line.startswith(("follow", "latency"))] == ["follow 8000000 360000"]
+    assert [line for line in node.log if line.startswith(("follow", "latency"))] == ["follow 8000000 190000"]
+    assert node.paced_by == ["MTMR"]
     loop.teleop.following = True
     node.log.clear()
     loop.cycle(node.now_ns, 0)
-    assert "follow 8000000 360000" in node.log and "latency 450000" in node.log
+    assert "follow 8000000 190000" in node.log and "latency 450000" in node.log
     assert node.voids.void == 9
 
 
@@ -126,7 +127,7 @@ def test_a_program_sets_no_pace() -> None:
     loop, node = teleoperation(row.name, document)
     node.ring(row.mtm, "state").stamp_ns = 8 * MS
     loop.cycle(9 * MS, 0)
-    assert not any(line.startswith(("follow", "latency")) for line in node.log)
+    assert not any(line.startswith(("follow", "latency")) for line in node.log) and not node.paced_by
 
 
 @pytest.mark.parametrize("idle", [True, False])
@@ -249,7 +250,7 @@ def test_a_classic_cart_publishes_setpoints_and_follows_io() -> None:
     loop.cycle(7 * MS, 0)
     order = [line for line in node.log if line.startswith(("publish", "follow", "IO1 for", "IO1 < power_on"))]
     assert order == ["IO1 for 4", "IO1 < power_on SUJ ()", "publish SUJ state 7000000", "publish SUJ setpoint 7000000",
-                     "follow 5000000 120000"]
+                     "follow 5000000 120000"] and node.paced_by == ["IO1"]
     for text in ("busy", "busy", "why"):
         node.clients["IO1"].answers += [SimpleNamespace(outcome="refused", text=text),
                                         SimpleNamespace(outcome="done", text="it is")]
