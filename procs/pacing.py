@@ -17,7 +17,7 @@ INTERVAL_NS = 1_000_000_000
 SHORT_SHARE = 0.05  # of the deadlines missed in SHORT_CHECK_NS: the machine has not enough time for everybody
 SHORT_CHECK_NS = 200_000_000
 SHORT_CHECKS = 3  # one after the other: not a pause of the machine, and before Linux stops FIFO processes
-SHORT_NS = 60_000_000_000  # so long that counts
+SHORT_NS = (4_000_000_000, 60_000_000_000)  # so long that counts at first, and at most, where it soon happens again
 ROOM = 20_000  # for the figures of a second
 QUICKEST_NS = 1_000_000  # between two cycles of a loop with longer periods, however much news there is
 GAIN = 0.05
@@ -53,7 +53,7 @@ class Pacing:
         self._start = self._deadline = self._interval_end = 0
         self._beats = True
         self._missed_count = self._overrun_count = self._cycle_count = 0
-        self._missed_before = self._short_until = self._short_check = self._short_checks = 0
+        self._missed_before = self._short_until = self._short_check = self._short_checks = self._short_ns = 0
 
     def begin(self, now_ns: int, simulated: bool) -> None:
         """Start the grid: at the next phase point in simulated time, now on the wall clock.
@@ -135,7 +135,9 @@ class Pacing:
         much = (self._missed_count - self._missed_before) * self.period_ns > SHORT_SHARE * SHORT_CHECK_NS
         self._short_checks = self._short_checks + 1 if much else 0
         if self._short_checks >= SHORT_CHECKS:
-            self._short_until = now_ns + SHORT_NS
+            if (since := now_ns - self._short_until) >= 0:
+                self._short_ns = min(2 * self._short_ns, SHORT_NS[1]) if since < self._short_ns else SHORT_NS[0]
+            self._short_until = now_ns + self._short_ns
         self._missed_before = self._missed_count
         self._short_check = now_ns + SHORT_CHECK_NS
 
