@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Final
 
 from procs import codes, lifecycle
+from procs.config.build.placement import ROBOTS
 from procs.document.process import ELSEWHERE, ON_DEMAND
 from procs.document.system import WALL, Process, SystemConfig
 from procs.log_files import put_aside
@@ -52,6 +53,14 @@ log = logging.getLogger("supervisor")
 
 class SetupFailed(Exception):
     """A process did not come up; the message says which and why."""
+
+
+def highest_priority(rows: Sequence[Process]) -> int:
+    """That of the supervisor, which has to come to those that drive robots and hang: the highest of theirs.
+
+    Not of emulated boards, which come before io: each of our beats would hold io up for a large part of its period.
+    """
+    return max((row.priority for row in rows if proc(row.kind).priority in ROBOTS), default=0)
 
 
 class Supervisor:
@@ -96,8 +105,8 @@ class Supervisor:
         self.page = ControlPage(system.name, "supervisor", write=True)
         self.page.segment.claim("supervisor")
         self.page.field("pid")[...] = os.getpid()
-        highest = max((p.priority for p in system.processes), default=0)
-        self._row = Process("supervisor", "supervisor", BEAT_S, priority=highest, cpus=system.cpus)
+        self._row = Process("supervisor", "supervisor", BEAT_S, priority=highest_priority(system.processes),
+                            cpus=system.cpus)
         self._granted = realtime(self._row, system.clock)
         self.page.field("policy")[...] = in_words(self._granted)
         self.keeper = None if system.clock == WALL else Timekeeper(system.name, memory.simulated(system), make)
