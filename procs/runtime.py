@@ -24,6 +24,9 @@ from types import FrameType
 from typing import Protocol
 
 from procs.document.system import WALL, SystemConfig, from_json
+from procs.kernel.bound import BoundStruct
+from procs.kernel.library import bind
+from procs.kernel.pace_fields import PACE
 from procs.listening import handed
 from procs.manifest import proc
 from procs.own_memory import OwnMemory
@@ -79,6 +82,8 @@ class Node(OwnMemory):
         self._wakeup = self.page.wakeup()
         ios_ns = [round(io.period_s * 1e9) for io in document.ios]
         self._pacing = Pacing(self.page, period_ns, phase_ns(proc(kind).phase, period_ns, ios_ns))
+        bound = bind(PACE, self._pacing) if type(self.clock) is WallClock else ""
+        self._wait = bound.function("wait") if isinstance(bound, BoundStruct) else None
         self._beat = self.page.field("heartbeat_ns")
         self._check_at = 0
         self._stop = ""
@@ -187,7 +192,7 @@ class Node(OwnMemory):
     @property
     def is_overloaded(self) -> bool:
         """The machine has not enough time for everybody: who can do with less should."""
-        return self._pacing.is_overloaded(self.now_ns)
+        return self.now_ns < self._pacing.short_until_ns
 
     @property
     def wall_ns(self) -> int:
@@ -203,7 +208,16 @@ class Node(OwnMemory):
         next cycle early; it is asked when somebody wakes us (`waker_for`; a command does, see shm/commands.py). Who has
         nothing to do sleeps through so many `periods` instead of one.
         """
-        deadline = self._pacing.end_of_work(self.clock.now_ns(), periods)
+        pacing = self._pacing
+        if self._wait is not None and serve is None and news is None:
+            now_ns = self._wait(periods, self.clock.spin_ns)
+            if now_ns < 0:
+                now_ns = -now_ns
+                pacing.look(now_ns)
+            self.now_ns = now_ns
+            self.held_up_ns = self._pauses.next(periods * pacing.period_ns)
+            return not (self._stop or (now_ns >= self._check_at and self._stopped()))
+        deadline = pacing.end_of_work(self.clock.now_ns(), periods)
         if news is not None:
             self._wait_for_news(deadline, news)
         elif serve is None:
@@ -214,8 +228,8 @@ class Node(OwnMemory):
             while (left := deadline - self.clock.now_ns()) > 0 and not self._stop:
                 serve(left)
         self.now_ns = self.clock.now_ns()
-        self._pacing.begin_work(self.now_ns)
-        self.held_up_ns = self._pauses.next(periods * self._pacing.period_ns)
+        pacing.begin_work(self.now_ns)
+        self.held_up_ns = self._pauses.next(periods * pacing.period_ns)
         return not self._stopped()
 
     def _wait_for_news(self, deadline: int, news: Callable[[], bool]) -> None:

@@ -82,9 +82,9 @@ def test_many_missed_deadlines_mean_that_time_is_short_for_a_while(page: Page) -
     pacing = Pacing(page, PERIOD, 0)  # type: ignore[arg-type]
     pacing.begin(0, False)
     now = loop(pacing, 0, [100] * 1100)[-1]
-    assert not pacing.is_overloaded(now)
+    assert pacing.short_until_ns <= now
     now = loop(pacing, now, ([2 * PERIOD] * 20 + [100] * 160) * 4)[-1]
-    assert pacing.is_overloaded(now) and not pacing.is_overloaded(now + SHORT_NS[0])
+    assert pacing.short_until_ns > now and pacing.short_until_ns <= now + SHORT_NS[0]
 
 
 def test_where_time_is_short_again_soon_it_counts_as_short_for_twice_as_long_up_to_a_limit(page: Page) -> None:
@@ -92,25 +92,25 @@ def test_where_time_is_short_again_soon_it_counts_as_short_for_twice_as_long_up_
     pacing.begin(0, False)
     now, lasted = 0, []
     for _ in range(6):
-        while not pacing.is_overloaded(now):
+        while pacing.short_until_ns <= now:
             now = loop(pacing, now, [2 * PERIOD])[-1]
         lasted.append(0)
-        while pacing.is_overloaded(now):
+        while pacing.short_until_ns > now:
             now = loop(pacing, now, [100] * 100)[-1]
             lasted[-1] += 100 * PERIOD
     first, most = SHORT_NS
     assert np.allclose(lasted, [min(first * 2**again, most) for again in range(6)], atol=0.5e9) and lasted[-1] > 50e9
     now = loop(pacing, now, [100] * (2 * most // PERIOD))[-1]
-    while not pacing.is_overloaded(now):
+    while pacing.short_until_ns <= now:
         now = loop(pacing, now, [2 * PERIOD])[-1]
-    assert not pacing.is_overloaded(now + first), "after a long time without it begins anew"
+    assert pacing.short_until_ns <= now + first, "after a long time without it begins anew"
 
 
 def test_one_pause_of_the_machine_does_not_mean_that_time_is_short(page: Page) -> None:
     pacing = Pacing(page, PERIOD, 0)  # type: ignore[arg-type]
     pacing.begin(0, False)
     now = loop(pacing, 0, [100] * 300 + [50 * PERIOD] + [100] * 1000)[-1]
-    assert page["missed"] > 40 and not pacing.is_overloaded(now)
+    assert page["missed"] > 40 and pacing.short_until_ns <= now
 
 
 def test_work_of_exactly_one_period_misses_nothing(page: Page) -> None:

@@ -17,10 +17,10 @@ from procs.kernel.fields import CField, CStruct
 
 
 @cache
-def _prototype(given: tuple[str, ...]) -> Callable[..., Callable[..., int]]:
+def _prototype(given: tuple[str, ...], waits: bool) -> Callable[..., Callable[..., int]]:
     """Of functions with a struct and such numbers: made once, for classes are garbage that nobody counts."""
     more = [{"f8": ctypes.c_double}.get(each, ctypes.c_int64) for each in given]
-    return ctypes.PYFUNCTYPE(ctypes.c_int64, ctypes.c_void_p, *more)
+    return (ctypes.CFUNCTYPE if waits else ctypes.PYFUNCTYPE)(ctypes.c_int64, ctypes.c_void_p, *more)
 
 
 class BindError(Exception):
@@ -77,7 +77,8 @@ class BoundStruct:
 
     def function(self, name: str) -> Callable[..., int]:
         """A function of the table, with this struct."""
-        found = _prototype(self._table.functions[name])((f"{self._table.name}_{name}", self._library))
+        prototype = _prototype(self._table.functions[name], name in self._table.waiting)
+        found = prototype((f"{self._table.name}_{name}", self._library))
         pointer = ctypes.c_void_p(self.address)
         pointer.keeps = self  # type: ignore[attr-defined]  # who has the function has the memory
         return partial(found, pointer)

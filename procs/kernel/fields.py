@@ -55,6 +55,8 @@ class CStruct:
     name: str
     fields: tuple[CField, ...]
     functions: dict[str, tuple[str, ...]]
+    waiting: frozenset[str] = frozenset()
+    """Those of them that wait: other threads go on meanwhile."""
 
     @property
     def declarations(self) -> str:

@@ -3,16 +3,17 @@
 from typing import Final
 
 from procs.fpga import blocks, registers, wire
-from procs.kernel import progress
+from procs.kernel import pace_fields, progress
 from procs.kernel.arm_fields import ARM
 from procs.kernel.boards_fields import BOARDS
 from procs.kernel.bus_fields import HUB, WRITE
 from procs.kernel.exchange_fields import EXCHANGE, NOTHING, UNREADABLE
 from procs.kernel.fields import CStruct
 from procs.kernel.io_fields import IO
+from procs.kernel.pace_fields import PACE
 from procs.kernel.track_fields import TRACK
 
-STRUCTS: Final[tuple[CStruct, ...]] = (IO, TRACK, HUB, WRITE, EXCHANGE, *BOARDS, *ARM)
+STRUCTS: Final[tuple[CStruct, ...]] = (IO, TRACK, HUB, WRITE, EXCHANGE, *BOARDS, *ARM, PACE)
 
 CONSTANTS: Final = {
     "BAD": progress.BAD,
@@ -51,4 +52,6 @@ CONSTANTS: Final = {
     "TICKS": registers.VELOCITY_TICKS_MASK,
     "UNREADABLE": UNREADABLE,
     "VALUE_MASK": registers.DAC_VALUE_MASK,
+    **{f"WORD_{name}": getattr(pace_fields, name) for name in
+       ("DEADLINE", "START", "WANTED", "STEP", "CYCLES", "MISSED", "OVERRUNS", "KEPT", "LOOK")},
 }

@@ -1,4 +1,4 @@
-"""The arrays of the setpoint tracker, from `procs.io.cycle.RobotIo`. n: actuators."""
+"""The arrays of the setpoint tracker, from `RobotIo` (procs/io/cycle.py) or `KinematicIo`. n: actuators."""
 
 from __future__ import annotations
 
