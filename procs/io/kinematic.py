@@ -29,6 +29,7 @@ from procs.io.record import Field, Flags, Floats, IoRecord
 from procs.io.reports import IoReports
 from procs.io.robots import Robots
 from procs.io.setpoint_tracker import SetpointSource, SetpointTracker
+from procs.io.stages import track
 from procs.requests import Request
 from shm.faults import NoFaults, OwnCell
 
@@ -160,16 +161,20 @@ class KinematicIo:
             record.setpoint_position, record.setpoint_velocity, record.setpoint_effort, record.position_error,
             record.disturbance, record.effort_mode))
         self.gains = JointGains(robots, here, self.pid, self.reports, gains)
-        self._follow = SetpointTracker(io, robots, here, self.pid, record, self.reports, sources)
-        power, bias, brakes = (KinematicPower(robots, record, self.reports, self._follow, self.pid), ExactPositions(),
+        self.follow = SetpointTracker(io, robots, here, self.pid, record, self.reports, sources)
+        power, bias, brakes = (KinematicPower(robots, record, self.reports, self.follow, self.pid), ExactPositions(),
                                Brakes(robots, record))
         self._power, cells = power, cells or [NoFaults() for _ in robots.names]
-        wishes = ArmRequests(robots, record, self._follow, report)
-        self._commands = IoCommands(robots, record, power, bias, self._follow, self.pid, NoChecks(), brakes,
+        self.wishes = wishes = ArmRequests(robots, record, self.follow, report)
+        self._track = track(self)
+        self._commands = IoCommands(robots, record, power, bias, self.follow, self.pid, NoChecks(), brakes,
                                     NoOutputs(), NoGains(), NoReaders(), NoAxisDrive(), cells, wishes)
-        self._fault_handler = FaultHandler(robots, record, self.reports, self._follow, power, bias, brakes, cells,
+        self._fault_handler = FaultHandler(robots, record, self.reports, self.follow, power, bias, brakes, cells,
                                            wishes)
-        self._stamps_ns = [0] * len(robots.names)
+        places = {follower.robot: follower.place for follower in self.follow.followers}
+        self._followed = [(place, robot, robots.slices[robot]) for robot, place in sorted(places.items())]
+        self._stamps_ns, self._moves = [0] * len(robots.names), [False] * len(robots.names)
+        record.velocity[...] = 0.0
         self._step: Floats = np.zeros(robots.axes)
         self._driven: Flags = np.zeros(robots.axes, dtype=bool)
         self._cycles = 0
@@ -180,18 +185,19 @@ class KinematicIo:
             self.reports.status("KINEMATIC: no boards and no motors, it goes where its setpoints are", name)
 
     def cycle(self, commands: Iterable[Request] = ()) -> None:
-        """One cycle; the caller publishes the record afterwards."""
+        """One cycle; the caller publishes the record afterwards, and has numpy ignore what is not a number."""
         now_ns = self.stamp_ns = self._now_ns()
         record, reports = self.record, self.reports
-        record.valid[...] = record.robot_valid[...] = True
-        with np.errstate(all="ignore"):
-            self._follow.receive(now_ns, self._follow.everybody)
-            self._commands.execute(commands, now_ns)
-            if reports.trips:
-                self._fault_handler.act(now_ns)
-            self._commands.answer()
-            self._move(now_ns)
-            self.pid.step(record.position, record.velocity, record.at_limit)
+        news = self._track(now_ns)
+        if news & ~self.follow.wishes_bit:
+            self.follow.receive(now_ns, news)
+        self.wishes.has_news = news >= self.follow.wishes_bit and self.wishes.are_new()
+        self._commands.execute(commands, now_ns)
+        if reports.trips:
+            self._fault_handler.act(now_ns)
+        self._commands.answer()
+        self._move(now_ns)
+        self.pid.step(record.position, record.velocity, record.at_limit)
         self._cycles += 1
         record.cycle[...] = self._cycles
         record.read_ns[...] = record.recv_ns[...] = now_ns
@@ -204,14 +210,17 @@ class KinematicIo:
         step.fill(0.0)
         np.subtract(pid.setpoint_position, record.position, out=step, where=self._driven)
         np.copyto(record.position, pid.setpoint_position, where=self._driven)
-        for robot, axes in enumerate(self.robots.slices):
-            stamp_ns = self._follow.newest_ns(robot)
+        stamps, enabled, anything = self.follow.taken_ns.tolist(), record.pid_enabled.tolist(), step.any()
+        for place, robot, axes in self._followed:
+            stamp_ns = stamps[place]
             since_ns = stamp_ns - self._stamps_ns[robot]
-            if not record.pid_enabled[robot] or now_ns - stamp_ns > MOVING_NS:
-                record.velocity[axes] = 0.0
-            elif since_ns > 0:
-                np.multiply(step[axes], 1e9 / since_ns, record.velocity[axes])
             self._stamps_ns[robot] = stamp_ns
+            if anything and since_ns > 0 and enabled[robot] and now_ns - stamp_ns <= MOVING_NS:
+                np.multiply(step[axes], 1e9 / since_ns, record.velocity[axes])
+                self._moves[robot] = True
+            elif self._moves[robot] and (since_ns > 0 or not enabled[robot] or now_ns - stamp_ns > MOVING_NS):
+                record.velocity[axes] = 0.0
+                self._moves[robot] = False
 
     def want(self, wanted: int) -> None:
         """Nothing is computed on demand: nobody measures velocities."""
@@ -220,12 +229,13 @@ class KinematicIo:
         """Everything off, in the books. On every path out."""
         now_ns = self._now_ns()
         for robot in range(len(self.robots.names)):
-            self._follow.enable(robot, False, now_ns)
+            self.follow.enable(robot, False, now_ns)
             self._power.off(robot)
 
 
 def _show_what_is_not_there(record: IoRecord) -> None:
     """Nothing is made up: what nobody measures is NaN."""
+    record.valid[...] = record.robot_valid[...] = True
     record.simulated[...] = record.biased[...] = record.encoder_set[...] = True
     for field in (record.firmware_velocity, record.software_velocity, record.acceleration, record.pot_position,
                   record.pot_voltage, record.current, record.current_request, record.temperature, record.board_period):

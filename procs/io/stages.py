@@ -9,12 +9,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
+from procs.io.arm_requests import ArmRequests
 from procs.io.buttons import Buttons
 from procs.io.digital_outputs import DigitalOutputs
 from procs.io.outputs import Outputs
 from procs.io.pid import Pid
 from procs.io.power import Power
-from procs.io.robots import Samples
+from procs.io.record import IoRecord
+from procs.io.robots import Robots, Samples
 from procs.io.safety import Safety
 from procs.io.setpoint_tracker import SetpointTracker
 from procs.kernel.bound import BoundStruct
@@ -24,14 +26,22 @@ from procs.kernel.progress import CHECKED, CONTROLLED, DECODED, ENCODED, READY
 from procs.kernel.track_fields import TRACK
 
 
-class Parts(Protocol):
+class Tracks(Protocol):
+    """Who takes setpoints; the kernel finds the arrays by these names (procs/kernel/track_fields.py)."""
+
+    robots: Robots
+    record: IoRecord
+    follow: SetpointTracker
+    wishes: ArmRequests
+    pid: Pid
+
+
+class Parts(Tracks, Protocol):
     """Whose arrays the stages work on; the kernel finds them by these names (procs/kernel/io_fields.py)."""
 
-    follow: SetpointTracker
     samples: Samples
     power: Power
     safety: Safety
-    pid: Pid
     outputs: Outputs
     digital_outputs: DigitalOutputs
     buttons: Buttons
@@ -64,21 +74,31 @@ class Stages:
 def stages(parts: Parts) -> Stages:
     """The quickest there are."""
     bound = bind(IO, parts)
-    if isinstance(bound, str):
-        return numpy_stages(parts, bound)
-    tracked = bind(TRACK, parts) if parts.follow.rings is not None else "setpoints come from no ring"
-    return kernel_stages(bound, tracked, parts)
+    return numpy_stages(parts, bound) if isinstance(bound, str) else kernel_stages(bound, tracking(parts), parts)
+
+
+def tracking(parts: Tracks) -> BoundStruct | str:
+    """What the kernel needs to take setpoints; why it does not, in words."""
+    return bind(TRACK, parts) if parts.follow.rings is not None else "setpoints come from no ring"
+
+
+def track(parts: Tracks) -> Callable[[int], int]:
+    """See Stages."""
+    tracked = tracking(parts)
+    return numpy_track(parts) if isinstance(tracked, str) else tracked.function("track")
 
 
 def kernel_stages(bound: BoundStruct, tracked: BoundStruct | str, parts: Parts) -> Stages:
     """By the kernel, but for setpoints where `tracked` says why not."""
     decode, check, control, encode, show, at_once = map(bound.function, IO.functions)
     if isinstance(tracked, str):
-        return Stages(_everybody(parts.follow), decode, check, control, encode, show, at_once, bound, tracked)
+        return Stages(numpy_track(parts), decode, check, control, encode, show, at_once, bound, tracked)
     return Stages(tracked.function("track"), decode, check, control, encode, show, at_once, bound)
 
 
-def _everybody(follow: SetpointTracker) -> Callable[[int], int]:
+def numpy_track(parts: Tracks) -> Callable[[int], int]:
+    """By numpy: `SetpointTracker.receive` looks at everybody."""
+    follow = parts.follow
     return lambda now_ns: follow.everything
 
 
@@ -107,4 +127,4 @@ def numpy_stages(parts: Parts, why: str) -> Stages:
             return CONTROLLED
         return READY if encode(share, 0) else ENCODED
 
-    return Stages(_everybody(parts.follow), decode, check, control, encode, show, at_once, why_numpy=why)
+    return Stages(numpy_track(parts), decode, check, control, encode, show, at_once, why_numpy=why)
