@@ -38,12 +38,17 @@ class Weight:
     def use(self, size: int) -> None:
         """Another size of joint vectors."""
         self.effort = np.zeros(size)
+        self._done: tuple[bytes, bytes, float] | None = None
 
     def step(self, position: Array, velocity: Array, share: float) -> None:
         """Work out `effort` at joint positions and velocities (size,), of which a `share` is borne, 0 to 1."""
         if self._model is None:
             return
         n = self._joints
+        borne = position.tobytes(), velocity.tobytes(), share if self.used else 0.0
+        if borne == self._done:
+            return
+        self._done = borne
         if share and self.used:
             np.multiply(self._model(position[:n], velocity[:n]), share, out=self.effort[:n])
         else:

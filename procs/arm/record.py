@@ -37,7 +37,7 @@ class ArmRecord:
         self._gravity = field("gravity_effort")
         self._reason, self._why = field("reason"), "?"
         self._shown: Shown | None = None
-        self._was_valid = True
+        self._is_blank, self._is_new, self._borne = False, True, b""
         field("simulated")[...] = simulated
         self._copies: list[tuple[Array, Array]] = []
         self._jaw = False
@@ -54,7 +54,7 @@ class ArmRecord:
         self._joint_rows[...] = self._gravity[...] = 0.0
         self._has_jaw[...] = False
         self._jaw_rows[...] = 0.0
-        self._jaw = joints.has_jaw
+        self._jaw, self._is_new, self._borne = joints.has_jaw, True, b""
         self._copies = [(self._joint_rows[:, :n], rows[:, :n])]
         if joints.has_jaw:  # the jaw has no setpoint velocity
             self._copies += [(self._jaw_rows[:4], rows[:4, n]), (self._jaw_rows[4:], rows[5:, n])]
@@ -92,18 +92,23 @@ class ArmRecord:
     def show_motion(self, gravity: Array) -> None:
         """Joint values; zero and invalid unless powered, biased and fresh. `gravity` (size,): efforts against it."""
         if not self._io.valid:
-            if self._was_valid:
+            if not self._is_blank:
                 self._blank()
             return
-        self._was_valid = True
-        self._valid[...] = True
-        for out, source in self._copies:
-            out[...] = source
-        self._gravity[: self._joints] = gravity[: self._joints]
-        self._has_jaw[...] = self._jaw
+        if self._is_blank or self._is_new:
+            self._valid[...] = True
+            self._has_jaw[...] = self._jaw
+        if self._io.changed or self._is_blank or self._is_new:
+            for out, source in self._copies:
+                out[...] = source
+        self._is_blank = self._is_new = False
+        borne = gravity.tobytes()
+        if borne != self._borne:
+            self._borne = borne
+            self._gravity[: self._joints] = gravity[: self._joints]
 
     def _blank(self) -> None:
-        self._was_valid = False
+        self._is_blank, self._borne = True, b""
         self._valid[...] = False
         self._has_jaw[...] = False
         self._joint_rows[...] = self._gravity[...] = 0.0
@@ -125,31 +130,31 @@ class SetpointRecord:
         field("in_effort")[...] = False
         for name in ("position", "velocity", "effort", "feed_forward"):
             field(name)[...] = 0.0
-        self._done = self._fed = b""
+        self._done, self._fed = b"", (b"", b"")
         self._pushed = False
+        self._driving: Generations | None = None
+        self._carries = False
+        self._has_velocity[...] = False
 
     def use(self, joints: JointSpace) -> None:
         """Another joint space."""
         self._to_actuator, self._effort_map = joints.to_actuator.T, joints.to_joint
         self._moved_by = joints.to_actuator != 0.0
-        self._done = self._fed = b""
+        self._done, self._fed = b"", (b"", b"")
 
     def show(self, motion: Motion, gravity: Array, measured: Array, driving: Generations | None) -> None:
         """What io is asked for and which bias and enable that is meant for; None: alive, asking for nothing.
 
         `gravity` (size,): efforts added in every mode; `measured` (size,): where joints in effort mode are.
         """
+        if driving is not self._driving:
+            self._drive(driving)
         if driving is None:
-            self._mode[...] = 0
             return
-        self._mode[...] = 1
-        self._bias_generation[...] = driving.bias
-        self._pid_generation[...] = driving.pid
-        feed = gravity + motion.feed
-        fed = feed.tobytes()
+        fed = gravity.tobytes(), motion.feed.tobytes()
         if fed != self._fed:
             self._fed = fed
-            np.matmul(feed, self._effort_map, out=self._feed_forward)  # rows: xᵀ · A = (Aᵀ · x)ᵀ
+            np.matmul(gravity + motion.feed, self._effort_map, out=self._feed_forward)  # rows: xᵀ · A = (Aᵀ · x)ᵀ
         rows = motion.rows
         if motion.mode is Mode.EFFORT:
             np.matmul(motion.effort, self._effort_map, out=self._effort)
@@ -160,8 +165,16 @@ class SetpointRecord:
             self._pushed = False
             self._effort[...] = 0.0
             self._in_effort[...] = False
-        self._has_velocity[...] = motion.has_velocity
+        if motion.has_velocity is not self._carries:
+            self._has_velocity[...] = self._carries = motion.has_velocity
         wanted = rows.tobytes()
         if wanted != self._done:  # an arm that holds needs this once
             self._done = wanted
             np.matmul(rows, self._to_actuator, out=self._rows)
+
+    def _drive(self, driving: Generations | None) -> None:
+        self._driving = driving
+        self._mode[...] = driving is not None
+        if driving is not None:
+            self._bias_generation[...] = driving.bias
+            self._pid_generation[...] = driving.pid

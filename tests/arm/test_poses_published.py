@@ -70,3 +70,17 @@ def test_a_base_frame_that_is_no_pose_is_refused(harness: ArmHarness, pose) -> N
     assert request.outcomes == ["refused"]
     harness.step()
     assert harness.state["measured_cp"] == pytest.approx(TIP, abs=1e-5)
+
+
+def test_joints_that_were_not_known_for_a_cycle_are_shown_again_though_none_has_moved(harness: ArmHarness) -> None:
+    harness.run(0.1)
+    names = ("position", "setpoint_position", "jaw_position", "gravity_effort")
+    before = {name: harness.state[name].tolist() for name in names}
+    control, io = harness.arm.control, harness.arm.io
+    io.valid = False
+    control.record.show_motion(control.gravity.effort)
+    assert not harness.state["valid"] and not harness.state["has_jaw"] and not harness.state["position"].any()
+    io.valid, io.changed = True, False
+    control.record.show_motion(control.gravity.effort)
+    assert harness.state["valid"] and harness.state["has_jaw"]
+    assert {name: harness.state[name].tolist() for name in names} == before

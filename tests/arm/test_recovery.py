@@ -171,6 +171,7 @@ def test_a_move_waits_while_its_process_is_stopped(away_s: float) -> None:
         harness.setpoint.set("mode", 0)
         harness.io.flag("holding", True)
         harness.io.cycle(harness.now_ns, harness.setpoint)
+    harness.setpoint.set("mode", 1)  # as it had left it
     harness.io.largest_step = 0.0
     harness.step()
     harness.io.flag("holding", False)
