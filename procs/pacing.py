@@ -22,8 +22,8 @@ SHORT_CHECKS = 3  # one after the other: not a pause of the machine, and before 
 SHORT_NS = (4_000_000_000, 60_000_000_000)  # so long that counts at first, and at most, where it soon happens again
 ROOM = 20_000  # for the figures of a second
 QUICKEST_NS = 1_000_000  # between two cycles of a loop with longer periods, however much news there is
-SHARES = 4  # of a period, at most, in which it meets that of whom it follows
 GAIN = 0.05
+SHARES = 4  # of a period, at most, in which it meets that of whom it follows
 FIGURES = ("avg", "std", "min", "max", "p99")
 
 
@@ -64,8 +64,9 @@ class Pacing:
             cell.data for cell in (self.beat, self.cycles, self.missed, self.overruns))
         self._latency_count = self._interval_end = 0
         self._beats = True
-        self.short_until_ns = self._short_check = self._short_checks = self._short_ns = self._missed_before = 0
-        """Till when many deadlines were missed of late."""
+        self._short_check = self._short_checks = self._short_ns = self._missed_before = 0
+        self.short_until_ns = 0
+        """Till then time counts as short: many deadlines were missed of late."""
 
     def begin(self, now_ns: int, simulated: bool) -> None:
         """Start the grid: at the next phase point in simulated time, now on the wall clock.

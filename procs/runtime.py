@@ -84,6 +84,7 @@ class Node(OwnMemory):
         self._pacing = Pacing(self.page, period_ns, phase_ns(proc(kind).phase, period_ns, ios_ns))
         bound = bind(PACE, self._pacing) if type(self.clock) is WallClock else ""
         self._wait = bound.function("wait") if isinstance(bound, BoundStruct) else None
+        """The kernel's wait for the next deadline, on the wall clock; None: `tick` waits step by step."""
         self._beat = self.page.field("heartbeat_ns")
         self._check_at = 0
         self._stop = ""

@@ -1,6 +1,7 @@
 /* A loop's deadlines as procs/pacing.py has them, and the wait for the next one. */
 #define _GNU_SOURCE
 #include "fields.h"
+#include <errno.h>
 #include <time.h>
 
 static int64_t monotonic_ns(void) {
@@ -49,7 +50,7 @@ int64_t Pace_begin_work(const Pace *k, int64_t now_ns) {
 int64_t Pace_wait(const Pace *k, int64_t periods, int64_t spin_ns) {
   int64_t deadline = Pace_end_of_work(k, monotonic_ns(), periods), until = deadline - spin_ns, now;
   struct timespec wake = {.tv_sec = until / 1000000000, .tv_nsec = until % 1000000000};
-  if (monotonic_ns() < until) while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &wake, 0)) {}
+  if (monotonic_ns() < until) while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &wake, 0) == EINTR) {}
   while ((now = monotonic_ns()) < deadline && spin_ns) {}
   return Pace_begin_work(k, now) ? -now : now;
 }
