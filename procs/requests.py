@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from procs.codes import Code
 from procs.kinematics.poses import PoseError
-from shm.origins import Origin
+from shm.origins import Origin, SenderId
 
 
 class Request(Protocol):
@@ -22,6 +22,10 @@ class Request(Protocol):
     @property
     def origin(self) -> Origin:
         """The person's command that it comes from."""
+
+    @property
+    def sender(self) -> SenderId:
+        """Which program, and which client of a bridge, sent it."""
 
     @property
     def needs_person(self) -> bool:

@@ -21,10 +21,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from shm.commands import CommandRow
-    from shm.origins import Origin
+    from shm.origins import Origin, SenderId
     from shm.ring import RingWriter
 
-NAMES = ("command", "text", "outcome", "reason", "origin", "generation", "program", "pid", "place", "id",
+NAMES = ("command", "text", "outcome", "reason", "origin", "generation", "program", "pid", "place", "peer", "id",
          "monotonic_ns", "local_ns")
 REASON = 400  # bytes
 JAW = "jaw/"
@@ -36,6 +36,10 @@ class AuditedCommand(Protocol):
     command: CommandRow
     place: int
     id: int
+
+    @property
+    def sender(self) -> SenderId:
+        """Which program, and which client of a bridge, sent it."""
 
     @property
     def text(self) -> str:
@@ -77,7 +81,8 @@ class Audit:
             self._streams.clear()
         origin = received.origin
         values = (command.name.encode(), received.text.encode(), outcome.encode(), shorten(reason, REASON), origin.id,
-                  origin.generation, origin.program.encode(), received.pid, received.place, received.id,
+                  origin.generation, origin.program.encode(), received.pid, received.place, received.sender.peer,
+                  received.id,
                   monotonic_ns(), local_ns())
         for field, value in zip(self._fields, values, strict=True):
             field[...] = value

@@ -72,7 +72,7 @@ class MailboxShare:
         """Through our own place; MailboxFull or SegmentError when there is no room."""
         if not self.has_place:
             self.take_place()
-        number = self.place.send(name, values, text, origin)
+        number = self.place.send(name, values, text, origin, handle.peer)
         self._senders[number] = handle
         if len(self._senders) > KEPT:
             self._forget_oldest()
@@ -91,7 +91,7 @@ class MailboxShare:
             try:
                 if self._stops is None:
                     self._stops = StopPlace(*self._address)
-                number = self._stops.stop(name, numbers, text, tries, handle.origin)
+                number = self._stops.stop(name, numbers, text, tries, handle.origin, handle.peer)
                 self._senders[number] = handle
                 return number
             finally:
@@ -199,12 +199,13 @@ class Client:
     """One handle. Its place is taken with the first command."""
 
     def __init__(self, system: str, instance: str, called: str = "", time_ns: Callable[[], int] = monotonic_ns,
-                 number: Callable[[], int] = new_id) -> None:
+                 number: Callable[[], int] = new_id, peer: int = 0) -> None:
         """SegmentError when the instance has no mailbox; `called`: the name that others see, default our program's.
 
         `time_ns` says whether a stream has paused, `number` gives each command of the person one of its own.
+        `peer`: for which of a bridge's clients, see SenderId.
         """
-        self.instance = instance
+        self.instance, self.peer = instance, peer
         self._time_ns, self._new_number = time_ns, number
         self.origin: Origin = NOBODY
         """Of what was sent last."""

@@ -258,7 +258,7 @@ class Mailbox:
     def _take(self, place: int, n: int) -> Received | None:
         slot = n % COMMANDS_DEPTH
         raw = self._heads[place][slot].tobytes()  # N2
-        sent_ns, number, origin, generation, code, count = COMMAND_HEAD.unpack_from(raw)
+        sent_ns, number, origin, generation, code, count, _ = COMMAND_HEAD.unpack_from(raw)
         if SHORT < count <= MAX_VALUES:
             at = self._slots[place][slot] + COMMAND_START
             raw = raw[:VALUES_IN_RAW] + self._view[at + VALUES_IN_RAW : at + VALUES_IN_RAW + 8 * count].tobytes()
@@ -311,6 +311,13 @@ class Mailbox:
     def holder(self, place: int) -> Holder:
         """Who has a place, by its own word."""
         return self._map.holder(place)
+
+    def home_of(self, place: int) -> int:
+        """The place of the program that sent through this one: another one only where this is the place for stops."""
+        if place != RESERVED:
+            return place
+        who = self.holder(place)
+        return next((other for other in range(CLIENTS) if self.holder(other) == who and self.has_client(other)), place)
 
     def has_client(self, place: int) -> bool:
         """Whether anybody lives in a place (asks the kernel: not for loops of the robot)."""

@@ -29,10 +29,10 @@ REPLY_SCHEMA = schema_of(REPLY)
 
 # What the rows of the topic table come to; tests compare these with the schemas.
 MAX_VALUES, MAX_TEXT = 64, 64
-COMMAND_START = 8  # in the slot: stamp, id, origin, generation, code, count, program, text, gap, values
-COMMANDS_OF = tuple(struct.Struct(f"<qQQQHH{PROGRAM_BYTES}s{MAX_TEXT}s4x{n}d")  # by number of values
+COMMAND_START = 8  # in the slot: stamp, id, origin, generation, code, count, peer, program, text, values
+COMMANDS_OF = tuple(struct.Struct(f"<qQQQHHI{PROGRAM_BYTES}s{MAX_TEXT}s{n}d")  # by number of values
                     for n in range(MAX_VALUES + 1))
-COMMAND_HEAD = struct.Struct("<qQQQHH")
+COMMAND_HEAD = struct.Struct("<qQQQHHI")
 PROGRAM_IN_RAW = COMMAND_HEAD.size
 TEXT_IN_RAW = PROGRAM_IN_RAW + PROGRAM_BYTES
 VALUES_IN_RAW = COMMANDS_OF[0].size

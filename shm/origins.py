@@ -11,7 +11,7 @@ import os
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 PROGRAM_BYTES: Final = 16
 COUNT = itertools.count(1)
@@ -30,6 +30,16 @@ class Origin:
 
 
 NOBODY: Final = Origin(0, 0, "")
+
+
+class SenderId(NamedTuple):
+    """Which program sent a command here: its place in the mailbox, and, of a bridge, which of its clients (0: none).
+
+    Another program, or another client of the same bridge, is another sender, whatever the origin.
+    """
+
+    place: int
+    peer: int = 0
 
 
 class Acting:

@@ -131,11 +131,12 @@ class Place:
         listed = self._map.segment.header.info.get("commands")
         return [row for row in listed if isinstance(row, dict)] if isinstance(listed, list) else []
 
-    def send(self, name: str, values: Any = (), text: str = "", origin: Origin = NOBODY, wake: bool = True) -> int:
+    def send(self, name: str, values: Any = (), text: str = "", origin: Origin = NOBODY, peer: int = 0,
+             wake: bool = True) -> int:
         """Queue a command, returns its id; MailboxFull when the owner does not keep up, KeyError: no such command.
 
         `values` are at most 64 numbers, a sequence or an array, `text` at most 64 bytes of UTF-8; `origin`: of the
-        person's command that it comes from. Not `wake`: the owner sees it when it looks by itself.
+        person's command that it comes from; `peer`: see SenderId. Not `wake`: the owner sees it when it looks.
         """
         code = self._codes.get(name)
         if code is None:
@@ -155,7 +156,7 @@ class Place:
         at, whose, by = self._queue[n % COMMANDS_DEPTH] + COMMAND_START, (origin.id, origin.generation), origin.program
         try:
             COMMANDS_OF[count].pack_into(
-                self._view, at, monotonic_ns(), n, *whose, code, count, by.encode(), encoded, *numbers)  # M2
+                self._view, at, monotonic_ns(), n, *whose, code, count, peer, by.encode(), encoded, *numbers)  # M2
         except struct.error:
             raise ValueError(f"{name}: {values!r} are not numbers") from None
         self._count = self._words[self._sent] = n  # M3
@@ -220,15 +221,15 @@ class StopPlace(Place):
         self._look_at(RESERVED)
         self._waiting: set[int] = set()
 
-    def stop(self, name: str, values: Any = (), text: str = "", tries: int = STOP_TRIES, origin: Origin = NOBODY
-             ) -> int:
+    def stop(self, name: str, values: Any = (), text: str = "", tries: int = STOP_TRIES, origin: Origin = NOBODY,
+             peer: int = 0) -> int:
         """Queue a stop, returns its number; SegmentError names who is in the place and does not leave it.
 
         MailboxFull when the owner has not taken the last ones; `tries` are a millisecond each.
         """
         try:
             self._enter(tries)
-            number = self.send(name, values, text, origin)
+            number = self.send(name, values, text, origin, peer)
         finally:
             self._locks.give_back(RESERVED)  # L3
         if len(self._waiting) >= REPLIES_DEPTH:  # their answers have been overwritten

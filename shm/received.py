@@ -11,7 +11,7 @@ from shm.commands import CommandRow
 from shm.header import readable
 from shm.holders import Holder
 from shm.mailbox_map import COMMAND_HEAD, MAX_TEXT, PROGRAM_IN_RAW, TEXT_IN_RAW
-from shm.origins import Origin
+from shm.origins import Origin, SenderId
 
 ACCEPTED, REFUSED, DONE, FAILED = 1, 2, 3, 4
 OUTCOMES = {ACCEPTED: "accepted", REFUSED: "refused", DONE: "done", FAILED: "failed"}
@@ -28,6 +28,9 @@ class Box(Protocol):
 
     def has_client(self, place: int) -> bool:
         """Whether anybody lives in a place."""
+
+    def home_of(self, place: int) -> int:
+        """The place of the program that sent through this one: another one only where this is the place for stops."""
 
 
 class Received:
@@ -60,6 +63,11 @@ class Received:
         return self._box.holder(self.place).pid
 
     @property
+    def sender(self) -> SenderId:
+        """Which program, and which client of a bridge, sent it."""
+        return SenderId(self._box.home_of(self.place), COMMAND_HEAD.unpack_from(self._raw)[-1])
+
+    @property
     def has_client(self) -> bool:
         """Whether somebody lives in the place that it came from; who, says `pid`. Asks the kernel."""
         return self._box.has_client(self.place)
@@ -72,7 +80,7 @@ class Received:
     @property
     def origin(self) -> Origin:
         """The person's command it comes from."""
-        _, _, number, generation, _, _ = COMMAND_HEAD.unpack_from(self._raw)
+        _, _, number, generation, *_ = COMMAND_HEAD.unpack_from(self._raw)
         return Origin(number, generation, readable(self._raw[PROGRAM_IN_RAW:TEXT_IN_RAW]))
 
     @property

@@ -21,7 +21,7 @@ from procs.io.setpoint_tracker import SetpointTracker, TrackedRobot
 from procs.wishes import NONE, OFF, ON, WISHES, Order
 from shm.commands import COMMANDS, CommandRow
 from shm.layout import shorten
-from shm.origins import Origin
+from shm.origins import Origin, SenderId
 
 ROWS: Final = {row.name: row for row in COMMANDS["io"]}
 
@@ -38,6 +38,7 @@ class WishCommand:
     """One wish, as a command of the arm; `Commands` carries it out."""
 
     pid = place = 0
+    sender = SenderId(0)
 
     def __init__(self, robot: str, order: Order, generation: int, origin: Origin, state: WishState,
                  report: Callable[[WishCommand, str, str], None]) -> None:

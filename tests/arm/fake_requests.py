@@ -9,7 +9,7 @@ import numpy as np
 
 from procs.codes import Code
 from shm.events import SEVERITIES, sentence
-from shm.origins import Origin
+from shm.origins import Origin, SenderId
 
 
 @dataclass
@@ -39,6 +39,7 @@ class FakeReports:
 
 
 PERSON = Origin(1, 0, "test")
+PROGRAM = SenderId(0)
 
 
 @dataclass
@@ -50,6 +51,7 @@ class FakeRequest:
     text: str = ""
     replies: list[tuple[str, str]] = field(default_factory=list)
     origin: Origin = PERSON
+    sender: SenderId = PROGRAM
 
     def __post_init__(self) -> None:
         self.values = np.array(self.values, dtype=np.float64)

@@ -41,7 +41,7 @@ SMALL = (
     ("place", "STOP_TRIES, STOP_PAUSE_S = 200, 0.001", "STOP_TRIES, STOP_PAUSE_S = 2, 0.0"),
     ("mailbox_map", "MAX_VALUES, MAX_TEXT = 64, 64", "MAX_VALUES, MAX_TEXT = 2, 0"),
     ("mailbox", "SHORT = 8", "SHORT = 1"),
-    ("mailbox_map", "<qQQQHH", "<qQBBBB"),
+    ("mailbox_map", "<qQQQHHI", "<qQBBBBI"),
     ("mailbox_map", "from shm.origins import PROGRAM_BYTES", "PROGRAM_BYTES = 0"),
     ("mailbox_map", '"<QB200s"', '"<QB7s"'),
     ("mailbox_map", "REPLY_TEXT = 199", "REPLY_TEXT = 6"),

@@ -96,11 +96,11 @@ def test_texts_are_cut_between_characters() -> None:
 
 def test_mailbox_structs_agree_with_the_schema() -> None:
     command, reply = mailbox_map.COMMAND_SCHEMA, mailbox_map.REPLY_SCHEMA
-    assert [command.offset(n) for n in ("stamp_ns", "id", "origin", "generation", "code", "count", "program", "text",
-                                        "values")] == [8, 16, 24, 32, 40, 42, 44, 60, 128]
+    assert [command.offset(n) for n in ("stamp_ns", "id", "origin", "generation", "code", "count", "peer", "program",
+                                        "text", "values")] == [8, 16, 24, 32, 40, 42, 44, 48, 64, 128]
     starts = (0, mailbox_map.PROGRAM_IN_RAW, mailbox_map.TEXT_IN_RAW, mailbox_map.VALUES_IN_RAW)
-    assert [mailbox_map.COMMAND_START + n for n in starts] == [8, 44, 60, 128]
-    assert mailbox_map.COMMANDS_OF[3].format == "<qQQQHH16s64s4x3d" and mailbox_map.REPLY_BODY.format == "<QB200s"
+    assert [mailbox_map.COMMAND_START + n for n in starts] == [8, 48, 64, 128]
+    assert mailbox_map.COMMANDS_OF[3].format == "<qQQQHHI16s64s3d" and mailbox_map.REPLY_BODY.format == "<QB200s"
     assert [reply.offset(n) - reply.offset("id") for n in ("id", "outcome", "text")] == [0, 8, 9]
     assert COMMAND.fields[-1].name == "values" and COMMAND.fields[-1].dtype == f"({mailbox_map.MAX_VALUES},)<f8"
     assert struct.calcsize(mailbox_map.REPLY_BODY.format) <= reply.stride - reply.offset("id")

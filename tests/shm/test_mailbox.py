@@ -198,7 +198,7 @@ def test_what_cannot_be_sent_is_refused_at_once(client: Place) -> None:
     (0, 0xFFFF, "65535 values"),
 ])
 def test_garbage_in_a_slot_is_refused(box: Mailbox, client: Place, code: int, count: int, reason: str) -> None:
-    m.COMMAND_HEAD.pack_into(client._view, client._queue[1] + m.COMMAND_START, 0, 1, 1, 0, code, count)
+    m.COMMAND_HEAD.pack_into(client._view, client._queue[1] + m.COMMAND_START, 0, 1, 1, 0, code, count, 0)
     client._words[client._sent] = 1
     assert list(box.drain()) == []
     (reply,) = client.poll()

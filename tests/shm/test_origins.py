@@ -15,7 +15,7 @@ from shm.commands import COMMANDS
 from shm.directory import create_ring, reader, topic_of, writer
 from shm.faults import FaultCell, Faults, create_faults
 from shm.mailbox import Mailbox
-from shm.mailbox_map import create_mailbox
+from shm.mailbox_map import COMMANDS_DEPTH, create_mailbox
 from shm.origins import NOBODY, Origin
 from shm.ring import RingReader
 from tests.conftest import World
@@ -270,3 +270,21 @@ def test_every_command_that_may_power_or_move_needs_a_person_unless_it_only_ends
     assert free == {("io", "power_off"), ("io", "servo_zero"), ("arm", "hold"), ("third_party", "hold"),
                     ("teleop", "clutch"), ("console", "unselect_teleop"), ("system", "power_off"),
                     ("boards", "release_tip"), ("supervisor", "stop")}
+
+
+def test_clients_of_one_bridge_are_different_senders(system: str, box: Mailbox) -> None:
+    handles = [Client(system, "PSM1", peer=peer) for peer in (0, 7, 8, 7)]
+    for handle in handles:
+        handle.send("crtk_version")
+    senders = [got.sender for got in box.drain()]
+    assert senders[1] == senders[3] and len(set(senders)) == 3 and {each.place for each in senders} == {0}
+    for handle in handles:
+        handle.close()
+
+
+def test_a_stop_through_the_place_for_stops_is_that_of_its_program(system: str, box: Mailbox, person: Client) -> None:
+    for _ in range(COMMANDS_DEPTH):
+        person.send("crtk_version")
+    assert person.send("hold") < 0
+    senders = {got.sender for _ in range(5) for got in box.drain()}
+    assert len(senders) == 1

@@ -101,7 +101,7 @@ def test_an_owner_that_dies_runs_no_stop_twice(refuses: bool) -> None:
 LOCKED = "taken = not locks.take(RESERVED)  # L1"
 L2 = "                self._go_on(RESERVED)  # L2\n"
 SEEN = "                if not self._waiting:\n                    self._seen = self._words[self._answered]\n"
-SEND = "            number = self.send(name, values, text, origin)\n"
+SEND = "            number = self.send(name, values, text, origin, peer)\n"
 L3 = "            self._locks.give_back(RESERVED)  # L3\n"
 MUTANTS: dict[str, tuple[dict[str, Any], tuple[Change, ...]]] = {
     "nobody locks": ({"rounds": 0}, (("place", LOCKED, "taken = False"),)),

@@ -38,6 +38,7 @@ class RecordedCommand:
     id: int
     pid: int
     outcome: str
+    peer: int = 0
 
     @property
     def streams(self) -> bool:
@@ -73,7 +74,7 @@ def _taken(instance: str, kind: str, rows: NDArray[Any]) -> Iterator[RecordedCom
         yield RecordedCommand(
             instance, kind, instant, _text(row["command"]), tuple(row["values"][:count].tolist()), _text(row["text"]),
             int(row["origin"]), int(row["generation"]), _text(row["program"]), *key, int(row["pid"]),
-            _text(row["outcome"]))
+            _text(row["outcome"]), int(row["peer"]) if "peer" in (rows.dtype.names or ()) else 0)
 
 
 def _text(value: np.bytes_) -> str:

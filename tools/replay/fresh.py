@@ -137,7 +137,8 @@ class _Sender:
             self._numbers[command.origin] = os.getpid() << 32 | next(self._count) if command.origin else 0
         number = self._numbers[command.origin]
         origin = Origin(number, command.generation, command.program)
-        self._places[command.instance, command.place].send(command.name, command.values, command.text, origin, wake)
+        self._places[command.instance, command.place].send(command.name, command.values, command.text, origin,
+                                                           command.peer, wake)
 
     def close(self) -> None:
         for place in self._places.values():
