@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from procs.codes import Code
 from procs.kinematics.poses import PoseError
+from shm.command_row import CommandRow
 from shm.origins import Origin, SenderId
 
 
@@ -28,8 +29,8 @@ class Request(Protocol):
         """Which program, and which client of a bridge, sent it."""
 
     @property
-    def needs_person(self) -> bool:
-        """Whether there has to be one."""
+    def command(self) -> CommandRow:
+        """Its row of the table."""
 
     @property
     def name(self) -> str:
@@ -66,9 +67,11 @@ Handler = Callable[[Request], str | None]
 ANSWERED: Final = "answered"
 
 
-def carry_out(request: Request, handler: Handler) -> str:
-    """Do what is asked, and answer; returns why it was refused, "" when it was not."""
+def carry_out(request: Request, handler: Handler, joints: int | None = None) -> str:
+    """Do what is asked, and answer; returns why it was refused, "" when it was not. `joints`: how many it moves."""
     try:
+        if why := request.command.objection(request.values, joints):
+            raise CommandRefused(why)
         text = handler(request)
     except (CommandRefused, PoseError) as error:
         reason = f"{request.name}: {error}"

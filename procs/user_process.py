@@ -292,7 +292,7 @@ class OwnProcess:
         return count
 
     def _carry_out(self, request: Received) -> None:
-        if request.command.moves and ACTING.origin is not None:
+        if request.needs_operator and ACTING.origin is not None:
             ACTING.origin = request.origin  # what comes of it is asked for by who asked for it
         self.request, is_accepted = request, request.command.latest
         refuse = request.fail if is_accepted else request.refuse

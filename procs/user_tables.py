@@ -18,11 +18,12 @@ from procs.document.user_process import (
     UserProcess,
     shape_of,
 )
-from shm.commands import CommandRow
+from shm.command_row import ANY, EVERYTHING, MOTION, RELAX, SETTING, Argument, CommandRow, effect_named
 from shm.rows import Field, Topic
 from shm.type_words import dtype_of
 
 KIND = "user"
+VALUE = Argument("value, none of a text", low=-math.inf, high=math.inf, optional=True)
 KEPT = 64
 """Records of the properties."""
 
@@ -57,9 +58,9 @@ def commands_of(process: UserProcess) -> tuple[CommandRow, ...]:
     """Its commands; with properties those that set and save them, too."""
     found = list(map(command_row, process.commands))
     if process.properties:
-        found += [CommandRow(SET_PROPERTY, "value, none of a text", "property, of a text and its text",
-                             "set a property, within its bounds", moves=False),
-                  CommandRow(SAVE_PROPERTIES, "", "", "keep the properties for the next start", moves=False)]
+        found += [CommandRow(SET_PROPERTY, SETTING, "set a property, within its bounds", (VALUE,),
+                             "property, of a text and its text"),
+                  CommandRow(SAVE_PROPERTIES, SETTING, "keep the properties for the next start")]
     return tuple(found)
 
 
@@ -72,10 +73,13 @@ def own_commands(system: SystemConfig, name: str) -> tuple[CommandRow, ...]:
 
 
 def command_row(row: UserCommand) -> CommandRow:
-    """A declared command as a row of the table of commands."""
-    numbers = ", ".join(_in_words(field) for field in row.arguments if shape_of(field.type)[0] != "text")
+    """A declared command as a row of the table of commands; from motion on everything may come of it."""
+    numbers = tuple(Argument(field.name, field.unit, math.prod(shape_of(field.type)[1]), -math.inf, math.inf)
+                    for field in row.arguments if shape_of(field.type)[0] != "text")
     text = next((field.name for field in row.arguments if shape_of(field.type)[0] == "text"), "")
-    return CommandRow(row.name, numbers, text, row.text, row.moves, ("*",) if row.stops else (), latest=row.latest)
+    effect = effect_named(row.effect) or MOTION
+    return CommandRow(row.name, effect, row.text, numbers, text, stops=(ANY,) if row.stops else (),
+                      causes=(EVERYTHING,) if effect >= RELAX else (), latest=row.latest)
 
 
 def arguments_of(command: UserCommand, request: Asked) -> list[Any]:
@@ -108,8 +112,3 @@ def _takes(command: UserCommand) -> str:
 
 def _field(field: UserField) -> Field:
     return Field(field.name, dtype_of(*shape_of(field.type)), field.unit, field.text)
-
-
-def _in_words(field: UserField) -> str:
-    count = math.prod(shape_of(field.type)[1])
-    return f"{field.name}{f' ({count})' if count > 1 else ''}{f' {field.unit}' if field.unit else ''}"

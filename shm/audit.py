@@ -20,14 +20,14 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from shm.commands import CommandRow
+    from shm.command_row import CommandRow
     from shm.origins import Origin, SenderId
     from shm.ring import RingWriter
 
 NAMES = ("command", "text", "outcome", "reason", "origin", "generation", "program", "pid", "place", "peer", "id",
          "monotonic_ns", "local_ns")
 REASON = 400  # bytes
-JAW = "jaw/"
+JAW = "jaw"
 
 
 class AuditedCommand(Protocol):
@@ -71,8 +71,8 @@ class Audit:
     def write(self, received: AuditedCommand, outcome: str, reason: str) -> None:
         """One command has got an answer."""
         command = received.command
-        if command.streams and not (self._every and is_direct(received.origin.id, received.pid)):
-            part = command.name.startswith(JAW)
+        if command.stream and not (self._every and is_direct(received.origin.id, received.pid)):
+            part = command.stream == JAW
             stream = command.name, received.place, received.origin.id, outcome, reason
             if stream == self._streams.get(part):
                 return

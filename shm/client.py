@@ -43,7 +43,7 @@ class MailboxShare:
         self.place = Place(system, instance, program)
         self.key = _key(self.place.file, system, program)
         self._rows = {row.name: row for row in self.place.table}
-        self.streams = {row.name for row in self._rows.values() if row.streams}
+        self.streams = {row.name for row in self._rows.values() if row.stream}
         self._faults: Faults | None = None
         self._knows_faults = False
         self._stops: StopPlace | None = None

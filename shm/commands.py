@@ -1,266 +1,343 @@
 """THE TABLE of what can be asked of a running process: one row per command, per kind of process.
 
-A command travels as a place in its kind's table, up to 64 numbers and a short text; `values` names the numbers,
-`{n}` stands for one value per joint. Replies come back on the client's reply ring.
+What the columns mean stands in shm/command_row.py. A command travels as its place in the table of its kind, up to 64
+numbers and a short text. Replies come back on the client's reply ring.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Final, Literal
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Final
 
-import numpy as np
-from numpy.typing import NDArray
+from shm.command_row import (
+    ANY,
+    EVERYTHING,
+    FREE,
+    JOINTS,
+    MOTION,
+    POWER,
+    READ,
+    RELAX,
+    RELEASE,
+    SETTING,
+    SOME,
+    ZERO,
+    Argument,
+    CommandRow,
+    Numbers,
+    Ros,
+)
 
 ENDINGS: Final = ("refused", "done", "failed")
 """Outcomes after which no other one comes."""
 
+ON: Final = Argument("on", low=0.0, high=1.0, whole=True)
+ROBOT: Final = "robot"
+AXIS: Final = Argument("axis", low=0.0, high=255.0, whole=True)
+COUNT: Final = Argument("count", low=0.0, high=1e6, whole=True)
+DELAY: Final = Argument("delay", "s", low=0.0, high=60.0)
+BOARD: Final = Argument("board", low=0.0, high=15.0, whole=True)
+RATE: Final = Argument("rate", low=0.0, high=1.0)
+POSITION: Final = Argument("position", "rad|m", JOINTS)
+INCREMENT: Final = Argument("increment", "rad|m", JOINTS)
+VELOCITY: Final = Argument("velocity", "rad/s|m/s", JOINTS)
+EFFORT: Final = Argument("effort", "N·m|N", JOINTS)
+POSE: Final = Argument("x y z qx qy qz qw", "m", 7)
+TWIST: Final = Argument("twist", "m/s, rad/s", 6, optional=True)
+WRENCH: Final = Argument("fx fy fz tx ty tz", "N, N·m", 6)
+RATIO: Final = Argument("ratio", low=0.0, high=1.0, above=True)
+SCALE: Final = Argument("scale", low=0.0, high=1.0, above=True)
+PEDAL: Final = Argument("0 released, 1 pressed, 2 clicked", low=0.0, high=2.0, whole=True)
 
-@dataclass(frozen=True, slots=True)
-class CommandRow:
-    """One command: name (CRTK where there is one), its numbers, its text, one sentence.
+GRIP: Final = tuple(Argument(name, unit, 2, optional=True) for name, unit in (
+    ("stiffness", "N/m, N·m/rad"), ("damping", "N·s/m, N·m·s/rad"), ("limits", "N, N·m")))
+PSM, MTM, ECM = ("PSM",), ("MTM",), ("ECM",)
+BOOL, EMPTY, TEXT, STATE, BUTTON = Ros("bool"), Ros("empty"), Ros("text"), Ros("state"), Ros("button")
+BUS, OF_BUS = "bus or none for all", "bus or none"
 
-    `moves` marks commands after which the robot may move or change power. Such a command is refused when it comes late
-    and when no person's command stands behind it (shm/origins.py), unless it only ends something or is a `level`, which
-    holds until the next one says otherwise.
 
-    It stops something when its text is among `stops` ("*": any text), or its values are all 0 and `zero` is "stops".
-    For stops there is always room in a mailbox; what was asked before one is not done after it. With "frees" zeros let
-    go of something that a person brought up: that must not come late, but nobody needs to have asked for it.
-
-    `types` of arms that have it, none: all; others refuse it, and it is not listed for them. `latest`: of several that
-    wait one behind the other only the newest is carried out (users' processes).
-    """
-
-    name: str
-    values: str
-    text: str
-    doc: str
-    moves: bool = True
-    stops: tuple[str, ...] = ()
-    zero: Literal["", "stops", "frees"] = ""
-    level: bool = False
-    types: tuple[str, ...] = ()
-    latest: bool = False
-
-    def is_stop(self, text: str, values: Sequence[float] | NDArray[np.float64]) -> bool:
-        """Whether it stops something and starts nothing."""
-        return "*" in self.stops or text in self.stops or (self.zero == "stops" and not any(values))
-
-    def only_ends(self, text: str, values: Sequence[float] | NDArray[np.float64]) -> bool:
-        """Whether it moves nothing, or only ends something: it is carried out however long it has waited."""
-        return not self.moves or self.level or self.is_stop(text, values)
-
-    def needs_person(self, text: str, values: Sequence[float] | NDArray[np.float64]) -> bool:
-        """Whether a person's command has to stand behind it."""
-        return not (self.only_ends(text, values) or (self.zero == "frees" and not any(values)))
-
-    def about(self, text: str) -> str:
-        """The part of the instance that it is about, the first word of its text; empty: all of it."""
-        return "" if not self.text or text in self.stops else text.partition(" ")[0]
-
-    @property
-    def streams(self) -> bool:
-        """Whether it is one of a stream: goals that are followed as they come."""
-        return "servo_" in self.name
+def part(message: str, name: str, kind: str = "") -> Ros:
+    """A ROS topic for each robot or setup arm."""
+    return Ros(message, (f"{{part}}/{name}",), kind)
 
 
 COMMANDS: dict[str, tuple[CommandRow, ...]] = {
     "io": (
-        CommandRow("power_on", "", "robot", "close the safety relay, switch motor power on, enable the amplifiers"),
-        CommandRow("power_off", "open_relays", "robot", "disable the amplifiers, switch motor power off", stops=("*",)),
-        CommandRow("bias_encoders", "samples, axes to leave out or none", "robot",
-                   "set encoders from potentiometers; negative samples: accept preset ones"),
-        CommandRow("set_encoder", "axis, rad or m", "robot", "make the encoder of an axis at a known place read it"),
-        CommandRow("pid_enable", "on", "robot", "joint controller on, or off, when brakes hold", zero="stops"),
-        CommandRow("servo_zero", "", "robot", "zero efforts, joint controller off, brakes hold", stops=("*",)),
-        CommandRow("enforce_limits", "on", "robot", "clip setpoints to the position limits", moves=False),
-        CommandRow("tracking_check", "on", "robot", "trip on too large a tracking error", moves=False),
-        CommandRow("pot_check", "on", "robot", "compare potentiometers with encoders", moves=False),
-        CommandRow("use_setpoint_v", "on", "robot", "use the velocity feed of setpoints", moves=False),
-        CommandRow("set_gains", "axis (-1: all), a value for each", "robot, keys of the PID file, @who or nothing",
-                   "change gains of its joint controller from this cycle on"),
-        CommandRow("brake_release", "", "robot", "let the brakes go; the joint controller must be on"),
-        CommandRow("brake_engage", "", "robot", "let the brakes hold", moves=False),
-        CommandRow("set_output", "on", "output name", "pin of a digital output high or low; a one-shot turns by itself",
-                   moves=False),
-        CommandRow("set_pwm", "duty", "output name", "share of the time that a digital output is high, 0 to 1",
-                   zero="stops"),
-        CommandRow("trigger_read", "", "instrument reader",
-                   "read the memory of the instrument; done with its NAME:MODEL[VERSION]", moves=False),
-        CommandRow("clear_fault", "", "robot", "forget the latched fault", moves=False),
-        CommandRow("supply_on", "s", "robot",
-                   "close the safety relay, motor power on for so long; amplifiers stay off"),
-        CommandRow("drive_axis", "axis, A, s, travel, release its brake", "robot",
-                   "let the current of one motor rise to A within s until it has moved by travel; all others are free"),
+        CommandRow("power_on", POWER, "close the safety relay, switch motor power on, enable the amplifiers",
+                   text=ROBOT, ros=part("empty", "power_on")),
+        CommandRow("power_off", POWER, "disable the amplifiers, switch motor power off",
+                   (replace(ON, name="open_relays", optional=True),), ROBOT, stops=(ANY,),
+                   ros=part("empty", "power_off")),
+        CommandRow("bias_encoders", RELAX, "set encoders from potentiometers; negative samples: accept preset ones",
+                   (Argument("samples", whole=True), Argument("axes to leave out", size=SOME, low=0.0, whole=True)),
+                   ROBOT),
+        CommandRow("set_encoder", RELAX, "make the encoder of an axis at a known position read it",
+                   (AXIS, Argument("position", "rad|m")), ROBOT),
+        CommandRow("pid_enable", POWER, "joint controller on, or off, when brakes hold", (ON,), ROBOT, stops=(ZERO,),
+                   ros=part("bool", "enable", "pid")),
+        CommandRow("servo_zero", POWER, "zero efforts, joint controller off, brakes hold", text=ROBOT, stops=(ANY,)),
+        CommandRow("enforce_limits", RELAX, "clip setpoints to the position limits", (ON,), ROBOT,
+                   effect_of_one=SETTING),
+        CommandRow("tracking_check", RELAX, "trip on too large a tracking error", (ON,), ROBOT, effect_of_one=SETTING,
+                   ros=part("bool", "tracking_check")),
+        CommandRow("pot_check", RELAX, "compare potentiometers with encoders", (ON,), ROBOT, effect_of_one=SETTING,
+                   ros=part("bool", "pot_check")),
+        CommandRow("use_setpoint_v", SETTING, "use the velocity feed of setpoints", (ON,), ROBOT,
+                   ros=part("bool", "use_setpoint_v", "pid")),
+        CommandRow("set_gains", RELAX, "change gains of its joint controller from this cycle on",
+                   (Argument("axis, -1: all", low=-1.0, whole=True), Argument("a value for each key", size=SOME)),
+                   "robot, keys of the PID file, @who or nothing"),
+        CommandRow("brake_release", RELEASE, "release the brakes; the joint controller must be on", text=ROBOT,
+                   ros=part("empty", "brake_release")),
+        CommandRow("brake_engage", SETTING, "engage the brakes", text=ROBOT, ros=part("empty", "brake_engage")),
+        CommandRow("set_output", SETTING, "pin of a digital output high or low; a one-shot turns by itself", (ON,),
+                   "output name"),
+        CommandRow("set_pwm", MOTION, "share of the time that a digital output is high",
+                   (Argument("duty", low=0.0, high=1.0),), "output name", stops=(ZERO,)),
+        CommandRow("trigger_read", READ, "read the memory of the instrument; done with its NAME:MODEL[VERSION]",
+                   text="instrument reader"),
+        CommandRow("clear_fault", SETTING, "forget the latched fault", text=ROBOT),
+        CommandRow("supply_on", POWER, "close the safety relay, motor power on for so long; amplifiers stay off",
+                   (Argument("time", "s", low=0.0, high=60.0, above=True),), ROBOT),
+        CommandRow("drive_axis", POWER, "raise the current of one motor to A within s until it has moved by travel; "
+                   "all others are free",
+                   (AXIS, Argument("current", "A"), Argument("rise time", "s"), Argument("travel", "rad|m"),
+                    replace(ON, name="release its brake")), ROBOT),
     ),
     "arm": (
-        CommandRow("state_command", "", "enable|disable|home|unhome|pause|resume", "change the operating state",
-                   stops=("disable", "pause")),
-        CommandRow("servo_jp", "position {n}, velocity {n} or none", "", "follow these joint positions now"),
-        CommandRow("servo_jr", "increment {n}", "", "follow the setpoint plus these increments"),
-        CommandRow("servo_jv", "velocity {n}", "",
-                   "go at these joint velocities until 0.1 s after the last such command"),
-        CommandRow("servo_jf", "effort {n}", "", "apply these joint efforts, for arm.effort_timeout_s; zeros for ever",
-                   zero="frees"),
-        CommandRow("servo_cp", "x y z qx qy qz qw, twist or none", "", "follow this tip pose now"),
-        CommandRow("servo_cr", "x y z qx qy qz qw", "", "follow the setpoint pose, shifted and turned about its tip"),
-        CommandRow("servo_cs", "pose, twist, wrench, 1 or 0 for each", "",
-                   "follow a pose with velocity and wrench; without a pose apply the wrench"),
-        CommandRow("servo_cf", "fx fy fz tx ty tz, s or none", "", "the same as body/servo_cf", zero="frees"),
-        CommandRow("body/servo_cf", "fx fy fz tx ty tz, s it lasts or none", "",
+        CommandRow("state_command", POWER, "change the operating state",
+                   text="enable|disable|home|unhome|pause|resume", effect_of_words={"unhome": MOTION},
+                   stops=("disable", "pause"), ros=STATE),
+        CommandRow("servo_jp", MOTION, "follow these joint positions now", (POSITION, replace(VELOCITY, optional=True)),
+                   stream="position", ros=Ros("joint setpoint", newest=True)),
+        CommandRow("servo_jr", MOTION, "follow the setpoint plus these increments", (INCREMENT,), stream="position",
+                   ros=Ros("joint positions")),
+        CommandRow("servo_jv", MOTION, "go at these joint velocities until 0.1 s after the last such command",
+                   (VELOCITY,), stream="position", ros=Ros("joint velocities", newest=True)),
+        CommandRow("servo_jf", MOTION, "apply these joint efforts, for arm.effort_timeout_s; zeros for ever", (EFFORT,),
+                   effect_of_zero=FREE, stream="effort", ros=Ros("joint efforts", newest=True)),
+        CommandRow("servo_cp", MOTION, "follow this tip pose now", (POSE, TWIST), stream="position",
+                   ros=Ros("pose", newest=True)),
+        CommandRow("servo_cr", MOTION, "follow the setpoint pose, shifted and turned about its tip", (POSE,),
+                   stream="position", ros=Ros("pose")),
+        CommandRow("servo_cs", MOTION, "follow a pose with velocity and wrench; without a pose apply the wrench",
+                   (POSE, replace(TWIST, optional=False), WRENCH,
+                    replace(ON, name="1 or 0 for pose, twist, wrench", size=3)),
+                   stream="position", ros=Ros("cartesian state", newest=True)),
+        CommandRow("servo_cf", MOTION, "the same as body/servo_cf",
+                   (WRENCH, Argument("time it lasts", "s", optional=True)), effect_of_zero=FREE, stream="effort"),
+        CommandRow("body/servo_cf", MOTION,
                    "apply this force and torque at the tip, in its axes, for arm.effort_timeout_s at most",
-                   zero="frees"),
-        CommandRow("spatial/servo_cf", "fx fy fz tx ty tz", "", "apply this force and torque at the origin of the base",
-                   zero="frees"),
-        CommandRow("servo_ci", "place, axes q, orientation q, gains (48)", "",
-                   "push as springs and dampers about a place and an orientation do"),
-        CommandRow("body/set_cf_orientation_absolute", "on", "",
-                   "wrenches of the tip are in axes of the reference frame",
-                   moves=False),
-        CommandRow("move_jp", "position {n}", "", "move to these joint positions and stop there"),
-        CommandRow("move_jr", "increment {n}", "", "move by these increments"),
-        CommandRow("move_cp", "x y z qx qy qz qw", "", "move to this tip pose, joints in a straight line"),
-        CommandRow("move_cr", "x y z qx qy qz qw", "", "move the tip by a shift and a turn about itself"),
-        CommandRow("jaw/servo_jp", "position", "", "follow this jaw angle now",
-                   types=("PSM",)),
-        CommandRow("jaw/move_jp", "position", "", "move the jaw to this angle",
-                   types=("PSM",)),
-        CommandRow("jaw/servo_jf", "effort", "", "apply this jaw effort; from position control the arm goes limp",
-                   types=("PSM",)),
-        CommandRow("hold", "", "", "stay at the present setpoint", stops=("*",)),
-        CommandRow("free", "", "", "zero efforts; gravity compensation stays"),
-        CommandRow("trajectory_j/set_ratio", "ratio", "", "speed and acceleration of moves, above 0 up to 1",
-                   moves=False),
-        CommandRow("trajectory_j/set_ratio_v", "ratio", "", "speed of moves, above 0 up to 1", moves=False),
-        CommandRow("trajectory_j/set_ratio_a", "ratio", "", "acceleration of moves, above 0 up to 1", moves=False),
-        CommandRow("set_base_frame", "x y z qx qy qz qw", "reference frame",
-                   "pose of the arm's base; no values: unknown"),
-        CommandRow("use_gravity_compensation", "on", "", "bear the arm's own weight", moves=False),
-        CommandRow("forward_kinematics", "position, up to {n}", "", "pose of the tip, or after so many joints, there",
-                   moves=False),
-        CommandRow("local/forward_kinematics", "position, up to {n}", "", "the same in the arm's base", moves=False),
-        CommandRow("inverse_kinematics", "seed {n}, x y z qx qy qz qw", "", "joints for a pose in the arm's base",
-                   moves=False),
-        CommandRow("actuator_to_joint_position", "position of every actuator", "", "joint positions", moves=False),
-        CommandRow("crtk_version", "", "", "version of the commands' meaning", moves=False),
-        CommandRow("set_endoscope_type", "", "endoscope", "say which endoscope an ECM carries", moves=False,
-                   types=("ECM",)),
-        CommandRow("lock_orientation", "qx qy qz qw, or none: as it is", "",
-                   "in Cartesian effort mode: hold the orientation of a master's tip, the place stays free",
-                   zero="frees",
-                   types=("MTM",)),
-        CommandRow("unlock_orientation", "", "", "let go of the orientation", zero="frees",
-                   types=("MTM",)),
-        CommandRow("set_tool_type", "", "NAME:MODEL", "say which instrument is on, when asked",
-                   types=("PSM",)),
-        CommandRow("emulate_adapter_present", "on", "", "act as if a sterile adapter were on; 0: its switch counts",
-                   types=("PSM",)),
-        CommandRow("emulate_tool_present", "on", "", "act as if an instrument were on; 0: its switch counts",
-                   types=("PSM",)),
+                   (WRENCH, Argument("time it lasts", "s", optional=True)), effect_of_zero=FREE, stream="effort",
+                    ros=Ros("wrench", newest=True)),
+        CommandRow("spatial/servo_cf", MOTION, "apply this force and torque at the origin of the base", (WRENCH,),
+                   effect_of_zero=FREE, stream="effort", ros=Ros("wrench", newest=True)),
+        CommandRow("servo_ci", MOTION, "push as springs and dampers about a position and an orientation do",
+                   (Argument("position, axes q, orientation q, gains", size=59),), stream="effort",
+                   ros=Ros("impedance", newest=True)),
+        CommandRow("body/set_cf_orientation_absolute", SETTING,
+                   "wrenches of the tip are in axes of the reference frame", (ON,), ros=BOOL),
+        CommandRow("move_jp", MOTION, "move to these joint positions and stop there", (POSITION,),
+                   ros=Ros("joint positions")),
+        CommandRow("move_jr", MOTION, "move by these increments", (INCREMENT,), ros=Ros("joint positions")),
+        CommandRow("move_cp", MOTION, "move to this tip pose, joints in a straight line", (POSE,), ros=Ros("pose")),
+        CommandRow("move_cr", MOTION, "move the tip by a shift and a turn about itself", (POSE,), ros=Ros("pose")),
+        CommandRow("jaw/servo_jp", MOTION, "follow this jaw angle now", (Argument("position", "rad"),),
+                   stream="jaw", types=PSM, ros=Ros("joint positions", newest=True)),
+        CommandRow("jaw/move_jp", MOTION, "move the jaw to this angle", (Argument("position", "rad"),), types=PSM,
+                   ros=Ros("joint positions")),
+        CommandRow("jaw/servo_jf", MOTION, "apply this jaw effort; from position control the arm goes limp",
+                   (Argument("effort", "N·m"),), stream="jaw", types=PSM, ros=Ros("joint efforts", newest=True)),
+        CommandRow("hold", MOTION, "stay at the present setpoint", stops=(ANY,), ros=EMPTY),
+        CommandRow("free", MOTION, "zero efforts; gravity compensation stays", ros=EMPTY),
+        CommandRow("trajectory_j/set_ratio", SETTING, "speed and acceleration of moves", (RATIO,), ros=Ros("number")),
+        CommandRow("trajectory_j/set_ratio_v", SETTING, "speed of moves", (RATIO,), ros=Ros("number")),
+        CommandRow("trajectory_j/set_ratio_a", SETTING, "acceleration of moves", (RATIO,), ros=Ros("number")),
+        CommandRow("set_base_frame", MOTION, "pose of the arm's base; no values: unknown",
+                   (replace(POSE, optional=True),), "reference frame", ros=Ros("framed pose")),
+        CommandRow("use_gravity_compensation", MOTION, "compensate the arm's own weight", (ON,), effect_of_one=SETTING,
+                   ros=BOOL),
+        CommandRow("forward_kinematics", READ, "pose of the tip, or after so many joints, there",
+                   (replace(POSITION, size=SOME),)),
+        CommandRow("local/forward_kinematics", READ, "the same in the arm's base", (replace(POSITION, size=SOME),)),
+        CommandRow("inverse_kinematics", READ, "joints for a pose in the arm's base",
+                   (Argument("seed {n}, x y z qx qy qz qw", size=SOME),)),
+        CommandRow("actuator_to_joint_position", READ, "joint positions",
+                   (Argument("position of every actuator", "rad|m", SOME),)),
+        CommandRow("crtk_version", READ, "version of the commands' meaning"),
+        CommandRow("set_endoscope_type", SETTING, "select the endoscope that an ECM carries", text="endoscope",
+                   types=ECM, ros=TEXT),
+        CommandRow("lock_orientation", MOTION,
+                   "in Cartesian effort mode: hold the orientation of a master's tip, its position stays free; "
+                   "without values as it is", (Argument("qx qy qz qw", size=4, optional=True),), effect_of_zero=FREE,
+                   types=MTM, ros=Ros("quaternion")),
+        CommandRow("unlock_orientation", MOTION, "stop holding the orientation", effect_of_zero=FREE, types=MTM,
+                   ros=EMPTY),
+        CommandRow("set_tool_type", MOTION, "select the attached instrument, when asked", text="NAME:MODEL", types=PSM,
+                   ros=TEXT),
+        CommandRow("emulate_adapter_present", MOTION, "act as if a sterile adapter were attached; 0: its switch counts",
+                   (ON,), types=PSM, ros=BOOL),
+        CommandRow("emulate_tool_present", MOTION, "act as if an instrument were attached; 0: its switch counts", (ON,),
+                   types=PSM, ros=BOOL),
     ),
     "suj": (
-        CommandRow("state_command", "", "enable|disable|home|unhome", "change the operating state", stops=("disable",)),
-        CommandRow("servo_jp", "position {n}", "setup arm", "be here from now on; KINEMATIC ones only"),
-        CommandRow("move_jp", "position {n}", "setup arm", "the same: nothing is there that would take time"),
-        CommandRow("local/servo_cp", "x y z qx qy qz qw", "setup arm", "be here in the cart; fixed ones only"),
-        CommandRow("set_reference_arm", "", "setup arm", "give base frames in the tip of the arm on this one"),
-        CommandRow("clutch", "on", "setup arm", "let its brakes go, as its button does, for a minute at most",
-                   zero="stops"),
-        CommandRow("set_lift_velocity", "velocity", "", "move the lift, -1 down to 1 up, for a second at most; 0: stop",
-                   zero="stops"),
+        CommandRow("state_command", POWER, "change the operating state", text="enable|disable|home|unhome",
+                   effect_of_words={"unhome": MOTION}, stops=("disable",),
+                   ros=Ros("state", ("state_command", "{part}/state_command"))),
+        CommandRow("servo_jp", MOTION, "be here from now on; KINEMATIC ones only", (POSITION,), "setup arm",
+                   stream="position",
+                   ros=part("joint positions", "servo_jp")),
+        CommandRow("move_jp", MOTION, "the same: nothing is there that would take time", (POSITION,), "setup arm",
+                   ros=part("joint positions", "move_jp")),
+        CommandRow("local/servo_cp", MOTION, "be here in the cart; fixed ones only", (POSE,), "setup arm",
+                   stream="position"),
+        CommandRow("set_reference_arm", MOTION, "give base frames in the tip of the arm on this one", text="setup arm",
+                   ros=TEXT),
+        CommandRow("clutch", RELEASE, "release its brakes, as its button does, for a minute at most", (ON,),
+                   "setup arm", stops=(ZERO,)),
+        CommandRow("set_lift_velocity", MOTION, "move the lift, -1 down to 1 up, for a second at most; 0: stop",
+                   (Argument("velocity", low=-1.0, high=1.0),), stops=(ZERO,), stream="lift"),
     ),
     "teleop": (
-        CommandRow("state_command", "", "enable|align_MTM|disable", "change the desired state", stops=("disable",)),
-        CommandRow("set_scale", "scale", "", "slave's motion for one of the master's, above 0", moves=False),
-        CommandRow("lock_rotation", "on", "", "the slave's orientation stays as it is"),
-        CommandRow("lock_translation", "on", "", "the slave's position stays as it is"),
-        CommandRow("set_align_MTM", "on", "", "turn the master as the slave is before following"),
-        CommandRow("clutch", "0 released, 1 pressed, 2 clicked", "", "the console's clutch", level=True),
-        CommandRow("following/mtm/body/servo_cf", "fx fy fz tx ty tz", "",
-                   "push the master so while following, for arm.effort_timeout_s"),
+        CommandRow("state_command", MOTION, "change the desired state", text="enable|align_MTM|disable",
+                   stops=("disable",), causes=("arm.*",), ros=STATE),
+        CommandRow("set_scale", MOTION, "slave's motion for one of the master's", (SCALE,), ros=Ros("number")),
+        CommandRow("lock_rotation", MOTION, "the slave's orientation stays as it is", (ON,), types=PSM, ros=BOOL),
+        CommandRow("lock_translation", MOTION, "the slave's position stays as it is", (ON,), types=PSM, ros=BOOL),
+        CommandRow("set_align_MTM", MOTION, "turn the master as the slave is before following", (ON,), types=PSM,
+                   ros=BOOL),
+        # A pedal's level, which holds until the next one: following requires an enable of its own.
+        CommandRow("clutch", SETTING, "the console's clutch", (PEDAL,)),
+        CommandRow("following/mtm/body/servo_cf", MOTION,
+                   "push the master so while following, for arm.effort_timeout_s", (WRENCH,), stream="effort",
+                   types=PSM, ros=Ros("wrench", newest=True)),
     ),
     "console": (
-        CommandRow("teleop_enable", "on", "", "let the selected teleoperations run, or none", zero="stops"),
-        CommandRow("select_teleop", "", "teleop", "select a teleoperation; those that share an arm with it are not"),
-        CommandRow("unselect_teleop", "", "teleop", "unselect a teleoperation", stops=("*",)),
-        CommandRow("set_scale", "scale", "", "scale of all its teleoperations, above 0", moves=False),
-        CommandRow("emulate_operator_present", "0 released, 1 pressed", "", "as if the operator came or went"),
-        CommandRow("emulate_clutch", "0 released, 1 pressed, 2 clicked", "", "as if the clutch were used"),
-        CommandRow("emulate_camera", "0 released, 1 pressed, 2 clicked", "", "as if the camera pedal were used"),
+        CommandRow("teleop_enable", MOTION, "start the selected teleoperations, or stop them", (ON,), stops=(ZERO,),
+                   causes=("teleop.*",), ros=Ros("bool", ("teleop/enable",))),
+        CommandRow("select_teleop", MOTION, "select a teleoperation; those that share an arm with it are not",
+                   text="teleop", causes=("teleop.*",), ros=Ros("text", ("teleop/select",))),
+        CommandRow("unselect_teleop", MOTION, "unselect a teleoperation", text="teleop", stops=(ANY,),
+                   ros=Ros("text", ("teleop/unselect",))),
+        CommandRow("set_scale", MOTION, "scale of all its teleoperations", (SCALE,), causes=("teleop.set_scale",),
+                   ros=Ros("number", ("teleop/set_scale",))),
+        CommandRow("emulate_operator_present", MOTION, "as if the operator came or left",
+                   (replace(PEDAL, name="0 released, 1 pressed", high=1.0),), effect_of_zero=SETTING, ros=BUTTON),
+        CommandRow("emulate_clutch", MOTION, "as if the clutch were used", (PEDAL,), effect_of_one=SETTING,
+                   causes=("teleop.clutch",), ros=BUTTON),
+        CommandRow("emulate_camera", MOTION, "as if the camera pedal were used", (PEDAL,), causes=("teleop.*",),
+                   ros=BUTTON),
     ),
     "focus": (
-        CommandRow("lock", "on", "", "stop, and let nothing move the lens; 0: let it", moves=False),
-        CommandRow("focus_in", "on", "", "move the lens in, for 10 s at most; 0: stop", moves=False, zero="stops"),
-        CommandRow("focus_out", "on", "", "move the lens out, for 10 s at most; 0: stop", moves=False,
-                   zero="stops"),
+        CommandRow("lock", SETTING, "stop, and let nothing move the lens; 0: allow it", (ON,), ros=BOOL),
+        CommandRow("focus_in", SETTING, "move the lens in, for 10 s at most; 0: stop", (ON,), stops=(ZERO,), ros=BOOL),
+        CommandRow("focus_out", SETTING, "move the lens out, for 10 s at most; 0: stop", (ON,), stops=(ZERO,),
+                   ros=BOOL),
     ),
     "system": (
-        CommandRow("power_off", "", "", "stop teleoperation of all consoles and disable all arms", stops=("*",)),
-        CommandRow("power_on", "", "", "disable arms in FAULT, then enable all; done when all are"),
-        CommandRow("home", "", "", "enable arms that are not, then home all; done when all are"),
-        CommandRow("set_volume", "volume", "", "0 to 1", moves=False),
-        CommandRow("beep", "s, Hz, volume: 1 to 3 of them", "", "make a beep", moves=False),
-        CommandRow("string_to_speech", "", "text", "say it", moves=False),
+        CommandRow("power_off", POWER, "stop teleoperation of all consoles and disable all arms", stops=(ANY,),
+                   ros=EMPTY),
+        CommandRow("power_on", POWER, "disable arms in FAULT, then enable all; done when all are",
+                   causes=("arm.state_command", "suj.state_command"), ros=EMPTY),
+        CommandRow("home", POWER, "enable arms that are not, then home all; done when all are",
+                   causes=("arm.state_command", "suj.state_command"), ros=EMPTY),
+        CommandRow("set_volume", SETTING, "volume of all sounds, 0 to 1", (Argument("volume"),),
+                   ros=Ros("number")),
+        CommandRow("beep", SETTING, "make a beep", (Argument("duration", "s"),
+                                                    Argument("frequency", "Hz", optional=True),
+                                                    Argument("volume", optional=True)),
+                   ros=Ros("numbers")),
+        CommandRow("string_to_speech", SETTING, "speak it", text="text", ros=TEXT),
     ),
     "recorder": (
-        CommandRow("choose", "", "topic, or instance", "take this into the next recording that the same client begins",
-                   moves=False),
-        CommandRow("record", "s, 1: end with its client, or none", "name",
-                   "record what was chosen, or all arms and io; done when it has ended",
-                   moves=False),
-        CommandRow("stop", "", "name or none", "end the recording", moves=False),
-        CommandRow("keep", "", "why", "keep what the black box and all rings have, as after a fault", moves=False),
+        CommandRow("choose", SETTING, "take this into the next recording that the same client begins",
+                   text="topic, or instance"),
+        CommandRow("record", SETTING, "record what was chosen, or all arms and io; done when it has ended",
+                   (Argument("time", "s", optional=True), replace(ON, name="end with its client", optional=True)),
+                   "name"),
+        CommandRow("stop", SETTING, "end the recording", text="name or none"),
+        CommandRow("keep", SETTING, "keep what the black box and all rings have, as after a fault", text="why"),
     ),
     "boards": (
-        CommandRow("press", "on", "input name", "press or release a button or switch", moves=False),
-        CommandRow("insert_instrument", "", "arm NAME:MODEL", "put an instrument on", moves=False),
-        CommandRow("remove_instrument", "", "arm", "take the instrument off", moves=False),
-        CommandRow("apply_effort", "effort {n}", "robot", "external effort on the joints of a robot, until changed"),
-        CommandRow("set_position", "position {n}", "robot, SUJ/setup arm",
-                   "put actuators somewhere, at rest; a setup arm must be let go"),
-        CommandRow("pull_tip", "x y z qx qy qz qw, N/m N·m/rad, N·s/m N·m·s/rad, N N·m or fewer", "robot",
-                   "pull a tip to a pose in its base frame; then stiffness, damping, limits"),
-        CommandRow("release_tip", "", "robot", "let go of a tip", stops=("*",)),
-        CommandRow("emergency_stop", "on", "bus or none for all", "press or release the emergency stop", moves=False),
-        CommandRow("power_loss", "on", "robot", "take the motor supply away", moves=False),
-        CommandRow("amp_fault", "axis on", "robot", "make an amplifier fail", moves=False),
-        CommandRow("encoder_jump", "axis counts", "robot", "make an encoder jump", moves=False),
-        CommandRow("current_error", "axis A", "robot", "measure too much current, 0: mend", moves=False),
-        CommandRow("pot_drift", "axis V/s, V or none", "robot", "let a potentiometer drift (from an error), 0 0: mend",
-                   moves=False),
-        CommandRow("pot_dead", "axis on", "robot", "let a potentiometer show 0 V, as with a loose cable", moves=False),
-        CommandRow("encoder_scale", "axis factor", "robot", "let an encoder count so much too much, 1: mend",
-                   moves=False),
-        CommandRow("swap_motors", "axis axis", "robot", "exchange the plugs of two motors; again: back", moves=False),
-        CommandRow("jam", "axis on", "robot", "an axis is stuck, or its brake does not let go", moves=False),
-        CommandRow("unplug_board", "board", "bus or none", "take a board's power and cables away", moves=False),
-        CommandRow("plug_board", "board", "bus or none", "bring a board back, as after power-up", moves=False),
-        CommandRow("bus_reset", "", "bus or none for all", "another bus generation", moves=False),
-        CommandRow("drop_block", "board count", "bus or none", "leave a board out of the next hub reads", moves=False),
-        CommandRow("spoil_sequence", "board count", "bus or none", "wrong sequence numbers in the next hub reads",
-                   moves=False),
-        CommandRow("temperature", "board °C, °C or none", "bus or none", "heat the amplifiers of a board", moves=False),
-        CommandRow("lose_replies", "count", "bus or none for all", "leave the next replies out", moves=False),
-        CommandRow("delay_replies", "count s", "bus or none for all", "send the next replies late", moves=False),
-        CommandRow("duplicate_replies", "count", "bus or none for all", "send the next replies twice", moves=False),
-        CommandRow("drop_replies", "count", "bus or none for all", "answer the next reads as dropped (8 bytes)",
-                   moves=False),
-        CommandRow("corrupt_tl", "count", "bus or none for all", "give the next replies a wrong tl", moves=False),
-        CommandRow("reply_rate", "rate, s of late ones",
-                   "lost|late|duplicated|dropped|mislabelled, bus or none for all",
-                   "spoil this share of replies until changed", moves=False),
-        CommandRow("packet_loss", "rate", "bus or none for all", "lose this share of all datagrams until changed",
-                   moves=False),
-        CommandRow("clear_packet_faults", "", "", "end all faults of replies and datagrams", moves=False),
+        CommandRow("press", SETTING, "press or release a button or switch", (ON,), "input name"),
+        CommandRow("insert_instrument", SETTING, "insert an instrument", text="arm NAME:MODEL"),
+        CommandRow("remove_instrument", SETTING, "remove the instrument", text="arm"),
+        CommandRow("apply_effort", MOTION, "external effort on the joints of a robot, until changed", (EFFORT,), ROBOT),
+        CommandRow("set_position", MOTION, "put actuators somewhere, at rest; a setup arm must be released",
+                   (POSITION,), "robot, SUJ/setup arm"),
+        CommandRow("pull_tip", MOTION, "pull a tip to a pose in its base frame; then stiffness, damping, limits",
+                   (POSE, *GRIP), ROBOT, stream="pull"),
+        CommandRow("release_tip", MOTION, "release a tip", text=ROBOT, stops=(ANY,)),
+        CommandRow("emergency_stop", SETTING, "press or release the emergency stop", (ON,), BUS),
+        CommandRow("power_loss", SETTING, "take the motor supply away", (ON,), ROBOT),
+        CommandRow("amp_fault", SETTING, "make an amplifier fail", (AXIS, ON), ROBOT),
+        CommandRow("encoder_jump", SETTING, "make an encoder jump",
+                   (AXIS, Argument("counts", low=-8388608.0, high=8388608.0, whole=True)), ROBOT),
+        CommandRow("current_error", SETTING, "measure too much current, 0: repaired", (AXIS, Argument("current", "A")),
+                   ROBOT),
+        CommandRow("pot_drift", SETTING, "make a potentiometer drift (from an error), 0 0: repaired",
+                   (AXIS, Argument("rate", "V/s"), Argument("error", "V", optional=True)), ROBOT),
+        CommandRow("pot_dead", SETTING, "make a potentiometer show 0 V, as with a loose cable", (AXIS, ON), ROBOT),
+        CommandRow("encoder_scale", SETTING, "make an encoder count so much too much, 1: repaired",
+                   (AXIS, Argument("factor")), ROBOT),
+        CommandRow("swap_motors", SETTING, "exchange the plugs of two motors; again: back",
+                   (AXIS, replace(AXIS, name="axis")), ROBOT),
+        CommandRow("jam", SETTING, "block an axis, as a brake that does not release", (AXIS, ON), ROBOT),
+        CommandRow("unplug_board", SETTING, "take a board's power and cables away", (BOARD,), OF_BUS),
+        CommandRow("plug_board", SETTING, "bring a board back, as after power-up", (BOARD,), OF_BUS),
+        CommandRow("bus_reset", SETTING, "another bus generation", text=BUS),
+        CommandRow("drop_block", SETTING, "leave a board out of the next hub reads", (BOARD, COUNT), OF_BUS),
+        CommandRow("spoil_sequence", SETTING, "wrong sequence numbers in the next hub reads", (BOARD, COUNT), OF_BUS),
+        CommandRow("temperature", SETTING, "heat the amplifiers of a board",
+                   (BOARD, Argument("first", "°C"), Argument("second", "°C", optional=True)), OF_BUS),
+        CommandRow("lose_replies", SETTING, "leave the next replies out", (COUNT,), BUS),
+        CommandRow("delay_replies", SETTING, "send the next replies late", (COUNT, DELAY), BUS),
+        CommandRow("duplicate_replies", SETTING, "send the next replies twice", (COUNT,), BUS),
+        CommandRow("drop_replies", SETTING, "answer the next reads as dropped (8 bytes)", (COUNT,), BUS),
+        CommandRow("corrupt_tl", SETTING, "give the next replies a wrong tl", (COUNT,), BUS),
+        CommandRow("reply_rate", SETTING, "spoil this share of replies until changed",
+                   (RATE, replace(DELAY, name="delay of late ones", optional=True)),
+                   f"lost|late|duplicated|dropped|mislabelled, {BUS}"),
+        CommandRow("packet_loss", SETTING, "lose this share of all datagrams until changed", (RATE,), BUS),
+        CommandRow("clear_packet_faults", SETTING, "end all faults of replies and datagrams"),
     ),
     "supervisor": (
-        CommandRow("stop", "", "instance or nothing", "stop an instance; without its name, the whole system",
-                   stops=("*",)),
-        CommandRow("start", "", "instance", "start an instance; done when it runs"),
-        CommandRow("restart", "", "instance", "stop an instance and start it again; done when it runs"),
+        CommandRow("stop", POWER, "stop an instance; without its name, the whole system", text="instance or nothing",
+                   stops=(ANY,)),
+        CommandRow("start", POWER, "start an instance; done when it runs", text="instance"),
+        CommandRow("restart", POWER, "stop an instance and start it again; done when it runs", text="instance"),
     ),
 }
 
 COMMANDS["third_party"] = COMMANDS["arm"]  # a program refuses what it does not carry out
+
+
+def caused(row: CommandRow, table: Mapping[str, tuple[CommandRow, ...]] = COMMANDS) -> list[CommandRow]:
+    """The row, and all that come of it in turn: the transitive closure over `causes`."""
+    found, waiting = [row], [row]
+    while waiting:
+        for other in _named(waiting.pop().causes, table):
+            if not any(other is each for each in found):
+                found.append(other)
+                waiting.append(other)
+    return found
+
+
+def _named(causes: tuple[str, ...], table: Mapping[str, tuple[CommandRow, ...]]) -> Iterator[CommandRow]:
+    for cause in causes:
+        kind, _, name = cause.partition(".")
+        for rows in table.values() if cause == EVERYTHING else (table[kind],):
+            yield from (row for row in rows if name in ("*", row.name))
+
+
+POWERS: Final = (RELAX, RELEASE, POWER)
+"""Effects that a bridge's client has only where the system file says `may_power`."""
+
+
+def may_power(row: CommandRow, text: str, values: Numbers) -> bool:
+    """Whether power, homing, a released brake or protection may come of it, by itself or by what it causes."""
+    effect = row.effect_for(text, values)
+    if effect < RELAX:
+        return False
+    return effect in POWERS or any(each.effect in POWERS for each in caused(row)[1:])

@@ -23,9 +23,9 @@ N3 comes before N4: a command runs at most once, also when the owner dies in bet
 Stops. One place more than there are for clients is nobody's. Whoever has none of the others, or a full queue, stores a
 stop there; the lock lasts as long as that takes, so that nobody waits for the answer of another, or for ever. The
 owner looks there first and refuses whatever is no stop (shm/commands.py says what is one). Stopping ends what was asked
-before: a command that may move the robot is refused when it was sent before a stop, by whomever, that the owner has
-taken. All stamps of sending are of one clock; one that is in the owner's future counts as now. A stop of one thing
-among several (a robot of io, a setup arm) is about that only.
+before: a command that `expires` (shm/command_row.py) is refused when it was sent before a stop, by any sender, that
+the owner has taken. All stamps of sending are of one clock; one that is in the owner's future counts as now. A stop of
+one thing among several (a robot of io, a setup arm) is about that only.
 
 Recovery. An owner that begins:
   V1  slot of answered + 1 says answered + 1? then its predecessor died between A3 and A4: answered := answered + 1
@@ -37,11 +37,11 @@ A client claims a place with a lock that the kernel frees when it dies, and writ
 all places taken. Its successor goes on from the cursors; commands past M3 are still run, what the dead one left of M2
 is overwritten. The same goes for who dies in the place for stops.
 
-Late. A command that may move the robot and has waited longer than LATE_NS is refused: its owner was held up, and who
-sent it does not expect it any more. What only stops something is carried out however late.
+Late. A command that `expires` and has waited longer than LATE_NS is refused (shm/guard.py): its owner was stalled, and
+its sender does not expect it any more. A stop is carried out however late.
 
-Whose. Each command carries its origin (shm/origins.py): the person's command it comes from. With `guard`, one that
-needs a person is refused when it has none, or one of before the last fault of the owner's component (shm/faults.py).
+Whose. Each command carries its origin (shm/origins.py): the operator's command it comes from. With `guard`, one that
+`needs_operator` is refused without, or with one given before the last fault of the owner's component (shm/faults.py).
 With `audit`, what became of each command is put into a ring.
 
 Trust. The owner runs nothing whose slot was not written for its turn (each command carries its number), and nothing
@@ -68,6 +68,7 @@ from shm.audit import Audit
 from shm.clock import monotonic_ns
 from shm.commands import COMMANDS
 from shm.faults import Cell
+from shm.guard import LATE_NS, late, unauthorized
 from shm.holders import Holder
 from shm.layout import shorten
 from shm.locks import Places
@@ -91,10 +92,7 @@ from shm.mailbox_map import (
 from shm.received import ACCEPTED, FAILED, OUTCOMES, REFUSED, Received
 
 PER_CYCLE = 8
-LATE_NS = 1_000_000_000
 MAX_STOPS = 64  # about different things that are remembered apart
-NOBODYS = "no person's command stands behind it; a person has to ask for it"
-BEFORE = "before the last fault or power-off; a person has to ask for it again"
 DIED = "its process died while at it; it may have been carried out, it will not be repeated"
 
 SHORT = 8  # values that come with the first copy
@@ -130,7 +128,7 @@ class Mailbox:
         self._locks = Places(segment, places.locks, CLIENTS)
         self._guard, self.audit = guard, audit
         self._map, self._table = places, (*COMMANDS.get(kind, ()), *places.own)
-        never_stops = tuple(not row.stops and row.zero != "stops" for row in self._table)
+        never_stops = tuple(not row.stops for row in self._table)
         self._is_plain = tuple(never_stops if place != RESERVED else (False,) * len(self._table)
                                for place in range(PLACES))
         self._stops: dict[str, tuple[int, Holder, str]] = {}  # about what; when it was sent, by whom, for which person
@@ -270,7 +268,7 @@ class Mailbox:
             if (self._is_plain[place][code] and sent_ns >= self._stopped_ns and self._now_ns - sent_ns <= LATE_NS
                     and (guard is None or (origin and generation >= guard.void))):
                 return received
-            objection = self._stopped(received) or self._too_late(received) or self._nobodys(received)
+            objection = self._stopped(received) or self._guarded(received, self._now_ns - sent_ns)
             if not objection:
                 return received
             received.refuse(objection)
@@ -283,6 +281,10 @@ class Mailbox:
         self.answer(place, n, REFUSED, wrong)
         return None
 
+    def _guarded(self, received: Received, waited_ns: int) -> str:
+        row, text, values = received.command, received.text, received.values
+        return late(row, text, values, waited_ns) or unauthorized(row, text, values, received.origin, self._guard)
+
     def _stopped(self, received: Received) -> str:
         """Why nothing comes of a command because of a stop; empty: it is one, or none concerns it."""
         command, text, values = received.command, received.text, received.values
@@ -291,7 +293,7 @@ class Mailbox:
             return ""
         if received.place == RESERVED:
             return f"{command.name}: this place is for what stops something"
-        if command.only_ends(text, values):
+        if not command.expires(text, values):
             return ""
         for about in ("", command.about(text)):
             stop = self._stops.get(about)
@@ -322,20 +324,6 @@ class Mailbox:
     def has_client(self, place: int) -> bool:
         """Whether anybody lives in a place (asks the kernel: not for loops of the robot)."""
         return self._locks.is_taken(place)
-
-    def _too_late(self, received: Received) -> str:
-        waited = self._now_ns - received.sent_ns
-        if waited <= LATE_NS or received.command.only_ends(received.text, received.values):
-            return ""
-        return f"it came {waited * 1e-9:.1f} s late, allowed are {LATE_NS * 1e-9} s; ask again"
-
-    def _nobodys(self, received: Received) -> str:
-        origin, guard = received.origin, self._guard
-        if guard is None or (origin.id and (origin.generation >= guard.void or origin.id == guard.spared)):
-            return ""
-        if not received.command.needs_person(received.text, received.values):
-            return ""
-        return f"{origin.program or 'somebody'} asked for it {BEFORE}" if origin.id else NOBODYS
 
     def reply(self, received: Received, outcome: int, text: str) -> None:
         """Answer a command, and put into the audit ring what became of it."""

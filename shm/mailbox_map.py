@@ -9,7 +9,8 @@ import struct
 from collections.abc import Sequence
 from typing import Any
 
-from shm.commands import COMMANDS, CommandRow
+from shm.command_row import CommandRow, listed, row_of
+from shm.commands import COMMANDS
 from shm.header import SegmentError, readable
 from shm.holders import HOLDER, PROGRAM, Holder, in_words
 from shm.layout import LINE, Schema, cut_text, schema_from_json, schema_of
@@ -57,7 +58,7 @@ def create_mailbox(system: str, instance: str, kind: str, make: Make = create, *
 
     `own`: commands that this instance has besides those of its kind, if that has any.
     """
-    commands = [*map(_listed, COMMANDS.get(kind, ())), *({**_listed(row), "own": True} for row in own)]
+    commands = [*map(listed, COMMANDS.get(kind, ())), *({**listed(row), "own": True} for row in own)]
     info = {"kind": kind, "wakes": wakes, "commands": commands}
     return make(segment_name(system, instance, "mailbox"), "mailbox", WHOLE, 1, info)
 
@@ -86,7 +87,7 @@ class MailboxMap:
         """
         kind, rows = info.get("kind"), info.get("commands")
         listed = [row if isinstance(row, dict) else {} for row in rows] if isinstance(rows, list) else []
-        self.own = tuple(_row(row) for row in listed if row.get("own") is True)
+        self.own = tuple(row_of(row) for row in listed if row.get("own") is True)
         self.table = (*(COMMANDS.get(kind, ()) if isinstance(kind, str) else ()), *self.own)
         if not isinstance(kind, str) or [row.get("name") for row in listed] != [c.name for c in self.table]:
             raise SegmentError(f"{self.segment.name}: its commands are not those of this program; both must be of the "
@@ -139,17 +140,3 @@ class MailboxMap:
     def holders(self, places: list[int]) -> str:
         """Who has these places, in words."""
         return in_words(self.holder(place) for place in places)
-
-
-def _listed(row: CommandRow) -> dict[str, Any]:
-    return {"name": row.name, "values": row.values, "text": row.text, "doc": row.doc, "moves": row.moves,
-            "stops": row.stops, "zero": row.zero == "stops", "types": row.types,
-            **({"latest": True} if row.latest else {})}
-
-
-def _row(row: dict[str, Any]) -> CommandRow:
-    """A command as a mailbox lists it; it may say anything."""
-    values, text, doc = (str(row.get(key, "")) for key in ("values", "text", "doc"))
-    stops = ("*",) if row.get("stops") else ()
-    return CommandRow(str(row.get("name", "")), values, text, doc, row.get("moves") is True, stops,
-                      latest=row.get("latest") is True)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from shm.clock import monotonic_ns, pause
-from shm.commands import CommandRow
+from shm.command_row import CommandRow
 from shm.control_page import ControlPage
 from shm.header import SegmentError
 from shm.locks import AllTaken, Places

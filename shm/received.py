@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from shm.commands import CommandRow
+from shm.command_row import CommandRow
 from shm.header import readable
 from shm.holders import Holder
 from shm.mailbox_map import COMMAND_HEAD, MAX_TEXT, PROGRAM_IN_RAW, TEXT_IN_RAW
@@ -73,9 +73,9 @@ class Received:
         return self._box.has_client(self.place)
 
     @property
-    def needs_person(self) -> bool:
-        """Whether a person's command has to stand behind it."""
-        return self.command.needs_person(self.text, self.values)
+    def needs_operator(self) -> bool:
+        """Whether it requires an operator's command given since the last fault."""
+        return self.command.needs_operator(self.text, self.values)
 
     @property
     def origin(self) -> Origin:

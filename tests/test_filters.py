@@ -26,7 +26,7 @@ from tools.inspect.processes import statuses
 
 FOR_NS = 60_000_000_000  # so long a supervisor is there that beats once
 DECLARED = UserProcess("good", "good.py", 0.002, (UserTopic("count", 100.0, 16, (UserField("count", "int"),)),),
-                       (UserCommand("go", moves=True),), host="lab")
+                       (UserCommand("go"),), host="lab")
 ROWS = tuple(Row(name, "user", 0.002, start="elsewhere", restart_limit=2, backoff_s=1.0) for name in ("good", "bad"))
 
 

@@ -37,8 +37,8 @@ THREE = UserField("force", "float[3]", "N")
 DECLARED = UserProcess(
     "mine", "mine.py", 0.001,
     (UserTopic("wrench", 100.0, 16, (THREE, UserField("sensor", "text[8]"))),),
-    (UserCommand("go", (THREE, UserField("fast", "bool"), UserField("why", "text[64]")), moves=True),
-     UserCommand("follow", (UserField("place", "float"),), moves=True, latest=True), UserCommand("plain")),
+    (UserCommand("go", (THREE, UserField("fast", "bool"), UserField("why", "text[64]"))),
+     UserCommand("follow", (UserField("place", "float"),), latest=True), UserCommand("plain", effect="setting")),
     (Property("gain", "float", 1.0, 0.0, 2.0), Property("on", "bool", 0.0), Property("site", "text[8]", words="left")))
 OTHER = dataclasses.replace(DECLARED, name="other")
 

@@ -9,6 +9,7 @@ from typing import Final
 from procs import codes
 from procs.codes import CODES, FAULTS, Code
 from shm.events import SEVERITIES
+from tools.generated_page import keep
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "errors.md"
 HEAD = """# Warnings and errors
@@ -53,12 +54,7 @@ def _row(row: Code) -> str:
 
 def main(words: list[str]) -> int:
     """Write the page, or with --check compare it."""
-    if words == ["--check"]:
-        fresh = PAGE.exists() and PAGE.read_text(encoding="utf-8") == page()
-        print(f"{PAGE.name} is {'up to date' if fresh else 'stale: python -m tools.errors_page'}")
-        return 0 if fresh else 1
-    PAGE.write_text(page(), encoding="utf-8")
-    return 0
+    return keep(PAGE, page(), "tools.errors_page", words)
 
 
 if __name__ == "__main__":

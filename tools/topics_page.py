@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 from shm.topics import TOPICS, Field, Topic, View
+from tools.generated_page import keep
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "topics.md"
 HEAD = """# Topics
@@ -57,12 +58,7 @@ def _escaped(text: str) -> str:
 
 def main(words: list[str]) -> int:
     """Write the page, or with --check compare it."""
-    if words == ["--check"]:
-        fresh = PAGE.exists() and PAGE.read_text(encoding="utf-8") == page()
-        print(f"{PAGE.name} is {'up to date' if fresh else 'stale: python -m tools.topics_page'}")
-        return 0 if fresh else 1
-    PAGE.write_text(page(), encoding="utf-8")
-    return 0
+    return keep(PAGE, page(), "tools.topics_page", words)
 
 
 if __name__ == "__main__":

@@ -67,7 +67,7 @@ class ArmCommands:
 
     def _one(self, request: Request) -> None:
         row = self._rows.get(request.name)
-        if carry_out(request, self._do):
+        if carry_out(request, self._do, self._control.joints.count):
             if row is not None and row.moves:
                 self._control.machine.publish_refused_move()
         elif row is not None and row.ready is not Ready.ALWAYS:

@@ -29,7 +29,8 @@ from procs.arm.states import ArmEvent, ArmState
 from procs.document.system import ArmConfig
 from procs.document.user_process import UserCommand
 from procs.requests import CommandRefused, Request
-from procs.user_tables import arguments_of
+from procs.user_tables import arguments_of, command_row
+from shm.command_row import FREE
 from shm.commands import COMMANDS
 
 MAX_NAME: Final = 23
@@ -111,7 +112,8 @@ class DerivedArm(ArmLogic):
                 raise CommandRefused(str(why)) from None
             return None if answer is None else str(answer)
 
-        return ArmCommandRow(do, Ready.JOINT if command.moves and not command.stops else Ready.ALWAYS)
+        needs_homed = command_row(command).effect >= FREE and not command.stops
+        return ArmCommandRow(do, Ready.JOINT if needs_homed else Ready.ALWAYS)
 
     # what it may do
 

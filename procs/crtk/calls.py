@@ -8,18 +8,19 @@ from typing import Any, Final
 
 from procs.crtk.messages import WrongMessage
 from procs.crtk.names import none_such
-from procs.crtk.powering import powers
 from procs.document.bridges import Rights
 from procs.document.system import SystemConfig
 from procs.user_tables import commands_of
 from shm.client import Client, MailboxFull, Reply
 from shm.clock import monotonic_ns
-from shm.commands import COMMANDS, ENDINGS, CommandRow
+from shm.command_row import CommandRow
+from shm.commands import COMMANDS, ENDINGS, may_power
 from shm.header import SegmentError
 from shm.segment import names_of
 
 KEPT: Final = 1000
 """Commands of which the client has not heard the end."""
+MAY_NOT: Final = "this connection may not power, home or release anything (trocar.socket.may_power)"
 SOON_NS: Final = 1_000_000_000
 """So long a first answer is looked for often."""
 
@@ -69,8 +70,8 @@ class Calls:
             raise WrongMessage(none_such(f"command of {to}", command[:80], owner.rows))
         if not self._rights.commands:
             raise WrongMessage("this connection may only look (trocar.socket.grants)")
-        if not self._rights.powers and powers(owner.kind, row, values, text):
-            raise WrongMessage(f"{to} {command}: this connection may not power or home (trocar.socket.may_power)")
+        if not self._rights.powers and may_power(row, text, values):
+            raise WrongMessage(f"{to} {command}: {MAY_NOT}")
         if self._is_over():
             raise WrongMessage("the bridge was held up; what was asked meanwhile is not done")
         try:

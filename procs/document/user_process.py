@@ -40,14 +40,15 @@ class UserTopic:
 class UserCommand:
     """A command that it carries out.
 
-    `moves`: the robot may move after it, so the origin of who asked is passed on, and it is refused when it comes late;
-    `stops`: it ends something; `latest`: of several that wait one behind the other the newest counts.
+    `effect`: the worst that it can do (shm/command_row.py), by itself or by what it asks others for; from "relax" on it
+    needs an operator's command, whose origin is passed on. `stops`: it ends something; `latest`: of several that wait
+    only the newest counts.
     """
 
     name: str
     arguments: tuple[UserField, ...] = ()
     text: str = ""
-    moves: bool = False
+    effect: str = "motion"
     stops: bool = False
     latest: bool = False
 

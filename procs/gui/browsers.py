@@ -26,12 +26,6 @@ from shm.clock import monotonic_ns
 from shm.ring import RingError
 from shm.segment import SegmentError
 
-FOR_ALL: Final = frozenset({("system", "power_off"), ("arm", "hold"), ("arm", "state_command"),
-                            ("third_party", "hold"), ("third_party", "state_command"), ("suj", "state_command"),
-                            ("teleop", "state_command"), ("io", "power_off"), ("console", "teleop_enable"),
-                            ("focus", "focus_in"), ("focus", "focus_out"), ("suj", "set_lift_velocity"),
-                            ("suj", "clutch"), ("boards", "release_tip")})
-"""Commands that every browser may give as far as they stop something, without control: also who has just lost it."""
 LATE_NS: Final = 1_000_000_000
 """So old a wish may be when it comes, as in mailboxes."""
 HELD_LATE_NS: Final = 300_000_000
@@ -39,8 +33,6 @@ HELD_LATE_NS: Final = 300_000_000
 does it last after the button was let go. Less would end it wherever a computer or a network is busy for a moment: ticks
 are 50 ms apart, and a page draws between them.
 """
-HELD: Final = frozenset({("boards", "pull_tip"), ("suj", "set_lift_velocity")})
-"""Commands that are, besides streams."""
 PENDING: Final = 5
 """Ticks that a browser has not taken; then it gets the newest of all instead."""
 WAITING: Final = 256
@@ -183,8 +175,8 @@ class Browser:
         to, command, values, text = parts["to"], parts["command"], list(parts["values"]), parts["text"]
         owner = self._calls.owner(to)
         row = owner.rows.get(command)
-        only_stops = row is not None and (owner.kind, command) in FOR_ALL and row.is_stop(text, values)
-        is_held = row is not None and (row.streams or (owner.kind, command) in HELD)
+        only_stops = row is not None and row.is_stop(text, values)  # any page may stop something, without control
+        is_held = row is not None and row.stream
         seen = None if only_stops else self._seen(asked, now_ns, HELD_LATE_NS if is_held else LATE_NS)
         self._calls.send(asked.id, to, command, values, text, seen)
         served.counts.commands += 1

@@ -19,7 +19,8 @@ from procs.io.record import Flags, IoRecord
 from procs.io.robots import Robots
 from procs.io.setpoint_tracker import SetpointTracker, TrackedRobot
 from procs.wishes import NONE, OFF, ON, WISHES, Order
-from shm.commands import COMMANDS, CommandRow
+from shm.command_row import CommandRow
+from shm.commands import COMMANDS
 from shm.layout import shorten
 from shm.origins import Origin, SenderId
 
@@ -46,11 +47,6 @@ class WishCommand:
         self.name, self.values = order[0], np.array(order[1])
         self.text, self.id, self.origin = robot, generation, origin
         self._state, self._report = state, report
-
-    @property
-    def needs_person(self) -> bool:
-        """Whether a person's command has to stand behind it."""
-        return self.command.needs_person(self.text, self.values)
 
     def accept(self, text: str = "") -> None:
         """It is under way."""

@@ -28,6 +28,7 @@ from procs.io.setpoint_tracker import SetpointTracker
 from procs.requests import CommandRefused, Request, switch
 from procs.wishes import SWITCHING
 from shm.faults import OwnCell
+from shm.guard import unauthorized
 
 ABOUT: Final = {"set_output": "output", "set_pwm": "output", "trigger_read": "instrument reader"}  # others: a robot
 WITH_MORE: Final = ("set_gains",)  # whose text goes on after the name
@@ -85,20 +86,14 @@ class IoCommands:
             if action is None:
                 raise CommandRefused(f"io has no command {command.name}; it has: {', '.join(self._table)}")
             place = self._place(command)
-            if command.name not in ABOUT:
-                self._need_person(place, command)
+            cell = None if command.name in ABOUT else self._faults[place]
+            if why := unauthorized(command.command, command.text, command.values, command.origin, cell):
+                raise CommandRefused(why)
             action(place, command)
         except CommandRefused as reason:
             command.refuse(str(reason))
             return -1
         return place
-
-    def _need_person(self, robot: int, command: Request) -> None:
-        origin, cell = command.origin, self._faults[robot]
-        counts = origin.id and (origin.generation >= cell.void or origin.id == cell.spared)
-        if command.needs_person and not counts:
-            asked = f"{origin.program or 'somebody'} asked before its last fault or power-off"
-            raise CommandRefused(f"{asked if origin.id else 'nobody asked'}; a person has to ask for it again")
 
     @property
     def waits(self) -> bool:

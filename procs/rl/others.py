@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import Final
 
 from procs.crtk.plain import plain
+from shm.command_row import SETTING
 from shm.commands import COMMANDS
 from shm.ring import RingReader
 
-HARMLESS: Final = frozenset(row.name for row in COMMANDS["arm"] if not row.moves) | {"set_base_frame"}
-"""Settings and questions; where the base is, is seen in the arm's state."""
-
-STOPS: Final = {row.name: row for row in COMMANDS["arm"] if row.stops}
+ROWS: Final = {row.name: row for row in COMMANDS["arm"]}
+BASE: Final = "set_base_frame"
+"""Where the base is, is seen in the arm's state."""
 
 
 class OtherCommands:
@@ -34,10 +34,12 @@ class OtherCommands:
         """What moves or stops it, was asked by others, and counts, and by whom; empty: nothing was."""
         while not self._asked and self._audit.next():
             command = str(plain(self._command.item()))
-            if self._origin[()] == self._own or command in HARMLESS or self._outcome[()] in (b"refused", b"failed"):
+            row = ROWS.get(command)
+            is_harmless = command == BASE or (row is not None and row.effect <= SETTING)
+            if self._origin[()] == self._own or is_harmless or self._outcome[()] in (b"refused", b"failed"):
                 continue
             text = str(plain(self._text.item()))
-            self._is_stop = command in STOPS and STOPS[command].is_stop(text, ())
+            self._is_stop = row is not None and row.is_stop(text, ())
             self._asked = f"{command} {text}".rstrip() + f" by {plain(self._program.item()) or 'another process'}"
         if self._audit.lost:  # a stop may have been among it
             self._asked, self._is_stop = f"more than is kept: {self._audit.lost} commands are not known any more", True

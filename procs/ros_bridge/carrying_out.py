@@ -1,12 +1,12 @@
 """What came from ROS, carried out: each message becomes a command of a person, like those of `trocar send`.
 
-Whoever gets the command checks it as it does any other: sizes, limits, jumps of streams, dead-men. Here only what
-powers and homes is looked at: where people on the network may not do that, the bridge refuses it.
+The owner of the command checks it as it does any other: sizes, limits, jumps of streams, dead-men. Here only
+`may_power` is looked at: where people on the network may not power or home, the bridge refuses what can cause that.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final, NamedTuple
@@ -18,13 +18,10 @@ from procs.ros_bridge.incoming import COMMAND_TOPICS, STREAM, CommandTopic, no_t
 from procs.ros_bridge.publishing import ros_topic
 from procs.ros_bridge.refusals import Refusals
 from shm.client import Client, MailboxFull
+from shm.commands import may_power
 from shm.segment import SegmentError
 
-POWERS: Final = frozenset(("power_on", "home", "teleop_enable", "pid_enable", "brake_release"))
-SWITCHES: Final = frozenset(("teleop_enable", "pid_enable"))
-"""Of those whoever switches off may do that."""
-POWERING_STATES: Final = frozenset(("enable", "home", "resume"))
-MAY_NOT: Final = "the ROS bridge may not power or home (trocar: {ros: {may_power: …}})"
+MAY_NOT: Final = "the ROS bridge may not power, home or release anything (trocar: {ros: {may_power: …}})"
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,13 +35,6 @@ class Addressee:
     """Setup arms or robots: how topics call them, and commands."""
     prefix: str = ""
     """Of its topics, where that is not its name."""
-
-
-def powers(command: str, numbers: Sequence[float], text: str) -> bool:
-    """Whether power, homing or following may come of it."""
-    if command == "state_command":
-        return text.strip() in POWERING_STATES
-    return command in POWERS and (command not in SWITCHES or any(numbers))
 
 
 @dataclass(slots=True)
@@ -77,9 +67,10 @@ class Commands:
         for to in addressees:
             client = Client(system, to.name, "ros_bridge")
             self._clients.append(client)
-            self._asked += [AskedTopic(participant.reader(ros_topic(f"{to.prefix or to.name}/{topic}"), row.message,
-                                                          row.depth), row,
-                                  client, text) for row, topic, text in topics_of(to)]
+            for row, topic, text in topics_of(to):
+                name = ros_topic(f"{to.prefix or to.name}/{topic}")
+                reader = participant.reader(name, row.taken.message, row.depth)
+                self._asked.append(AskedTopic(reader, row, client, text))
 
     def take(self) -> list[RosWish]:
         """All that came."""
@@ -98,16 +89,16 @@ class Commands:
                 del self._open[client]
 
     def _carry_out(self, asked: AskedTopic, message: Any) -> None:
-        row, to = asked.row, asked.client.instance
-        text = asked.fixed_text or row.text(message)
-        numbers = np.asarray(row.numbers(message), dtype=np.float64)
-        if not self._may_power and powers(row.asks, numbers.tolist(), text):
-            self._say(f"{to} {row.asks}: {MAY_NOT}")
+        row, taken, to = asked.row.row, asked.row.taken, asked.client.instance
+        text = asked.fixed_text or taken.text(message)
+        numbers = np.asarray(taken.numbers(message), dtype=np.float64)
+        if not self._may_power and may_power(row, text, numbers):
+            self._say(f"{to} {row.name}: {MAY_NOT}")
             return
         try:
-            self._open.setdefault(asked.client, set()).add(asked.client.send(row.asks, numbers, text))
+            self._open.setdefault(asked.client, set()).add(asked.client.send(row.name, numbers, text))
         except (MailboxFull, SegmentError, ValueError) as error:
-            self._say(f"{to} {row.asks}: {error}")
+            self._say(f"{to} {row.name}: {error}")
 
     def close(self) -> None:
         """Give the places in mailboxes back."""
@@ -119,10 +110,10 @@ def topics_of(to: Addressee) -> list[tuple[CommandTopic, str, str]]:
     """What an instance can be asked: row, topic, and the text that is always the same."""
     found = []
     for row in COMMAND_TOPICS:
-        if row.kind != to.kind or (row.types and to.type not in row.types):
+        if row.kind != to.kind or (row.row.types and to.type not in row.row.types):
             continue
         if "{part}" in row.topic:
-            found += [(row, row.topic.format(part=called), "" if row.text is not no_text else name)
+            found += [(row, row.topic.format(part=called), "" if row.taken.text is not no_text else name)
                       for called, name in to.parts]
         else:
             found.append((row, row.topic, ""))

@@ -15,6 +15,7 @@ from procs.socket_bridge.feeds import Feed, Outlet, Reading, subscribed
 from procs.socket_bridge.messages import OPS
 from procs.socket_bridge.topics import SharedTopic, Topics
 from shm.clock import monotonic_ns
+from shm.command_row import listed
 from shm.header import SegmentError
 from shm.ring import RingError
 
@@ -128,8 +129,7 @@ class Session:
 
     def _commands(self, asked: Message) -> None:
         rows = self.calls.owner(asked.parts["of"]).rows.values()
-        self._answer(asked, commands=[{"name": row.name, "values": row.values, "text": row.text, "doc": row.doc}
-                                      for row in rows])
+        self._answer(asked, commands=[listed(row) for row in rows])
 
     def _read(self, asked: Message) -> None:
         self._check_room()

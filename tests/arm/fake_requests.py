@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 
 from procs.codes import Code
+from shm.command_row import CommandRow
 from shm.events import SEVERITIES, sentence
 from shm.origins import Origin, SenderId
+from tests.command_rows import row_named
 
 
 @dataclass
@@ -52,6 +54,12 @@ class FakeRequest:
     replies: list[tuple[str, str]] = field(default_factory=list)
     origin: Origin = PERSON
     sender: SenderId = PROGRAM
+
+    kind: str = ""
+
+    @property
+    def command(self) -> CommandRow:
+        return row_named(self.name, self.kind)
 
     def __post_init__(self) -> None:
         self.values = np.array(self.values, dtype=np.float64)

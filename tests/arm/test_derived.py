@@ -17,8 +17,8 @@ from tests.arm.arm_configs import fixed_arm
 from tests.arm.fake_io import ArmHarness
 from tests.arm.test_recovery import restart
 
-COMMANDS = (UserCommand("nod", (UserField("angle", "float", "rad"),), moves=True), UserCommand("rest", stops=True),
-            UserCommand("jump", moves=True))
+COMMANDS = (UserCommand("nod", (UserField("angle", "float", "rad"),)), UserCommand("rest", stops=True),
+            UserCommand("jump"))
 
 
 class Nodding(State):

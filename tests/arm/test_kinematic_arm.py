@@ -18,9 +18,11 @@ from procs.io.kinematic import KinematicIo
 from procs.io.record import IoRecord as IoRecord
 from procs.io.setpoint_tracker import WishFields
 from shm.client import Reply
+from shm.origins import SenderId
 from shm.topics import ARM_STATE, IO_STATE, SETPOINT
 from tests.arm.fake_io import Record
 from tests.arm.fake_requests import PERSON, FakeReports, FakeRequest
+from tests.command_rows import row_named
 
 PERIOD_NS = 2_000_000
 
@@ -51,7 +53,7 @@ class Order:
     def __init__(self, number: int, name: str, values: Any, text: str, replies: list[Reply]) -> None:
         self.id, self.name, self.text, self.values = number, name, text, np.array(values, dtype=float)
         self._replies = replies
-        self.origin, self.needs_person = PERSON, True
+        self.origin, self.sender, self.command = PERSON, SenderId(0), row_named(name, "io")
 
     def accept(self, text: str = "") -> None:
         self._replies.append(Reply(self.id, "accepted", text))

@@ -14,7 +14,7 @@ ARM = {"name": "PSM1", "type": "PSM_DERIVED", "simulation": "KINEMATIC", "arm_fi
 def test_a_derived_arm_is_its_type_with_a_class(home: Home) -> None:
     (home.path / "mine.py").write_text("raise SystemExit('nobody runs this here')\n")
     loaded = home.load_made({"arms": [ARM], "trocar": {"processes": [
-        {"name": "PSM1", "commands": [{"name": "scan", "moves": True}]}]}})
+        {"name": "PSM1", "commands": [{"name": "scan"}]}]}})
     assert loaded.errors == () and loaded.system is not None
     arm = loaded.system.arm("PSM1")
     assert arm.type == "PSM" and arm.derived == f"{home.path / 'mine.py'}:Mine"

@@ -27,13 +27,13 @@ def declare(home: Home, *rows: str) -> int:
 
 def test_a_process_is_what_its_row_declares(home: Home, beside: Path) -> None:
     declare(home, "{name: mine, module: mine.py, period_s: 0.02, restart_limit: 1, "
-                  "commands: [{name: go, moves: true}], "
+                  "commands: [{name: go, effect: power}], "
                   "topics: [{name: depth, fields: [{name: x, unit: m}]}], properties: [{name: gain, max: 2}]}",
             "{name: PSM1, cpu: 1}")
     loaded = home.load()
     assert loaded.errors == () and loaded.system is not None
     mine = loaded.system.user("mine")
-    assert mine is not None and mine.module == str(beside) and mine.commands[0].moves
+    assert mine is not None and mine.module == str(beside) and mine.commands[0].effect == "power"
     assert mine.topics[0].fields[0].type == "float" and mine.properties[0].upper == 2
     assert loaded.system.process("mine").restart_limit == 1 and loaded.system.process("PSM1").cpus == (1,)
     assert loaded.system.process("mine").kind == "user" and loaded.system.process("mine").period_s == 0.02

@@ -26,8 +26,9 @@ from procs.io.record import IoRecord, private
 from procs.io.setpoint_tracker import SetpointSource, WishFields
 from procs.kernel.progress import BAD, NONE
 from procs.wishes import WISHES
-from shm.origins import Origin
+from shm.origins import Origin, SenderId
 from shm.topics import SETPOINT
+from tests.command_rows import row_named
 
 PERIOD_NS = 1_000_000_000 // 1024  # 976562 ns and a half: steps are counted in the boards' own ticks
 TICKS = 48000  # 1/1024 s
@@ -246,7 +247,7 @@ class FakeCommand:
     def __init__(self, name: str, text: str = "PSM1", *values: float) -> None:
         self.name, self.text, self.values = name, text, np.array(values, dtype=float)
         self.answers: list[tuple[str, str]] = []
-        self.origin, self.needs_person = PERSON, True
+        self.origin, self.sender, self.command = PERSON, SenderId(0), row_named(name)
 
     def accept(self, text: str = "") -> None:
         self.answers.append(("accepted", text))

@@ -30,7 +30,6 @@ def harness() -> tuple[IoHarness, FakeCell]:
 def asked(made: IoHarness, name: str, generation: int, *values: float) -> str:
     command = FakeCommand(name, "PSM1", *values)
     command.origin = Origin(77, generation, "trocar home")
-    command.needs_person = not (name == "power_off" or values == (0.0,))
     made.run(1, command)
     return command.outcome
 

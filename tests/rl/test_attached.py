@@ -77,7 +77,7 @@ def test_after_a_fault_it_waits_for_a_person_to_make_it_anew(system: Callable[..
     link.send("servo_jp", before[:6] + 0.001)  # what is on its way still counts for nothing, too
     host.run(0.5)
     link.hear()
-    assert "before the last fault" in link.refusal
+    assert "after the last fault" in link.refusal
     assert state.newest() and (state.field("setpoint_position") == before).all()
     env.close()
     again = made(host)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
 
 import numpy as np
@@ -26,14 +25,15 @@ from procs.ros.messages import (
     Vector3,
 )
 from procs.ros.view_messages import VIEW_MESSAGES
-from procs.ros_bridge.carrying_out import Addressee, powers, topics_of
+from procs.ros_bridge.carrying_out import Addressee, topics_of
 from procs.ros_bridge.incoming import COMMAND_TOPICS, CommandTopic
 from procs.ros_bridge.loop import addressees
 from procs.ros_bridge.outgoing import EVENT_MESSAGES, FIELD_TOPICS
 from procs.ros_bridge.services import SERVICES
-from shm.commands import COMMANDS
+from shm.commands import COMMANDS, may_power
 from shm.directory import topic_of
 from shm.topics import ARM_STATE
+from tests.command_rows import row_named
 from tests.stock import ROOT
 
 # What clients of dVRK 2.4 subscribe to (S), publish (P) or ask (V) of an arm.
@@ -90,7 +90,7 @@ def test_every_event_is_there_with_its_type() -> None:
 
 
 def test_every_command_of_an_arm_is_there_with_its_type() -> None:
-    assert rows(ASKED) <= {(row.topic, short(row.message)) for row in COMMAND_TOPICS if row.kind == "arm"}
+    assert rows(ASKED) <= {(row.topic, short(row.taken.message)) for row in COMMAND_TOPICS if row.kind == "arm"}
 
 
 @pytest.mark.parametrize("kind", OTHERS)
@@ -100,13 +100,12 @@ def test_consoles_teleoperations_and_the_others_take_what_they_take_from_the_ori
 
 @pytest.mark.parametrize("row", COMMAND_TOPICS, ids=lambda row: f"{row.kind}/{row.topic}")
 def test_every_row_is_a_command_that_its_kind_has_and_an_empty_message_is_taken_apart(row: CommandTopic) -> None:
-    command = next(each for each in COMMANDS["io" if row.kind == "pid" else row.kind] if each.name == row.asks)
-    message: Any = row.message()
-    assert isinstance(row.text(message), str)
-    assert np.asarray(row.numbers(message), dtype=np.float64).ndim == 1
-    if row.kind == "arm":
-        assert set(row.types) == set(command.types)
-    assert (row.depth == 1) is (command.streams and row.asks not in ("servo_jr", "servo_cr") and row.kind != "suj"), \
+    message: Any = row.taken.message()
+    assert isinstance(row.taken.text(message), str)
+    numbers = np.asarray(row.taken.numbers(message), dtype=np.float64)
+    assert numbers.ndim == 1
+    increments = row.row.name in ("servo_jr", "servo_cr")
+    assert (row.depth == 1) is (bool(row.row.stream) and not increments and row.kind != "suj"), \
         "of a stream only the newest counts, of increments and of all else each"
 
 
@@ -128,7 +127,7 @@ def test_every_service_is_a_command_of_arms() -> None:
 
 def numbers_of(topic: str, message: Any) -> list[float]:
     row = next(row for row in COMMAND_TOPICS if row.topic == topic)
-    return list(map(float, row.numbers(message)))
+    return list(map(float, row.taken.numbers(message)))
 
 
 def test_numbers_stand_where_commands_have_them() -> None:
@@ -185,18 +184,20 @@ def test_arms_of_a_system_are_asked_what_their_type_is_asked() -> None:
 
 
 @pytest.mark.parametrize(("command", "numbers", "text", "expected"), [
-    ("state_command", [], "enable", True), ("state_command", [], " home ", True),
-    ("state_command", [], "disable", False),
-    ("state_command", [], "pause", False), ("state_command", [], "resume", True), ("power_on", [], "", True),
-    ("home", [], "", True), ("power_off", [], "", False), ("teleop_enable", [1.0], "", True),
-    ("teleop_enable", [0.0], "", False), ("move_jp", [0.0], "", False),
+    ("arm.state_command", [], "enable", True), ("arm.state_command", [], " home ", True),
+    ("arm.state_command", [], "disable", False), ("arm.state_command", [], "pause", False),
+    ("arm.state_command", [], "resume", True), ("io.power_on", [], "", True), ("system.home", [], "", True),
+    ("system.power_off", [], "", False), ("console.teleop_enable", [1.0], "", True),
+    ("console.teleop_enable", [0.0], "", False), ("arm.move_jp", [0.0], "", False),
+    ("teleop.state_command", [], "align_MTM", True), ("console.emulate_camera", [1.0], "", True),
+    ("io.tracking_check", [0.0], "", True), ("io.tracking_check", [1.0], "", False), ("suj.clutch", [1.0], "", True),
 ])
 def test_what_powers_homes_or_begins_to_follow_is_known(
         command: str, numbers: list[float], text: str, expected: bool) -> None:
-    assert powers(command, numbers, text) is expected
+    kind, _, name = command.partition(".")
+    assert may_power(row_named(name, kind), text, numbers) is expected
 
 
 def test_a_state_command_is_its_text() -> None:
     row = next(row for row in COMMAND_TOPICS if row.topic == "state_command")
-    assert row.text(StringStamped(string="enable")) == "enable" and row.message is StringStamped
-    assert dataclasses.replace(row, command="x").asks == "x"
+    assert row.taken.text(StringStamped(string="enable")) == "enable" and row.taken.message is StringStamped

@@ -139,16 +139,6 @@ SENTENCES = [
 def test_numbers_in_sentences_are_those_of_the_code(sentence: str) -> None:
     assert sentence in " ".join(TEXT.split())
 
-
-def test_the_page_names_what_is_carried_out_however_late() -> None:
-    text = " ".join(TEXT.split())
-    always, zero = re.findall(r"carried out however late: ([^.]*); with values of 0, ([^.]*)\.", text)[0]
-    rows = [row for rows in COMMANDS.values() for row in rows if row.moves]
-    named = {row.name for row in rows if row.stops} | {text for row in rows for text in row.stops} - {"*"}
-    assert set(re.findall(r"`(\w+)`", always)) == named
-    assert set(re.findall(r"`(\w+)`", zero)) == {row.name for row in rows if row.zero == "stops" or row.level}
-
-
 def test_the_faults_page_lies_where_the_page_says() -> None:
     schema = schema_of(faults.PAGE, {"components": 3})
     assert [schema.offset(name) for name in ("count", "fault", "void")] == [16, 16 + 8 * 3, 16 + 8 * 6]

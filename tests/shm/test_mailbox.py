@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 
 from shm import mailbox as m
 from shm.client import LoopClient
-from shm.commands import COMMANDS, CommandRow
+from shm.command_row import READ, CommandRow
+from shm.commands import COMMANDS
 from shm.mailbox import Mailbox
 from shm.mailbox_map import CLIENTS, create_mailbox
 from shm.place import MailboxFull, Place, take_place
@@ -387,12 +388,12 @@ def test_in_time_and_without_a_clock_nothing_is_late(box: Mailbox, client: Place
 @pytest.mark.parametrize(("text", "late"), [("home", False), ("enable", False), ("disable", True), ("pause", True)])
 def test_a_late_state_command_only_stops(text: str, late: bool) -> None:
     row = next(c for c in COMMANDS["arm"] if c.name == "state_command")
-    assert row.only_ends(text, ()) == late
+    assert row.expires(text, ()) != late
 
 
 def test_another_command_table_is_refused_by_both_ends(system: str, monkeypatch: pytest.MonkeyPatch) -> None:
     rows = COMMANDS["io"]
-    monkeypatch.setitem(COMMANDS, "io", (rows[0], CommandRow("new", "", "", "one more"), *rows[1:]))
+    monkeypatch.setitem(COMMANDS, "io", (rows[0], CommandRow("new", READ, "one more"), *rows[1:]))
     for end in (lambda: take_place(system, "IO1"), lambda: Mailbox(system, "IO1", "io")):
         with pytest.raises(SegmentError, match="its commands are not those of this program"):
             end()

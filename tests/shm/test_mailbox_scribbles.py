@@ -181,7 +181,8 @@ class NobodyIsSpared(RuleBasedStateMachine):
         create_mailbox(SYSTEM, self.instance, "io")
         self.owner = Mailbox(SYSTEM, self.instance, "io")
         self.hand = MailboxMap(SYSTEM, self.instance)
-        self.good_header = self.hand.view[:4096].tobytes()
+        self.first = self.hand.first - 16
+        self.good_header = self.hand.view[: self.first].tobytes()
         self.clients = [take_place(SYSTEM, self.instance) for _ in range(3)]
 
     @rule(at=st.integers(64, 1 << 20), data=st.binary(min_size=1, max_size=300))
@@ -189,7 +190,7 @@ class NobodyIsSpared(RuleBasedStateMachine):
         begin = 64 + (at - 64) % (len(self.hand.view) - 64)
         data = data[: len(self.hand.view) - begin]
         self.hand.view[begin : begin + len(data)] = data
-        self.hand.view[256:4096] = self.good_header[256:]
+        self.hand.view[256 : self.first] = self.good_header[256:]
 
     @rule(which=CURSORS, place=st.integers(0, CLIENTS - 1), value=ODD)
     def cursor(self, which: str, place: int, value: int) -> None:

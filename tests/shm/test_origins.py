@@ -11,6 +11,7 @@ import pytest
 from shm import client as sending
 from shm.audit import Audit
 from shm.client import Client, LoopClient
+from shm.command_row import RELAX
 from shm.commands import COMMANDS
 from shm.directory import create_ring, reader, topic_of, writer
 from shm.faults import FaultCell, Faults, create_faults
@@ -104,7 +105,7 @@ def test_a_process_that_nobody_asked_is_refused(box: Mailbox, loop: LoopClient) 
     assert ran(box) == []
     (reply,) = loop.poll()
     assert (reply.outcome, reply.text) == (
-        "refused", "no person's command stands behind it; a person has to ask for it")
+        "refused", "not authorized: needs an operator's command given after the last fault or power-off")
 
 
 def test_a_process_passes_on_whose_command_it_carries_out(box: Mailbox, loop: LoopClient) -> None:
@@ -132,7 +133,7 @@ def test_an_order_from_before_a_fault_counts_for_nothing_whoever_passes_it_on_wh
     loop.send("state_command", (), "enable")
     assert ran(box) == []
     (reply,) = loop.poll()
-    assert reply.text.startswith("trocar home asked for it before the last fault")
+    assert "not authorized" in reply.text and "trocar home" in reply.text
 
 
 def test_a_power_off_voids_older_orders_but_not_the_one_that_it_was_part_of(
@@ -264,11 +265,11 @@ def test_in_lock_step_all_goals_of_a_persons_stream_are_in_the_audit_ring(
     assert audit.since(0)["values"][:, 0].tolist() == [k * 0.1 for k in range(5)] + [0.3], "what is passed on once"
 
 
-def test_every_command_that_may_power_or_move_needs_a_person_unless_it_only_ends_something() -> None:
+def test_every_command_that_may_power_or_move_needs_an_operator_unless_it_only_ends_something() -> None:
     free = {(kind, row.name) for kind, rows in COMMANDS.items() for row in rows
-            if row.moves and not row.needs_person("", (1.0,))}
+            if row.effect >= RELAX and not row.needs_operator("", (0.5,))}
     assert free == {("io", "power_off"), ("io", "servo_zero"), ("arm", "hold"), ("third_party", "hold"),
-                    ("teleop", "clutch"), ("console", "unselect_teleop"), ("system", "power_off"),
+                    ("console", "unselect_teleop"), ("system", "power_off"),
                     ("boards", "release_tip"), ("supervisor", "stop")}
 
 

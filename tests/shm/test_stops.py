@@ -219,7 +219,7 @@ def test_stops_of_things_that_are_not_there_do_not_fill_the_memory(open_now: Any
 def test_what_is_a_stop(kind: str, name: str, values: tuple[float, ...], text: str, stops: bool) -> None:
     (row,) = [row for row in COMMANDS[kind] if row.name == name]
     assert row.is_stop(text, values) == stops
-    assert row.only_ends(text, values) or not stops
+    assert not (stops and row.expires(text, values))
 
 
 def test_who_does_not_leave_the_place_for_stops_is_named(world: Any, open_now: Any) -> None:

@@ -49,7 +49,7 @@ METRONOME_STATE = Topic("state", "metronome", 100, 1.0, (Field("beats", "<u8", "
 
 '''), ("    IO_STATE, IO_GAINS,", "    METRONOME_STATE,\n")),
     "shm/commands.py": (('    "supervisor": (', '''
-    "metronome": (CommandRow("begin", "beat", "", "begin a bar with this beat", moves=False),),
+    "metronome": (CommandRow("begin", SETTING, "begin a bar with this beat", (Argument("beat"),)),),
 '''),),
 }
 

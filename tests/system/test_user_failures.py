@@ -119,7 +119,7 @@ def test_a_filter_that_hangs_is_ended_and_in_c_its_process_is_killed(robot: Robo
 
 
 def test_a_process_homes_only_while_a_person_has_asked_it_to(robot: Robot, tmp_path: Path) -> None:
-    up(robot, tmp_path, EAGER, {"name": "eager", "period_s": 0.1, "commands": [{"name": "enable", "moves": True}]})
+    up(robot, tmp_path, EAGER, {"name": "eager", "period_s": 0.1, "commands": [{"name": "enable"}]})
     wait_for(lambda: "no person's command" in problem(robot, "eager"), 60, "it was refused")
     robot.pids.add(robot.pid("eager"))
     assert not homed(robot)

@@ -11,7 +11,7 @@ from shm.audit import Audit
 from shm.client import Client, LoopClient
 from shm.directory import create_ring, topic_of, writer
 from shm.faults import NoFaults
-from shm.mailbox import NOBODYS, Mailbox
+from shm.mailbox import Mailbox
 from shm.mailbox_map import create_mailbox
 from shm.origins import Origin
 from tests.conftest import World
@@ -48,7 +48,8 @@ def test_commands_of_all_processes_come_in_order_with_whose_they_are(system: str
     assert [line.partition(" by pid")[0] for line in reported] == [
         "PSM1: state_command home: accepted; for trocar home, number 4d2, generation 3",
         "PSM1: state_command home: done (HOMED); for trocar home, number 4d2, generation 3",
-        f"ECM: state_command home: refused ({NOBODYS}); for nobody"]
+        "ECM: state_command home: refused (not authorized: needs an operator's command given after the last fault or "
+        "power-off); for nobody"]
     assert [row["process"] for row in rows_of(system, "ECM", 20)] == ["ECM"]
 
 

@@ -60,7 +60,7 @@ Shows = Callable[[Records], Any]
 
 
 @dataclass(frozen=True, slots=True)
-class Effect:
+class DeathEffect:
     """What others do when somebody dies, and the record that shows it from when on."""
 
     words: str
@@ -87,7 +87,7 @@ class Death:
     who: str
     instance: str
     ready: Callable[[str], None]
-    effect: Effect | None = None
+    effect: DeathEffect | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,8 +111,8 @@ def _stands(records: Records) -> NDArray[np.bool_]:
     return shown
 
 
-FAULT = Effect("the arm is in FAULT", "PSM1", lambda records: records["state"] == b"FAULT")
-NOT_FOLLOWING = Effect("following ends", TELEOP, lambda records: ~records["following"])
+FAULT = DeathEffect("the arm is in FAULT", "PSM1", lambda records: records["state"] == b"FAULT")
+NOT_FOLLOWING = DeathEffect("following ends", TELEOP, lambda records: ~records["following"])
 
 
 def run() -> dict[str, Any]:
@@ -165,8 +165,8 @@ def _on_boards(folder: Path) -> Iterator[Timed]:
 
         with contextlib.closing(directory.reader(up.system, "IO1", "state")) as ring:
             places = [ring.info["outputs"].index(name) for name in OUTPUTS]
-        rests = Effect("the lens rests", "IO1", lambda records: records["output"][:, places].all(axis=1))
-        holds = Effect("io holds the robot", "IO1", lambda records: records["holding"].any(axis=1))
+        rests = DeathEffect("the lens rests", "IO1", lambda records: records["output"][:, places].all(axis=1))
+        holds = DeathEffect("io holds the robot", "IO1", lambda records: records["holding"].any(axis=1))
         yield from _each(up.system, (
             Death("an arm", "PSM1", homed, holds), Death("the focus controller", "lens", focusing, rests),
             Death("io", "IO1", homed, FAULT), Death("boards", "boards", homed, FAULT)))
@@ -176,7 +176,7 @@ def _on_boards(folder: Path) -> Iterator[Timed]:
                 with _program([sys.executable, "-c", PUSHER, up.system]) as pusher:
                     _until(up.system, "PSM1", lambda record: record["control_mode"] == EFFORT, "the arm is pushed")
                     begin = _strike(pusher.pid, how)
-                    ends = Effect("its effort ends", "PSM1", lambda records: records["control_mode"] != EFFORT)
+                    ends = DeathEffect("its effort ends", "PSM1", lambda records: records["control_mode"] != EFFORT)
                     yield Timed("a script", how, ends.words, ends.since(up.system, begin), None)
 
 
@@ -202,7 +202,8 @@ def _following(folder: Path) -> Iterator[Timed]:
             goal = ring.field("setpoint_position")[:7].copy()
             goal[0] += 0.3 * (-1) ** to_and_fro[0]
             master.ask("move_jp", goal)
-        stands = Effect("", "PSM1", lambda records: np.abs(np.diff(records["setpoint_cp"][:, 0], prepend=np.nan)) > 0.0)
+        stands = DeathEffect("", "PSM1",
+                             lambda records: np.abs(np.diff(records["setpoint_cp"][:, 0], prepend=np.nan)) > 0.0)
         stands.since(system, monotonic_ns())
 
     file = folder / "following.yaml"
@@ -211,7 +212,7 @@ def _following(folder: Path) -> Iterator[Timed]:
             if (reply := remote.settled("home", timeout=PATIENCE_S)).outcome != "done":
                 raise Problem(f"home: {reply.text}")
         yield from _each(up.system, (
-            Death("a teleoperation", TELEOP, follows, Effect("the slave stands", "PSM1", _stands)),
+            Death("a teleoperation", TELEOP, follows, DeathEffect("the slave stands", "PSM1", _stands)),
             Death("a console", "console", follows, NOT_FOLLOWING), Death("setup joints", "SUJ", follows, NOT_FOLLOWING),
             Death("the system's process", "system", _follow), Death("a process of your own", "user", _follow)))
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from procs.crtk.plain import plain
 from shm import directory
-from shm.commands import CommandRow
+from shm.commands import COMMANDS
 from shm.ring import RingReader
 from shm.segment import SegmentError
 from tools.inspect.asked import AUDIT
@@ -17,6 +17,7 @@ from tools.inspect.processes import ProcessStatus
 from tools.inspector.events import rows_next
 
 KEPT = 1000
+STREAMS = frozenset(row.name for rows in COMMANDS.values() for row in rows if row.stream)
 ACCEPTED = "accepted"
 
 
@@ -70,12 +71,11 @@ class CommandsData:
 
 def _row(name: str, record: Mapping[str, object]) -> AskedRow:
     row = {key: plain(value) for key, value in record.items()}
-    command = CommandRow(str(row["command"]), "", "", "")
     whose = str(row["program"]) or "a program" if row["origin"] else "nobody"
     through = f", pid {row['pid']}" if row["pid"] else ""
     return AskedRow((name, int(row["place"]), int(row["id"])), int(row["stamp_ns"]), int(row["monotonic_ns"]),
                     time_of_day(int(row["local_ns"])), name, f"{row['command']} {row['text']}".rstrip(),
-                    str(row["outcome"]), str(row["reason"]), f"{whose}{through}", command.streams)
+                    str(row["outcome"]), str(row["reason"]), f"{whose}{through}", row["command"] in STREAMS)
 
 
 def under_way(rows: Sequence[AskedRow], processes: Iterable[ProcessStatus]) -> list[AskedRow]:

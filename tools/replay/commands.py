@@ -43,7 +43,7 @@ class RecordedCommand:
     @property
     def streams(self) -> bool:
         """It is a goal of a stream."""
-        return any(row.name == self.name and row.streams for row in COMMANDS.get(self.kind, ()))
+        return any(row.name == self.name and row.stream for row in COMMANDS.get(self.kind, ()))
 
 
 def commands_of(recording: RecordingReader) -> list[RecordedCommand]:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from typing import Annotated, Any, Final
 
 import typer
 
+from shm.command_row import row_of
 from shm.segment import names_of
 from tools.errors import Misuse, Problem
 from tools.inspect.watch import document_of
@@ -75,7 +75,7 @@ def _of_type(system: str, component: str, rows: list[dict[str, Any]]) -> list[di
     """Those commands that an arm of this type has; of what is no arm, all."""
     types = {arm.name: arm.type for arm in document_of(system).arms}
     mine = types.get(component, "")
-    return [row for row in rows if not (mine and row.get("types")) or mine in row["types"]]
+    return [row for row in rows if not mine or mine in row.get("types", (mine,))]
 
 
 def _listed(component: str, rows: list[dict[str, Any]], as_json: bool) -> int:
@@ -102,8 +102,8 @@ def parsed(row: dict[str, Any], words: list[str]) -> tuple[list[float], str]:
     takes = " ".join(part for part in (str(row.get("values", "")), str(row.get("text", ""))) if part) or "nothing"
     if texts and not takes_text:
         raise Misuse(f"{row['name']} takes {takes}, got {' '.join(texts)!r}")
-    if any(not math.isfinite(value) for value in values):
-        raise Misuse(f"{row['name']}: the numbers must be finite")
+    if why := row_of(row).objection(values):
+        raise Misuse(f"{row['name']}: {why}")
     return values, " ".join(texts)
 
 

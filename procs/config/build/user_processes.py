@@ -144,7 +144,7 @@ def _command(context: Context, source: SourceFile, key: Key, row: CommandKeys) -
     if numbers > _MAX_NUMBERS or len(texts) > 1 or any(size_of(field.type) > _MAX_TEXT for field in texts):
         context.error(source, key, f"{numbers} numbers and {len(texts)} texts",
                       f"{_MAX_NUMBERS} numbers and one text of {_MAX_TEXT} bytes at most")
-    return UserCommand(row.name, tuple(map(_field, row.arguments)), row.text, row.moves, row.stops, row.latest)
+    return UserCommand(row.name, tuple(map(_field, row.arguments)), row.text, row.effect, row.stops, row.latest)
 
 
 def _count(word: str) -> int:

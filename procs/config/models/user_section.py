@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -32,13 +32,17 @@ class TopicKeys(Section):
     fields: Rows[FieldKeys] = Field(min_length=1)
 
 
+EffectWord = Literal["read", "setting", "free", "relax", "release", "motion", "power"]
+
+
 class CommandKeys(Section):
     """A command that it carries out."""
 
     name: Word
     arguments: Rows[FieldKeys] = ()
     text: str = Field(default="", max_length=400)
-    moves: bool = False
+    effect: EffectWord = Field(default="motion", description="the worst that it can do, by itself or by what it asks "
+                               "others for; motion and power need an operator's command")
     stops: bool = False
     latest: bool = False
 

@@ -1,0 +1,253 @@
+"""What there is to know about a command: one row says it, and everything else is derived from the row.
+
+Who derives what: the mailbox (authority, lateness, what a stop voids), bridges and the web console (`may_power`, what
+needs control), clients (arguments, help), ROS (topics and messages), audit, replay, docs/commands.md.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+Numbers = Sequence[float] | NDArray[np.float64]
+
+
+class Effect(IntEnum):
+    """The worst that a command can do, in this order."""
+
+    READ = 0
+    """It answers."""
+    SETTING = 1
+    """It changes how something behaves, or makes it safer."""
+    FREE = 2
+    """It takes efforts away: an arm may go limp."""
+    RELAX = 3
+    """It takes a protection away."""
+    RELEASE = 4
+    """It releases a brake."""
+    MOTION = 5
+    """Something moves."""
+    POWER = 6
+    """Something is powered, homed, or gets or loses its controller."""
+
+
+READ, SETTING, FREE, RELAX, RELEASE, MOTION, POWER = Effect
+
+JOINTS: Final = -1
+"""Size: as many numbers as the arm has joints."""
+MAX_NUMBERS: Final = 64
+SOME: Final = -2
+"""Size: any number of numbers; only the last argument."""
+ARGUMENT: Final = ("name", "unit", "size", "low", "high", "optional", "whole", "above")
+ANY: Final = "*"
+"""In `stops`: with any text and values."""
+ZERO: Final = "=0"
+"""In `stops`: with values that are all 0."""
+ANYTHING: Final = 1e9
+"""No quantity of a robot is larger: a number beyond it is a mistake, whatever it is."""
+EVERYTHING: Final = "*.*"
+"""In `causes`: every command of every kind."""
+
+
+@dataclass(frozen=True, slots=True)
+class Argument:
+    """Numbers of a command: `size` of them in [low, high], in ]low, high] where `above`; optional ones come last."""
+
+    name: str
+    unit: str = ""
+    size: int = 1
+    low: float = -ANYTHING
+    high: float = ANYTHING
+    optional: bool = False
+    whole: bool = False
+    above: bool = False
+
+    @property
+    def takes(self) -> str:
+        """Its name with size, unit and bounds, as help and docs show it."""
+        size = {1: "", JOINTS: " {n}", SOME: " …"}.get(self.size, f" ({self.size})")
+        unit = f" [{self.unit}]" if self.unit else ""
+        return f"{self.name}{size}{unit}{self.allowed}"
+
+    @property
+    def is_bounded(self) -> bool:
+        """Whether not every finite number will do."""
+        return self.low > -ANYTHING or self.high < ANYTHING or self.whole
+
+    @property
+    def allowed(self) -> str:
+        """Its bounds, with a blank in front; empty: any finite number."""
+        if self.whole and (self.low, self.high) == (0.0, 1.0):
+            return " 0|1"
+        if not self.is_bounded:
+            return ""
+        if self.low <= -ANYTHING:
+            return " whole" if self.high >= ANYTHING else f" <= {self.high:.9g}"
+        if self.high >= ANYTHING:
+            return f" {'>' if self.above else '>='} {self.low:.9g}"
+        return f" {']' if self.above else '['}{self.low:.9g}, {self.high:.9g}]"
+
+    def admits(self, value: float) -> bool:
+        """Whether one number is finite and within the bounds; NaN is not."""
+        if not (math.isfinite(value) and self.low <= value <= self.high):
+            return False
+        return not (self.above and value == self.low) and not (self.whole and value != int(value))
+
+
+@dataclass(frozen=True, slots=True)
+class Ros:
+    """Its ROS topics, behind the name of the instance, and what their messages carry (procs/ros_bridge/incoming.py).
+
+    `topics`, default the command's name: {part} stands for each setup arm or robot. `kind`: of the topics' owner where
+    that is another one.
+    """
+
+    message: str
+    topics: tuple[str, ...] = ()
+    kind: str = ""
+    newest: bool = False
+    """Of several messages that wait only the newest counts."""
+
+
+@dataclass(frozen=True, slots=True)
+class CommandRow:
+    """One command: name (CRTK where there is one), the worst effect that it can have, one sentence, arguments, text.
+
+    `effect_of_zero`, `effect_of_one`, `effect_of_words`: its effect where it is less, because its values are all 0 (or
+    there are none), or all 1, or by its text. `stops`: the texts with which it stops something, ANY or ZERO. `stream`:
+    the stream that it belongs to, which ends when its sender is silent. `causes`: commands ("kind.name", "kind.*") that
+    it makes the process give. `types`: of the arms that have it (of a teleoperation: of its slave), none: all.
+    `latest`: of several that wait only the newest counts.
+    """
+
+    name: str
+    effect: Effect
+    doc: str
+    arguments: tuple[Argument, ...] = ()
+    text: str = ""
+    effect_of_zero: Effect | None = None
+    effect_of_one: Effect | None = None
+    effect_of_words: Mapping[str, Effect] = field(default_factory=dict, hash=False)
+    stops: tuple[str, ...] = ()
+    stream: str = ""
+    causes: tuple[str, ...] = ()
+    types: tuple[str, ...] = ()
+    latest: bool = False
+    ros: Ros | None = None
+    _known: dict[int | None, tuple[frozenset[int] | range, bool]] = field(
+        default_factory=dict, init=False, repr=False, compare=False)
+
+    def is_stop(self, text: str, values: Numbers) -> bool:
+        """Whether it stops something and starts nothing."""
+        stops = self.stops
+        return ANY in stops or text in stops or (ZERO in stops and not any(values))
+
+    def effect_for(self, text: str, values: Numbers) -> Effect:
+        """Its effect with this text and these numbers; what stops something is a setting."""
+        if self.is_stop(text, values):
+            return SETTING
+        if text in self.effect_of_words:
+            return self.effect_of_words[text]
+        if self.effect_of_zero is not None and not any(values):
+            return self.effect_of_zero
+        if self.effect_of_one is not None and len(values) and all(value == 1.0 for value in values):
+            return self.effect_of_one
+        return self.effect
+
+    def needs_operator(self, text: str, values: Numbers) -> bool:
+        """Whether it requires an operator's command given since the last fault."""
+        return self.effect_for(text, values) >= RELAX
+
+    def expires(self, text: str, values: Numbers) -> bool:
+        """Whether it is refused when it comes late, or after a stop that was sent later."""
+        return self.effect_for(text, values) >= FREE
+
+    def about(self, text: str) -> str:
+        """The part of the instance that it is about, the first word of its text; empty: all of it."""
+        return "" if not self.text or text in self.stops else text.partition(" ")[0]
+
+    @property
+    def takes(self) -> str:
+        """Its numbers in words."""
+        return ", ".join(f"{each.takes} or none" if each.optional else each.takes for each in self.arguments)
+
+    def objection(self, values: Numbers, joints: int | None = None) -> str:
+        """Why these numbers are none for it, "": they are. `joints`: of the arm; None: not known, any number fits."""
+        if joints not in self._known:
+            self._known[joints] = self._sizes(joints), not any(each.is_bounded for each in self.arguments)
+        sizes, is_free = self._known[joints]
+        if len(values) not in sizes:
+            given = "none was given" if not len(values) else f"{len(values)} given"
+            return f"takes {self._wanted(joints)}; {given}"
+        if is_free and float(np.dot(values, values)) < ANYTHING**2:
+            return ""
+        at = 0
+        for argument in self.arguments:
+            size = {JOINTS: joints or len(values), SOME: len(values)}.get(argument.size, argument.size)
+            for value in values[at : at + size]:
+                if not argument.admits(float(value)):
+                    return f"{argument.name} {float(value):.9g}; allowed:{argument.allowed or ' finite numbers'}"
+            at += size
+        return ""
+
+    def _sizes(self, joints: int | None) -> frozenset[int] | range:
+        """How many numbers it may have."""
+        at, found = 0, set()
+        for argument in self.arguments:
+            if argument.optional or argument.size == SOME:
+                found.add(at)
+            if argument.size == SOME or (argument.size == JOINTS and joints is None):
+                return range(at, MAX_NUMBERS + 1)
+            at += joints or 0 if argument.size == JOINTS else argument.size
+        return frozenset((*found, at))
+
+    def _wanted(self, joints: int | None) -> str:
+        words = self.takes or "no numbers"
+        return words if joints is None else words.replace("{n}", f"({joints})")
+
+
+def listed(row: CommandRow) -> dict[str, Any]:
+    """A row as the mailbox's header has it, for programs that do not have this table; empty columns are left out."""
+    columns = {"name": row.name, "effect": _word(row.effect), "values": row.takes, "text": row.text, "doc": row.doc,
+            "arguments": [[getattr(each, name) for name in ARGUMENT] for each in row.arguments], "stops": row.stops,
+            "types": row.types, "stream": row.stream, "latest": row.latest, "causes": row.causes,
+            "effect_of_zero": _word(row.effect_of_zero), "effect_of_one": _word(row.effect_of_one),
+            "effect_of_words": {word: _word(effect) for word, effect in row.effect_of_words.items()}}
+    return {name: value for name, value in columns.items() if value}
+
+
+def row_of(given: Mapping[str, Any]) -> CommandRow:
+    """A row as a mailbox lists it, which may say anything: what it does not say can do anything."""
+    arguments = given.get("arguments")
+    words = given.get("effect_of_words")
+    name, doc, text, stream = (str(given.get(key, "")) for key in ("name", "doc", "text", "stream"))
+    stops, causes, types = (tuple(map(str, given.get(key) or ())) for key in ("stops", "causes", "types"))
+    return CommandRow(
+        name, effect_named(given.get("effect")) or POWER, doc,
+        tuple(map(_argument, arguments)) if isinstance(arguments, list) else (), text,
+        effect_named(given.get("effect_of_zero")), effect_named(given.get("effect_of_one")),
+        {str(word): effect_named(effect) or POWER for word, effect in words.items()} if isinstance(words, dict) else {},
+        stops, stream, causes, types, given.get("latest") is True)
+
+
+def effect_named(word: object) -> Effect | None:
+    """An effect by its name; None where that is none."""
+    return next((effect for effect in Effect if _word(effect) == word), None)
+
+
+def _word(effect: Effect | None) -> str:
+    return "" if effect is None else effect.name.lower()
+
+
+def _argument(given: Any) -> Argument:
+    try:
+        name, unit, size, low, high, *marks = given
+        return Argument(str(name), str(unit), int(size), float(low), float(high), *(mark is True for mark in marks))
+    except (TypeError, ValueError):
+        return Argument("numbers", size=SOME)
