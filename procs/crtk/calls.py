@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
@@ -18,6 +19,8 @@ from shm.commands import COMMANDS, ENDINGS, may_power
 from shm.header import SegmentError
 from shm.segment import names_of
 
+PEERS: Final = itertools.count(1)
+"""Clients of this bridge, by number: what one of them stops ends the streams of the others, too."""
 KEPT: Final = 1000
 """Commands of which the client has not heard the end."""
 MAY_NOT: Final = "this connection may not power, home or release anything (trocar.socket.may_power)"
@@ -49,6 +52,7 @@ class Calls:
     def __init__(self, system: str, owners: Mapping[str, CommandOwner], rights: Rights,
                  is_over: Callable[[], bool]) -> None:
         """`is_over`: what is sent now is about the past, and is not sent."""
+        self._peer = next(PEERS)
         self.program = "socket"
         """Who others are told that it is."""
         self._system, self._owners, self._rights, self._is_over = system, owners, rights, is_over
@@ -76,7 +80,7 @@ class Calls:
             raise WrongMessage("the bridge was held up; what was asked meanwhile is not done")
         try:
             if to not in self._clients:
-                self._clients[to] = Client(self._system, to, self.program)
+                self._clients[to] = Client(self._system, to, self.program, peer=self._peer)
             self._clients[to].seen = seen
             sent = self._clients[to].send(command, values, text)
         except (SegmentError, MailboxFull, ValueError, KeyError) as error:

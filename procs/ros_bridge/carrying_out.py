@@ -6,10 +6,12 @@ The owner of the command checks it as it does any other: sizes, limits, jumps of
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any, Final, NamedTuple
+from uuid import UUID
 
 import numpy as np
 
@@ -22,6 +24,10 @@ from shm.commands import may_power
 from shm.segment import SegmentError
 
 MAY_NOT: Final = "the ROS bridge may not power, home or release anything (trocar: {ros: {may_power: …}})"
+
+
+MAX_PEERS: Final = 256
+"""Participants that are told apart, and handles that are kept."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +49,7 @@ class AskedTopic:
 
     reader: TopicReader[Any]
     row: CommandTopic
-    client: Client
+    to: str
     fixed_text: str = ""
 
 
@@ -59,18 +65,19 @@ class Commands:
 
     def __init__(self, participant: Participant, system: str, addressees: Iterable[Addressee], *, may_power: bool,
                  refusals: Refusals) -> None:
-        self._may_power, self._say = may_power, refusals.say
-        self._clients: list[Client] = []
+        self._may_power, self._say, self._system = may_power, refusals.say, system
+        self._peers, self._peer_of = itertools.count(1), lru_cache(MAX_PEERS)(self._next_peer)
+        self._clients: dict[tuple[str, int], Client] = {}
+        """By instance and peer; that without a peer keeps our place in the mailbox."""
         self._open: dict[Client, set[int]] = {}
         """Of whom an answer is awaited, and to which commands."""
         self._asked: list[AskedTopic] = []
         for to in addressees:
-            client = Client(system, to.name, "ros_bridge")
-            self._clients.append(client)
+            self._clients[to.name, 0] = Client(system, to.name, "ros_bridge")
             for row, topic, text in topics_of(to):
                 name = ros_topic(f"{to.prefix or to.name}/{topic}")
                 reader = participant.reader(name, row.taken.message, row.depth)
-                self._asked.append(AskedTopic(reader, row, client, text))
+                self._asked.append(AskedTopic(reader, row, to.name, text))
 
     def take(self) -> list[RosWish]:
         """All that came."""
@@ -89,20 +96,41 @@ class Commands:
                 del self._open[client]
 
     def _carry_out(self, asked: AskedTopic, message: Any) -> None:
-        row, taken, to = asked.row.row, asked.row.taken, asked.client.instance
+        row, taken, to = asked.row.row, asked.row.taken, asked.to
         text = asked.fixed_text or taken.text(message)
         numbers = np.asarray(taken.numbers(message), dtype=np.float64)
         if not self._may_power and may_power(row, text, numbers):
             self._say(f"{to} {row.name}: {MAY_NOT}")
             return
         try:
-            self._open.setdefault(asked.client, set()).add(asked.client.send(row.name, numbers, text))
+            client = self._client(to, self._peer(asked.reader, message))
+            self._open.setdefault(client, set()).add(client.send(row.name, numbers, text))
         except (MailboxFull, SegmentError, ValueError) as error:
             self._say(f"{to} {row.name}: {error}")
 
+    def _peer(self, reader: TopicReader[Any], message: Any) -> int:
+        """Which ROS participant sent it: nodes of one process are one; 0: it has gone."""
+        writer = reader.writer(message.sample_info.publication_handle)
+        return 0 if writer is None else self._peer_of(writer.participant_key)
+
+    def _next_peer(self, participant: UUID) -> int:
+        return next(self._peers)
+
+    def _client(self, to: str, peer: int) -> Client:
+        """A handle for each participant, so that each has streams of its own."""
+        client = self._clients.get((to, peer))
+        if client is None:
+            others = [key for key in self._clients if key[1]]
+            if len(others) >= MAX_PEERS:
+                gone = self._clients.pop(others[0])
+                self._open.pop(gone, None)
+                gone.close()
+            client = self._clients[to, peer] = Client(self._system, to, "ros_bridge", peer=peer)
+        return client
+
     def close(self) -> None:
         """Give the places in mailboxes back."""
-        for client in self._clients:
+        for client in self._clients.values():
             client.close()
 
 

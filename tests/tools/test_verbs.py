@@ -15,6 +15,7 @@ from typer.testing import CliRunner, Result
 
 from procs import codes
 from shm.clock import monotonic_ns, pause
+from shm.command_row import SETTING, Argument, CommandRow, listed
 from shm.commands import COMMANDS
 from tests.tools.robot import JOINTS, ScriptedRobot, nothing_ages, robot
 from tools import cli
@@ -312,11 +313,11 @@ def test_send_without_an_owner_times_out(kinematic: ScriptedRobot) -> None:
 
 
 def test_words_become_numbers_and_text() -> None:
-    both = {"name": "x", "values": "on", "text": "robot"}
+    both = listed(CommandRow("x", SETTING, "", (Argument("on"),), "robot"))
     assert parsed(both, ["1", "PSM1"]) == ([1.0], "PSM1")
-    assert parsed({"name": "x", "values": "", "text": "robot"}, ["7"]) == ([], "7")
+    assert parsed(listed(CommandRow("x", SETTING, "", text="robot")), ["7"]) == ([], "7")
     with pytest.raises(Misuse, match="takes on"):
-        parsed({"name": "x", "values": "on", "text": ""}, ["yes"])
+        parsed(listed(CommandRow("x", SETTING, "", (Argument("on"),))), ["yes"])
     with pytest.raises(Misuse, match="finite"):
         parsed(both, ["nan"])
 
