@@ -47,6 +47,12 @@ class DistantRemote:
         """Nothing is asked yet."""
         self.instance, self._connection = instance, connection
 
+    @property
+    def commands(self) -> list[dict[str, Any]]:
+        """The rows of its table, as its mailbox lists them."""
+        rows: list[dict[str, Any]] = self._connection.ask("commands", FRESH_S, of=self.instance)["commands"]
+        return rows
+
     def _sent(self, command: str, values: ArrayLike, text: str) -> int:
         given = numbers(values)
         if not np.isfinite(given).all():

@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import contextlib
-from typing import Self
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 from tools.client.callbacks import Callbacks, Reporting
 from tools.client.moves import Waits
@@ -28,6 +33,24 @@ class Instance(Reporting):
             stack.callback(self._callbacks.close)
             self._open = stack.pop_all()
         self._waits = Waits(self._record.stamp_ns if ways.is_simulated else None, self._callbacks)
+
+    if not TYPE_CHECKING:  # for what is not known before it runs
+
+        def __getattr__(self, name: str) -> Callable[..., str]:
+            """A command without a method of its own, by its name with _ for /: arrays and numbers, then its text.
+
+            The call returns the answer; Refused carries the reason.
+            """
+            known = [] if name.startswith("_") else [str(row["name"]) for row in self._remote.commands]
+            for command in known:
+                if command.replace("/", "_") == name:
+                    return partial(self._command, command)
+            raise AttributeError(f"{self.name} has no command {name}; it has: {', '.join(known)}")
+
+    def _command(self, command: str, *arguments: ArrayLike | str) -> str:
+        words = [each for each in arguments if isinstance(each, str)]
+        given = [np.ravel(np.asarray(each, float)) for each in arguments if not isinstance(each, str)]
+        return self._remote.ask(command, np.concatenate(given) if given else (), " ".join(words)).text
 
     def connected(self) -> bool:
         """Whether it shows fresh records."""

@@ -79,6 +79,10 @@ class CommandWay(Protocol):
 
     instance: str
 
+    @property
+    def commands(self) -> list[dict[str, Any]]:
+        """The rows of its table, as its mailbox lists them."""
+
     def ask(self, command: str, values: ArrayLike = (), text: str = "", timeout: float = 2.0) -> Answer:
         """Send and make sure that it was accepted: Refused carries the reason. Returns the first answer."""
 
