@@ -47,6 +47,8 @@ SOME: Final = -2
 ARGUMENT: Final = ("name", "unit", "size", "low", "high", "optional", "whole", "above")
 ANY: Final = "*"
 """In `stops`: with any text and values."""
+ITSELF: Final = "="
+"""In `ended_by`: the same command, with zeros."""
 ZERO: Final = "=0"
 """In `stops`: with values that are all 0."""
 ANYTHING: Final = 1e9
@@ -121,7 +123,9 @@ class CommandRow:
 
     `effect_of_zero`, `effect_of_one`, `effect_of_words`: its effect where it is less, because its values are all 0 (or
     there are none), or all 1, or by its text. `stops`: the texts with which it stops something, ANY or ZERO. `stream`:
-    the stream that it belongs to, which ends when its sender is silent. `causes`: commands ("kind.name", "kind.*") that
+    the stream that it belongs to, which ends when its sender is silent. `move`: it is
+    accepted at once, and done when it has arrived. `ended_by`: the command that ends it when the client
+    that holds it is gone, or ITSELF. `causes`: commands ("kind.name", "kind.*") that
     it makes the process give. `types`: of the arms that have it (of a teleoperation: of its slave), none: all.
     `latest`: of several that wait only the newest counts.
     """
@@ -136,6 +140,8 @@ class CommandRow:
     effect_of_words: Mapping[str, Effect] = field(default_factory=dict, hash=False)
     stops: tuple[str, ...] = ()
     stream: str = ""
+    move: bool = False
+    ended_by: str = ""
     causes: tuple[str, ...] = ()
     types: tuple[str, ...] = ()
     latest: bool = False
@@ -231,9 +237,11 @@ def row_of(given: Mapping[str, Any]) -> CommandRow:
     return CommandRow(
         name, effect_named(given.get("effect")) or POWER, doc,
         tuple(map(_argument, arguments)) if isinstance(arguments, list) else (), text,
-        effect_named(given.get("effect_of_zero")), effect_named(given.get("effect_of_one")),
-        {str(word): effect_named(effect) or POWER for word, effect in words.items()} if isinstance(words, dict) else {},
-        stops, stream, causes, types, given.get("latest") is True)
+        effect_of_zero=effect_named(given.get("effect_of_zero")),
+        effect_of_one=effect_named(given.get("effect_of_one")),
+        effect_of_words={str(word): effect_named(effect) or POWER for word, effect in words.items()}
+        if isinstance(words, dict) else {},
+        stops=stops, stream=stream, causes=causes, types=types, latest=given.get("latest") is True)
 
 
 def effect_named(word: object) -> Effect | None:

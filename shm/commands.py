@@ -14,6 +14,7 @@ from shm.command_row import (
     ANY,
     EVERYTHING,
     FREE,
+    ITSELF,
     JOINTS,
     MOTION,
     POWER,
@@ -139,14 +140,16 @@ COMMANDS: dict[str, tuple[CommandRow, ...]] = {
         CommandRow("body/set_cf_orientation_absolute", SETTING,
                    "wrenches of the tip are in axes of the reference frame", (ON,), ros=BOOL),
         CommandRow("move_jp", MOTION, "move to these joint positions and stop there", (POSITION,),
-                   ros=Ros("joint positions")),
-        CommandRow("move_jr", MOTION, "move by these increments", (INCREMENT,), ros=Ros("joint positions")),
-        CommandRow("move_cp", MOTION, "move to this tip pose, joints in a straight line", (POSE,), ros=Ros("pose")),
-        CommandRow("move_cr", MOTION, "move the tip by a shift and a turn about itself", (POSE,), ros=Ros("pose")),
+                   move=True, ros=Ros("joint positions")),
+        CommandRow("move_jr", MOTION, "move by these increments", (INCREMENT,), move=True, ros=Ros("joint positions")),
+        CommandRow("move_cp", MOTION, "move to this tip pose, joints in a straight line", (POSE,), move=True,
+                   ros=Ros("pose")),
+        CommandRow("move_cr", MOTION, "move the tip by a shift and a turn about itself", (POSE,), move=True,
+                   ros=Ros("pose")),
         CommandRow("jaw/servo_jp", MOTION, "follow this jaw angle now", (Argument("position", "rad"),),
                    stream="jaw", types=PSM, ros=Ros("joint positions", newest=True)),
         CommandRow("jaw/move_jp", MOTION, "move the jaw to this angle", (Argument("position", "rad"),), types=PSM,
-                   ros=Ros("joint positions")),
+                   move=True, ros=Ros("joint positions")),
         CommandRow("jaw/servo_jf", MOTION, "apply this jaw effort; from position control the arm goes limp",
                    (Argument("effort", "N·m"),), stream="jaw", types=PSM, ros=Ros("joint efforts", newest=True)),
         CommandRow("hold", MOTION, "stay at the present setpoint", stops=(ANY,), ros=EMPTY),
@@ -195,9 +198,10 @@ COMMANDS: dict[str, tuple[CommandRow, ...]] = {
         CommandRow("set_reference_arm", MOTION, "give base frames in the tip of the arm on this one", text="setup arm",
                    ros=TEXT),
         CommandRow("clutch", RELEASE, "release its brakes, as its button does, for a minute at most", (ON,),
-                   "setup arm", stops=(ZERO,)),
+                   "setup arm", stops=(ZERO,), ended_by=ITSELF),
         CommandRow("set_lift_velocity", MOTION, "move the lift, -1 down to 1 up, for a second at most; 0: stop",
-                   (Argument("velocity", low=-1.0, high=1.0),), stops=(ZERO,), stream="lift"),
+                   (Argument("velocity", low=-1.0, high=1.0),), stops=(ZERO,), stream="lift",
+                   ended_by=ITSELF),
     ),
     "teleop": (
         CommandRow("state_command", MOTION, "change the desired state", text="enable|align_MTM|disable",
@@ -223,7 +227,8 @@ COMMANDS: dict[str, tuple[CommandRow, ...]] = {
         CommandRow("set_scale", MOTION, "scale of all its teleoperations", (SCALE,), causes=("teleop.set_scale",),
                    ros=Ros("number", ("teleop/set_scale",))),
         CommandRow("emulate_operator_present", MOTION, "as if the operator came or left",
-                   (replace(PEDAL, name="0 released, 1 pressed", high=1.0),), effect_of_zero=SETTING, ros=BUTTON),
+                   (replace(PEDAL, name="0 released, 1 pressed", high=1.0),), effect_of_zero=SETTING,
+                   ended_by=ITSELF, ros=BUTTON),
         CommandRow("emulate_clutch", MOTION, "as if the clutch were used", (PEDAL,), effect_of_one=SETTING,
                    causes=("teleop.clutch",), ros=BUTTON),
         CommandRow("emulate_camera", MOTION, "as if the camera pedal were used", (PEDAL,), causes=("teleop.*",),
@@ -231,9 +236,10 @@ COMMANDS: dict[str, tuple[CommandRow, ...]] = {
     ),
     "focus": (
         CommandRow("lock", SETTING, "stop, and let nothing move the lens; 0: allow it", (ON,), ros=BOOL),
-        CommandRow("focus_in", SETTING, "move the lens in, for 10 s at most; 0: stop", (ON,), stops=(ZERO,), ros=BOOL),
+        CommandRow("focus_in", SETTING, "move the lens in, for 10 s at most; 0: stop", (ON,), stops=(ZERO,),
+                   stream="lens", ended_by=ITSELF, ros=BOOL),
         CommandRow("focus_out", SETTING, "move the lens out, for 10 s at most; 0: stop", (ON,), stops=(ZERO,),
-                   ros=BOOL),
+                   stream="lens", ended_by=ITSELF, ros=BOOL),
     ),
     "system": (
         CommandRow("power_off", POWER, "stop teleoperation of all consoles and disable all arms", stops=(ANY,),
@@ -267,7 +273,7 @@ COMMANDS: dict[str, tuple[CommandRow, ...]] = {
         CommandRow("set_position", MOTION, "put actuators somewhere, at rest; a setup arm must be released",
                    (POSITION,), "robot, SUJ/setup arm"),
         CommandRow("pull_tip", MOTION, "pull a tip to a pose in its base frame; then stiffness, damping, limits",
-                   (POSE, *GRIP), ROBOT, stream="pull"),
+                   (POSE, *GRIP), ROBOT, stream="pull", ended_by="release_tip"),
         CommandRow("release_tip", MOTION, "release a tip", text=ROBOT, stops=(ANY,)),
         CommandRow("emergency_stop", SETTING, "press or release the emergency stop", (ON,), BUS),
         CommandRow("power_loss", SETTING, "take the motor supply away", (ON,), ROBOT),
@@ -341,3 +347,8 @@ def may_power(row: CommandRow, text: str, values: Numbers) -> bool:
     if effect < RELAX:
         return False
     return effect in POWERS or any(each.effect in POWERS for each in caused(row)[1:])
+
+
+def can_stop(name: str, text: str, values: Numbers) -> bool:
+    """Whether a command of this name stops something, to whatever kind of process it goes."""
+    return any(row.is_stop(text, values) for rows in COMMANDS.values() for row in rows if row.name == name)

@@ -1,40 +1,22 @@
-"""What pages hold down beside joints, which end by themselves: it is let go when the page has lost control.
+"""What pages hold down beside joints, which end by themselves: it is released when the page has lost control.
 
-A lift, a lens and a tip that is pulled are let go at once. A setup arm's clutch and an operator who is emulated stay
-while anybody has control, so that one may go from page to page and watch; they end when nobody has had it for a while.
+Which commands that are, and what ends them, is the column `ended_by` of the command table. What belongs to a stream (a
+lift, a lens, a tip that is pulled) is released at once. A setup arm's clutch and an emulated operator stay while any
+page has control, so that an operator can change between pages; they end when no page has had it for a while. Pedals
+stay as they are: a slave may follow again where one is released.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Final
 
 from procs.crtk.calls import Calls
 from procs.crtk.messages import WrongMessage
-
-
-@dataclass(frozen=True, slots=True)
-class LettingGo:
-    """The command that ends what another one began; `at_once`: with that page's control, else with everybody's."""
-
-    command: str
-    values: tuple[float, ...]
-    at_once: bool = True
-
+from shm.command_row import ITSELF
 
 OFF: Final = (0.0,)
-ENDINGS: Final[Mapping[tuple[str, str], LettingGo]] = {
-    ("boards", "pull_tip"): LettingGo("release_tip", ()),
-    ("suj", "set_lift_velocity"): LettingGo("set_lift_velocity", OFF),
-    ("suj", "clutch"): LettingGo("clutch", OFF, at_once=False),
-    ("focus", "focus_in"): LettingGo("focus_in", OFF),
-    ("focus", "focus_out"): LettingGo("focus_out", OFF),
-    ("console", "emulate_operator_present"): LettingGo("emulate_operator_present", OFF, at_once=False),
-}
-"""By kind and command that begins it. Pedals stay as they are: a slave may follow again where one is released."""
-
 Held = tuple[str, str, tuple[float, ...], str]
 """To whom, and the command that lets go, with its values and text."""
 
@@ -49,11 +31,11 @@ class HeldDown:
 
     def note(self, page: str, to: str, command: str, values: list[float], text: str) -> None:
         """A page has commanded this."""
-        kind = self._calls.owner(to).kind
-        if ending := ENDINGS.get((kind, command)):
-            held = to, ending.command, ending.values, text
+        row = self._calls.owner(to).rows.get(command)
+        if row is not None and row.ended_by:
+            held = (to, command, OFF, text) if row.ended_by == ITSELF else (to, row.ended_by, (), text)
             if any(values):
-                self._held[held] = page, ending.at_once
+                self._held[held] = page, bool(row.stream)
             else:
                 self._held.pop(held, None)
         self._held.pop((to, command, tuple(values), text), None)

@@ -8,7 +8,8 @@ import pytest
 
 from procs.crtk.calls import Calls, CommandOwner
 from procs.crtk.messages import WrongMessage
-from procs.gui.held import ENDINGS, HeldDown
+from procs.gui.held import HeldDown
+from shm.command_row import ITSELF
 from shm.commands import COMMANDS
 
 KINDS = {"SUJ": "suj", "focus": "focus", "console": "console", "boards": "boards", "PSM1": "arm"}
@@ -22,7 +23,7 @@ class FakeCalls:
         self.is_stuck = False
 
     def owner(self, name: str) -> CommandOwner:
-        return CommandOwner(KINDS[name], {})
+        return CommandOwner(KINDS[name], {row.name: row for row in COMMANDS[KINDS[name]]})
 
     def send(self, number: object, to: str, command: str, values: list[float], text: str) -> None:
         if self.is_stuck:
@@ -90,9 +91,10 @@ def test_a_console_that_ends_lets_go_of_all() -> None:
     assert [row[1] for row in calls.new()] == ["release_tip", "emulate_operator_present"]
 
 
-def test_whatever_lets_go_is_a_command_and_every_page_may_give_those_that_stop() -> None:
-    for (kind, command), ending in ENDINGS.items():
-        rows = {row.name: row for row in COMMANDS[kind]}
-        assert command in rows
-        row = rows[ending.command]
-        assert row.is_stop("", ending.values) or not row.needs_operator("", ending.values)
+def test_what_ends_a_held_button_needs_neither_control_nor_an_operator() -> None:
+    held = [(kind, row) for kind, rows in COMMANDS.items() for row in rows if row.ended_by]
+    assert {kind for kind, _ in held} == {"suj", "focus", "console", "boards"}
+    for kind, row in held:
+        rows = {each.name: each for each in COMMANDS[kind]}
+        ending, values = (row, (0.0,)) if row.ended_by == ITSELF else (rows[row.ended_by], ())
+        assert not ending.needs_operator("", values) and not ending.expires("", values)

@@ -12,7 +12,7 @@ from functools import partial
 from typing import Any, Final
 
 from procs.recordings.reading import RecordingReader
-from shm.commands import ENDINGS
+from shm.commands import COMMANDS, ENDINGS
 from shm.system_time import SystemTime
 from tools.errors import Problem, Refused
 from tools.following import APPROACH_S, first_reply, waited
@@ -20,8 +20,7 @@ from tools.printing import Say
 from tools.replay.commands import RecordedCommand, commands_of
 from tools.replay.live import RecordedMotion, all_homed, at_the_start
 
-MOVES: Final = frozenset(("move_jp", "move_jr", "move_cp", "move_cr", "jaw/move_jp", "hold"))
-"""All others change what an arm is, power it, let it go, or are goals of a stream."""
+ROWS: Final = {row.name: row for row in COMMANDS["arm"]}
 REPLY_S: Final = 5.0
 ANSWERS: Final = ("accepted", *ENDINGS)
 
@@ -39,7 +38,7 @@ def moves_of(recording: RecordingReader, motions: Sequence[RecordedMotion]) -> R
     start, end = all_homed(motions)
     arms = [motion.arm for motion in motions]
     asked = [each for each in commands_of(recording) if each.instance in arms and each.outcome != "refused"]
-    taken = tuple(each for each in asked if each.name in MOVES and start <= each.instant_ns <= end)
+    taken = tuple(each for each in asked if _is_asked_again(each.name) and start <= each.instant_ns <= end)
     left_out = tuple(_left_out(asked, start, end))
     if not taken:
         raise Problem("; ".join((f"nobody asked {', '.join(arms)} for a move while homed, in this part of "
@@ -47,12 +46,18 @@ def moves_of(recording: RecordingReader, motions: Sequence[RecordedMotion]) -> R
     return RecordedMoves(taken, left_out)
 
 
+def _is_asked_again(name: str) -> bool:
+    """A move, or what stops one: all others change what an arm is, power or release it, or are goals of a stream."""
+    row = ROWS.get(name)
+    return row is not None and (row.move or row.is_stop("", ()))
+
+
 def _left_out(asked: Sequence[RecordedCommand], start: int, end: int) -> Iterator[str]:
     outside = Counter(each.instance for each in asked if not start <= each.instant_ns <= end)
     for arm, count in outside.items():
         yield f"left out: {count} commands to {arm} outside the time in which all arms are homed"
     others = Counter((each.instance, each.name) for each in asked
-                     if each.name not in MOVES and start <= each.instant_ns <= end)
+                     if not _is_asked_again(each.name) and start <= each.instant_ns <= end)
     for (arm, name), count in others.items():
         yield f"left out: {count} times {name} to {arm}, which is no move"
 

@@ -68,9 +68,9 @@ def _head(arm: ArmConfig, state: str) -> None:
                 button(word.capitalize(), [[(arm.name, "state_command", [], word)]],
                        confirm=f"{word.capitalize()} {arm.name}? {question}" if question else "")
             box("spacer")
-            button("Hold", [[(arm.name, "hold", [], "")]], "quiet", is_free=True, title="Stay where it is")
+            button("Hold", [[(arm.name, "hold", [], "")]], "quiet", title="Stay where it is")
             for text, word in (("Pause", "pause"), ("Disable", "disable")):
-                button(text, [[(arm.name, "state_command", [], word)]], "quiet", is_free=True)
+                button(text, [[(arm.name, "state_command", [], word)]], "quiet")
 
 
 def _joints(state: str, slides: list[bool]) -> None:

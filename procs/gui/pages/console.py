@@ -29,7 +29,7 @@ def teleop_buttons(name: str) -> None:
     """Start and stop what a console teleoperates."""
     button("Start teleoperation", [[(name, "teleop_enable", [1], "")]], id=f"start-{name}",
            confirm="Start teleoperation? Masters move to align.")
-    button("Stop", [[(name, "teleop_enable", [0], "")]], "quiet", is_free=True)
+    button("Stop", [[(name, "teleop_enable", [0], "")]], "quiet")
 
 
 def _console(console: Console, teleops: list[str]) -> None:

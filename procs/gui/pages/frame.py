@@ -88,7 +88,7 @@ def page(document: SystemConfig, here: str, wants: Sequence[str] = ()) -> Iterat
         Part("button", "quiet", "?", type="button", data_opens="help", title="Keys and first steps (?)")
         Part("button", "quiet", "◐", type="button", data_does="theme", title="Dark or light", aria_label="Theme")
         Part("button", "control", "Take control", type="button", id="control")
-        button("Power off", power_off(document), "danger", is_free=True, id="power-off",
+        button("Power off", power_off(document), "danger", id="power-off",
                title="Ctrl + O. Works from every page, without control. It is no emergency stop.")
         if here != "/":  # which shows them
             power_buttons(document, hidden=True)

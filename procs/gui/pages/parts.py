@@ -15,6 +15,8 @@ from typing import Any
 
 from nicegui.elements.mixins.text_element import TextElement
 
+from shm.commands import can_stop
+
 Call = tuple[str, str, Sequence[float], str]
 """To whom, command, values, text."""
 
@@ -40,9 +42,10 @@ def live(path: str, form: str = "text", classes: str = "", tag: str = "span", **
     return Part(tag, f"live {classes}".strip(), data_live=path, data_format=form, **attributes)
 
 
-def button(text: str, steps: Sequence[Sequence[Call]], classes: str = "", *, is_free: bool = False, confirm: str = "",
+def button(text: str, steps: Sequence[Sequence[Call]], classes: str = "", *, confirm: str = "",
            **attributes: Any) -> Part:
-    """One that commands; `is_free`: from every page, it only stops something."""
+    """One that commands; what only stops something, from every page, without control."""
+    is_free = all(can_stop(command, text, values) for step in steps for _, command, values, text in step)
     if is_free:
         attributes["data_free"] = ""
     if confirm:

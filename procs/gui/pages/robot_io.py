@@ -134,8 +134,8 @@ def _power(robot: IoRobot) -> None:
         with box("row"):
             button("Power on", [[(io, "power_on", [], name)]], "primary", id="io-power-on",
                    confirm=f"Power on {name}? Its amplifiers go on.")
-            button("Power off", [[(io, "power_off", [], name)]], is_free=True, id="io-power-off")
-            button("Power off, open relay", [[(io, "power_off", [1], name)]], "quiet", is_free=True)
+            button("Power off", [[(io, "power_off", [], name)]], id="io-power-off")
+            button("Power off, open relay", [[(io, "power_off", [1], name)]], "quiet")
         with box("row"):
             if not robot.is_kinematic:
                 button(f"Supply only, {SUPPLY_S} s", [[(io, "supply_on", [SUPPLY_S], name)]], "quiet",

@@ -38,7 +38,7 @@ def _cart(cart: Cart) -> None:
         with box("row"):
             button("Enable", [[(name, "state_command", [], "enable")]], confirm=f"Enable {name}? Its power goes on.")
             button("Home", [[(name, "state_command", [], "home")]], confirm=f"Home {name}? Its power goes on.")
-            button("Disable", [[(name, "state_command", [], "disable")]], "quiet", is_free=True)
+            button("Disable", [[(name, "state_command", [], "disable")]], "quiet")
             if cart.simulation != "KINEMATIC" and any(arm.lifts for arm in cart.arms):
                 Part("span", "quiet", "Lift, while held:")
                 hold("Up", (name, "set_lift_velocity", [1], ""), (name, "set_lift_velocity", [0], ""), every_ms=250)

@@ -60,8 +60,8 @@ def arm_card(arm: ArmConfig) -> None:
                    confirm=f"Enable {arm.name}? Amplifiers go on.")
             button("Home", [[(arm.name, "state_command", [], "home")]], confirm=f"Home {arm.name}? It moves.")
             box("spacer")
-            button("Hold", [[(arm.name, "hold", [], "")]], "quiet", is_free=True, title="Stay where it is")
-            button("Disable", [[(arm.name, "state_command", [], "disable")]], "quiet", is_free=True)
+            button("Hold", [[(arm.name, "hold", [], "")]], "quiet", title="Stay where it is")
+            button("Disable", [[(arm.name, "state_command", [], "disable")]], "quiet")
 
 
 def cart_card(name: str) -> None:
@@ -78,7 +78,7 @@ def cart_card(name: str) -> None:
         with box("row buttons"):
             button("Enable", [[(name, "state_command", [], "enable")]], confirm=f"Enable {name}? Its power goes on.")
             box("spacer")
-            button("Disable", [[(name, "state_command", [], "disable")]], "quiet", is_free=True)
+            button("Disable", [[(name, "state_command", [], "disable")]], "quiet")
 
 
 def _first_steps(document: SystemConfig) -> None:
@@ -142,7 +142,7 @@ def _console(name: str, teleops: list[str]) -> None:
             button("Start teleoperation", [[(name, "teleop_enable", [1], "")]],
                    confirm="Start teleoperation? Masters move to align.")
             box("spacer")
-            button("Stop", [[(name, "teleop_enable", [0], "")]], "quiet", is_free=True)
+            button("Stop", [[(name, "teleop_enable", [0], "")]], "quiet")
 
 
 def teleop_row(name: str) -> None:

@@ -83,7 +83,7 @@ def _teleop(row: TeleopPsmConfig | TeleopEcmConfig) -> None:
             if is_psm:
                 button("Align", [[(row.name, "state_command", [], "align_MTM")]], confirm="Align? The master moves.")
             box("spacer")
-            button("Disable", [[(row.name, "state_command", [], "disable")]], "quiet", is_free=True)
+            button("Disable", [[(row.name, "state_command", [], "disable")]], "quiet")
 
 
 def _frames(state: str) -> None:

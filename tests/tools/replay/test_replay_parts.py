@@ -13,14 +13,13 @@ from numpy.typing import NDArray
 
 from procs.config import PROJECT_CONFIGS, load_system
 from procs.recordings.reading import RecordingReader, open_recording
-from shm.commands import COMMANDS
 from shm.layout import schema_of
 from shm.segment import names_of
 from shm.topics import ARM_STATE, AUDIT
 from tests.recordings.made import written
 from tools.errors import Problem
 from tools.recorded.choosing import Stretch
-from tools.replay.asking import MOVES, moves_of
+from tools.replay.asking import moves_of
 from tools.replay.commands import commands_of
 from tools.replay.configuration import startable
 from tools.replay.fresh import run_again
@@ -93,7 +92,6 @@ def test_only_moves_of_the_homed_stretch_are_asked_for_again(tmp_path: Path) -> 
         assert all(any(f" {name} to PSM1, which is no move" in text for text in moves.left_out) for name in others)
         with pytest.raises(Problem, match="nobody asked PSM1 for a move while homed"):
             moves_of(found, [motion_of(found, "PSM1", Stretch(20 * PERIOD))])
-    assert {row.name for row in COMMANDS["arm"]} >= MOVES
 
 
 def test_a_motion_is_what_an_arm_did_while_it_was_homed(recording: RecordingReader) -> None:
