@@ -169,7 +169,10 @@ def waiting_for(master: str, start: Start) -> str:
 
 
 class JawMapping:
-    """The jaw's angle for the gripper's: jaw = k·g + o. The ghost of the gripper goes after it at a limited rate."""
+    """The jaw's angle for the gripper's: jaw = k·g + o. The ghost of the gripper follows it at a limited rate.
+
+    A jaw whose upper limit is 0 does not open (k = 0): it stays where it is.
+    """
 
     def __init__(self, gripper_zero: float, gripper_max: float, rate: float, rate_after_clutch: float) -> None:
         """Gripper angles for a jaw at 0 and fully open (rad, not the same); rates of the ghost, rad/s."""
@@ -177,6 +180,7 @@ class JawMapping:
         self._rate, self._slow_rate = rate, rate_after_clutch
         self.ghost = 0.0
         self._catching_up, self._has_gripper = True, False
+        self._begun = 0.0
         self.use(0.0, gripper_max)
 
     def use(self, lower: float, upper: float) -> None:
@@ -191,7 +195,9 @@ class JawMapping:
 
     def begin(self, jaw: float) -> None:
         """Go on from the jaw's setpoint, slowly until the gripper is caught up with."""
-        self.ghost = (jaw - self._offset) / self._factor
+        self._begun = jaw
+        if self._factor:
+            self.ghost = (jaw - self._offset) / self._factor
         self._catching_up, self._has_gripper = True, False
 
     def step(self, gripper: float, passed_s: float) -> float:
@@ -199,6 +205,8 @@ class JawMapping:
 
         Without one the jaw goes to NO_GRIPPER_JAW; with one that is not seen it stays.
         """
+        if not self._factor:
+            return self._begun
         if math.isfinite(gripper):
             self._has_gripper = True
         else:

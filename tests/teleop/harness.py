@@ -32,6 +32,7 @@ PERIOD_NS = 1_000_000
 SECOND = 1_000_000_000
 JAW = (math.radians(-40.0), math.radians(80.0))
 SMALL_JAW = (0.0, math.radians(30.0))
+NO_JAW = (math.radians(-20.0), 0.0)
 
 
 class FakeTeleopRing:
@@ -201,7 +202,7 @@ class TeleopHarness:
     def make_teleop(self, operator: Operator) -> Teleop:
         values: dict[str, Any] = {"start_gripper_threshold": 0.0, **self.settings}
         record = TeleopRecord(self.record.field, "PSM", ("MTMR",), "PSM1", "console")
-        range_of: Callable[[str], tuple[float, float] | None] = {"LND": JAW, "SMALL": SMALL_JAW}.get
+        range_of: Callable[[str], tuple[float, float] | None] = {"LND": JAW, "SMALL": SMALL_JAW, "HOOK": NO_JAW}.get
         carrier = "ECM" if self.setup is None else "SUJ"
         return TeleopPsm(PsmSettings("MTMR_PSM1", "MTMR", "PSM1", 0.001, "console", **values), self.master.seen(),
                          self.slave.seen(), operator, record, self.reports, range_of,

@@ -210,3 +210,14 @@ def test_a_jaw_that_nobody_knows_opens_from_closed_as_far_as_the_gripper() -> No
         harness.master.ring.set(gripper_position=gripper)
         harness.run(0.05)
         assert float(harness.slave.ring.field("jaw_setpoint_position")) == pytest.approx(jaw)
+
+
+@pytest.mark.parametrize("ignore", [False, True])
+def test_an_instrument_whose_jaw_does_not_open_is_followed_with_its_jaw_at_rest(ignore: bool) -> None:
+    harness = TeleopHarness(ignore_jaw=ignore)
+    harness.slave.ring.set(tool=b"HOOK", jaw_setpoint_position=-0.1)
+    harness.follow()
+    for gripper in (0.8, -0.5, math.nan):
+        harness.master.ring.set(gripper_position=gripper)
+        harness.run(0.05)
+    assert harness.following and not harness.slave.asked("jaw/servo_jp")
