@@ -80,7 +80,7 @@ class ConsoleCommands:
         self._logic.unselect(self._teleop(request))
 
     def _scale(self, request: Request) -> None:
-        self._logic.set_scale(self._one(request, "a number above 0", lambda value: 0.0 < value < float("inf")))
+        self._logic.set_scale(float(request.values[0]), request.origin)
 
     def _emulate(self, request: Request, button: str) -> None:
         kinds = (0.0, 1.0) if button == OPERATOR else (0.0, 1.0, 2.0)

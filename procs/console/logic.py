@@ -60,7 +60,7 @@ class Logic:
 
     def __init__(self, name: str, members: Sequence[Selectable], desk: ConsoleOutbox, scale: float) -> None:
         """Nobody there, no pedal pressed, teleoperation not wanted, selected what can be side by side."""
-        self.name, self.scale, self.is_scaled = name, scale, False
+        self.name, self.scale = name, scale
         self.mine = tuple(member for member in members if member.console == name)
         self._members, self._desk = tuple(members), desk
         self._by_name = {member.name: member for member in self.mine}
@@ -125,11 +125,12 @@ class Logic:
         self._desk.status(f"{self.name}: teleoperation {'enabled' if on else 'disabled'}")
         self.update()
 
-    def set_scale(self, scale: float) -> None:
-        """One scale for all teleoperations of the console."""
-        self.scale, self.is_scaled = scale, True
+    def set_scale(self, scale: float, origin: Origin) -> None:
+        """One scale for all teleoperations of the console, asked for by a person."""
+        self.scale = scale
         for member in self.mine:
-            self._desk.ask(member.name, "set_scale", (scale,))
+            if not self._desk.ask(member.name, "set_scale", (scale,), origin=origin):
+                self._desk.status(f"{member.name} did not get the scale {scale:g}")
         self._desk.emit("scale", component=self.name, value=scale)
 
     def select(self, teleop: str) -> bool:
@@ -176,8 +177,6 @@ class Logic:
         self._unreported.pop(teleop, None)
         if self.clutch:
             self._report_clutch(teleop, PAYLOADS[PRESSED])
-        if self.is_scaled:
-            self._desk.ask(teleop, "set_scale", (self.scale,))
 
     def refused(self, teleop: str, now_ns: int) -> None:
         """It would not do what it was asked for; it is asked again in a while."""

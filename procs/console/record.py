@@ -52,6 +52,5 @@ def go_on(last: RecordReader, logic: Logic) -> bool:
     logic.wanted = bool(last.field("teleop_enabled"))
     logic.origin = Origin(int(last.field("origin")), int(last.field("generation")),
                           bytes(last.field("program").item()).decode(errors="replace"))
-    scale = float(last.field("scale"))
-    logic.is_scaled, logic.scale = scale != logic.scale, scale
+    logic.scale = float(last.field("scale"))
     return True

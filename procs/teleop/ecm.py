@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
@@ -12,12 +11,12 @@ from procs import codes
 from procs.document.consoles import TeleopEcmConfig as Settings
 from procs.inputs import LATE_S
 from procs.kinematics.poses import matrix_from_pose, pose_from_matrix
-from procs.requests import Reports, Request
+from procs.requests import Reports
 from procs.teleop.arms import TeleopArm
 from procs.teleop.camera import Camera, outside
 from procs.teleop.presence import Operator
 from procs.teleop.record import TeleopRecord
-from procs.teleop.teleop import Teleop, TeleopCommandRow, TeleopState, positive
+from procs.teleop.teleop import Teleop, TeleopState
 from shm.faults import Cell
 
 Array = NDArray[np.float64]
@@ -37,21 +36,17 @@ class TeleopEcm(Teleop):
     def __init__(self, settings: Settings, left: TeleopArm, right: TeleopArm, slave: TeleopArm, operator: Operator,
                  record: TeleopRecord, events: Reports, *, faults: Cell) -> None:
         self.masters, self.slave = (left, right), slave
-        self.camera = Camera(settings.scale, settings.camera_roll_offset)
+        self.camera = Camera(record.scale(settings.scale), settings.camera_roll_offset)
         self._first_turns = np.zeros((2, 3, 3))
         self._turned, self._goal = np.zeros(JOINTS), np.zeros(JOINTS)
         self._wrench, self._pose, self._turn = np.zeros(7), np.zeros(7), np.eye(4)
         self._wrench[6] = WRENCH_LASTS_S
         field = record.field
-        self._goal_shown, self._sent, self._scale = field("goal_jp"), field("sent_ns"), field("scale")
+        self._goal_shown, self._sent = field("goal_jp"), field("sent_ns")
         self._stamps = field("master_stamp_ns"), field("slave_stamp_ns")
-        self._scale[...] = settings.scale
+        record.show_scale(self.camera.scale)
         field("mtm_is_haptic")[...] = True
         super().__init__(settings.name, (left, right, slave), operator, record, events, faults)
-
-    def commands(self) -> Mapping[str, TeleopCommandRow]:
-        """See Teleop."""
-        return {"set_scale": TeleopCommandRow(self._set_scale, 1)}
 
     def set_up(self) -> None:
         """See Teleop."""
@@ -162,16 +157,15 @@ class TeleopEcm(Teleop):
             self._calm(master)
             master.hold()
 
-    def _set_scale(self, request: Request) -> None:
-        self.camera.scale = positive(request)
-        self._scale[...] = self.camera.scale
+    def rescale(self, scale: float) -> None:
+        """See Teleop."""
+        self.camera.scale = scale
         left, right = self.masters
         if self.following:  # from here on: nothing moves by the change itself
             self.camera.begin(left.measured[:3], right.measured[:3], self.camera.goal.copy())
             for turn, master in zip(self._first_turns, self.masters, strict=True):
                 turn[...] = matrix_from_pose(master.measured)[:3, :3]
             self._turned[...] = self.camera.goal
-        self.events.emit("scale", value=self.camera.scale)
 
     # the record
 

@@ -17,7 +17,7 @@ from procs.requests import CommandRefused, Reports, Request, switch
 from procs.teleop.arms import BaseFrame, TeleopArm
 from procs.teleop.presence import Operator
 from procs.teleop.record import TeleopRecord
-from procs.teleop.teleop import Teleop, TeleopCommandRow, TeleopState, positive
+from procs.teleop.teleop import Teleop, TeleopCommandRow, TeleopState
 from procs.teleop.teleoperation import JawMapping, PoseMapping, Presence, Start, roll_between, waiting_for
 from shm.faults import Cell
 
@@ -41,7 +41,7 @@ class TeleopPsm(Teleop):
                  record: TeleopRecord,
                  events: Reports, jaw_range: JawRange, base: BaseFrame | None = None, *, faults: Cell) -> None:
         self.settings, self.master, self.slave, self.base = settings, master, slave, base
-        self.mapping = PoseMapping(settings.scale, rotation_locked=settings.rotation_locked,
+        self.mapping = PoseMapping(record.scale(settings.scale), rotation_locked=settings.rotation_locked,
                                    translation_locked=settings.translation_locked)
         self.align = settings.align_mtm
         self.presence = Presence(settings.start_gripper_threshold, settings.start_roll_threshold)
@@ -64,16 +64,16 @@ class TeleopPsm(Teleop):
         self._stamps = field("master_stamp_ns"), field("slave_stamp_ns")
         self._poses = field("mtm_measured_cp"), field("psm_setpoint_cp")
         self._twist = field("mtm_measured_cv")
+        record.show_scale(self.mapping.scale)
         super().__init__(settings.name, (master, slave), operator, record, events, faults)
         self._show_options()
 
     def commands(self) -> Mapping[str, TeleopCommandRow]:
         """See Teleop."""
         return {
-            "set_scale": TeleopCommandRow(self._set_scale, 1),
-                "lock_rotation": TeleopCommandRow(self._lock_rotation, 1),
+            "lock_rotation": TeleopCommandRow(self._lock_rotation, 1),
             "lock_translation": TeleopCommandRow(self._lock_translation, 1),
-                "set_align_MTM": TeleopCommandRow(self._set_align, 1),
+            "set_align_MTM": TeleopCommandRow(self._set_align, 1),
             "following/mtm/body/servo_cf": TeleopCommandRow(self._take_wrench, 6),
         }
 
@@ -298,10 +298,10 @@ class TeleopPsm(Teleop):
             self.mapping.rebase(self.master.measured, self._base_pose)
         self._show_options()
 
-    def _set_scale(self, request: Request) -> None:
-        self.mapping.scale = positive(request)
+    def rescale(self, scale: float) -> None:
+        """See Teleop."""
+        self.mapping.scale = scale
         self._rebase()
-        self.events.emit("scale", value=self.mapping.scale)
 
     def _lock_rotation(self, request: Request) -> None:
         self.mapping.rotation_locked = locked = switch(request)
@@ -337,7 +337,6 @@ class TeleopPsm(Teleop):
 
     def _show_options(self) -> None:
         field, mapping = self.record.field, self.mapping
-        field("scale")[...] = mapping.scale
         field("rotation_locked")[...], field("translation_locked")[...] = (
             mapping.rotation_locked, mapping.translation_locked)
         field("align_mtm")[...], field("mtm_is_haptic")[...] = self.align, self.settings.mtm_is_haptic

@@ -21,6 +21,7 @@ class TeleopRecord:
         field("kind")[...], field("slave")[...], field("console")[...] = kind.encode(), slave.encode(), console.encode()
         field("masters")[...] = b""
         field("masters")[: len(masters)] = [name.encode() for name in masters]
+        self._scale = field("scale")
         for name in ("goal_cp", "goal_jp", "jaw_goal", "gripper_ghost"):
             field(name)[...] = np.nan
         for name in ("sent_ns", "master_stamp_ns", "slave_stamp_ns", "gripper_range", "roll_range", "angle_error"):
@@ -32,6 +33,14 @@ class TeleopRecord:
         self._following, self._clutched, self._busy = field("following"), field("clutched"), field("is_busy")
         self._reported: tuple[str, str, str] | None = None
         self._room = self._reason.dtype.itemsize
+
+    def scale(self, of_file: float) -> float:
+        """The scale that a predecessor of this process was given, without one that of the file."""
+        return float(self._scale) if self._scale > 0.0 else of_file
+
+    def show_scale(self, scale: float) -> None:
+        """The scale in force."""
+        self._scale[...] = scale
 
     def show(self, state: str, desired: str, reason: str, *, following: bool, clutched: bool) -> None:
         """What both kinds have."""

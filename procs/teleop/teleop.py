@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, Final
 
-import numpy as np
 from numpy.typing import NDArray
 
 from procs import codes
@@ -78,7 +77,7 @@ class Teleop:
         """SETTING_ARMS_STATE because an arm's process was lost, not because somebody asked."""
         self._rows: dict[str, TeleopCommandRow] = {
             "state_command": TeleopCommandRow(self._state_command), "clutch": TeleopCommandRow(self._clutch, 1),
-                                                   **self.commands()}
+            "set_scale": TeleopCommandRow(self._set_scale, 1), **self.commands()}
 
     # what a kind has of its own
 
@@ -109,6 +108,9 @@ class Teleop:
 
     def lose(self) -> None:
         """The operator is absent or cannot be seen while ALIGNING_MTM or ENABLED."""
+
+    def rescale(self, scale: float) -> None:
+        """Another scale from here on; nothing moves by the change itself."""
 
     def show(self) -> None:
         """Fill the kind's own part of the record."""
@@ -311,6 +313,12 @@ class Teleop:
         for arm in self.arms:
             arm.on_behalf(origin)
 
+    def _set_scale(self, request: Request) -> None:
+        scale = float(request.values[0])
+        self.rescale(scale)
+        self.record.show_scale(scale)
+        self.events.emit("scale", value=scale)
+
     def _clutch(self, request: Request) -> None:
         """A click repeats what came last."""
         value = float(request.values[0])
@@ -335,11 +343,3 @@ class Teleop:
         self.record.show(self.state, self.desired, self.reason, following=self.following, clutched=self.clutched)
         self.record.valid[...] = all(arm.has_pose and not arm.is_silent for arm in self.arms)
         self.show()
-
-
-def positive(request: Request) -> float:
-    """A number above 0."""
-    value = float(np.asarray(request.values)[0])
-    if not value > 0.0:
-        raise CommandRefused("takes a value above 0")
-    return value

@@ -35,12 +35,29 @@ def test_commands_reach_the_logic() -> None:
 @pytest.mark.parametrize(
     ("name", "values", "text"),
     [("teleop_enable", (2.0,), ""), ("set_scale", (0.0,), ""), ("set_scale", (float("nan"),), ""),
-     ("set_scale", (float("inf"),), ""), ("emulate_operator_present", (2.0,), ""), ("emulate_clutch", (), ""),
+     ("set_scale", (float("inf"),), ""), ("set_scale", (20.0,), ""),
+     ("emulate_operator_present", (2.0,), ""), ("emulate_clutch", (), ""),
      ("select_teleop", (), "MTMR_PSM9"), ("unselect_teleop", (), "")],
 )
 def test_what_makes_no_sense_is_refused(name: str, values: tuple[float, ...], text: str) -> None:
     command = asked(ConsoleCommands(Logic("c", ALL, FakeDesk(), 0.2)), name, *values, text=text)
     assert command.outcome == "refused" and len(command.answers[0][1]) > len(name) + 10
+
+
+def test_another_scale_is_passed_on_with_whose_command_it_was() -> None:
+    desk = FakeDesk()
+    command = asked(ConsoleCommands(Logic("c", ALL, desk, 0.2)), "set_scale", 0.5)
+    assert desk.origins == [command.origin] * len(ALL) and command.origin.id
+
+
+def test_a_teleoperation_that_is_started_again_keeps_its_own_scale() -> None:
+    desk = FakeDesk()
+    logic = Logic("c", ALL, desk, 0.2)
+    commands = ConsoleCommands(logic)
+    asked(commands, "set_scale", 0.5)
+    desk.asks.clear()
+    logic.began_anew(RIGHT.name)
+    assert not [ask for ask in desk.asks if ask[1] == "set_scale"], "somebody may have given it a smaller one"
 
 
 def test_selection_waits_for_the_other_console_a_second() -> None:

@@ -238,7 +238,7 @@ def test_refused_is_asked_again_in_a_while() -> None:
 
 def test_scale_is_for_all_of_the_console() -> None:
     logic, desk = console()
-    logic.set_scale(0.4)
+    logic.set_scale(0.4, PERSON)
     assert [(row[0], row[2]) for row in desk.asks] == [(member.name, (0.4,)) for member in ALL]
     assert logic.scale == 0.4
 
@@ -310,16 +310,22 @@ def test_teleop_that_began_anew_is_asked_anew_for_what_it_was_asked_for() -> Non
     assert desk.words(RIGHT.name) == [ALIGN, ALIGN]
 
 
-def test_teleop_that_began_anew_hears_of_a_pressed_clutch_and_of_the_scale() -> None:
+def test_teleop_that_began_anew_hears_of_a_pressed_clutch() -> None:
     logic, desk = console((RIGHT,))
     desk.asks.clear()
     logic.began_anew(RIGHT.name)
     assert not desk.asks, "as it began"
     logic.press(CLUTCH, PRESSED)
-    logic.set_scale(0.3)
     desk.asks.clear()
     logic.began_anew(RIGHT.name)
-    assert [ask[1:3] for ask in desk.asks] == [("clutch", (1.0,)), ("set_scale", (0.3,))]
+    assert [ask[1:3] for ask in desk.asks] == [("clutch", (1.0,))]
+
+
+def test_a_teleop_that_did_not_get_the_scale_is_named() -> None:
+    logic, desk = console((RIGHT, LEFT))
+    desk.deaf.add(LEFT.name)
+    logic.set_scale(0.3, PERSON)
+    assert desk.reported_events[0] == ("status", "MTML_PSM2 did not get the scale 0.3")
 
 
 @pytest.mark.parametrize(("button", "kept"), [(OPERATOR, {SCOPE.name}), (CAMERA, {RIGHT.name}),

@@ -224,14 +224,14 @@ def test_a_console_goes_on_with_what_its_record_says(scale: float, wanted: bool,
         "present_inputs": 3}
     assert go_on(ledger, after)  # type: ignore[arg-type]
     assert (after.selected, after.wanted, after.scale, after.origin) == (set(selected), wanted, scale, PERSON)
-    assert after.is_scaled == (scale != 0.2) and not (after.operator or after.clutch or after.camera)
+    assert not (after.operator or after.clutch or after.camera)
 
 
 def test_a_console_that_was_never_there_begins_as_the_file_says() -> None:
     ledger, logic = Ledger(), console_of()
     ledger.there = False
     assert not go_on(ledger, logic)  # type: ignore[arg-type]
-    assert logic.selected == {"MTML_MTMR_ECM", "MTMR_PSM1", "MTML_PSM2"} and not logic.is_scaled
+    assert logic.selected == {"MTML_MTMR_ECM", "MTMR_PSM1", "MTML_PSM2"}
 
 
 def test_what_is_no_longer_its_own_is_not_selected() -> None:

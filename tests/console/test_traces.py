@@ -125,8 +125,7 @@ class ConsolesPlay:
         return [(f"{logic.name}.{name}", sorted(value) if isinstance(value, set) else value)
                 for logic in self.logics for name, value in (
                     *((name, getattr(logic, name)) for name in (
-                        "selected", "lapsed", "fallen", "operator", "clutch", "camera", "wanted", "scale",
-                        "is_scaled")),
+                        "selected", "lapsed", "fallen", "operator", "clutch", "camera", "wanted", "scale")),
                     ("asked", list(logic.asked.values())), ("origin", logic.origin.id))]
 
 

@@ -194,9 +194,9 @@ class TeleopHarness:
         self.settings, self.faults = settings, NoFaults()
         self.start()
 
-    def start(self) -> None:
-        """A new process on a record as its predecessor left it, or an empty one."""
-        self.reports, self.record = Reports(), FakeTeleopRing(TELEOP_STATE)
+    def start(self, left: FakeTeleopRing | None = None) -> None:
+        """A new process on a record as its predecessor `left` it, or an empty one."""
+        self.reports, self.record = Reports(), left or FakeTeleopRing(TELEOP_STATE)
         self.teleop = self.make_teleop(Operator("console", self.console and Input(self.console)))
 
     def make_teleop(self, operator: Operator) -> Teleop:
@@ -232,7 +232,7 @@ class TeleopHarness:
             self.step()
 
     def send(self, name: str, *values: float, text: str = "") -> FakeRequest:
-        request = FakeRequest(name, values, text)
+        request = FakeRequest(name, values, text, kind="teleop")
         self.step(request)
         return request
 

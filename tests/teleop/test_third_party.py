@@ -35,10 +35,10 @@ class ThirdPartyStage(TeleopHarness):
     def __init__(self) -> None:
         super().__init__(start_gripper_threshold=0.5, mtm_is_haptic=False, align_mtm=False)
 
-    def start(self) -> None:
+    def start(self, left: FakeTeleopRing | None = None) -> None:
         self.arms["MTMR"] = Program("MTMR")
         self.arms["MTMR"].ring.stamp_ns = self.now_ns
-        super().start()
+        super().start(left)
 
     def step(self, *requests: object) -> None:
         master = self.arms["MTMR"]
@@ -133,9 +133,9 @@ def test_a_master_that_does_not_know_where_it_is_is_left(stage: ThirdPartyStage)
 class Carriers(EcmHarness):
     """Two programs that carry the camera."""
 
-    def start(self) -> None:
+    def start(self, left: FakeTeleopRing | None = None) -> None:
         self.arms |= {name: Program(name) for name in ("MTML", "MTMR")}
-        super().start()
+        super().start(left)
 
 
 def test_two_programs_carry_a_camera_and_are_not_pushed() -> None:

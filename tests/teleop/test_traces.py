@@ -135,7 +135,8 @@ class TeleopPlay:
         if self.chance.random() > 0.12:
             return []
         name, values, text = self.chance.choice(PERSONS)
-        return [FakeRequest(name, values, text, origin=Origin(len(self.trace.lines), self.faults.void, "play"))]
+        origin = Origin(len(self.trace.lines), self.faults.void, "play")
+        return [FakeRequest(name, values, text, kind="teleop", origin=origin)]
 
     def step(self) -> None:
         harness = self.harness

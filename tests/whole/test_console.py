@@ -174,9 +174,9 @@ def test_a_teleoperation_that_refuses_is_reported_once(driven: Room, monkeypatch
     monkeypatch.setattr(driven.host.node["console"].events, "report", lambda code, text,
                         component: reported.append(text))
     for _ in range(2):
-        assert loop._desk.ask("MTMR_PSM1", "set_scale", (-1.0,))
+        assert loop._desk.ask("MTMR_PSM1", "clutch", (-1.0,))
         driven.host.run(0.05)
-    assert len(reported) == 1 and reported[0].startswith("MTMR_PSM1 refuses: set_scale")
+    assert len(reported) == 1 and reported[0].startswith("MTMR_PSM1 refuses: clutch")
 
 
 def test_a_console_gives_its_head_sensor_back(driven: Room) -> None:
