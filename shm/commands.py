@@ -47,6 +47,8 @@ EFFORT: Final = Argument("effort", "N·m|N", JOINTS)
 POSE: Final = Argument("x y z qx qy qz qw", "m", 7)
 TWIST: Final = Argument("twist", "m/s, rad/s", 6, optional=True)
 WRENCH: Final = Argument("fx fy fz tx ty tz", "N, N·m", 6)
+FOR_A_WHILE: Final = (Argument("time it lasts", "s", optional=True),
+                      Argument("axes: 0 tip, 1 reference frame", low=0.0, high=1.0, optional=True, whole=True))
 RATIO: Final = Argument("ratio", low=0.0, high=1.0, above=True)
 SCALE: Final = Argument("scale", low=0.0, high=1.0, above=True)
 PEDAL: Final = Argument("0 released, 1 pressed, 2 clicked", low=0.0, high=2.0, whole=True)
@@ -127,10 +129,10 @@ COMMANDS: dict[str, tuple[CommandRow, ...]] = {
                     replace(ON, name="1 or 0 for pose, twist, wrench", size=3)),
                    stream="position", ros=Ros("cartesian state", newest=True)),
         CommandRow("servo_cf", MOTION, "the same as body/servo_cf",
-                   (WRENCH, Argument("time it lasts", "s", optional=True)), effect_of_zero=FREE, stream="effort"),
+                   (WRENCH, *FOR_A_WHILE), effect_of_zero=FREE, stream="effort"),
         CommandRow("body/servo_cf", MOTION,
-                   "apply this force and torque at the tip, in its axes, for arm.effort_timeout_s at most",
-                   (WRENCH, Argument("time it lasts", "s", optional=True)), effect_of_zero=FREE, stream="effort",
+                   "apply this force and torque at the tip, for arm.effort_timeout_s at most",
+                   (WRENCH, *FOR_A_WHILE), effect_of_zero=FREE, stream="effort",
                     ros=Ros("wrench", newest=True)),
         CommandRow("spatial/servo_cf", MOTION, "apply this force and torque at the origin of the base", (WRENCH,),
                    effect_of_zero=FREE, stream="effort", ros=Ros("wrench", newest=True)),
@@ -138,7 +140,8 @@ COMMANDS: dict[str, tuple[CommandRow, ...]] = {
                    (Argument("position, axes q, orientation q, gains", size=59),), stream="effort",
                    ros=Ros("impedance", newest=True)),
         CommandRow("body/set_cf_orientation_absolute", SETTING,
-                   "wrenches of the tip are in axes of the reference frame", (ON,), ros=BOOL),
+                   "wrenches that do not say whose axes they have are in those of the reference frame", (ON,),
+                   ros=BOOL),
         CommandRow("move_jp", MOTION, "move to these joint positions and stop there", (POSITION,),
                    move=True, ros=Ros("joint positions")),
         CommandRow("move_jr", MOTION, "move by these increments", (INCREMENT,), move=True, ros=Ros("joint positions")),

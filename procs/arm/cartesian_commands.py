@@ -46,8 +46,8 @@ class CartesianCommands:
             "servo_cs": ArmCommandRow(self._servo_cs, tip, (POSE + 2 * TWIST + 3,), streams=True),
             "move_cp": ArmCommandRow(self._move_cp, tip, (POSE,), moves=True),
             "move_cr": ArmCommandRow(self._move_cr, tip, (POSE,), moves=True),
-            "servo_cf": ArmCommandRow(self._body_servo_cf, tip, (TWIST, TWIST + 1), streams=True),
-            "body/servo_cf": ArmCommandRow(self._body_servo_cf, tip, (TWIST, TWIST + 1), streams=True),
+            "servo_cf": ArmCommandRow(self._body_servo_cf, tip, (TWIST, TWIST + 1, TWIST + 2), streams=True),
+            "body/servo_cf": ArmCommandRow(self._body_servo_cf, tip, (TWIST, TWIST + 1, TWIST + 2), streams=True),
             "spatial/servo_cf": ArmCommandRow(self._spatial_servo_cf, tip, (TWIST,), streams=True),
             "servo_ci": ArmCommandRow(self._servo_ci, tip, (IMPEDANCE,), streams=True),
             "body/set_cf_orientation_absolute": ArmCommandRow(self._set_absolute, sizes=(1,)),
@@ -179,13 +179,17 @@ class CartesianCommands:
         return control.pushed()
 
     def _body_servo_cf(self, request: Request) -> str:
-        """A seventh value is how long it lasts, in s, if that is less than efforts last anyway."""
+        """A seventh value is how long it lasts, in s, if that is less than efforts last anyway; an eighth, whose axes
+        it has: 1 the reference frame's, 0 the tip's.
+        """
         self.enter(request.name)
         values, lasts_ns, absolute = request.values, FOR_EVER_NS, self._control.cartesian.absolute
         if len(values) > TWIST:
             if not 0.0 < values[TWIST] <= MAX_S:
                 raise CommandRefused(f"it may last up to {MAX_S:g} s, not {values[TWIST]:g}")
             lasts_ns = round(values[TWIST] * 1e9)
+        if len(values) > TWIST + 1:
+            absolute = bool(values[TWIST + 1])
         return self._push_body(values[:TWIST], absolute=absolute, lasts_ns=lasts_ns)
 
     def _spatial_servo_cf(self, request: Request) -> str:
@@ -201,7 +205,6 @@ class CartesianCommands:
         if not control.cartesian.base_known:
             raise CommandRefused("the arm's base frame is not known")
         impedance = impedance_of(request.values)
-        control.cartesian.absolute = True
         control.push(Space.CARTESIAN).impede(impedance, control.now_ns)
         return control.pushed()
 

@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 
 JOINTS: Final = 4
 WRENCH_LASTS_S: Final = LATE_S  # forces on the masters end by themselves when we do
+IN_REFERENCE_FRAME: Final = 1.0
 LET_GO_NS: Final = 50_000_000  # the masters have gone to effort mode by then
 MAX_STEP: Final = 0.1  # rad, m: no hands carry a camera further in a cycle, but crossing they turn it over
 NEW_TURN: Final = 1e-3  # rad, m: masters are turned further when a joint of the camera has moved by as much
@@ -39,8 +40,8 @@ class TeleopEcm(Teleop):
         self.camera = Camera(record.scale(settings.scale), settings.camera_roll_offset)
         self._first_turns = np.zeros((2, 3, 3))
         self._turned, self._goal = np.zeros(JOINTS), np.zeros(JOINTS)
-        self._wrench, self._pose, self._turn = np.zeros(7), np.zeros(7), np.eye(4)
-        self._wrench[6] = WRENCH_LASTS_S
+        self._wrench, self._pose, self._turn = np.zeros(8), np.zeros(7), np.eye(4)
+        self._wrench[6:] = WRENCH_LASTS_S, IN_REFERENCE_FRAME
         field = record.field
         self._goal_shown, self._sent = field("goal_jp"), field("sent_ns")
         self._stamps = field("master_stamp_ns"), field("slave_stamp_ns")
@@ -66,7 +67,6 @@ class TeleopEcm(Teleop):
             self._begin_following()
         elif state is TeleopState.DISABLED:
             for master in self.masters:
-                self._calm(master)
                 master.hold()
 
     def run(self) -> None:
@@ -101,17 +101,10 @@ class TeleopEcm(Teleop):
         for turn, master in zip(self._first_turns, self.masters, strict=True):
             turn[...] = matrix_from_pose(master.measured)[:3, :3]
             if master.is_ready:
-                master.send("body/set_cf_orientation_absolute", (1.0,))
                 master.let_go()
                 master.send("lock_orientation")
         self._turned[...] = self.camera.goal
         self._let_go_ns = self.now_ns
-
-    def _calm(self, master: TeleopArm) -> None:
-        """No more forces, in axes of the tip from now on, as others expect them."""
-        master.let_go()
-        if master.is_ready and not master.is_silent:
-            master.send("body/set_cf_orientation_absolute", (0.0,))
 
     def _run_following(self) -> None:
         left, right = self.masters
@@ -154,7 +147,6 @@ class TeleopEcm(Teleop):
     def release(self) -> None:
         """See Teleop."""
         for master in self.masters:
-            self._calm(master)
             master.hold()
 
     def rescale(self, scale: float) -> None:

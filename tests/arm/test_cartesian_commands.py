@@ -186,6 +186,31 @@ def test_an_absolute_wrench_has_the_axes_of_the_reference_frame(harness: ArmHarn
     assert harness.arm.control.motion.effort[:6] == pytest.approx(harness.state["jacobian"][:, :6].T @ body)
 
 
+@pytest.mark.parametrize("setting", [0.0, 1.0])
+@pytest.mark.parametrize("absolute", [0.0, 1.0])
+def test_a_wrench_may_say_itself_whose_axes_it_has(harness: ArmHarness, setting: float, absolute: float) -> None:
+    harness.send("set_base_frame", QUARTER, "world")
+    harness.send("body/set_cf_orientation_absolute", (setting,))
+    assert harness.send("body/servo_cf", (0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.05, absolute)).outcomes == ["done"]
+    harness.run(0.01)
+    axes = matrix_from_pose(pose(harness))[:3, :3] if absolute else np.eye(3)
+    body = np.concatenate([axes.T @ (0.0, 0.0, 1.0), np.zeros(3)])
+    assert harness.arm.control.motion.effort[:6] == pytest.approx(harness.state["jacobian"][:, :6].T @ body)
+    assert harness.arm.control.cartesian.absolute is bool(setting), "that stays as it was set"
+    assert harness.send("body/servo_cf", (0.0,) * 7 + (0.5,)).outcomes == ["refused"]
+
+
+def test_an_impedance_leaves_the_axes_of_wrenches_as_they_were(harness: ArmHarness) -> None:
+    harness.send("set_base_frame", QUARTER, "world")
+    here, nothing = pose(harness), np.zeros(48)
+    assert harness.send("servo_ci", np.concatenate([here[:3], STRAIGHT, here[3:], nothing])).outcomes == ["done"]
+    harness.send("hold")
+    harness.send("body/servo_cf", (0.0, 0.0, 1.0, 0.0, 0.0, 0.0))
+    harness.run(0.01)
+    effort = harness.state["jacobian"][:, :6].T @ (0, 0, 1, 0, 0, 0)
+    assert harness.arm.control.motion.effort[:6] == pytest.approx(effort)
+
+
 def test_a_spatial_wrench_acts_at_the_origin_of_the_base(harness: ArmHarness) -> None:
     force, torque = np.array((0.3, 0.0, -0.5)), np.array((0.0, 0.01, 0.0))
     harness.send("spatial/servo_cf", (*force, *torque))

@@ -21,8 +21,14 @@ def harness() -> EcmHarness:
 
 def test_masters_are_let_go_with_their_orientations_locked(harness: EcmHarness) -> None:
     for name in ("MTML", "MTMR"):
-        assert harness.arms[name].words()[:4] == ["body/set_cf_orientation_absolute", "body/servo_cf",
-                                                  "use_gravity_compensation", "lock_orientation"]
+        assert harness.arms[name].words()[:3] == ["body/servo_cf", "use_gravity_compensation", "lock_orientation"]
+
+
+def test_a_process_that_is_killed_leaves_the_axes_of_the_masters_wrenches_as_they_were(harness: EcmHarness) -> None:
+    harness.run(0.005)
+    for name in ("MTML", "MTMR"):
+        assert not harness.arms[name].asked("body/set_cf_orientation_absolute")
+        assert {values[6:] for _, values, _ in harness.arms[name].asked("body/servo_cf")[1:]} == {(0.03, 1.0)}
 
 
 def test_the_ecm_goes_against_the_hands(harness: EcmHarness) -> None:
@@ -38,11 +44,10 @@ def test_hands_spread_are_pulled_together_with_forces_that_end(harness: EcmHarne
     harness.arms["MTML"].shift(0.01, 0, 0)
     harness.arms["MTMR"].shift(-0.01, 0, 0)
     harness.step()
-    assert harness.arms["MTML"].asked("body/servo_cf")[-1][1] == pytest.approx((-1.5, 0, 0, 0, 0, 0, 0.03), abs=1e-9)
-    assert harness.arms["MTMR"].asked("body/servo_cf")[-1][1] == pytest.approx((1.5, 0, 0, 0, 0, 0, 0.03), abs=1e-9)
+    assert harness.arms["MTML"].asked("body/servo_cf")[-1][1] == pytest.approx((-1.5, 0, 0, 0, 0, 0, 0.03, 1), abs=1e-9)
+    assert harness.arms["MTMR"].asked("body/servo_cf")[-1][1] == pytest.approx((1.5, 0, 0, 0, 0, 0, 0.03, 1), abs=1e-9)
     harness.state_command("disable")
-    assert harness.arms["MTML"].words()[-4:] == ["body/servo_cf", "use_gravity_compensation",
-                                                 "body/set_cf_orientation_absolute", "hold"]
+    assert harness.arms["MTML"].words()[-1] == "hold"
 
 
 def test_masters_elsewhere_are_refused_in_words() -> None:
