@@ -13,6 +13,7 @@ from procs.codes import INVERSE_KINEMATICS
 from procs.inputs import Input, RecordReader
 from procs.kinematics.poses import angle_between
 from procs.requests import Answer, Sender
+from procs.teleop.motion_check import MotionCheck
 from shm.origins import Origin
 
 Array = NDArray[np.float64]
@@ -38,15 +39,14 @@ class TeleopArm:
 
     `whole`: this cycle's record is good; `restarted`: another process writes it than in the last cycle; `rebased`: its
     base frame is another one; `is_in_hand`: the clutch on the arm itself is pressed; `refuses_goals`: it did not go to
-    the last goal it has answered; `fault`: why it is not to be believed from this cycle on, `doubt`: the same for as
-    long as it lasts, see ThirdPartyArm.
+    the last goal it has answered.
     """
 
     sets_pace = True
     """Its records come in time with ours."""
-    fault = doubt = ""
 
-    def __init__(self, name: str, record: Input, events: RecordReader, sender: Sender) -> None:
+    def __init__(self, name: str, record: Input, events: RecordReader, sender: Sender, *, is_master: bool) -> None:
+        """`is_master`: it is followed, so it has to move as a hand moves it; see MotionCheck."""
         self.name, self._record, self._events, self._sender = name, record, events, sender
         field = record.field
         self._state, self._homed, self._busy = field("state"), field("is_homed"), field("is_busy")
@@ -69,6 +69,7 @@ class TeleopArm:
         self._refusal, self._refused_ns = "", -SHOWN_NS
         self._limit, self._limited_ns = "", -LIMIT_SHOWN_NS
         self._enabled = self._is_homed = self._reported = self._is_busy = False
+        self._check = MotionCheck(name, self._pose, self.twist) if is_master else None
 
     # what is seen
 
@@ -79,6 +80,8 @@ class TeleopArm:
         self.restarted, self.stamp_ns = self._record.restarted, self._record.stamp_ns
         if self.restarted:
             self.is_moving = self.has_arrived = False
+            if self._check is not None:
+                self._check.forget()
         if self.whole:
             self._enabled, self._is_homed = self._state.item() == b"ENABLED", bool(self._homed)
             self._is_busy = bool(self._busy)
@@ -88,6 +91,9 @@ class TeleopArm:
             self._reported = bool(self._known) and math.isfinite(pose.dot(pose) + setpoint.dot(setpoint))
             if self._reported:
                 self.measured[...], self.setpoint[...] = pose, setpoint
+        if self._check is not None:
+            objection = self.objection() if self.whole else ""
+            self._check.look(self.stamp_ns, now_ns, known=self._reported, objection=objection)
         for answer in self._sender.poll():
             self._hear(answer)
 
@@ -103,6 +109,20 @@ class TeleopArm:
             self.rebased = not (math.dist(last[:3], base[:3]) <= BASE_STEP_M
                                 and angle_between(last, base) <= BASE_STEP_RAD)
             last[...] = base
+
+    def objection(self) -> str:
+        """Why its newest record is not to be believed, besides a jump; "": it may be."""
+        return ""
+
+    @property
+    def fault(self) -> str:
+        """Why it is not to be believed from this cycle on, "": it is."""
+        return self._check.fault if self._check is not None else ""
+
+    @property
+    def doubt(self) -> str:
+        """The same for as long as that lasts."""
+        return self._check.doubt if self._check is not None else ""
 
     @property
     def is_silent(self) -> bool:
@@ -126,8 +146,8 @@ class TeleopArm:
 
     @property
     def has_pose(self) -> bool:
-        """Its poses are known."""
-        return self._reported
+        """Its poses are known, and believed."""
+        return self._reported and not self.doubt
 
     @property
     def is_kinematic(self) -> bool:

@@ -45,16 +45,19 @@ def build(node: runtime.Node, record: RingWriter, faults: Cell) -> Teleop:
     there = row.console in {process.name for process in node.document.processes}
     operator = Operator(row.console, node.input(row.console) if there else None)
 
-    def arm(name: str) -> TeleopArm:
-        make = ThirdPartyArm if any(row.name == name for row in node.document.third_parties) else TeleopArm
-        return make(name, node.input(name), node.reads(name, "events"), node.commands(name))
+    def arm(name: str, *, is_master: bool = False) -> TeleopArm:
+        ends = node.input(name), node.reads(name, "events"), node.commands(name)
+        if any(row.name == name for row in node.document.third_parties):
+            return ThirdPartyArm(name, *ends)
+        return TeleopArm(name, *ends, is_master=is_master)
 
     if isinstance(row, PsmRow):
         own = TeleopRecord(record.field, "PSM", (row.mtm,), row.psm, row.console)
-        return TeleopPsm(row, arm(row.mtm), arm(row.psm), operator, own, node.events, jaw_range(node, row.psm),
+        return TeleopPsm(row, arm(row.mtm, is_master=True), arm(row.psm), operator, own, node.events, jaw_range(node, row.psm),
                          base_frame(node, row), faults=faults)
     own = TeleopRecord(record.field, "ECM", (row.mtml, row.mtmr), row.ecm, row.console)
-    return TeleopEcm(row, arm(row.mtml), arm(row.mtmr), arm(row.ecm), operator, own, node.events, faults=faults)
+    masters = arm(row.mtml, is_master=True), arm(row.mtmr, is_master=True)
+    return TeleopEcm(row, *masters, arm(row.ecm), operator, own, node.events, faults=faults)
 
 
 class TeleopLoop(runtime.Loop):

@@ -173,10 +173,10 @@ class Teleop:
             self._interrupt(codes.ARM_TIMEOUT, f"{arm.name} is silent", arm.name)
         elif arm.restarted:
             self._interrupt(codes.ARM_RESTARTED, f"{arm.name} was started anew", arm.name)
-        elif arm.fault:
-            self._interrupt(codes.ARM_IMPLAUSIBLE, arm.fault, arm.name)
         elif arm.rebased:
             self._interrupt(codes.BASE_FRAME, f"the base frame of {arm.name} was changed", arm.name)
+        elif arm.fault:
+            self._interrupt(codes.ARM_IMPLAUSIBLE, arm.fault, arm.name)
         elif arm.is_in_hand:
             self.events.report(codes.ARM_CLUTCHED, f"{self.name}: {arm.name} is moved by hand", arm.name)
             self._begin_anew()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from procs.codes import Code
 from procs.document.consoles import TeleopEcmConfig as EcmSettings
 from procs.document.consoles import TeleopPsmConfig as PsmSettings
 from procs.inputs import Input
-from procs.kinematics.poses import matrix_from_pose, pose_from_matrix
+from procs.kinematics.poses import angle_between, matrix_from_pose, pose_from_matrix
 from procs.teleop.arms import BaseFrame, TeleopArm
 from procs.teleop.ecm import TeleopEcm
 from procs.teleop.presence import Operator
@@ -29,6 +29,7 @@ from shm.topics import ARM_STATE, EVENTS, SUJ_STATE
 from tests.arm.fake_requests import FakeRequest
 
 PERIOD_NS = 1_000_000
+STEP_M, STEP_RAD = 0.001, 0.02  # of a move, or a hand, in one cycle
 SECOND = 1_000_000_000
 JAW = (math.radians(-40.0), math.radians(80.0))
 SMALL_JAW = (0.0, math.radians(30.0))
@@ -68,7 +69,7 @@ class Answer:
 
 
 class FakeTeleopArm:
-    """An arm that does at once what it is asked for, and remembers it."""
+    """An arm that does at once what it is asked for, but for moves, and remembers it."""
 
     def __init__(self, name: str) -> None:
         self.name, self.ring, self.events = name, FakeTeleopRing(ARM_STATE), FakeTeleopRing(EVENTS)
@@ -82,6 +83,7 @@ class FakeTeleopArm:
                       valid=True, control_mode=1, has_jaw=True, gripper_valid=True, tool=b"LND",
                       base_frame=(0, 0, 0, 0, 0, 0, 1))
         self.pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+        self._goal: tuple[int, np.ndarray] | None = None
 
     @property
     def pose(self) -> np.ndarray:
@@ -116,13 +118,37 @@ class FakeTeleopArm:
         if name in self.refuses:
             self.answers.append(Answer(number, "refused", self.refuses[name]))
             return number
+        if self.obeys and name == "move_cp":
+            self._goal = number, np.array(values)
+            self.answers.append(Answer(number, "accepted"))
+            self.ring.set(control_mode=1)
+            self.advance()
+            return number
         if self.obeys:
             self._do(name, values, text)
         self.answers.append(Answer(number, "done", self.says.get(name, "")))
         return number
 
+    def advance(self) -> None:
+        """A cycle of the move that is under way."""
+        if self._goal is None:
+            return
+        number, goal = self._goal
+        here = self.pose
+        left = max(math.dist(goal[:3], here[:3]) / STEP_M, angle_between(here, goal) / STEP_RAD)
+        if left <= 1.0:
+            self._goal = None
+            self.pose = goal
+            self.answers.append(Answer(number, "done", self.says.get("move_cp", "")))
+            return
+        near = goal if here[3:] @ goal[3:] >= 0.0 else np.append(goal[:3], -goal[3:])
+        on_way = here + (near - here) / left
+        self.pose = np.append(on_way[:3], on_way[3:] / np.linalg.norm(on_way[3:]))
+
     def _do(self, name: str, values: Any, text: str) -> None:
-        if name in ("servo_cp", "move_cp"):
+        if name != "use_gravity_compensation":
+            self._goal = None
+        if name == "servo_cp":
             self.pose = np.array(values[:7])
             self.ring.set(control_mode=1)
         elif name == "jaw/servo_jp":
@@ -148,8 +174,8 @@ class FakeTeleopArm:
     def words(self) -> list[str]:
         return [text or name for name, _, text in self.sent]
 
-    def seen(self) -> TeleopArm:
-        return TeleopArm(self.name, Input(self.ring), self.events, self)
+    def seen(self, *, is_master: bool = False) -> TeleopArm:
+        return TeleopArm(self.name, Input(self.ring), self.events, self, is_master=is_master)
 
 
 class Reports:
@@ -204,7 +230,7 @@ class TeleopHarness:
         record = TeleopRecord(self.record.field, "PSM", ("MTMR",), "PSM1", "console")
         range_of: Callable[[str], tuple[float, float] | None] = {"LND": JAW, "SMALL": SMALL_JAW, "HOOK": NO_JAW}.get
         carrier = "ECM" if self.setup is None else "SUJ"
-        return TeleopPsm(PsmSettings("MTMR_PSM1", "MTMR", "PSM1", 0.001, "console", **values), self.master.seen(),
+        return TeleopPsm(PsmSettings("MTMR_PSM1", "MTMR", "PSM1", 0.001, "console", **values), self.master.seen(is_master=True),
                          self.slave.seen(), operator, record, self.reports, range_of,
                          BaseFrame(carrier, Input(self.base), self.setup) if self.base else None, faults=self.faults)
 
@@ -219,6 +245,7 @@ class TeleopHarness:
     def step(self, *requests: FakeRequest) -> None:
         self.now_ns += PERIOD_NS
         for arm in self.arms.values():
+            arm.advance()
             if arm.alive:
                 arm.ring.stamp_ns = self.now_ns - 300_000
         if self.console is not None and self.console_alive:
@@ -226,6 +253,15 @@ class TeleopHarness:
         if self.base is not None:
             self.base.stamp_ns = self.now_ns
         self.teleop.step(self.now_ns, requests)
+
+    def lead(self, *by: float, turn: float = 0.0, axis: int = 0, of: Sequence[str] = ()) -> None:
+        """A hand leads all masters, or those of these names, no faster than hands do."""
+        cycles = math.ceil(max(math.hypot(*by) / STEP_M, abs(turn) / STEP_RAD))
+        for _ in range(cycles):
+            for name in of or self.names[:-1]:
+                self.arms[name].shift(*(each / cycles for each in (by or (0.0, 0.0, 0.0))))
+                self.arms[name].turn(axis, turn / cycles)
+            self.step()
 
     def run(self, seconds: float) -> None:
         for _ in range(round(seconds * SECOND / PERIOD_NS)):
@@ -272,6 +308,6 @@ class EcmHarness(TeleopHarness):
         self.arms["MTMR"].pose = (-0.15, -0.05, 0.40, 0, 0, 0, 1)
         self.slave.ring.field("setpoint_position")[:4] = (0.0, 0.0, 0.12, 0.0)
         record = TeleopRecord(self.record.field, "ECM", ("MTML", "MTMR"), "ECM", "console")
-        left, right, slave = (arm.seen() for arm in self.arms.values())
+        left, right, slave = (arm.seen(is_master=arm is not self.slave) for arm in self.arms.values())
         settings = EcmSettings("MTML_MTMR_ECM", "MTML", "MTMR", "ECM", 0.001, "console", **self.settings)
         return TeleopEcm(settings, left, right, slave, operator, record, self.reports, faults=self.faults)

@@ -11,16 +11,8 @@ import pytest
 
 from procs.inputs import Input
 from procs.teleop.arms import LIMIT_SHOWN_NS, MAX_GOALS, SHOWN_NS, BaseFrame, TeleopArm
-from procs.teleop.third_party import (
-    FASTEST_M_S,
-    FASTEST_RAD_S,
-    MAX_STEP_NS,
-    STEADY_NS,
-    STEP_M,
-    STEP_RAD,
-    UNIT,
-    ThirdPartyArm,
-)
+from procs.teleop.motion_check import MAX_M_S, MAX_RAD_S, MAX_STEP_NS, STEADY_NS, STEP_M, STEP_RAD
+from procs.teleop.third_party import UNIT, ThirdPartyArm
 from shm.operator_topics import THIRD_PARTY_STATE
 from shm.topics import ARM_STATE, SUJ_STATE
 from tests.teleop.harness import Answer, FakeTeleopArm, FakeTeleopRing
@@ -252,29 +244,29 @@ class LoneProgram(Watched):
 
 @pytest.mark.parametrize("after_ms", [1.0, 10.0, 30.0])
 def test_a_step_may_be_as_long_as_a_hand_goes_in_that_time(after_ms: float) -> None:
-    way, turn = FASTEST_M_S * after_ms * 1e-3 + STEP_M, FASTEST_RAD_S * after_ms * 1e-3 + STEP_RAD
+    way, turn = MAX_M_S * after_ms * 1e-3 + STEP_M, MAX_RAD_S * after_ms * 1e-3 + STEP_RAD
     for metres, angle, what in ((way - 1e-6, 0.0, ""), (way + 1e-6, 0.0, "MTMR jumped by"), (0.0, turn - 1e-6, ""),
-                                (0.0, turn + 1e-6, "°, a hand's turn is 15 rad/s")):
+                                (0.0, turn + 1e-6, "°; a hand turns at 30 rad/s")):
         program = LoneProgram()
         assert what in program.go(metres, angle, after_ms) and bool(program.arm.fault) is bool(what)
     late = LoneProgram()
-    assert late.go(FASTEST_M_S * MAX_STEP_NS * 1e-9 + STEP_M + 1e-6, 0.0, 25.0 + after_ms) or after_ms < 5.0
+    assert late.go(MAX_M_S * MAX_STEP_NS * 1e-9 + STEP_M + 1e-6, 0.0, 25.0 + after_ms) or after_ms < 5.0
 
 
 def test_what_a_step_may_have_on_top_is_used_up_and_comes_back() -> None:
     program = LoneProgram()
-    way = FASTEST_M_S * 0.010
+    way = MAX_M_S * 0.010
     assert not program.go(way + 0.6 * STEP_M, 0.0) and program.go(way + 0.6 * STEP_M, 0.0)
     program = LoneProgram()
     assert not program.go(way + 0.6 * STEP_M, 0.0) and not program.go(0.0, 0.0) and not program.go(way + STEP_M, 0.0)
-    turn = FASTEST_RAD_S * 0.010
+    turn = MAX_RAD_S * 0.010
     program = LoneProgram()
     assert not program.go(0.0, turn + 0.6 * STEP_RAD) and program.go(0.0, turn + 0.6 * STEP_RAD)
 
 
 def test_a_twist_is_too_fast_beyond_what_a_hand_does() -> None:
-    for linear, angular, wrong in ((FASTEST_M_S, 0.0, ""), (FASTEST_M_S + 1e-6, 0.0, "2 m/s, 0 rad/s"),
-                                   (0.0, FASTEST_RAD_S, ""), (0.0, FASTEST_RAD_S + 1e-5, "0 m/s, 15 rad/s"),
+    for linear, angular, wrong in ((MAX_M_S, 0.0, ""), (MAX_M_S + 1e-6, 0.0, "2 m/s, 0 rad/s"),
+                                   (0.0, MAX_RAD_S, ""), (0.0, MAX_RAD_S + 1e-5, "0 m/s, 30 rad/s"),
                                    (math.nan, 0.0, "nan m/s"), (0.0, math.nan, "nan rad/s")):
         for axis in range(3):
             twist = np.zeros(6)

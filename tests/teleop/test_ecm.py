@@ -32,18 +32,17 @@ def test_a_process_that_is_killed_leaves_the_axes_of_the_masters_wrenches_as_the
 
 
 def test_the_ecm_goes_against_the_hands(harness: EcmHarness) -> None:
-    for name in ("MTML", "MTMR"):
-        harness.arms[name].shift(0.02, 0, 0)
-    harness.step()
+    harness.lead(0.02, 0, 0)
     assert harness.slave.asked("servo_jp")[-1][1] == pytest.approx((-0.049958, 0, 0.12 - 0.000099, 0), abs=1e-6)
     assert harness.record.field("goal_jp")[0] == pytest.approx(-0.049958, abs=1e-6)
     assert harness.arms["MTML"].asked("lock_orientation")[-1][1][1] == pytest.approx(np.sin(0.049958 / 2), abs=1e-6)
 
 
 def test_hands_spread_are_pulled_together_with_forces_that_end(harness: EcmHarness) -> None:
-    harness.arms["MTML"].shift(0.01, 0, 0)
-    harness.arms["MTMR"].shift(-0.01, 0, 0)
-    harness.step()
+    for _ in range(10):
+        harness.arms["MTML"].shift(0.001, 0, 0)
+        harness.arms["MTMR"].shift(-0.001, 0, 0)
+        harness.step()
     assert harness.arms["MTML"].asked("body/servo_cf")[-1][1] == pytest.approx((-1.5, 0, 0, 0, 0, 0, 0.03, 1), abs=1e-9)
     assert harness.arms["MTMR"].asked("body/servo_cf")[-1][1] == pytest.approx((1.5, 0, 0, 0, 0, 0, 0.03, 1), abs=1e-9)
     harness.state_command("disable")
@@ -61,8 +60,8 @@ def test_masters_elsewhere_are_refused_in_words() -> None:
 def test_the_clutch_begins_from_a_new_place(harness: EcmHarness) -> None:
     harness.send("clutch", 1)
     assert not harness.following and harness.slave.words()[-1] == "hold"
-    harness.arms["MTML"].shift(0, 0.05, 0)
     harness.forget()
+    harness.lead(0, 0.05, 0, of=("MTML",))
     harness.run(0.02)
     assert not harness.slave.sent
     harness.send("clutch", 0)
@@ -72,9 +71,7 @@ def test_the_clutch_begins_from_a_new_place(harness: EcmHarness) -> None:
 
 
 def test_another_scale_moves_nothing(harness: EcmHarness) -> None:
-    for name in ("MTML", "MTMR"):
-        harness.arms[name].shift(0.0, 0, 0.05)
-    harness.step()
+    harness.lead(0.0, 0, 0.05)
     before = harness.slave.asked("servo_jp")[-1][1]
     assert harness.send("set_scale", 0.5).outcomes == ["done"]
     assert harness.slave.asked("servo_jp")[-1][1] == pytest.approx(before, abs=1e-9)
@@ -104,7 +101,7 @@ def test_masters_that_are_played_are_left_to_who_moves_them(harness: EcmHarness)
     for name in ("MTML", "MTMR"):
         harness.arms[name].ring.set(simulated=True)
     harness.forget()
-    harness.arms["MTML"].shift(0.02, 0, 0)
+    harness.lead(0.02, 0, 0, of=("MTML",))
     harness.run(0.1)
     assert harness.slave.asked("servo_jp") and not harness.arms["MTML"].sent
 

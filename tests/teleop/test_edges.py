@@ -191,12 +191,15 @@ def test_only_masters_that_forces_move_are_pushed(which: str, pushed: str) -> No
     assert not harness.arms[which].asked("body/servo_cf") and len(harness.arms[pushed].asked("body/servo_cf")) == 3
 
 
-@pytest.mark.parametrize(("sideways", "stops"), [(0.0401, False), (0.0403, True)])
+@pytest.mark.parametrize(("sideways", "stops"), [(0.00501, False), (0.00503, True)])
 def test_a_camera_that_would_jump_by_a_tenth_of_a_radian_stays(sideways: float, stops: bool) -> None:
-    harness = EcmHarness().follow()
+    harness = EcmHarness()
+    for name in ("MTML", "MTMR"):
+        harness.arms[name].shift(0.0, 0.0, -0.35)
+    harness.follow()
     for name in ("MTML", "MTMR"):
         harness.arms[name].shift(sideways, 0.0, 0.0)
-    assert math.atan(sideways / 0.4) == pytest.approx(0.1, abs=0.001)
+    assert math.atan(sideways / 0.05) == pytest.approx(0.1, abs=0.001)
     harness.step()
     assert harness.following is not stops
     assert ("the camera would jump" in harness.text("reason")) is stops

@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from procs.kinematics.forward import Kinematics
+from procs.kinematics.poses import pose_from_matrix
+from procs.teleop.motion_check import MotionCheck
+from tests import stock
 from tests.arm.fake_requests import FakeRequest
 from tests.teleop.harness import EcmHarness, TeleopHarness
 from tests.teleop.test_problems import show
@@ -52,7 +58,9 @@ def test_an_arm_moved_by_hand_is_not_followed_with_or_by(following: TeleopHarnes
     following.run(0.01)
     assert following.text("reason") == f"waiting: {which} is moved by hand"
     assert not following.slave.asked("state_command") and not following.reports.of("error")
-    arm.shift(0.05, 0.0, 0.0)
+    for _ in range(50):
+        arm.shift(0.001, 0.0, 0.0)
+        following.step()
     arm.ring.set(sub_state=b"HOMED", is_busy=False)
     following.run(0.05)
     assert not following.following
@@ -66,14 +74,12 @@ def test_what_a_slave_refused_is_not_caught_up_with(following: TeleopHarness) ->
     following.slave.obeys = False
     following.slave.refuses["servo_cp"] = "the instrument needs to be inserted past the cannula"
     following.step()
-    following.master.shift(0.1, 0.0, 0.0)
-    following.run(0.005)
+    following.lead(0.1, 0.0, 0.0)
     following.slave.obeys = True
     following.slave.refuses.clear()
     following.run(0.02)
     assert following.following and following.slave.pose == pytest.approx(before, abs=1e-9)
-    following.master.shift(0.01, 0.0, 0.0)
-    following.step()
+    following.lead(0.01, 0.0, 0.0)
     assert following.following and following.slave.pose[0] == pytest.approx(before[0] + 0.002)
 
 
@@ -182,3 +188,51 @@ def test_hands_that_cross_do_not_throw_the_camera_over() -> None:
         assert np.abs(goal - last).max() < 0.1
         last = goal
     assert not harness.following and harness.text("reason").startswith("the camera would jump")
+
+
+@pytest.mark.parametrize("turns", [False, True])
+def test_the_slave_does_not_follow_a_master_whose_encoder_jumps(following: TeleopHarness, turns: bool) -> None:
+    before = following.slave.pose
+    if turns:
+        following.master.turn(2, 60 * DEGREE)
+    else:
+        following.master.shift(0.1, 0.0, 0.0)
+    following.run(0.01)
+    assert following.slave.pose == pytest.approx(before, abs=1e-12) and not following.following
+    (reported,) = following.reports.of("error")
+    assert reported.startswith("MTMR_PSM1: MTMR jumped by " + ("60°" if turns else "100 mm"))
+    show(following)
+    assert not following.following, "it is not believed so soon"
+    following.run(0.5)
+    show(following)
+    assert following.following and following.slave.pose == pytest.approx(before, abs=1e-9), "from where it is now"
+    following.lead(0.01, 0.0, 0.0)
+    assert following.slave.pose[0] == pytest.approx(before[0] + 0.002)
+
+
+@pytest.mark.parametrize("which", ["MTML", "MTMR"])
+def test_the_camera_does_not_follow_a_master_whose_encoder_jumps(which: str) -> None:
+    harness = EcmHarness().follow()
+    before = harness.slave.ring.field("setpoint_position").copy()
+    harness.arms[which].shift(0.0, 0.02, 0.0)
+    harness.step()
+    assert not harness.following and np.array_equal(harness.slave.ring.field("setpoint_position"), before)
+    harness.run(0.6)
+    assert harness.following and np.allclose(harness.slave.ring.field("setpoint_position"), before)
+
+
+def test_a_real_master_that_moves_all_its_joints_as_fast_as_it_can_is_believed(data: Callable[[str], Path]) -> None:
+    kinematics = Kinematics(stock.chain("MTML"))
+    rows = np.loadtxt(data("real/mtm_measured_one.csv"), delimiter=",")
+    pose, twist = np.zeros(7), np.zeros(6)
+    check, now_ns = MotionCheck("MTML", pose, twist), 0
+    for row in rows:  # sampled unevenly: how it goes on from each follows from its speed there
+        joints, speeds = row[:7], row[7:14]
+        check.forget()
+        for _ in range(5):
+            now_ns += 1_000_000
+            pose[...] = pose_from_matrix(kinematics.fk(joints, np.eye(4)))
+            twist[...] = kinematics.body_jacobian(joints) @ speeds
+            check.look(now_ns, now_ns, known=True)
+            assert not check.fault
+            joints = joints + 0.001 * speeds

@@ -58,9 +58,7 @@ def test_a_process_that_is_started_again_keeps_the_scale_that_a_person_gave_it(m
     harness.follow()
     assert harness.record.field("scale") == 0.05
     before = harness.slave.pose
-    for name in harness.names[:-1]:
-        harness.arms[name].shift(0.0, 0.0, 0.01)
-    harness.step()
+    harness.lead(0.0, 0.0, 0.01)
     if made is TeleopHarness:
         assert harness.slave.pose[2] - before[2] == pytest.approx(0.0005)
 

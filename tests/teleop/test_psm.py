@@ -24,7 +24,7 @@ def harness() -> TeleopHarness:
 def test_it_aligns_the_master_and_then_follows(harness: TeleopHarness) -> None:
     harness.master.pose = TWISTED
     harness.state_command("enable")
-    harness.run(0.01)
+    harness.run(0.1)
     assert harness.reports.of("current_state") == ["SETTING_ARMS_STATE", "ALIGNING_MTM", "ENABLED"]
     moved = harness.master.asked("move_cp")[0][1]
     assert moved == pytest.approx((0.1, 0.0, 0.2, 0, 0, 0, 1))
@@ -36,13 +36,11 @@ def test_it_aligns_the_master_and_then_follows(harness: TeleopHarness) -> None:
 def test_the_slave_goes_a_fifth_of_the_way_with_its_velocity(harness: TeleopHarness) -> None:
     harness.follow()
     harness.master.ring.set(measured_cv=(0.1, -0.05, 0.2, 1, 2, 3))
-    harness.master.shift(0.010, -0.005, 0.020)
-    harness.step()
+    harness.lead(0.010, -0.005, 0.020)
     _, values, _ = harness.slave.asked("servo_cp")[-1]
     assert values[:3] == pytest.approx((0.002, -0.001, -0.096))
     assert values[7:] == pytest.approx((0.02, -0.01, 0.04, 0, 0, 0))
-    harness.master.turn(2, 0.3)
-    harness.step()
+    harness.lead(turn=0.3, axis=2)
     goal = np.array(harness.slave.asked("servo_cp")[-1][1][:7])
     assert angle_between(np.array((0, 0, 0, 0, 0, 0, 1.0)), goal) == pytest.approx(0.3)
     assert harness.record.field("goal_cp")[:3] == pytest.approx((0.002, -0.001, -0.096))
@@ -121,17 +119,13 @@ def test_without_alignment_the_master_stays_where_it_is() -> None:
 
 def test_changes_of_scale_and_locks_move_nothing(harness: TeleopHarness) -> None:
     harness.follow()
-    harness.master.shift(0.01, 0.02, 0.03)
-    harness.master.turn(0, 0.2)
-    harness.step()
+    harness.lead(0.01, 0.02, 0.03, turn=0.2)
     before = harness.slave.pose
     for command, value in (("set_scale", 0.7), ("lock_rotation", 1), ("lock_translation", 1), ("lock_translation", 0)):
         assert harness.send(command, value).outcomes == ["done"]
         harness.step()
         assert harness.slave.pose == pytest.approx(before, abs=1e-9)
-    harness.master.turn(0, 0.2)
-    harness.master.shift(0.01, 0, 0)
-    harness.step()
+    harness.lead(0.01, 0, 0, turn=0.2)
     assert harness.slave.pose[3:] == pytest.approx(before[3:], abs=1e-9)
     assert harness.slave.pose[0] == pytest.approx(before[0] + 0.007)
     assert "lock_orientation" in harness.master.words()
@@ -140,10 +134,10 @@ def test_changes_of_scale_and_locks_move_nothing(harness: TeleopHarness) -> None
 def test_unlocking_the_rotation_aligns_again(harness: TeleopHarness) -> None:
     harness.follow()
     harness.send("lock_rotation", 1)
-    harness.master.turn(0, 0.5)
+    harness.lead(turn=0.5)
     harness.reports.reported.clear()
     harness.send("lock_rotation", 0)
-    harness.run(0.01)
+    harness.run(0.1)
     assert harness.reports.of("current_state") == ["DISABLED", "SETTING_ARMS_STATE", "ALIGNING_MTM", "ENABLED"]
     assert harness.master.asked("move_cp")
 
@@ -163,15 +157,13 @@ def test_the_clutch_holds_the_slave_and_goes_on_without_a_jump() -> None:
     assert "hold" in harness.slave.words()
     assert harness.master.words() == ["body/servo_cf", "use_gravity_compensation", "lock_orientation"]
     harness.forget()
-    harness.master.shift(0.1, 0.0, 0.0)
-    harness.run(0.1)
+    harness.lead(0.1, 0.0, 0.0)
     assert not harness.slave.sent and harness.slave.pose == pytest.approx(before)
     harness.send("clutch", 0)
     harness.run(0.01)
     assert harness.following  # presence need not be shown again
     assert harness.slave.pose == pytest.approx(before, abs=1e-9)
-    harness.master.shift(0.01, 0.0, 0.0)
-    harness.step()
+    harness.lead(0.01, 0.0, 0.0)
     assert harness.slave.pose[0] == pytest.approx(before[0] + 0.002)
 
 

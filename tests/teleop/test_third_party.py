@@ -9,7 +9,8 @@ import pytest
 
 from procs.inputs import Input
 from procs.teleop.arms import TeleopArm
-from procs.teleop.third_party import STEP_RAD, ThirdPartyArm
+from procs.teleop.motion_check import STEP_RAD
+from procs.teleop.third_party import ThirdPartyArm
 from shm.operator_topics import THIRD_PARTY_STATE
 from tests.teleop.harness import EcmHarness, FakeTeleopArm, FakeTeleopRing, TeleopHarness
 
@@ -25,7 +26,7 @@ class Program(FakeTeleopArm):
         self.ring.set(state=b"ENABLED", is_homed=True, reference_valid=True, gripper_valid=True, simulated=True)
         self.pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
-    def seen(self) -> TeleopArm:
+    def seen(self, *, is_master: bool = False) -> TeleopArm:
         return ThirdPartyArm(self.name, Input(self.ring), self.events, self)
 
 
@@ -194,7 +195,7 @@ def test_a_master_that_turns_away_in_small_jumps_is_not_followed(stage: ThirdPar
     for _ in range(5):
         stage.master.turn(2, 0.6 * STEP_RAD)
         stage.step()
-    assert not stage.following and any("a hand's turn is" in text for text in stage.reports.of("error"))
+    assert not stage.following and any("a hand turns at" in text for text in stage.reports.of("error"))
 
 
 def test_a_jaw_that_is_no_number_is_none() -> None:

@@ -143,6 +143,8 @@ class TeleopPlay:
         self.mishaps.step()
         self.move()
         requests = self.ask()
+        for arm in harness.arms.values():
+            arm.advance()
         harness.now_ns += self.chance.choice(STEPS_MS) * MS
         alive = [arm.ring for arm in harness.arms.values() if arm.alive]
         rings = [*alive, *(ring for ring in (harness.base,) if ring is not None)]

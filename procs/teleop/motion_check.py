@@ -1,0 +1,83 @@
+"""Whether a master moves as a hand can move it: one rule for all masters, ours and those of third parties.
+
+A pose that cannot be reached from the one before is a fault, and so is a twist too fast: following ends, and restarts
+only after STEADY_NS without a fault.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.inputs import LATE_NS
+from procs.kinematics.poses import angle_between
+
+Array = NDArray[np.float64]
+
+# A hand is slower than this, also where it rolls a master between two fingers; an encoder that jumps, or a tracker
+# that lost its way, is faster. What a step may have on top is for coarse resolution and records that were late.
+MAX_M_S: Final = 2.0
+MAX_RAD_S: Final = 30.0
+STEP_M: Final = 0.005
+STEP_RAD: Final = 0.1
+MAX_STEP_NS: Final = LATE_NS  # a record that comes later is from a master that was silent
+STEADY_NS: Final = 500_000_000  # so long without a fault until it is believed again
+
+
+class MotionCheck:
+    """`fault`: why a master is not to be believed from this cycle on; `doubt`: the same for as long as it lasts."""
+
+    def __init__(self, name: str, pose: Array, twist: Array) -> None:
+        """`pose` (7,) and `twist` (6,) of the tip, in the reference frame, are views on its newest record."""
+        self._name, self._pose, self._twist = name, pose, twist
+        self.fault = self.doubt = ""
+        self._last = np.zeros(7)
+        self._has_last = False
+        self._stamp_ns = self._seen_ns = self._steady_ns = 0
+        self._room_m, self._room_rad = STEP_M, STEP_RAD  # left: a master that is always too fast uses them up
+
+    def forget(self) -> None:
+        """It may be anywhere: the next pose is compared with nothing."""
+        self._has_last = False
+
+    def look(self, stamp_ns: int, now_ns: int, *, known: bool, objection: str = "") -> None:
+        """Once a cycle. `known`: its pose is, `objection`: what else is wrong with the record of this stamp."""
+        self.fault = ""
+        if stamp_ns != self._stamp_ns:
+            wrong = self._judge(stamp_ns, now_ns, known) or objection
+            if wrong:
+                if now_ns >= self._steady_ns:  # the first: it is reported once, however many follow
+                    self.fault = self.doubt = wrong
+                self._steady_ns = now_ns + STEADY_NS
+            self._stamp_ns, self._seen_ns = stamp_ns, now_ns
+        if now_ns >= self._steady_ns:
+            self.doubt = ""
+
+    def _judge(self, stamp_ns: int, now_ns: int, known: bool) -> str:
+        had_last, self._has_last = self._has_last, known
+        if not known:
+            return ""
+        passed_ns = max(stamp_ns - self._stamp_ns, now_ns - self._seen_ns)
+        wrong = self._jump(min(passed_ns, MAX_STEP_NS) * 1e-9) if had_last else ""
+        self._last[...] = self._pose
+        return wrong or self._speed()
+
+    def _jump(self, passed_s: float) -> str:
+        far, turn = math.dist(self._pose[:3], self._last[:3]), angle_between(self._pose, self._last)
+        room_m, room_rad = self._room_m + MAX_M_S * passed_s - far, self._room_rad + MAX_RAD_S * passed_s - turn
+        self._room_m = STEP_M if room_m < 0.0 else min(room_m, STEP_M)
+        self._room_rad = STEP_RAD if room_rad < 0.0 else min(room_rad, STEP_RAD)
+        if room_m < 0.0:
+            return f"{self._name} jumped by {far * 1e3:.0f} mm; a hand moves at {MAX_M_S:g} m/s at most"
+        if room_rad < 0.0:
+            return f"{self._name} jumped by {math.degrees(turn):.0f}°; a hand turns at {MAX_RAD_S:g} rad/s at most"
+        return ""
+
+    def _speed(self) -> str:
+        linear, angular = math.hypot(*self._twist[:3]), math.hypot(*self._twist[3:])
+        if linear <= MAX_M_S and angular <= MAX_RAD_S:  # not a number fails, too
+            return ""
+        return f"{self._name} says it goes at {linear:g} m/s, {angular:g} rad/s"
