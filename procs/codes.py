@@ -308,6 +308,12 @@ ARM_CLUTCHED: Final = Code(
 ARM_NOT_READY: Final = Code(
     "arm-not-ready", ERROR, "teleop", "one of its arms is no longer enabled and homed",
     "trocar home NAME, then enable teleoperation again")
+ARM_STOPPED: Final = Code(
+    "arm-stopped", WARNING, "teleop", "another program stopped one of its arms; teleoperation has ended",
+    "press the pedal again, or enable teleoperation again")
+ARM_TAKEN: Final = Code(
+    "arm-taken", WARNING, "teleop", "another program moves a master, or made it hold; following has stopped",
+    "end that program and show presence again")
 ARM_SETUP_TIMEOUT: Final = Code(
     "arm-setup-timeout", ERROR, "teleop", "one of its arms did not get enabled and homed in time",
     "trocar home NAME, then enable teleoperation again")

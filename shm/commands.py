@@ -156,6 +156,7 @@ COMMANDS: dict[str, tuple[CommandRow, ...]] = {
         CommandRow("jaw/servo_jf", MOTION, "apply this jaw effort; from position control the arm goes limp",
                    (Argument("effort", "N·m"),), stream="jaw", types=PSM, ros=Ros("joint efforts", newest=True)),
         CommandRow("hold", MOTION, "stay at the present setpoint", stops=(ANY,), ros=EMPTY),
+        CommandRow("end_stream", SETTING, "hold, if what the arm does now was asked for by the same program"),
         CommandRow("free", MOTION, "zero efforts; gravity compensation stays", ros=EMPTY),
         CommandRow("trajectory_j/set_ratio", SETTING, "speed and acceleration of moves", (RATIO,), ros=Ros("number")),
         CommandRow("trajectory_j/set_ratio_v", SETTING, "speed of moves", (RATIO,), ros=Ros("number")),

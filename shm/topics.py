@@ -240,6 +240,8 @@ ARM_STATE = Topic(
         Field("control_mode", "u1", "", "0 none, 1 position, 2 trajectory, 3 effort"),
         Field("control_space", "u1", "", "0 none, 1 joint, 2 Cartesian: what the goals in force were given in"),
         Field("bias_generation", "<u4", "", "bias generation the homing belongs to, 0: not homed"),
+        Field("stops", "<u4", "", "stops (hold, pause, disable) since its process began"),
+        Field("stopped_by", "S48", "", "who sent the last one"),
         Field("simulated", "?", "", "KINEMATIC: there is no robot, its joints are ideal"),
         Field("tool", "S40", "", "instrument, empty: none is known to be on"),
         Field("adapter", "u1", "", "PSM, sterile adapter: "

@@ -67,11 +67,15 @@ class ArmCommands:
 
     def _one(self, request: Request) -> None:
         row = self._rows.get(request.name)
+        if request.command.is_stop(request.text, request.values):
+            what = f"{request.name} {request.text}".rstrip()
+            self._control.record.show_stop(f"{request.origin.program or 'another program'} ({what})")
         if carry_out(request, self._do, self._control.joints.count):
             if row is not None and row.moves:
                 self._control.machine.publish_refused_move()
         elif row is not None and row.ready is not Ready.ALWAYS:
             self._streamed_ns = self._control.now_ns if row.streams and self._timeout_ns else 0
+            self._control.leader = request.sender if row.streams or row.moves else None
 
     def _do(self, request: Request) -> str | None:
         row = self._rows.get(request.name)

@@ -26,6 +26,7 @@ from procs.codes import Code
 from procs.document.system import ArmConfig
 from procs.faults import FaultReport
 from procs.requests import ANSWERED, CommandRefused, Reports, Request
+from shm.origins import SenderId
 
 Array = NDArray[np.float64]
 
@@ -78,6 +79,8 @@ class Control:
         self.homed_generation = 0
         self.held = False
         """A successor found the joint controller on, in no state for it: it just holds."""
+        self.leader: SenderId | None = None
+        """Whose command the arm carries out, None: it holds or is free."""
         self.now_ns = 0
         self.posed_ns, self._poses_from_ns = -STREAM_NS, 0
         """When a goal of a stream of poses was last followed."""

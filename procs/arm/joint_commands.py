@@ -5,11 +5,12 @@ from __future__ import annotations
 from procs.arm.commands import ArmCommandRow, N, Ready, Table
 from procs.arm.control import Control
 from procs.arm.motion import Mode, Space
+from procs.arm.states import ArmState
 from procs.requests import Request
 
 
 class JointCommands:
-    """servo and move in positions, increments, velocities and efforts; hold and free."""
+    """servo and move in positions, increments, velocities and efforts; hold, free, and the end of a stream."""
 
     def __init__(self, control: Control) -> None:
         self._control = control
@@ -22,6 +23,7 @@ class JointCommands:
             "move_jp": ArmCommandRow(self._move_jp, joint, one, moves=True),
             "move_jr": ArmCommandRow(self._move_jr, joint, one, moves=True),
             "hold": ArmCommandRow(self._hold, joint),
+            "end_stream": ArmCommandRow(self._end_stream),
             "free": ArmCommandRow(self._free, joint),
         }
 
@@ -61,6 +63,12 @@ class JointCommands:
         control = self._control
         control.stop(control.io.setpoint, Mode.POSITION, "replaced by hold")
         control.motion.space = Space.JOINT
+
+    def _end_stream(self, request: Request) -> None:
+        control = self._control
+        if control.leader == request.sender and control.machine.state is ArmState.HOMED:
+            control.leader = None
+            control.stop(control.here, Mode.POSITION, "its program has ended it")
 
     def _free(self, _: Request) -> None:
         self._control.push(Space.JOINT).rest()

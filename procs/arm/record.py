@@ -36,6 +36,8 @@ class ArmRecord:
         self._ratios = (field("trajectory_ratio"), field("trajectory_ratio_v"), field("trajectory_ratio_a"))
         self._gravity = field("gravity_effort")
         self._reason, self._why = field("reason"), "?"
+        self._stops, self._stopped_by = field("stops"), field("stopped_by")
+        self._stops[...], self._stopped_by[...] = 0, b""
         self._shown: Shown | None = None
         self._is_blank, self._is_new, self._borne = False, True, b""
         field("simulated")[...] = simulated
@@ -88,6 +90,11 @@ class ArmRecord:
         if reason != self._why:
             self._why = reason
             self._reason[...] = shorten(reason, self._reason.dtype.itemsize)
+
+    def show_stop(self, who: str) -> None:
+        """A stop has come from `who`."""
+        self._stops += 1
+        self._stopped_by[...] = shorten(who, self._stopped_by.dtype.itemsize)
 
     def show_motion(self, gravity: Array) -> None:
         """Joint values; zero and invalid unless powered, biased and fresh. `gravity` (size,): efforts against it."""

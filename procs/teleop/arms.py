@@ -26,7 +26,7 @@ JAW: Final = "jaw"  # at its limit whenever the gripper is wide open: not worth 
 NO_FAULTS: Final = frozenset((INVERSE_KINEMATICS.code.encode(),))
 """Codes of errors that are about a command: it was refused, and nothing is wrong with the arm."""
 ERROR: Final = 3  # severity of events
-POSITION: Final = 1  # control mode
+HELD: Final = (1, 2)  # control modes: position, trajectory
 IN_HAND: Final = b"MANUAL"  # internal state
 MAX_GOALS: Final = 1000  # under way at once; answers to so many were lost
 # Setup joints may carry a base while somebody follows; what goes further from one record to the next is another base.
@@ -38,8 +38,8 @@ class TeleopArm:
     """One arm. `look` once a cycle; what it says holds until the next one.
 
     `whole`: this cycle's record is good; `restarted`: another process writes it than in the last cycle; `rebased`: its
-    base frame is another one; `is_in_hand`: the clutch on the arm itself is pressed; `refuses_goals`: it did not go to
-    the last goal it has answered.
+    base frame is another one; `stopped_by`: which program has stopped it since the last look, "": none; `is_in_hand`:
+    the clutch on the arm itself is pressed; `refuses_goals`: it did not go to the last goal it has answered.
     """
 
     sets_pace = True
@@ -56,6 +56,9 @@ class TeleopArm:
         """Of the tip in the reference frame (6,)."""
         self.joint_setpoint, self._tool = field("setpoint_position"), field("tool")
         self._simulated, self._base = field("simulated"), self.base_of(field)
+        self._stops, self._stopped_by = self.stops_of(field)
+        self._seen_stops: int | None = None
+        self.stopped_by, self._was_free = "", False
         self._has_jaw, self._jaw = field("has_jaw"), field("jaw_setpoint_position")
         self._gripper_valid, self._gripper = field("gripper_valid"), field("gripper_position")
         self._severity, self._code, self._text = (events.field(name) for name in ("severity", "code", "text"))
@@ -76,9 +79,10 @@ class TeleopArm:
     def look(self, now_ns: int) -> None:
         """Its newest record and what became of commands."""
         self._now_ns = now_ns
-        self.whole, self.rebased = self._record.look(now_ns), False
+        self.whole, self.rebased, self.stopped_by = self._record.look(now_ns), False, ""
         self.restarted, self.stamp_ns = self._record.restarted, self._record.stamp_ns
         if self.restarted:
+            self._seen_stops = None
             self.is_moving = self.has_arrived = False
             if self._check is not None:
                 self._check.forget()
@@ -86,7 +90,9 @@ class TeleopArm:
             self._enabled, self._is_homed = self._state.item() == b"ENABLED", bool(self._homed)
             self._is_busy = bool(self._busy)
             self.is_in_hand = self._sub_state.item() == IN_HAND
+            self._was_free = self._was_free or not self.is_held
             self._look_at_base()
+            self._look_at_stops()
             pose, setpoint = self._pose, self._setpoint_pose
             self._reported = bool(self._known) and math.isfinite(pose.dot(pose) + setpoint.dot(setpoint))
             if self._reported:
@@ -100,6 +106,17 @@ class TeleopArm:
     def base_of(self, field: Fields) -> Array:
         """The field with the pose of its base (7,) in the reference frame."""
         return field("base_frame")
+
+    def stops_of(self, field: Fields) -> tuple[NDArray[Any], NDArray[Any]]:
+        """The fields with the count of its stops, and with who sent the last one."""
+        return field("stops"), field("stopped_by")
+
+    def _look_at_stops(self) -> None:
+        """Teleoperations send none: all are of other programs."""
+        stops = int(self._stops)
+        if self._seen_stops not in (None, stops):
+            self.stopped_by = bytes(self._stopped_by.item()).decode(errors="replace")
+        self._seen_stops = stops
 
     def _look_at_base(self) -> None:
         last, base = self._last_base, self._base
@@ -156,8 +173,13 @@ class TeleopArm:
 
     @property
     def is_held(self) -> bool:
-        """Somebody has it hold or follow joint positions; one that is kinematic is moved like that."""
-        return bool(self._mode.item() == POSITION and not self._simulated)
+        """It holds or follows positions; one that is kinematic is moved like that."""
+        return self._mode.item() in HELD and not self._simulated
+
+    @property
+    def is_taken(self) -> bool:
+        """It was let go, and then another program moved it or made it hold."""
+        return self._was_free and self.is_held
 
     @property
     def reported(self) -> str:
@@ -226,13 +248,13 @@ class TeleopArm:
         self._move = self.send("move_cp", pose)
         self.is_moving, self.has_arrived = bool(self._move), False
 
-    def hold(self) -> None:
-        """Stay at the setpoint, if it is ready for commands."""
-        if self.is_ready and not self.is_silent:
-            self.send("hold")
+    def leave(self) -> None:
+        """Hold, if it does what we asked for; another program that has it already goes on undisturbed."""
+        self.send("end_stream")
 
     def let_go(self) -> None:
         """No forces but those against its weight, if it is ready for commands."""
+        self._was_free = False
         if self.is_ready and not self.is_silent:
             self.send("body/servo_cf", (0.0,) * 6)
             self._weight = self.send("use_gravity_compensation", (1.0,))

@@ -24,7 +24,6 @@ Array = NDArray[np.float64]
 JOINTS: Final = 4
 WRENCH_LASTS_S: Final = LATE_S  # forces on the masters end by themselves when we do
 IN_REFERENCE_FRAME: Final = 1.0
-LET_GO_NS: Final = 50_000_000  # the masters have gone to effort mode by then
 MAX_STEP: Final = 0.1  # rad, m: no hands carry a camera further in a cycle, but crossing they turn it over
 NEW_TURN: Final = 1e-3  # rad, m: masters are turned further when a joint of the camera has moved by as much
 
@@ -67,7 +66,7 @@ class TeleopEcm(Teleop):
             self._begin_following()
         elif state is TeleopState.DISABLED:
             for master in self.masters:
-                master.hold()
+                master.leave()
 
     def run(self) -> None:
         """See Teleop."""
@@ -104,14 +103,15 @@ class TeleopEcm(Teleop):
                 master.let_go()
                 master.send("lock_orientation")
         self._turned[...] = self.camera.goal
-        self._let_go_ns = self.now_ns
 
     def _run_following(self) -> None:
         left, right = self.masters
-        settled = self.now_ns - self._let_go_ns > LET_GO_NS
-        again = self._was_refused and not self.slave.refuses_goals
-        if again or (settled and (left.is_held or right.is_held)):
-            self.go(TeleopState.SETTING)  # somebody else had one hold meanwhile: restart from here
+        taken = [master.name for master in self.masters if master.is_taken]
+        if taken:
+            self.stop(codes.ARM_TAKEN, f"{taken[0]} is moved or held by another program", taken[0])
+            return
+        if self._was_refused and not self.slave.refuses_goals:
+            self.go(TeleopState.SETTING)
             return
         if self.slave.refuses_goals:  # it stays where it is, and will not catch up with what it has missed
             self._was_refused = True
@@ -142,12 +142,11 @@ class TeleopEcm(Teleop):
     def press(self) -> None:
         """See Teleop."""
         self._free_masters()
-        self.slave.hold()
 
     def release(self) -> None:
         """See Teleop."""
         for master in self.masters:
-            master.hold()
+            master.leave()
 
     def rescale(self, scale: float) -> None:
         """See Teleop."""

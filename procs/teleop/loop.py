@@ -53,8 +53,8 @@ def build(node: runtime.Node, record: RingWriter, faults: Cell) -> Teleop:
 
     if isinstance(row, PsmRow):
         own = TeleopRecord(record.field, "PSM", (row.mtm,), row.psm, row.console)
-        return TeleopPsm(row, arm(row.mtm, is_master=True), arm(row.psm), operator, own, node.events, jaw_range(node, row.psm),
-                         base_frame(node, row), faults=faults)
+        return TeleopPsm(row, arm(row.mtm, is_master=True), arm(row.psm), operator, own, node.events,
+                         jaw_range(node, row.psm), base_frame(node, row), faults=faults)
     own = TeleopRecord(record.field, "ECM", (row.mtml, row.mtmr), row.ecm, row.console)
     masters = arm(row.mtml, is_master=True), arm(row.mtmr, is_master=True)
     return TeleopEcm(row, *masters, arm(row.ecm), operator, own, node.events, faults=faults)

@@ -26,7 +26,6 @@ Array = NDArray[np.float64]
 WRENCH_LASTS_S: Final = LATE_S  # the master's wrench ends by itself when we do
 AGAIN_NS: Final = 500_000_000  # until a master is aligned anew that could not be
 SAME_JAW: Final = 1e-6  # rad: it is there already
-LET_GO_NS: Final = 50_000_000  # the master has gone to effort mode by then
 
 JawRange = Callable[[str], tuple[float, float] | None]
 """Lower and upper limit of an instrument's jaw, None: not known."""
@@ -52,7 +51,7 @@ class TeleopPsm(Teleop):
         self._was_refused = False
         self._tool = ""
         self._aligned_to = np.zeros(7)
-        self._aligned_ns = self._let_go_ns = 0
+        self._aligned_ns = 0
         self._wrench: Array | None = None
         self._wrench_values = np.full(7, WRENCH_LASTS_S)
         self._values = np.zeros(13)
@@ -92,7 +91,7 @@ class TeleopPsm(Teleop):
         """See Teleop."""
         if state is TeleopState.DISABLED:
             if self.settings.mtm_is_haptic:
-                self.master.hold()
+                self.master.leave()
         elif state is TeleopState.ALIGNING:
             self._begin_alignment()
         elif state is TeleopState.ENABLED:
@@ -144,7 +143,7 @@ class TeleopPsm(Teleop):
         if self.align and self.slave.has_pose:
             self._send_alignment()
         else:
-            self.master.hold()
+            self.master.leave()
 
     def _send_alignment(self) -> None:
         """The master stays where it is and turns as the slave is."""
@@ -218,7 +217,6 @@ class TeleopPsm(Teleop):
             self.master.let_go()
             if self.master.is_ready:
                 self.master.send("lock_orientation" if locked else "unlock_orientation")
-        self._let_go_ns = self.now_ns
 
     def _run_following(self) -> None:
         master, slave, settings, values = self.master, self.slave, self.settings, self._values
@@ -228,6 +226,9 @@ class TeleopPsm(Teleop):
         if slave.tool != self._tool:
             self.stop(codes.TOOL_CHANGED, f"the instrument of {slave.name} was changed", slave.name)
             return
+        if settings.mtm_is_haptic and master.is_taken:
+            self.interrupt(codes.ARM_TAKEN, f"{master.name} is moved or held by another program", master.name)
+            return
         if slave.refuses_goals:  # it stays where it is, and will not catch up with what it has missed
             self._was_refused = True
             self._begin_here()
@@ -235,8 +236,6 @@ class TeleopPsm(Teleop):
             self._was_active = self.presence.is_active
             self.go(TeleopState.SETTING)
             return
-        if settings.mtm_is_haptic and master.is_held and self.now_ns - self._let_go_ns > LET_GO_NS:
-            self._free_master(self.mapping.rotation_locked)  # somebody else had it hold meanwhile
         values[:7] = self.mapping.step(master.measured, self._base_pose)
         linear, angular = settings.use_mtm_linear_velocity, settings.use_mtm_angular_velocity
         if linear or angular:
@@ -264,25 +263,17 @@ class TeleopPsm(Teleop):
         self._wrench_values[:6] = wrench
         self.master.send("body/servo_cf", self._wrench_values)
 
-    def follow(self, on: bool) -> None:
-        """See Teleop."""
-        if on is not self.following and self._wrench is not None:
-            self._wrench = None
-            self.master.let_go()
-        super().follow(on)
-
     # the clutch
 
     def press(self) -> None:
         """See Teleop."""
         self._was_active = self.presence.is_active
         self._free_master(self.align or self.mapping.rotation_locked)
-        self.slave.hold()
 
     def release(self) -> None:
         """See Teleop."""
         if self.settings.mtm_is_haptic:
-            self.master.hold()
+            self.master.leave()
 
     def set_clutch(self, pressed: bool) -> None:
         """See Teleop; a click while not clutched starts anew as well, and takes no presence away."""

@@ -167,16 +167,19 @@ class Teleop:
     def _watch(self, arm: TeleopArm, errors: list[str]) -> None:
         for text in errors:
             self.stop(codes.ARM_ERROR, f"received from arm {arm.name}: {text}", arm.name)
+        if arm.stopped_by:
+            self.stop(codes.ARM_STOPPED, f"{arm.stopped_by} stopped {arm.name}", arm.name)
+            return
         if self.state not in NEEDS_ARMS or errors:
             return
         if arm.is_silent:
-            self._interrupt(codes.ARM_TIMEOUT, f"{arm.name} is silent", arm.name)
+            self.interrupt(codes.ARM_TIMEOUT, f"{arm.name} is silent", arm.name)
         elif arm.restarted:
-            self._interrupt(codes.ARM_RESTARTED, f"{arm.name} was started anew", arm.name)
+            self.interrupt(codes.ARM_RESTARTED, f"{arm.name} was started anew", arm.name)
         elif arm.rebased:
-            self._interrupt(codes.BASE_FRAME, f"the base frame of {arm.name} was changed", arm.name)
+            self.interrupt(codes.BASE_FRAME, f"the base frame of {arm.name} was changed", arm.name)
         elif arm.fault:
-            self._interrupt(codes.ARM_IMPLAUSIBLE, arm.fault, arm.name)
+            self.interrupt(codes.ARM_IMPLAUSIBLE, arm.fault, arm.name)
         elif arm.is_in_hand:
             self.events.report(codes.ARM_CLUTCHED, f"{self.name}: {arm.name} is moved by hand", arm.name)
             self._begin_anew()
@@ -187,7 +190,7 @@ class Teleop:
         missing = "homed" if arm.is_enabled else 'in state "ENABLED"'
         self.stop(codes.ARM_NOT_READY, f"{arm.name} is not {missing} anymore, it is {arm.reported}", arm.name)
 
-    def _interrupt(self, code: Code, text: str, component: str) -> None:
+    def interrupt(self, code: Code, text: str, component: str) -> None:
         """What is known of an arm holds no longer, its process is gone or was."""
         self.events.report(code, f"{self.name}: {text}", component)
         self._begin_anew()
@@ -269,7 +272,7 @@ class Teleop:
             return
         self.following = on
         if not on:
-            self.arms[-1].hold()
+            self.arms[-1].leave()
         self.events.emit("following", value=float(on))
 
     def wait(self, reason: str) -> None:

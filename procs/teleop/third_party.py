@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from procs.inputs import Input, RecordReader
 from procs.requests import Sender
@@ -27,6 +28,10 @@ class ThirdPartyArm(TeleopArm):
     def base_of(self, field: Fields) -> Array:
         """Programs do not tell of bases; one that is another is a jump."""
         return np.zeros(7)
+
+    def stops_of(self, field: Fields) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Programs do not count stops."""
+        return np.zeros(()), np.zeros((), "S1")
 
     @property
     def has_jaw(self) -> bool:

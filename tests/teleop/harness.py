@@ -145,6 +145,11 @@ class FakeTeleopArm:
         on_way = here + (near - here) / left
         self.pose = np.append(on_way[:3], on_way[3:] / np.linalg.norm(on_way[3:]))
 
+    def stop(self, program: str) -> None:
+        """A program has it hold."""
+        self._goal = None
+        self.ring.set(control_mode=1, stops=self.ring.field("stops") + 1, stopped_by=f"{program} (hold)".encode())
+
     def _do(self, name: str, values: Any, text: str) -> None:
         if name != "use_gravity_compensation":
             self._goal = None
@@ -157,7 +162,7 @@ class FakeTeleopArm:
             self.ring.field("setpoint_position")[: len(values)] = values
         elif name == "body/servo_cf":
             self.ring.set(control_mode=3)
-        elif name == "hold":
+        elif name == "end_stream":
             self.ring.set(control_mode=1)
         elif name == "state_command" and text == "enable":
             self.ring.set(state=b"ENABLED", sub_state=b"ENABLED")
@@ -230,8 +235,8 @@ class TeleopHarness:
         record = TeleopRecord(self.record.field, "PSM", ("MTMR",), "PSM1", "console")
         range_of: Callable[[str], tuple[float, float] | None] = {"LND": JAW, "SMALL": SMALL_JAW, "HOOK": NO_JAW}.get
         carrier = "ECM" if self.setup is None else "SUJ"
-        return TeleopPsm(PsmSettings("MTMR_PSM1", "MTMR", "PSM1", 0.001, "console", **values), self.master.seen(is_master=True),
-                         self.slave.seen(), operator, record, self.reports, range_of,
+        return TeleopPsm(PsmSettings("MTMR_PSM1", "MTMR", "PSM1", 0.001, "console", **values),
+                         self.master.seen(is_master=True), self.slave.seen(), operator, record, self.reports, range_of,
                          BaseFrame(carrier, Input(self.base), self.setup) if self.base else None, faults=self.faults)
 
     @property

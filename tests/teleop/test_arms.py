@@ -155,13 +155,51 @@ def test_a_model_of_its_weight_that_an_arm_has_not_is_no_refusal() -> None:
 
 
 @pytest.mark.parametrize("state", [{"state": b"DISABLED"}, {"is_homed": False}, None])
-def test_only_an_arm_that_is_ready_is_held_or_let_go(state: dict[str, Any] | None) -> None:
+def test_only_an_arm_that_is_ready_is_let_go(state: dict[str, Any] | None) -> None:
     watched = Watched()
     watched.fake.ring.set(**(state or {}))
     watched.look(written=state is not None, after_ms=1.0 if state else 31.0)
-    watched.arm.hold()
     watched.arm.let_go()
     assert watched.fake.sent == []
+
+
+def test_every_stop_is_another_programs_and_named_once() -> None:
+    watched = Watched()
+    watched.look()
+    assert watched.arm.stopped_by == ""
+    watched.fake.stop("plan.py")
+    watched.look()
+    assert watched.arm.stopped_by == "plan.py (hold)"
+    watched.look()
+    assert watched.arm.stopped_by == ""
+    watched.fake.stop("plan.py")
+    watched.fake.ring.torn = True
+    watched.look()
+    assert watched.arm.stopped_by == ""
+    watched.fake.ring.torn = False
+    watched.look()
+    assert watched.arm.stopped_by == "plan.py (hold)"
+    watched.fake.ring.epoch += 1
+    watched.fake.ring.set(stops=0)
+    watched.look()
+    assert watched.arm.stopped_by == "", "its process counts anew"
+
+
+@pytest.mark.parametrize("mode", [1, 2])
+def test_an_arm_that_was_let_go_and_holds_again_is_taken(mode: int) -> None:
+    watched = Watched()
+    watched.arm.let_go()
+    watched.look()
+    assert not watched.arm.is_taken, "it was not let go yet"
+    watched.fake.ring.set(control_mode=3)
+    watched.look()
+    assert not watched.arm.is_taken
+    watched.fake.ring.set(control_mode=mode)
+    watched.look()
+    assert watched.arm.is_taken
+    watched.arm.let_go()
+    watched.look()
+    assert not watched.arm.is_taken
 
 
 @pytest.mark.parametrize(("base", "rebased"), [

@@ -46,7 +46,7 @@ def test_hands_spread_are_pulled_together_with_forces_that_end(harness: EcmHarne
     assert harness.arms["MTML"].asked("body/servo_cf")[-1][1] == pytest.approx((-1.5, 0, 0, 0, 0, 0, 0.03, 1), abs=1e-9)
     assert harness.arms["MTMR"].asked("body/servo_cf")[-1][1] == pytest.approx((1.5, 0, 0, 0, 0, 0, 0.03, 1), abs=1e-9)
     harness.state_command("disable")
-    assert harness.arms["MTML"].words()[-1] == "hold"
+    assert harness.arms["MTML"].words()[-1] == "end_stream"
 
 
 def test_masters_elsewhere_are_refused_in_words() -> None:
@@ -59,7 +59,7 @@ def test_masters_elsewhere_are_refused_in_words() -> None:
 
 def test_the_clutch_begins_from_a_new_place(harness: EcmHarness) -> None:
     harness.send("clutch", 1)
-    assert not harness.following and harness.slave.words()[-1] == "hold"
+    assert not harness.following and harness.slave.words()[-1] == "end_stream"
     harness.forget()
     harness.lead(0, 0.05, 0, of=("MTML",))
     harness.run(0.02)
@@ -112,10 +112,28 @@ def test_a_camera_at_its_limit_goes_on_following_and_says_so(harness: EcmHarness
     assert harness.following and harness.text("reason") == "ECM at its limit: insertion"
 
 
-def test_the_clutch_holds_the_camera_that_is_not_followed_too() -> None:
+def test_the_clutch_leaves_a_camera_alone_that_others_move() -> None:
     harness = EcmHarness()
     harness.send("clutch", 1)
-    assert harness.slave.words() == ["hold"]
+    assert harness.slave.words() == []
+
+
+@pytest.mark.parametrize("which", ["MTML", "MTMR", "ECM"])
+def test_whoever_else_stops_one_of_its_arms_ends_it(harness: EcmHarness, which: str) -> None:
+    harness.arms[which].stop("plan.py")
+    harness.step()
+    assert not harness.following and harness.text("state") == "DISABLED"
+    assert harness.text("reason") == f"plan.py (hold) stopped {which}"
+    harness.forget()
+    harness.run(0.2)
+    assert not any(arm.sent for arm in harness.arms.values())
+
+
+def test_a_master_of_the_camera_that_another_program_moves_ends_it(harness: EcmHarness) -> None:
+    harness.step()
+    harness.arms["MTML"].ring.set(control_mode=2)
+    harness.step()
+    assert harness.text("state") == "DISABLED" and "MTML is moved or held" in harness.text("reason")
 
 
 def test_a_pose_that_is_not_known_is_waited_for_in_words() -> None:

@@ -44,7 +44,7 @@ def test_who_is_stopped_and_asked_again_in_one_cycle_has_stopped(following: Tele
 def test_an_error_is_not_outrun_by_a_command(following: TeleopHarness) -> None:
     following.slave.fail("PSM1: tracking error")
     following.state_command("enable")
-    assert not following.following and "hold" in following.slave.words()
+    assert not following.following and "end_stream" in following.slave.words()
     following.run(0.05)
     assert not following.following
 

@@ -38,7 +38,7 @@ def test_an_error_of_an_arm_disables(following: TeleopHarness, which: str) -> No
     following.step()
     assert not following.following and following.text("state") == "DISABLED"
     assert following.reports.of("error") == [f"MTMR_PSM1: received from arm {which}: {which}: tracking error"]
-    assert following.slave.words() == ["hold"]
+    assert following.slave.words() == ["end_stream"]
     show(following)
     assert not following.following and following.text("desired_state") == "DISABLED"
     following.state_command("enable")
@@ -89,7 +89,7 @@ def test_arms_must_stay_homed(following: TeleopHarness, which: str, change: dict
 def test_disable_stops_at_once(following: TeleopHarness) -> None:
     following.state_command("disable")
     assert not following.following and following.text("state") == "DISABLED"
-    assert following.slave.words()[-1] == "hold" and following.master.words()[-1] == "hold"
+    assert following.slave.words()[-1] == "end_stream" and following.master.words()[-1] == "end_stream"
 
 
 @pytest.mark.parametrize("which", ["MTMR", "PSM1"])
@@ -160,7 +160,7 @@ def test_an_absent_operator_ends_following_within_a_cycle(following: TeleopHarne
     what(following)
     following.step()
     assert not following.following and following.text("state") == "ALIGNING_MTM"
-    assert "hold" in following.slave.words() and not following.slave.asked("servo_cp")
+    assert "end_stream" in following.slave.words() and not following.slave.asked("servo_cp")
     assert following.console is not None
     following.console.set(operator_present=True, valid=True)
     following.run(0.05)

@@ -154,7 +154,7 @@ def test_the_clutch_holds_the_slave_and_goes_on_without_a_jump() -> None:
     harness.send("clutch", 1)
     assert not harness.following and harness.text("state") == "ENABLED"
     assert harness.text("reason") == "the clutch is pressed"
-    assert "hold" in harness.slave.words()
+    assert "end_stream" in harness.slave.words()
     assert harness.master.words() == ["body/servo_cf", "use_gravity_compensation", "lock_orientation"]
     harness.forget()
     harness.lead(0.1, 0.0, 0.0)
@@ -193,9 +193,9 @@ def test_a_click_of_the_clutch_takes_no_presence_away(harness: TeleopHarness) ->
 def test_the_clutch_lets_go_of_a_disabled_master_too(harness: TeleopHarness) -> None:
     harness.step()
     harness.send("clutch", 1)
-    assert "body/servo_cf" in harness.master.words() and "hold" in harness.slave.words()
+    assert "body/servo_cf" in harness.master.words() and not harness.slave.sent, "others may use it"
     harness.send("clutch", 0)
-    assert harness.master.words()[-1] == "hold" and harness.text("state") == "DISABLED"
+    assert harness.master.words()[-1] == "end_stream" and harness.text("state") == "DISABLED"
 
 
 def test_the_jaw_follows_slowly_until_it_has_caught_up(harness: TeleopHarness) -> None:
@@ -297,13 +297,43 @@ def test_a_wrench_that_is_not_given_again_ends(harness: TeleopHarness) -> None:
     assert len(harness.master.asked("body/servo_cf")) > 400, "none at all lasts"
 
 
-def test_a_master_that_somebody_else_stopped_is_let_go_again(harness: TeleopHarness) -> None:
-    harness.follow()
+def test_a_master_that_another_program_moves_is_not_let_go_again(harness: TeleopHarness) -> None:
+    harness.settings["start_gripper_threshold"] = 0.5
+    harness.start()
+    harness.state_command("enable")
+    harness.run(0.01)
+    harness.master.ring.set(gripper_position=0.6)
     harness.run(0.1)
-    assert not harness.master.sent
-    harness.master.ring.set(control_mode=1)
+    assert harness.following
+    harness.forget()
+    harness.master.ring.set(control_mode=2)
+    harness.run(0.1)
+    assert not harness.following and harness.text("state") == "ALIGNING_MTM"
+    assert harness.reports.of("warning")[0] == "MTMR_PSM1: MTMR is moved or held by another program"
+    assert "body/servo_cf" not in harness.master.words()
+
+
+@pytest.mark.parametrize("which", ["MTMR", "PSM1"])
+@pytest.mark.parametrize("is_clutched", [False, True])
+def test_whoever_else_stops_its_master_or_slave_ends_it(harness: TeleopHarness, which: str, is_clutched: bool) -> None:
+    harness.follow()
+    if is_clutched:
+        harness.send("clutch", 1)
+    harness.arms[which].stop("plan.py")
     harness.step()
-    assert harness.master.words() == ["body/servo_cf", "use_gravity_compensation", "unlock_orientation"]
+    assert not harness.following and harness.text("state") == "DISABLED"
+    assert harness.text("reason") == f"plan.py (hold) stopped {which}"
+    assert harness.reports.of("warning") == [f"MTMR_PSM1: plan.py (hold) stopped {which}"]
+    harness.forget()
+    harness.run(0.2)
+    assert not harness.master.sent and not harness.slave.sent
+
+
+def test_a_stop_before_it_was_asked_for_does_not_count(harness: TeleopHarness) -> None:
+    harness.slave.stop("plan.py")
+    harness.step()
+    harness.follow()
+    assert harness.following
 
 
 def test_masters_that_only_show_poses_are_asked_for_nothing() -> None:

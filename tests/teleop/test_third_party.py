@@ -85,7 +85,7 @@ def test_a_jump_ends_following_until_it_is_steady_and_presence_is_shown(stage: T
         stage.master.shift(0.1, 0.0, 0.0)
     stage.run(0.02)
     assert not stage.following and np.array_equal(stage.slave.pose, before)
-    assert stage.slave.words()[-1] == "hold"
+    assert stage.slave.words()[-1] == "end_stream"
     (reported,) = stage.reports.of("error")
     assert reported.startswith("MTMR_PSM1: MTMR jumped by " + ("60°" if turn else "100 mm"))
     assert reported.removeprefix("MTMR_PSM1: ") in stage.text("reason")

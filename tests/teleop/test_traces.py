@@ -89,6 +89,7 @@ class TeleopPlay:
             (lambda: setattr(arm, "obeys", False), lambda: setattr(arm, "obeys", True)),
             (lambda: setattr(ring, "torn", True), lambda: setattr(ring, "torn", False)),
             (lambda: setattr(ring, "epoch", ring.epoch + 1), nothing),
+            (lambda: arm.stop("play"), nothing),
             (lambda: arm.fail(f"{arm.name} broke"), nothing), (lambda: arm.fail("far", "inverse-kinematics"), nothing),
             (lambda: arm.refuses.update({name: f"no {name} now" for name in x((("servo_cp", "servo_jp"), ("move_cp",),
              ("body/servo_cf", "use_gravity_compensation")))}), arm.refuses.clear),

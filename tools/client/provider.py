@@ -19,6 +19,7 @@ from shm import directory
 from shm.clock import monotonic_ns
 from shm.commands import COMMANDS
 from shm.mailbox_map import COMMANDS_DEPTH
+from shm.origins import SenderId
 from shm.received import Received
 from tools.client.values import Array, numbers, six_numbers
 from tools.errors import Problem, Refused
@@ -27,6 +28,7 @@ from tools.systems import unknown
 KIND: Final = "third_party"
 STATES: Final = ("DISABLED", "ENABLED", "PAUSED", "FAULT")
 READY: Final = ("enable", "home")
+HOLD, END = "hold", "end_stream"
 PRESSED: Final = {True: ("pressed", 0.0), False: ("released", 1.0)}
 CLICKED: Final = ("clicked", 2.0)
 SLOWEST, FASTEST = 50.0, 2000.0  # records a second: none for 30 ms counts as gone
@@ -49,6 +51,8 @@ class Provider:
         self.process, self.name, self.system = process, name, process.system
         self._place, self._handlers = _places(document, name)[name], _checked(name, commands or {})
         process.carries_out = self._carry_out
+        self._leader: SenderId | None = None
+        """Whose command was carried out last."""
         self._consoles = [process.own.waker_for(row.name) for row in document.consoles if row.is_wired_to(name)]
         self._unreported: list[tuple[str, str, float]] = []  # what became of buttons since the last record
         self._base = np.array(self._place.base_frame) if self._place.base_frame is not None else None
@@ -175,9 +179,15 @@ class Provider:
         self.process.process_messages(COMMANDS_DEPTH)  # a teleoperation sends several a millisecond: take all there is
 
     def _carry_out(self, command: Received) -> None:
-        handler = self._handlers.get(command.name)
+        name, is_own = command.name, command.sender == self._leader
+        if name == END and name not in self._handlers:
+            if not is_own or HOLD not in self._handlers:
+                return  # it is about what another program does now, or there is nothing to end
+            name = HOLD
+        handler = self._handlers.get(name)
         try:
             if handler is not None:
+                self._leader = command.sender
                 handler(command.values, command.text)
             else:
                 self._by_itself(command)

@@ -153,6 +153,21 @@ def test_nonsense_is_no_record(place: Place, wrong: dict[str, object]) -> None:
         assert place.ring.newest() and place.ring.sequence == before
 
 
+def test_the_end_of_a_stream_has_it_hold_but_not_by_the_word_of_another_program(place: Place) -> None:
+    held: list[str] = []
+    other = Client(place.name, "MTMR", peer=1)
+    with trocar.provide("MTMR", system=place.name, commands={
+            "servo_cp": lambda values, text: None, "hold": lambda values, text: held.append("hold")}) as master:
+        assert place.ask(master, "servo_cp", (0, 0, 0, 0, 0, 0, 1)).outcome == "done"
+        other.send("end_stream")
+        master.serve()
+        assert [reply.outcome for reply in other.poll()] == ["done"] and not held, "it is nothing to others"
+        assert place.ask(master, "end_stream").outcome == "done" and held == ["hold"]
+    other.close()
+    with trocar.provide("MTMR", system=place.name) as master:
+        assert place.ask(master, "end_stream").outcome == "done", "it does nothing that could be ended"
+
+
 def test_what_it_does_not_carry_out_is_refused_in_plain_words(place: Place) -> None:
     place.client.send("state_command", (), "disable")  # before anybody was there
     with trocar.provide("MTMR", place.name, program="mine") as master:

@@ -1,0 +1,104 @@
+"""Teleoperations that share arms hand them over: camera pedal, another selection, a process that is started again.
+
+What one says last may come late, when its successor has begun already: the successor follows every time.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterator
+from random import Random
+
+import numpy as np
+import pytest
+
+from shm.client import Client
+from tests.whole.host import WholeHost
+from tests.whole.test_console import Room
+
+LATE_STEPS = 5  # 25 ms: a process that is later begins anew
+PATIENCE_STEPS = 800
+CAMERA, RIGHT, LEFT, THIRD = "MTML_MTMR_ECM", "MTMR_PSM1", "MTML_PSM2", "MTML_PSM3"
+
+
+class Handovers:
+    """A robot in teleoperation, and what its operator does."""
+
+    def __init__(self, host: WholeHost, seed: int) -> None:
+        self.host, self.room, self.chance = host, Room(host), Random(seed)
+        self.camera, self.left = False, LEFT
+        room = self.room
+        room.says("system", "home")
+        while not room.homed():
+            host.run(0.5)
+        room.says("console", "select_teleop", text=LEFT)
+        room.says("console", "teleop_enable", 1.0)
+        room.says("console", "emulate_operator_present", 1.0)
+
+    @property
+    def wanted(self) -> set[str]:
+        return {CAMERA} if self.camera else {RIGHT, self.left}
+
+    def press_the_camera_pedal(self) -> None:
+        self.camera = not self.camera
+        self.room.people["console"].send("emulate_camera", (float(self.camera),))
+
+    def select_another(self) -> None:
+        self.left = THIRD if self.left == LEFT else LEFT
+        self.room.people["console"].send("select_teleop", (), self.left)
+
+    def start_one_again(self) -> None:
+        self.host.restart(self.chance.choice((CAMERA, RIGHT, LEFT, THIRD)))
+        self.room.people["console"].send("teleop_enable", (1.0,))
+
+    def steps_until_following(self) -> int:
+        late = {self.chance.choice((CAMERA, RIGHT, LEFT, THIRD)): self.chance.randrange(LATE_STEPS + 1)}
+        for steps in range(PATIENCE_STEPS):
+            self.host.step(but=[name for name, until in late.items() if steps < until])
+            if steps > LATE_STEPS + 3 and self.room.following == self.wanted:
+                return steps
+        return PATIENCE_STEPS
+
+
+@pytest.fixture
+def handovers(request: pytest.FixtureRequest) -> Iterator[Handovers]:
+    with WholeHost(f"t{os.getpid()}-handover", "kinematic-full") as host:
+        made = Handovers(host, request.param)
+        yield made
+        made.room.close()
+
+
+@pytest.mark.parametrize(("handovers", "times"), [(1, 40), pytest.param(2, 1000, marks=pytest.mark.slow)],
+                         indirect=["handovers"])
+def test_after_every_handover_the_successor_follows(handovers: Handovers, times: int) -> None:
+    assert handovers.room.settles(*handovers.wanted)
+    for number in range(times):
+        what = handovers.chance.choice((handovers.press_the_camera_pedal, handovers.select_another,
+                                        handovers.start_one_again))
+        what()
+        assert handovers.steps_until_following() < PATIENCE_STEPS, (
+            f"handover {number}, {what.__name__}: {handovers.room.following} follow, not {handovers.wanted}; "
+            f"{[ring.field('reason').item() for ring in handovers.room.teleops.values()]}")
+
+
+@pytest.mark.parametrize("handovers", [3], indirect=True)
+@pytest.mark.parametrize("which", ["MTMR", "PSM1"])
+def test_a_hold_from_another_program_ends_teleoperation_until_a_person_does_something(handovers: Handovers,
+                                                                                      which: str) -> None:
+    host, room = handovers.host, handovers.room
+    assert room.settles(RIGHT, LEFT)
+    slave, teleop = room.arms["PSM1"], room.teleops[RIGHT]
+    with contextlib.closing(Client(host.name, which)) as other, contextlib.closing(Client(host.name, "MTMR")) as hand:
+        other.send("hold")
+        host.run(0.05)
+        assert slave.newest() and room.following == {LEFT}
+        assert teleop.field("reason").item().decode() == f"pytest (hold) stopped {which}"
+        before = slave.field("setpoint_cp").copy()
+        assert room.arms["MTMR"].newest()
+        hand.send("move_cp", room.arms["MTMR"].field("measured_cp") + (0.02, 0, 0, 0, 0, 0, 0))
+        host.run(2.0)
+        assert slave.newest() and np.abs(slave.field("setpoint_cp") - before).max() < 1e-9
+    room.says("console", "emulate_operator_present", 0.0)
+    room.says("console", "emulate_operator_present", 1.0)
+    assert room.settles(RIGHT, LEFT)
