@@ -33,6 +33,14 @@ class Request(Protocol):
         """Its row of the table."""
 
     @property
+    def pid(self) -> int:
+        """The process that sent it, by its own word; 0: not known."""
+
+    @property
+    def has_client(self) -> bool:
+        """Whether somebody lives in the place that it came from; who, says `pid`. Asks the kernel."""
+
+    @property
     def name(self) -> str:
         """The command's name."""
 
@@ -80,6 +88,11 @@ def carry_out(request: Request, handler: Handler, joints: int | None = None) -> 
     if text != ANSWERED:
         request.done(text or "")
     return ""
+
+
+def has_left(request: Request, pid: int) -> bool:
+    """Whether the program that sent it, as process `pid`, is gone."""
+    return not request.has_client or request.pid != pid
 
 
 def switch(request: Request) -> bool:

@@ -7,8 +7,9 @@ from typing import Final
 
 from procs.console.logic import CAMERA, CLUTCH, OPERATOR, Logic
 from procs.debounce import CLICKED, PRESSED, RELEASED
-from procs.requests import ANSWERED, CommandRefused, Handler, Request, carry_out, switch
+from procs.requests import ANSWERED, CommandRefused, Handler, Request, carry_out, has_left, switch
 
+STAY: Final = "stay"
 KINDS: Final = {0.0: RELEASED, 1.0: PRESSED, 2.0: CLICKED}
 LET_GO_NS: Final = 1_000_000_000  # for another console to unselect what is in the way
 
@@ -16,15 +17,18 @@ LET_GO_NS: Final = 1_000_000_000  # for another console to unselect what is in t
 class ConsoleCommands:
     """One method per row of the `console` command table."""
 
-    def __init__(self, logic: Logic) -> None:
-        """What `logic` decides is done."""
-        self._logic = logic
+    def __init__(self, logic: Logic, *, has_operator_input: bool = False) -> None:
+        """What `logic` decides is done. `has_operator_input`: a pedal or a head sensor shows whether somebody is there.
+        """
+        self._logic, self._has_operator_input = logic, has_operator_input
+        self._emulator: tuple[Request, int] | None = None
+        """Whose program emulates the operator, for as long as it runs."""
         self._now_ns = 0
         self._waiting: tuple[Request, str, int] | None = None
         self._table: dict[str, Handler] = {
             "teleop_enable": self._enable, "set_scale": self._scale,
             "select_teleop": self._select, "unselect_teleop": self._unselect,
-            "emulate_operator_present": lambda request: self._emulate(request, OPERATOR),
+            "emulate_operator_present": self._emulate_operator,
             "emulate_clutch": lambda request: self._emulate(request, CLUTCH),
             "emulate_camera": lambda request: self._emulate(request, CAMERA),
         }
@@ -32,6 +36,9 @@ class ConsoleCommands:
     def execute(self, requests: Iterable[Request], now_ns: int) -> None:
         """Carry out what came in, and answer who has waited for another console."""
         self._now_ns = now_ns
+        if self._emulator is not None and has_left(*self._emulator):
+            self._emulator = None
+            self._logic.lose_operator("the program that emulated the operator has ended")
         for request in requests:
             carry_out(request, self._table[request.name])
         self._settle()
@@ -47,13 +54,6 @@ class ConsoleCommands:
             self._waiting = None
             self._logic.forget(teleop)
             request.fail(f"{teleop} was not selected: another console keeps an arm of it")
-
-    def _one(self, request: Request, allowed: str, fits: Callable[[float], bool]) -> float:
-        values = request.values
-        if len(values) != 1 or not fits(float(values[0])):
-            given = " ".join(f"{value:g}" for value in values) or "nothing"
-            raise CommandRefused(f"takes {allowed}, not {given}")
-        return float(values[0])
 
     def _teleop(self, request: Request) -> str:
         name = request.text.strip()
@@ -83,6 +83,15 @@ class ConsoleCommands:
         self._logic.set_scale(float(request.values[0]), request.origin)
 
     def _emulate(self, request: Request, button: str) -> None:
-        kinds = (0.0, 1.0) if button == OPERATOR else (0.0, 1.0, 2.0)
-        allowed = "0 (released) or 1 (pressed)" if button == OPERATOR else "0 (released), 1 (pressed) or 2 (clicked)"
-        self._logic.press(button, KINDS[self._one(request, allowed, lambda value: value in kinds)])
+        self._logic.press(button, KINDS[float(request.values[0])])
+
+    def _emulate_operator(self, request: Request) -> str:
+        """An operator who is emulated goes with the program that does it, unless nothing else can show one."""
+        on, stays = bool(request.values[0]), request.text == STAY
+        if request.text and not stays:
+            raise CommandRefused(f"{request.text!r}: allowed is {STAY}, or nothing")
+        if stays and self._has_operator_input:
+            raise CommandRefused(f"{STAY}: only for a console without a pedal or head sensor for the operator")
+        self._emulator = (request, request.pid) if on and not stays else None
+        self._logic.press(OPERATOR, PRESSED if on else RELEASED)
+        return "present until this program ends" if on and not stays else ""

@@ -103,10 +103,10 @@ class Logic:
         for _ in range(count):
             self._desk.beep(duration_s, frequency_hz)
 
-    def lost_sight(self) -> None:
-        """Inputs say nothing any more: whatever was said last, nobody is there."""
+    def lose_operator(self, why: str) -> None:
+        """Nothing shows the operator any more."""
         if self.operator:
-            self._desk.status(f"{self.name}: its inputs are silent, the operator counts as absent")
+            self._desk.status(f"{self.name}: {why}; the operator counts as absent")
             self.press(OPERATOR, RELEASED)
 
     def faults_until(self, generation: int) -> None:

@@ -38,7 +38,8 @@ class ConsoleLoop(runtime.Loop):
         self._inputs = Inputs(row, node.document, node.reads, self._head, began_anew=began_anew)
         if row.turn_off is not None:
             node.commands(row.turn_off.io).send("set_output", (0.0,), row.turn_off.name)
-        self._record, self._commands = ConsoleRecord(self._state.field, row, logic), ConsoleCommands(logic)
+        self._record = ConsoleRecord(self._state.field, row, logic)
+        self._commands = ConsoleCommands(logic, has_operator_input=bool(row.operator_present or row.head))
         self._faults = Watched(node.faults(), [arm for member in logic.mine for arm in member.arms])
         self._mailbox = node.mailbox(self._faults)
 
@@ -56,7 +57,7 @@ class ConsoleLoop(runtime.Loop):
         for button, kind in inputs.poll(now_ns):
             logic.press(button, kind)
         if not inputs.valid:
-            logic.lost_sight()
+            logic.lose_operator("its inputs are silent")
         self._desk.listen(logic, now_ns)
         self._commands.execute(self._mailbox.drain(wall_ns), now_ns)
         logic.step(now_ns)

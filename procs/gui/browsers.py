@@ -13,10 +13,10 @@ from typing import Any, Final, Protocol
 import numpy as np
 
 from procs.crtk.calls import Calls, CommandOwner
+from procs.crtk.held import HeldDown
 from procs.crtk.messages import MAX_BYTES, Message, WrongMessage, parsed, said
 from procs.document.bridges import Rights
 from procs.gui.control import BrowserControl
-from procs.gui.held import HeldDown
 from procs.gui.messages import OPS
 from procs.gui.scene_source import ArmModels
 from procs.gui.sources import Sources

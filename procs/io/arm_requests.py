@@ -39,6 +39,7 @@ class WishCommand:
     """One wish, as a command of the arm; `Commands` carries it out."""
 
     pid = place = 0
+    has_client = True
     sender = SenderId(0)
 
     def __init__(self, robot: str, order: Order, generation: int, origin: Origin, state: WishState,

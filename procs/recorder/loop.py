@@ -28,6 +28,7 @@ from procs.recordings import names
 from procs.recordings.chunks import COMPRESSIONS as METHODS
 from procs.recordings.facts import document_of, facts_of
 from procs.recordings.writing import ChannelTable
+from procs.requests import has_left
 from procs.user_life import live
 from procs.user_process import OwnProcess
 from shm.layout import cut_text
@@ -164,8 +165,7 @@ class RecorderLoop(OwnProcess):
         """Whoever asked for it, and only for as long as it is there itself, is gone."""
         if self._client is None:
             return False
-        request, pid = self._client
-        return not request.has_client or request.pid != pid
+        return has_left(*self._client)
 
     def _tell_end(self, named: NamedRecording) -> None:
         """To whoever began it, and to whoever stopped it."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any, Final, Protocol
 
 from procs.crtk.calls import Calls, CommandOwner
+from procs.crtk.held import HeldDown
 from procs.crtk.messages import Message, NoMessage, WrongMessage, parsed, said
 from procs.document.bridges import COMMAND, VIEW, Rights
 from procs.document.user_process import PROPERTIES, SET_PROPERTY
@@ -70,6 +71,7 @@ class Session:
         self.reads: list[Reading] = []
         self._kept: dict[str, tuple[SharedTopic, int]] = {}
         self.calls = Calls(served.system, served.owners, rights, served.is_over)
+        self._held = HeldDown(self.calls)
         self._served, self._counts, self._wrong, self._is_first = served, served.counts, 0, True
         self._ops: dict[str, Callable[[Message], None]] = {
             "hello": self._hello, "ping": self._ping, "list": self._list, "commands": self._commands,
@@ -163,7 +165,9 @@ class Session:
 
     def _call(self, asked: Message) -> None:
         parts = asked.parts
-        self.calls.send(asked.id, parts["to"], parts["command"], list(parts["values"]), parts["text"])
+        to, command, values, text = parts["to"], parts["command"], list(parts["values"]), parts["text"]
+        self.calls.send(asked.id, to, command, values, text)
+        self._held.note("", to, command, values, text)
         self._counts.commands += 1
 
     def _get(self, asked: Message) -> None:
@@ -204,7 +208,10 @@ class Session:
         return min((next_ns - now_ns) * 1e-9, self.calls.wait_s(now_ns))
 
     def gone(self) -> None:
-        """The client has left: nothing is wanted for it any more. Commands under way finish."""
+        """The client has left: nothing is wanted for it any more, and what it holds down is let go.
+
+        Commands under way finish.
+        """
         for stream in (*self.streams.values(), *self.reads):
             stream.close()
         for source, _ in self._kept.values():
@@ -212,4 +219,5 @@ class Session:
         self.streams.clear()
         self.reads.clear()
         self._kept.clear()
+        self._held.end()
         self.calls.close()

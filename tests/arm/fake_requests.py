@@ -54,6 +54,8 @@ class FakeRequest:
     replies: list[tuple[str, str]] = field(default_factory=list)
     origin: Origin = PERSON
     sender: SenderId = PROGRAM
+    pid: int = 4711
+    has_client: bool = True
 
     kind: str = ""
 

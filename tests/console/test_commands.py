@@ -5,8 +5,9 @@ from __future__ import annotations
 import pytest
 
 from procs.console.commands import LET_GO_NS, ConsoleCommands
-from procs.console.logic import Logic
+from procs.console.logic import OPERATOR, Logic
 from procs.console.selection import PSM, Selectable
+from procs.debounce import PRESSED
 from tests.console.test_logic import ALL, RIGHT, FakeDesk
 from tests.io.harness import FakeCommand
 
@@ -58,6 +59,50 @@ def test_a_teleoperation_that_is_started_again_keeps_its_own_scale() -> None:
     desk.asks.clear()
     logic.began_anew(RIGHT.name)
     assert not [ask for ask in desk.asks if ask[1] == "set_scale"], "somebody may have given it a smaller one"
+
+
+def test_an_emulated_operator_goes_with_the_program_that_sent_it() -> None:
+    for leave in ({"has_client": False}, {"pid": 4712}):
+        desk = FakeDesk()
+        logic = Logic("c", ALL, desk, 0.2)
+        commands = ConsoleCommands(logic, has_operator_input=False)
+        command = asked(commands, "emulate_operator_present", 1.0)
+        commands.execute([], 2)
+        assert logic.operator and "until this program ends" in command.answers[-1][1]
+        vars(command).update(leave)  # somebody else has its place, or nobody
+        commands.execute([], 3)
+        assert not logic.operator and desk.reported_events[-2:] == [
+            ("status", "c: the program that emulated the operator has ended; the operator counts as absent"),
+            ("button", "operator_present")]
+        commands.execute([], 4)
+        assert desk.reported_events[-1] == ("button", "operator_present") and len(desk.beeps) == 2
+
+
+@pytest.mark.parametrize("has_input", [False, True])
+def test_an_emulated_operator_stays_where_nothing_else_shows_one(has_input: bool) -> None:
+    logic = Logic("c", ALL, FakeDesk(), 0.2)
+    commands = ConsoleCommands(logic, has_operator_input=has_input)
+    command = asked(commands, "emulate_operator_present", 1.0, text="stay")
+    command.has_client = False
+    commands.execute([], 2)
+    assert command.outcome == ("refused" if has_input else "done") and logic.operator is not has_input
+    assert asked(commands, "emulate_operator_present", 0.0).outcome == "done" and not logic.operator
+    assert asked(commands, "emulate_operator_present", 1.0, text="forever").outcome == "refused"
+
+
+def test_whoever_emulates_the_operator_last_keeps_it_there() -> None:
+    logic = Logic("c", ALL, FakeDesk(), 0.2)
+    commands = ConsoleCommands(logic, has_operator_input=False)
+    first = asked(commands, "emulate_operator_present", 1.0)
+    second = asked(commands, "emulate_operator_present", 1.0)
+    first.has_client = False
+    commands.execute([], 2)
+    assert logic.operator
+    asked(commands, "emulate_operator_present", 0.0)
+    logic.press(OPERATOR, PRESSED)
+    second.has_client = False
+    commands.execute([], 3)
+    assert logic.operator, "a pedal of the console holds it now"
 
 
 def test_selection_waits_for_the_other_console_a_second() -> None:

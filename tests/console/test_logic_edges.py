@@ -43,12 +43,12 @@ def test_each_of_several_yields_what_it_must() -> None:
 def test_silent_inputs_count_as_nobody_there() -> None:
     logic, desk = console((RIGHT,))
     logic.enable(True)
-    logic.lost_sight()
+    logic.lose_operator("its inputs are silent")
     assert not desk.beeps and desk.words(RIGHT.name) == [ALIGN], "nobody was there"
     logic.press(OPERATOR, PRESSED)
-    logic.lost_sight()
+    logic.lose_operator("its inputs are silent")
     assert not logic.operator and desk.words(RIGHT.name)[-1] == ALIGN
-    assert ("status", "c: its inputs are silent, the operator counts as absent") in desk.reported_events
+    assert ("status", "c: its inputs are silent; the operator counts as absent") in desk.reported_events
 
 
 def test_what_was_refused_is_asked_again_at_the_very_end_of_its_time() -> None:

@@ -88,7 +88,8 @@ class ConsolesPlay:
             *((lambda button=button, kind=kind: logic.press(button, kind))  # type: ignore[misc]
               for button in (OPERATOR, CLUTCH, CAMERA) for kind in (PRESSED, RELEASED, CLICKED)),
             lambda: logic.enable(True, Origin(len(self.trace.lines), self.faults, "play")),
-            logic.lost_sight, lambda: logic.began_anew(name), lambda: logic.refused(name, self.now_ns),
+            lambda: logic.lose_operator("its inputs are silent"),
+            lambda: logic.began_anew(name), lambda: logic.refused(name, self.now_ns),
             lambda: logic.shows(name, "DISABLED"), lambda: logic.shows(name, "ENABLED"),
             lambda: desk.deaf.add(name), desk.deaf.clear, desk.deaf.clear,
             lambda: self.select_unseen(logic, name),

@@ -248,6 +248,7 @@ class FakeCommand:
         self.name, self.text, self.values = name, text, np.array(values, dtype=float)
         self.answers: list[tuple[str, str]] = []
         self.origin, self.sender, self.command = PERSON, SenderId(0), row_named(name)
+        self.pid, self.has_client = 4711, True
 
     def accept(self, text: str = "") -> None:
         self.answers.append(("accepted", text))

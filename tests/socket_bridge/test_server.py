@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from procs.access import is_ours
+from procs.crtk import held
 from procs.crtk.messages import MAX_BYTES
 from procs.document.bridges import SocketBridge
 from procs.socket_bridge import connection, session, topics
@@ -100,6 +101,22 @@ def test_a_command_is_a_person_s_and_its_end_is_told(world: Any) -> None:
         (_, values, _, origin), (_, _, _, first), (_, _, _, second) = seen
         assert values == [0.1, 0, 0.12, 0, 0, 0] and origin.id and origin.program == "plan.py"
         assert first == second != origin, "a stream is one command of a person"
+
+
+def test_what_a_client_holds_down_is_let_go_when_it_leaves(world: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(held, "ENDINGS", {("arm", "servo_jf"): held.LettingGo("hold", ())})
+
+    @story(world)
+    async def _(made: Bridge) -> None:
+        seen: list[Any] = []
+        arm = answering(made.robot, seen)
+        async with made.client() as client:
+            await client.ask("hello", name="plan.py")
+            client.say("call", to="PSM1", command="servo_jf", values=[0.1] * 6)
+            await client.hear("reply")
+        await made.until(lambda: len(seen) == 2)
+        arm.cancel()
+        assert [name for name, *_ in seen] == ["servo_jf", "hold"]
 
 
 @pytest.mark.parametrize(("message", "why"), [

@@ -26,7 +26,7 @@ def test_emulated_inputs_reach_the_record_and_a_killed_console_wants_presence(ro
     state = json.loads(robot.trocar("echo", "system/state", "--json", "--once"))
     assert state["arm"] == ["MTMR", "PSM1"] and state["arm_homed"] == [True, True] and state["task"] == ""
     robot.trocar("send", "console", "teleop_enable", "1")
-    robot.trocar("send", "console", "emulate_operator_present", "1")
+    robot.trocar("send", "console", "emulate_operator_present", "1", "stay")
     robot.trocar("send", "console", "emulate_clutch", "1")
     robot.trocar("send", "console", "set_scale", "0.4")
     shows(operator_present=True, clutch=True, camera=False, teleop_enabled=True, scale=0.4)

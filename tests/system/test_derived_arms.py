@@ -89,7 +89,7 @@ def test_the_arm_of_the_page_homes_follows_scans_and_is_killed(
         return is_in(b"SCANNING") and abs(shown(psm, "position")[0] - home) > 0.002
 
     robot.trocar("send", "console", "teleop_enable", "1")
-    robot.trocar("send", "console", "emulate_operator_present", "1")
+    robot.trocar("send", "console", "emulate_operator_present", "1", "stay")
     wait_for(lambda: shown(teleop, "following"), 60, "following")
     begin, goal = shown(psm, "measured_cp"), shown(master, "measured_cp")
     goal[0] += 0.02

@@ -13,6 +13,8 @@ from procs.console.logic import OPERATOR
 from procs.debounce import RELEASED
 from shm import directory
 from shm.client import Client
+from shm.origins import Origin, new_id
+from shm.place import Place
 from tests.whole.host import STEP_NS, WholeHost
 
 TELEOPS = ("MTML_MTMR_ECM", "MTMR_PSM1", "MTML_PSM2", "MTML_PSM3")
@@ -132,6 +134,17 @@ def test_a_console_that_was_restarted_waits_for_presence(driven: Room) -> None:
     assert driven.following == set()
     driven.says("console", "emulate_operator_present", 1.0)
     assert driven.settles("MTMR_PSM1", "MTML_PSM2")
+
+
+def test_an_emulated_operator_goes_when_its_program_dies(driven: Room) -> None:
+    other = Place(driven.host.name, "console", "another program")
+    other.claim()
+    other.send("emulate_operator_present", (1.0,), origin=Origin(new_id(), 1 << 60, "another program"))
+    driven.says("console", "teleop_enable", 1.0)
+    assert driven.settles("MTMR_PSM1", "MTML_PSM2")
+    other.close()
+    driven.host.run(0.05)
+    assert driven.following == set() and driven.console.newest() and not driven.console.field("operator_present")
 
 
 def test_one_scale_reaches_every_teleoperation(driven: Room) -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from procs.crtk.calls import Calls, CommandOwner
 from procs.crtk.messages import WrongMessage
-from procs.gui.held import HeldDown
+from procs.crtk.held import HeldDown
 from shm.command_row import ITSELF
 from shm.commands import COMMANDS
 

@@ -1,9 +1,10 @@
-"""What pages hold down beside joints, which end by themselves: it is released when the page has lost control.
+"""What clients of a bridge hold down beside joints, which end by themselves: it is released when they are gone.
 
-Which commands that are, and what ends them, is the column `ended_by` of the command table. What belongs to a stream (a
-lift, a lens, a tip that is pulled) is released at once. A setup arm's clutch and an emulated operator stay while any
-page has control, so that an operator can change between pages; they end when no page has had it for a while. Pedals
-stay as they are: a slave may follow again where one is released.
+A page of the web console holds it while it has control. Which commands that are, and what ends them, is the column
+`ended_by` of the command table. What belongs to a stream (a lift, a lens, a tip that is pulled) is released at once. A
+setup arm's clutch and an emulated operator stay while any page has control, so that an operator can change between
+pages; they end when no page has had it for a while. Pedals stay as they are: a slave may follow again where one is
+released.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ Held = tuple[str, str, tuple[float, ...], str]
 
 
 class HeldDown:
-    """What is held down now, and by which page."""
+    """What is held down now, and by which page, "" where there is one client only."""
 
     def __init__(self, calls: Calls) -> None:
         """`calls`: its own, which outlive those of pages."""
