@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import Final
 
 from procs.console.logic import CAMERA, CLUTCH, OPERATOR, Logic

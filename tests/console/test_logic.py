@@ -11,7 +11,8 @@ from procs.codes import Code
 from procs.console.logic import ALIGN, CAMERA, CLUTCH, DISABLE, ENABLE, OPERATOR, REFUSED_NS, Logic
 from procs.console.selection import ECM, PSM, Selectable, at_load, tapped
 from procs.debounce import CLICKED, PRESSED, RELEASED
-from shm.origins import Origin
+from shm.origins import NOBODY, Origin
+from tests.guarded import objection
 
 RIGHT = Selectable("MTMR_PSM1", "c", PSM, ("MTMR", "PSM1"))
 LEFT = Selectable("MTML_PSM2", "c", PSM, ("MTML", "PSM2"))
@@ -21,7 +22,8 @@ ALL = (SCOPE, RIGHT, LEFT, THIRD)
 
 
 class FakeDesk:
-    """Remembers what it is told; `deaf` teleoperations cannot be asked."""
+    """Remembers what it is told; `deaf` teleoperations cannot be asked. What their mailboxes refuse must not be asked.
+    """
 
     def __init__(self) -> None:
         self.asks: list[tuple[str, str, tuple[float, ...], str]] = []
@@ -32,8 +34,9 @@ class FakeDesk:
         self.origins: list[object] = []
 
     def ask(self, teleop: str, command: str, values: Sequence[float] = (), text: str = "",
-            origin: object = None) -> bool:
+            origin: Origin = NOBODY) -> bool:
         self.origins.append(origin)
+        assert not objection("teleop", command, values, text, origin), f"{command} {text} of {origin} is refused"
         if teleop not in self.deaf:
             self.asks.append((teleop, command, tuple(values), text))
         return teleop not in self.deaf
@@ -72,7 +75,7 @@ def test_truth_table_of_a_psm(wanted: bool, selected: bool, camera: bool, operat
         logic.unselect(RIGHT.name)
     logic.press(CAMERA, PRESSED if camera else RELEASED)
     logic.press(OPERATOR, PRESSED if operator else RELEASED)
-    logic.enable(wanted)
+    logic.enable(wanted, PERSON)
     runs = wanted and selected and not camera
     assert desk.words(RIGHT.name)[-1] == (DISABLE if not runs else ENABLE if operator else ALIGN)
 
@@ -84,14 +87,14 @@ def test_truth_table_of_an_ecm(wanted: bool, selected: bool, camera: bool, opera
         logic.unselect(SCOPE.name)
     logic.press(CAMERA, PRESSED if camera else RELEASED)
     logic.press(OPERATOR, PRESSED if operator else RELEASED)
-    logic.enable(wanted)
+    logic.enable(wanted, PERSON)
     assert desk.words(SCOPE.name)[-1] == (ENABLE if wanted and selected and camera else DISABLE)
 
 
 def test_camera_swaps_psms_for_the_ecm_and_back() -> None:
     logic, desk = console()
     logic.press(OPERATOR, PRESSED)
-    logic.enable(True)
+    logic.enable(True, PERSON)
     desk.asks.clear()
     logic.press(CAMERA, PRESSED)
     asked = [(name, text) for name, command, _, text in desk.asks if command == "state_command"]
@@ -102,7 +105,7 @@ def test_camera_swaps_psms_for_the_ecm_and_back() -> None:
 
 def test_operator_coming_while_camera_is_pressed_stops_what_aligns() -> None:
     logic, desk = console()
-    logic.enable(True)
+    logic.enable(True, PERSON)
     assert desk.words("MTMR_PSM1")[-1] == ALIGN
     logic.press(CAMERA, PRESSED)
     logic.press(OPERATOR, PRESSED)
@@ -112,16 +115,16 @@ def test_operator_coming_while_camera_is_pressed_stops_what_aligns() -> None:
 def test_operator_leaving_turns_following_into_aligning() -> None:
     logic, desk = console()
     logic.press(OPERATOR, PRESSED)
-    logic.enable(True)
+    logic.enable(True, PERSON)
     logic.press(OPERATOR, RELEASED)
     assert desk.words("MTMR_PSM1") == [DISABLE, ENABLE, ALIGN]
 
 
 def test_nothing_is_asked_twice() -> None:
     logic, desk = console()
-    logic.enable(True)
+    logic.enable(True, PERSON)
     count = len(desk.asks)
-    logic.enable(True)
+    logic.enable(True, PERSON)
     logic.step(1)
     assert len(desk.asks) == count
 
@@ -149,7 +152,7 @@ def test_quick_tap_needs_exactly_two() -> None:
 @pytest.mark.parametrize("camera", [False, True])
 def test_of_a_clutch_those_hear_first_that_do_not_run(camera: bool) -> None:
     logic, desk = console()
-    logic.enable(True)
+    logic.enable(True, PERSON)
     logic.press(OPERATOR, PRESSED)
     if camera:
         logic.press(CAMERA, PRESSED)
@@ -171,7 +174,7 @@ def test_clutch_goes_to_every_teleop_selected_or_not() -> None:
 def test_selecting_frees_the_arm_within_a_console() -> None:
     logic, desk = console()
     logic.press(OPERATOR, PRESSED)
-    logic.enable(True)
+    logic.enable(True, PERSON)
     desk.asks.clear()
     assert logic.select("MTML_PSM3")
     assert [(row[0], row[3]) for row in desk.asks] == [("MTML_PSM2", DISABLE), ("MTML_PSM3", ENABLE)]
@@ -207,7 +210,7 @@ def test_two_consoles_selecting_at_once_end_with_one() -> None:
 def test_teleop_that_began_anew_waits_for_presence() -> None:
     logic, desk = console()
     logic.press(OPERATOR, PRESSED)
-    logic.enable(True)
+    logic.enable(True, PERSON)
     logic.began_anew("MTMR_PSM1")
     logic.step(1)
     assert desk.words("MTMR_PSM1")[-1] == ALIGN and desk.words("MTML_PSM2")[-1] == ENABLE
@@ -219,7 +222,7 @@ def test_teleop_that_began_anew_waits_for_presence() -> None:
 def test_who_cannot_be_told_is_asked_until_it_can() -> None:
     logic, desk = console((RIGHT,))
     desk.deaf = {"MTMR_PSM1"}
-    logic.enable(True)
+    logic.enable(True, PERSON)
     assert desk.asks == []
     desk.deaf = set()
     logic.step(5)
@@ -228,7 +231,7 @@ def test_who_cannot_be_told_is_asked_until_it_can() -> None:
 
 def test_refused_is_asked_again_in_a_while() -> None:
     logic, desk = console((RIGHT,))
-    logic.enable(True)
+    logic.enable(True, PERSON)
     logic.refused("MTMR_PSM1", 10)
     logic.step(11)
     assert len(desk.words("MTMR_PSM1")) == 1
@@ -246,19 +249,19 @@ def test_scale_is_for_all_of_the_console() -> None:
 def test_teleop_that_an_error_stopped_is_asked_again_by_a_person_only() -> None:
     logic, desk = console((RIGHT,))
     logic.press(OPERATOR, PRESSED)
-    logic.enable(True)
+    logic.enable(True, PERSON)
     logic.shows("MTMR_PSM1", "ENABLED")
     logic.shows("MTMR_PSM1", "DISABLED")
     logic.step(1)
     assert desk.words("MTMR_PSM1") == [DISABLE, ENABLE]
-    logic.enable(True)
+    logic.enable(True, PERSON)
     assert desk.words("MTMR_PSM1") == [DISABLE, ENABLE, ENABLE]
 
 
 @pytest.mark.parametrize("last", [PRESSED, RELEASED])
 def test_a_clutch_that_could_not_be_told_is_told_later(last: int) -> None:
     logic, desk = console()
-    logic.enable(True)
+    logic.enable(True, PERSON)
     if last == RELEASED:
         logic.press(CLUTCH, PRESSED)
     desk.deaf.add(RIGHT.name)
@@ -304,7 +307,7 @@ def test_a_fault_of_an_arm_takes_the_wish_of_before_away_until_a_person_enables_
 
 def test_teleop_that_began_anew_is_asked_anew_for_what_it_was_asked_for() -> None:
     logic, desk = console((RIGHT,))
-    logic.enable(True)
+    logic.enable(True, PERSON)
     logic.began_anew(RIGHT.name)
     logic.step(1)
     assert desk.words(RIGHT.name) == [ALIGN, ALIGN]
@@ -343,7 +346,7 @@ def test_presence_is_shown_again_by_the_first_press_of_what_a_teleop_waits_for(b
 @pytest.mark.parametrize(("button", "again"), [(OPERATOR, 1), (CAMERA, 1), (CLUTCH, 0)])
 def test_a_press_but_of_the_clutch_asks_again_who_has_stopped(button: str, again: int) -> None:
     logic, desk = console((RIGHT, SCOPE))
-    logic.enable(True)
+    logic.enable(True, PERSON)
     logic.shows(RIGHT.name, "DISABLED")
     count = len(desk.words(RIGHT.name))
     logic.press(button, PRESSED)

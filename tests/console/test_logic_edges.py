@@ -5,7 +5,7 @@ from __future__ import annotations
 from procs.console.logic import ALIGN, CAMERA, OPERATOR, REFUSED_NS
 from procs.console.selection import PSM, Selectable
 from procs.debounce import PRESSED, RELEASED
-from tests.console.test_logic import RIGHT, console
+from tests.console.test_logic import PERSON, RIGHT, console
 
 
 def test_asking_for_another_selection_frees_what_that_needs_too() -> None:
@@ -42,7 +42,7 @@ def test_each_of_several_yields_what_it_must() -> None:
 
 def test_silent_inputs_count_as_nobody_there() -> None:
     logic, desk = console((RIGHT,))
-    logic.enable(True)
+    logic.enable(True, PERSON)
     logic.lose_operator("its inputs are silent")
     assert not desk.beeps and desk.words(RIGHT.name) == [ALIGN], "nobody was there"
     logic.press(OPERATOR, PRESSED)
@@ -53,7 +53,7 @@ def test_silent_inputs_count_as_nobody_there() -> None:
 
 def test_what_was_refused_is_asked_again_at_the_very_end_of_its_time() -> None:
     logic, desk = console((RIGHT,))
-    logic.enable(True)
+    logic.enable(True, PERSON)
     logic.refused(RIGHT.name, 10)
     logic.step(9 + REFUSED_NS)
     assert len(desk.words(RIGHT.name)) == 1

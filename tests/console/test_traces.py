@@ -17,6 +17,7 @@ from procs.console.selection import ECM, PSM, Selectable, conflicts
 from procs.debounce import CLICKED, PRESSED, RELEASED
 from shm.origins import NOBODY, Origin
 from tests.arm.fake_requests import FakeRequest
+from tests.guarded import objection
 from tests.traces import Trace, shown
 
 FOLDER = Path(__file__).parent / "traces"
@@ -47,9 +48,10 @@ class LoggedDesk:
 
     def ask(self, teleop: str, command: str, values: Sequence[float] = (), text: str = "",
             origin: Origin = NOBODY) -> bool:
-        heard = "" if teleop not in self.deaf else " (not heard)"
+        reason = objection("teleop", command, values, text, origin)
+        heard = " (not heard)" if teleop in self.deaf else f" ({reason})" if reason else ""
         self.log.append(f"{self.name} > {teleop} {command} {text}{shown(tuple(values))} for {origin.id}{heard}")
-        return not heard
+        return teleop not in self.deaf
 
     def free(self, teleop: str) -> None:
         self.log.append(f"{self.name} frees {teleop}")
@@ -87,7 +89,7 @@ class ConsolesPlay:
         acts: list[Callable[[], object]] = [
             *((lambda button=button, kind=kind: logic.press(button, kind))  # type: ignore[misc]
               for button in (OPERATOR, CLUTCH, CAMERA) for kind in (PRESSED, RELEASED, CLICKED)),
-            lambda: logic.enable(True, Origin(len(self.trace.lines), self.faults, "play")),
+            lambda: logic.enable(True, Origin(1 + len(self.trace.lines), self.faults, "play")),
             lambda: logic.lose_operator("its inputs are silent"),
             lambda: logic.began_anew(name), lambda: logic.refused(name, self.now_ns),
             lambda: logic.shows(name, "DISABLED"), lambda: logic.shows(name, "ENABLED"),

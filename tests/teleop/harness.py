@@ -24,9 +24,10 @@ from shm.events import SEVERITIES
 from shm.faults import NoFaults
 from shm.layout import schema_of
 from shm.operator_topics import CONSOLE_STATE, TELEOP_STATE
-from shm.origins import Origin
+from shm.origins import NOBODY, Origin
 from shm.topics import ARM_STATE, EVENTS, SUJ_STATE
 from tests.arm.fake_requests import FakeRequest
+from tests.guarded import objection
 
 PERIOD_NS = 1_000_000
 STEP_M, STEP_RAD = 0.001, 0.02  # of a move, or a hand, in one cycle
@@ -76,7 +77,10 @@ class FakeTeleopArm:
         self.sent: list[tuple[str, tuple[float, ...], str]] = []
         self.answers: list[Answer] = []
         self.origins: list[Origin] = []
+        self.origin = NOBODY
         self.alive, self.obeys = True, True
+        self.void = 0
+        """Commands of an earlier fault generation count for nothing."""
         self.refuses: dict[str, str] = {}
         self.says: dict[str, str] = {}
         self.ring.set(state=b"ENABLED", sub_state=b"HOMED", is_homed=True, reference_valid=True, cartesian_valid=True,
@@ -111,12 +115,14 @@ class FakeTeleopArm:
 
     def on_behalf(self, origin: Origin) -> None:
         self.origins.append(origin)
+        self.origin = origin
 
     def send(self, name: str, values: Any = (), text: str = "") -> int:
         self.sent.append((name, tuple(float(v) for v in values), text))
         number = len(self.sent)
-        if name in self.refuses:
-            self.answers.append(Answer(number, "refused", self.refuses[name]))
+        reason = objection("arm", name, values, text, self.origin, self.void) or self.refuses.get(name, "")
+        if reason:
+            self.answers.append(Answer(number, "refused", reason))
             return number
         if self.obeys and name == "move_cp":
             self._goal = number, np.array(values)
@@ -180,6 +186,7 @@ class FakeTeleopArm:
         return [text or name for name, _, text in self.sent]
 
     def seen(self, *, is_master: bool = False) -> TeleopArm:
+        self.origin = NOBODY  # a handle of a new process
         return TeleopArm(self.name, Input(self.ring), self.events, self, is_master=is_master)
 
 

@@ -12,6 +12,7 @@ from procs.teleop.arms import TeleopArm
 from procs.teleop.motion_check import STEP_RAD
 from procs.teleop.third_party import ThirdPartyArm
 from shm.operator_topics import THIRD_PARTY_STATE
+from shm.origins import NOBODY
 from tests.teleop.harness import EcmHarness, FakeTeleopArm, FakeTeleopRing, TeleopHarness
 
 RECORD_NS = 10_000_000  # a hundred records a second
@@ -27,6 +28,7 @@ class Program(FakeTeleopArm):
         self.pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
     def seen(self, *, is_master: bool = False) -> TeleopArm:
+        self.origin = NOBODY
         return ThirdPartyArm(self.name, Input(self.ring), self.events, self)
 
 

@@ -102,6 +102,8 @@ class TeleopPlay:
     def of_others(self) -> list[tuple[Callable[[], object], Callable[[], object]]]:
         def fault() -> None:
             self.faults.void += 1
+            for arm in self.harness.arms.values():
+                arm.void = self.faults.void
 
         pairs: list[tuple[Callable[[], object], Callable[[], object]]] = [(fault, lambda: None)]
         harness, console, base = self.harness, self.harness.console, self.harness.base
@@ -136,7 +138,7 @@ class TeleopPlay:
         if self.chance.random() > 0.12:
             return []
         name, values, text = self.chance.choice(PERSONS)
-        origin = Origin(len(self.trace.lines), self.faults.void, "play")
+        origin = Origin(1 + len(self.trace.lines), self.faults.void, "play")
         return [FakeRequest(name, values, text, kind="teleop", origin=origin)]
 
     def step(self) -> None:
