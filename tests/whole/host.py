@@ -35,10 +35,12 @@ class WholeHost:
         self.node = {row.name: runtime.Node(row.kind, name, row.name) for row in loaded.system.processes}
         self.loops = {name: LOOPS[node.kind](node) for name, node in self.node.items()}
 
-    def restart(self, instance: str) -> None:
-        """The loop of an instance anew, as a process that was started again begins."""
+    def restart(self, instance: str, *, killed: bool = False) -> None:
+        """The loop of an instance anew, as a process that was started again begins; `killed`: it left nothing in order.
+        """
         node = self.node[instance]
-        self.loops[instance].close()
+        if not killed:
+            self.loops[instance].close()
         node.give_back()
         self.loops[instance] = LOOPS[node.kind](node)
         assert node._mailbox is not None

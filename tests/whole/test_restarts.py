@@ -1,0 +1,177 @@
+"""Wherever a process is killed or stalled: what its new loop asks of others is what the real mailboxes accept."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+import pytest
+
+from procs.config import load_system
+from procs.host.host import Host
+from procs.host.loops import made
+from shm import directory
+from shm.client import Client
+from tests import stock
+from tests.whole.host import WholeHost
+from tests.whole.test_console import Room
+
+GUARDED: Final = re.compile(r"person|authori|\d s late|^stopped by")
+"""What mailboxes say, not owners."""
+CAMERA, RIGHT = "MTML_MTMR_ECM", "MTMR_PSM1"
+Steps = tuple[tuple[str, str, tuple[float, ...], str], ...]
+ENABLED: Final = (("console", "teleop_enable", (1.0,), ""),)
+PRESENT: Final = (*ENABLED, ("console", "emulate_operator_present", (1.0,), ""))
+STATES: Final[dict[str, Steps]] = {
+    "disabled": (),
+    "disabled, the clutch is pressed": (("console", "emulate_clutch", (1.0,), ""),),
+    "aligned, nobody is there": ENABLED,
+    "following": PRESENT,
+    "following with another scale": (*PRESENT, ("console", "set_scale", (0.1,), "")),
+    "the clutch is pressed": (*PRESENT, ("console", "emulate_clutch", (1.0,), "")),
+    "the camera is moved": (*PRESENT, ("console", "emulate_camera", (1.0,), "")),
+    "the camera is moved, the clutch is pressed": (
+        *PRESENT, ("console", "emulate_camera", (1.0,), ""), ("console", "emulate_clutch", (1.0,), "")),
+    "an arm is homed": (("PSM1", "state_command", (), "unhome"), *PRESENT),
+    "arms are powered": (("system", "power_off", (), ""), ("system", "power_on", (), "")),
+    "arms are homed": (("system", "power_off", (), ""), ("system", "home", (), "")),
+}
+NONE: Final = (("console", "teleop_enable", (0.0,), ""), ("console", "emulate_operator_present", (0.0,), ""),
+               ("console", "emulate_clutch", (0.0,), ""), ("console", "emulate_camera", (0.0,), ""),
+               ("console", "set_scale", (0.2,), ""))
+SHORT_S: Final = 0.05  # in the middle of what it is doing
+
+
+class Audits:
+    """What was refused by mailboxes."""
+
+    def __init__(self, name: str, kinds: dict[str, str]) -> None:
+        self._rings = {each: directory.reader(name, each, "audit", kind) for each, kind in kinds.items()}
+
+    def refused(self) -> list[str]:
+        """Since the last call."""
+        found = []
+        for owner, ring in self._rings.items():
+            while ring.next():
+                words = [bytes(ring.field(name).item()).decode() for name in ("command", "text", "outcome", "reason")]
+                if words[2] == "refused" and GUARDED.search(words[3]):
+                    found.append(f"{owner} {' '.join(words)}")
+        return found
+
+    def close(self) -> None:
+        for ring in self._rings.values():
+            ring.close()
+
+
+class Restarts(Room):
+    """A full robot, and a person."""
+
+    def __init__(self, host: WholeHost) -> None:
+        super().__init__(host)
+        self.people |= {"PSM1": Client(host.name, "PSM1")}
+        self.audits = Audits(host.name, {row.name: row.kind for row in host.document.processes})
+
+    def close(self) -> None:
+        self.audits.close()
+        super().close()
+
+    def do(self, steps: Steps, seconds: float = SHORT_S) -> None:
+        for owner, command, values, text in steps:
+            assert self.says(owner, command, *values, text=text, seconds=seconds) in ("done", "accepted"), command
+
+    def ready(self) -> None:
+        """Homed, nothing is wanted, nothing pressed."""
+        self.do(NONE)
+        self.says("system", "home")
+        for _ in range(100):
+            if self.homed() and not any(ring.field("is_busy").item() for ring in self.arms.values()):
+                return
+            self.host.run(0.2)
+        pytest.fail("not homed")
+
+
+@pytest.fixture(scope="module")
+def room() -> Iterator[Restarts]:
+    with WholeHost(f"t{os.getpid()}-restarts", "kinematic-full") as host:
+        made_room = Restarts(host)
+        try:
+            yield made_room
+        finally:
+            made_room.close()
+
+
+@pytest.mark.parametrize("killed", [True, False])
+@pytest.mark.parametrize("which", [RIGHT, CAMERA, "console", "system"])
+@pytest.mark.parametrize("state", STATES)
+def test_what_a_new_loop_asks_for_is_accepted_whatever_it_was_doing(room: Restarts, state: str, which: str,
+                                                                    killed: bool) -> None:
+    room.ready()
+    room.do(STATES[state])
+    assert not room.audits.refused()
+    room.host.restart(which, killed=killed)
+    room.host.run(0.15)
+    for button in ("emulate_operator_present", "emulate_clutch", "emulate_camera"):
+        room.says("console", button, 0.0, seconds=SHORT_S)
+    room.says("console", "emulate_operator_present", 1.0, seconds=0.15)
+    assert not room.audits.refused()
+
+
+# -- the lens of an endoscope, on emulated boards ----------------------------------------------------------------------
+
+OUTPUTS: Final = ("endoscope_focus_in", "endoscope_focus_out")
+
+
+@pytest.fixture
+def lens(tmp_path: Path) -> Iterator[Host]:
+    pedals = stock.find("dvrk-share/io/sawRobotIO1394-MTMR-foot-pedals-QLA1.json")
+    rows = [{"name": name, "board_id": 2, "bit_id": bit, "is_PWM": False} for bit, name in enumerate(OUTPUTS)]
+    (tmp_path / "focus.json").write_text(
+        json.dumps({"$id": "saw-robot-io.schema.json", "$version": "6", "digital_outputs": rows}))
+    file = tmp_path / "lens.json"
+    file.write_text(json.dumps({
+        "$id": "dvrk-system.schema.json", "$version": "1",
+        "IOs": [{"name": "IO1", "port": "udp", "configuration_files": [str(pedals)]}],
+        "ISI_focus_controller": {"name": "lens", "IO": "IO1", "IO_file": "focus.json"}}))
+    loaded = load_system(file, name=f"t{os.getpid()}-lens", sets=["clock=lockstep"], boards="emulated")
+    assert loaded.system is not None, loaded.errors
+    host = Host(loaded.system)
+    yield host
+    with contextlib.suppress(ValueError):  # a loop that was replaced has nothing to write to any more
+        host.close()
+
+
+@pytest.mark.parametrize("killed", [True, False])
+@pytest.mark.parametrize("state", ["at rest", "a pedal is pressed", "commanded", "locked"])
+def test_a_new_loop_of_a_lens_stops_it_whatever_it_was_doing(lens: Host, state: str, killed: bool) -> None:
+    boards, client, io = lens.client("boards"), lens.client("lens"), lens.reader("IO1")
+    audits = Audits(lens.name, {"IO1": "io", "lens": "focus"})
+    places = [io.info["outputs"].index(name) for name in OUTPUTS]
+    lens.run(0.3)
+    if state == "a pedal is pressed":
+        boards.send("press", (1.0,), "focus_plus")
+    elif state != "at rest":
+        client.send("focus_out" if state == "commanded" else "lock", (1.0,))
+    lens.run(0.3)
+    boards.send("press", (0.0,), "focus_plus")
+    restart(lens, "lens", killed)
+    lens.run(0.5)
+    assert io.newest() and io.field("output")[places].tolist() == [True, True] and not audits.refused()
+    audits.close()
+
+
+def restart(host: Host, name: str, killed: bool) -> None:
+    """The loop of an instance anew."""
+    at = next(at for at, (node, _, _) in enumerate(host._turns) if node.name == name)
+    node = host._turns[at][0]
+    if not killed:
+        host.loops[name].close()
+    node.give_back()
+    host.loops[name] = loop = made(node, None)
+    node.ready()
+    loop.wait()
+    host._turns[at] = node, loop.wait, loop.cycle
