@@ -75,7 +75,8 @@ class ArmCommands:
                 self._control.machine.publish_refused_move()
         elif row is not None and row.ready is not Ready.ALWAYS:
             self._streamed_ns = self._control.now_ns if row.streams and self._timeout_ns else 0
-            self._control.leader = request.sender if row.streams or row.moves else None
+            if row.streams or row.moves:
+                self._control.leader = request.sender
 
     def _do(self, request: Request) -> str | None:
         row = self._rows.get(request.name)

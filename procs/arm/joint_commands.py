@@ -61,6 +61,7 @@ class JointCommands:
 
     def _hold(self, _: Request) -> None:
         control = self._control
+        control.leader = None
         control.stop(control.io.setpoint, Mode.POSITION, "replaced by hold")
         control.motion.space = Space.JOINT
 
@@ -71,4 +72,5 @@ class JointCommands:
             control.stop(control.here, Mode.POSITION, "its program has ended it")
 
     def _free(self, _: Request) -> None:
+        self._control.leader = None
         self._control.push(Space.JOINT).rest()

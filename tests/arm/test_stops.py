@@ -8,6 +8,7 @@ import pytest
 from shm.origins import Origin, SenderId
 from tests.arm.arm_configs import fixed_arm
 from tests.arm.fake_io import ArmHarness
+from tests.arm.fake_master import MasterHarness
 from tests.arm.fake_requests import FakeRequest
 
 DEEP = np.array((0.0, 0.0, 0.12, 0.0, 0.0, 0.0))
@@ -71,3 +72,23 @@ def test_the_end_of_a_stream_is_never_refused(state: str) -> None:
     harness.reach(state)
     request = harness.send("end_stream")
     assert request.outcomes == ["done"] and harness.arm.state == state
+
+
+def test_a_master_that_was_let_go_with_its_orientation_locked_is_held_again_by_the_same_program() -> None:
+    harness = MasterHarness().homed()
+    for name in ("body/servo_cf", "lock_orientation"):
+        assert send(harness, name, np.zeros(6) if name == "body/servo_cf" else ()).outcomes == ["done"]
+    assert harness.state["control_mode"] == 3
+    send(harness, "end_stream", sender=OTHERS)
+    assert harness.state["control_mode"] == 3
+    send(harness, "end_stream")
+    assert harness.state["control_mode"] == 1
+
+
+@pytest.mark.parametrize("name", ["hold", "free"])
+def test_what_another_program_made_of_it_is_left(harness: ArmHarness, name: str) -> None:
+    send(harness, "body/servo_cf", np.zeros(6))
+    send(harness, name, sender=OTHERS)
+    mode = harness.state["control_mode"].copy()
+    send(harness, "end_stream")
+    assert harness.state["control_mode"] == mode
