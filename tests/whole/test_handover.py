@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from shm.client import Client
+from shm.origins import program_name
 from tests.whole.host import WholeHost
 from tests.whole.test_console import Room
 
@@ -93,7 +94,7 @@ def test_a_hold_from_another_program_ends_teleoperation_until_a_person_does_some
         other.send("hold")
         host.run(0.05)
         assert slave.newest() and room.following == {LEFT}
-        assert teleop.field("reason").item().decode() == f"pytest (hold) stopped {which}"
+        assert teleop.field("reason").item().decode() == f"{program_name()} (hold) stopped {which}"
         before = slave.field("setpoint_cp").copy()
         assert room.arms["MTMR"].newest()
         hand.send("move_cp", room.arms["MTMR"].field("measured_cp") + (0.02, 0, 0, 0, 0, 0, 0))
