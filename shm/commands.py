@@ -231,8 +231,8 @@ COMMANDS: dict[str, tuple[CommandRow, ...]] = {
         CommandRow("set_scale", MOTION, "scale of all its teleoperations", (SCALE,), causes=("teleop.set_scale",),
                    ros=Ros("number", ("teleop/set_scale",))),
         CommandRow("emulate_operator_present", MOTION,
-                   "as if the operator came, until this program ends, or left; stay: also after that, where the console "
-                   "has no pedal or head sensor for the operator",
+                   "as if the operator came, for as long as the program that sends it runs, or left; stay: also after "
+                   "that, where the console has no pedal or head sensor for the operator",
                    (replace(PEDAL, name="0 released, 1 pressed", high=1.0),), "stay or nothing",
                    effect_of_zero=SETTING, ended_by=ITSELF, ros=BUTTON),
         CommandRow("emulate_clutch", MOTION, "as if the clutch were used", (PEDAL,), effect_of_one=SETTING,

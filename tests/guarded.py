@@ -1,4 +1,4 @@
-"""What a mailbox and its owner say to a command before it is looked at, for stand-ins: by the code that real ones use."""
+"""What a mailbox and its owner say to a command at first, for stand-ins: by the code that real ones use."""
 
 from __future__ import annotations
 
