@@ -13,7 +13,8 @@ import pytest
 from cyclonedds.core import DDSException
 
 from procs.ros.dds import Participant
-from procs.ros.messages import JointStates, OperatingState, Time
+from procs.ros.messages import JointStates, Joy, OperatingState, Time
+from procs.ros_bridge import carrying_out
 from procs.ros_bridge.events import REPEAT_NS, ToldState
 from procs.ros_bridge.refusals import KEPT, SILENT_NS, Refusals
 from procs.ros_bridge.services import STRANGERS, Services
@@ -107,3 +108,65 @@ def test_writers_are_asked_who_reads_them_only_where_something_has_changed(parti
         writer.look = partial(asked.append, writer.name)  # type: ignore[method-assign]
     participant.look()
     assert not asked and reader.take() == []
+
+
+class FakeReader:
+    """One topic, and the publishers that are there."""
+
+    def __init__(self, name: str, writers: set[int]) -> None:
+        self.name, self.messages, self._writers = name, [], writers
+
+    def take(self, tell: Any) -> list[Any]:
+        found, self.messages = self.messages, []
+        return found
+
+    def writer(self, handle: int) -> Any:
+        return SimpleNamespace(participant_key=handle) if handle in self._writers else None
+
+
+def test_what_a_node_holds_down_is_let_go_when_it_is_gone(monkeypatch: pytest.MonkeyPatch) -> None:
+    sent: list[tuple[str, list[float]]] = []
+
+    class FakeRosClient:
+        def __init__(self, system: str, to: str, called: str, peer: int = 0) -> None:
+            self.instance = to
+
+        def send(self, name: str, values: Any, text: str) -> int:
+            sent.append((name, list(values)))
+            return len(sent)
+
+        def poll(self) -> list[Any]:
+            return []
+
+    monkeypatch.setattr(carrying_out, "Client", FakeRosClient)
+    writers, readers = {5, 6}, dict[str, FakeReader]()
+    node: Any = SimpleNamespace(reader=lambda name, *_: readers.setdefault(name, FakeReader(name, writers)))
+    commands = carrying_out.Commands(node, "x", [carrying_out.Addressee("console", "console")], may_power=True,
+                                     refusals=Refusals(lambda text: None, lambda: 0))
+
+    def say(name: str, pressed: int, handle: int) -> None:
+        message = Joy(buttons=[pressed])
+        message.sample_info = SimpleNamespace(publication_handle=handle)  # type: ignore[attr-defined]
+        readers[f"console/{name}"].messages.append(message)
+        for wish in commands.take():
+            wish.carry_out()
+        commands.hear()
+
+    def leave(handle: int) -> None:
+        writers.discard(handle)
+        sent.clear()
+        commands.hear()
+
+    say("emulate_operator_present", 1, 5)
+    say("emulate_clutch", 1, 6)
+    leave(6)
+    assert sent == []
+    leave(5)
+    assert sent == [("emulate_operator_present", [0.0])]
+    leave(5)
+    assert sent == [], "once"
+    writers.add(5)
+    say("emulate_operator_present", 1, 5)
+    say("emulate_operator_present", 0, 5)
+    leave(5)
+    assert sent == [], "it has let go itself"
