@@ -256,8 +256,8 @@ class TeleopArm:
         """No forces but those against its weight, if it is ready for commands."""
         self._was_free = False
         if self.is_ready and not self.is_silent:
+            self._weight = self.send("use_gravity_compensation", (1.0,))  # first: then nothing else bears it
             self.send("body/servo_cf", (0.0,) * 6)
-            self._weight = self.send("use_gravity_compensation", (1.0,))
 
     def _hear(self, answer: Answer) -> None:
         if answer.id == self._weight:

@@ -10,6 +10,7 @@ import pytest
 from tests.arm.arm_configs import fixed_arm
 from tests.arm.fake_io import ArmHarness
 from tests.arm.fake_master import MasterHarness, master
+from tests.arm.fake_requests import FakeRequest
 from tests.arm.test_master_efforts import bent, borne, gains, joint_effort
 from tests.lib.test_gravity import parameters
 
@@ -173,3 +174,15 @@ def test_a_locked_orientation_stays_locked(harness: MasterHarness) -> None:
 @pytest.fixture
 def harness() -> MasterHarness:
     return bent(master(platform_gain=0.0))
+
+
+def test_a_master_that_a_teleoperation_lets_go_is_borne_at_once_though_its_weight_was_switched_off() -> None:
+    harness = bent(master(platform_gain=0.0, master_gravity=parameters("jhu-dVRK/gc-MTML-22723.json")))
+    borne = harness.state["gravity_effort"][:7].copy()
+    harness.send("hold")
+    harness.send("use_gravity_compensation", (0,))
+    harness.run(2.0)
+    assert not harness.state["gravity_effort"].any() and borne.any()
+    harness.step(FakeRequest("use_gravity_compensation", (1.0,)), FakeRequest("body/servo_cf", (0.0,) * 6))
+    assert harness.state["control_mode"] == 3
+    assert harness.state["gravity_effort"][:7] == pytest.approx(borne, abs=1e-3)

@@ -146,12 +146,12 @@ def test_refusals_are_shown_for_a_second_and_limits_for_a_tenth() -> None:
 def test_a_model_of_its_weight_that_an_arm_has_not_is_no_refusal() -> None:
     watched = Watched()
     watched.arm.let_go()
-    weight = watched.number
+    weight = watched.number - 1
     watched.look(Answer(weight, "refused", "no model"))
     assert watched.arm.refusal == ""
     watched.look(Answer(weight, "refused", "why"))
     assert watched.arm.refusal == "PSM1: why", "that number was answered"
-    assert watched.fake.sent == [("body/servo_cf", (0.0,) * 6, ""), ("use_gravity_compensation", (1.0,), "")]
+    assert watched.fake.sent == [("use_gravity_compensation", (1.0,), ""), ("body/servo_cf", (0.0,) * 6, "")]
 
 
 @pytest.mark.parametrize("state", [{"state": b"DISABLED"}, {"is_homed": False}, None])

@@ -21,7 +21,7 @@ def harness() -> EcmHarness:
 
 def test_masters_are_let_go_with_their_orientations_locked(harness: EcmHarness) -> None:
     for name in ("MTML", "MTMR"):
-        assert harness.arms[name].words()[:3] == ["body/servo_cf", "use_gravity_compensation", "lock_orientation"]
+        assert harness.arms[name].words()[:3] == ["use_gravity_compensation", "body/servo_cf", "lock_orientation"]
 
 
 def test_a_process_that_is_killed_leaves_the_axes_of_the_masters_wrenches_as_they_were(harness: EcmHarness) -> None:

@@ -28,7 +28,7 @@ def test_it_aligns_the_master_and_then_follows(harness: TeleopHarness) -> None:
     assert harness.reports.of("current_state") == ["SETTING_ARMS_STATE", "ALIGNING_MTM", "ENABLED"]
     moved = harness.master.asked("move_cp")[0][1]
     assert moved == pytest.approx((0.1, 0.0, 0.2, 0, 0, 0, 1))
-    assert harness.master.words()[-4:] == ["move_cp", "body/servo_cf", "use_gravity_compensation",
+    assert harness.master.words()[-4:] == ["move_cp", "use_gravity_compensation", "body/servo_cf",
                                            "unlock_orientation"]
     assert harness.following and harness.text("state") == "ENABLED" and not harness.text("reason")
 
@@ -155,7 +155,7 @@ def test_the_clutch_holds_the_slave_and_goes_on_without_a_jump() -> None:
     assert not harness.following and harness.text("state") == "ENABLED"
     assert harness.text("reason") == "the clutch is pressed"
     assert "end_stream" in harness.slave.words()
-    assert harness.master.words() == ["body/servo_cf", "use_gravity_compensation", "lock_orientation"]
+    assert harness.master.words() == ["use_gravity_compensation", "body/servo_cf", "lock_orientation"]
     harness.forget()
     harness.lead(0.1, 0.0, 0.0)
     assert not harness.slave.sent and harness.slave.pose == pytest.approx(before)
@@ -387,4 +387,4 @@ def test_the_master_is_let_go_in_the_cycle_in_which_following_begins(harness: Te
     while not harness.following:
         harness.forget()
         harness.step()
-    assert harness.master.words() == ["body/servo_cf", "use_gravity_compensation", "unlock_orientation"]
+    assert harness.master.words() == ["use_gravity_compensation", "body/servo_cf", "unlock_orientation"]
