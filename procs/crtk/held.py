@@ -15,11 +15,16 @@ from typing import Final
 
 from procs.crtk.calls import Calls
 from procs.crtk.messages import WrongMessage
-from shm.command_row import ITSELF
+from shm.command_row import ITSELF, CommandRow
 
 OFF: Final = (0.0,)
 Held = tuple[str, str, tuple[float, ...], str]
 """To whom, and the command that lets go, with its values and text."""
+
+
+def ending(to: str, row: CommandRow, text: str) -> Held:
+    """What releases what `row` began at `to`."""
+    return (to, row.name, OFF, text) if row.ended_by == ITSELF else (to, row.ended_by, (), text)
 
 
 class HeldDown:
@@ -34,7 +39,7 @@ class HeldDown:
         """A page has commanded this."""
         row = self._calls.owner(to).rows.get(command)
         if row is not None and row.ended_by:
-            held = (to, command, OFF, text) if row.ended_by == ITSELF else (to, row.ended_by, (), text)
+            held = ending(to, row, text)
             if any(values):
                 self._held[held] = page, bool(row.stream)
             else:

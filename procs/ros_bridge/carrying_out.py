@@ -16,7 +16,7 @@ from uuid import UUID
 
 import numpy as np
 
-from procs.crtk.held import ENDINGS, LettingGo
+from procs.crtk.held import Held, ending
 from procs.ros.dds import Participant, TopicReader
 from procs.ros_bridge.incoming import COMMAND_TOPICS, STREAM, CommandTopic, no_text
 from procs.ros_bridge.publishing import ros_topic
@@ -26,8 +26,6 @@ from shm.commands import may_power
 from shm.segment import SegmentError
 
 MAY_NOT: Final = "the ROS bridge may not power, home or release anything (trocar: {ros: {may_power: …}})"
-
-
 MAX_PEERS: Final = 256
 """Participants that are told apart, and handles that are kept."""
 
@@ -74,8 +72,8 @@ class Commands:
         self._open: dict[Client, set[int]] = {}
         """Of whom an answer is awaited, and to which commands."""
         self._asked: list[AskedTopic] = []
-        self._held: dict[tuple[str, LettingGo, str], tuple[TopicReader[Any], int]] = {}
-        """What ROS nodes hold down, how it is let go, and the handles of their publishers."""
+        self._held: dict[Held, tuple[TopicReader[Any], int]] = {}
+        """What releases what ROS nodes hold down, and the handles of their publishers."""
         for to in addressees:
             self._clients[to.name, 0] = Client(system, to.name, "ros_bridge")
             for row, topic, text in topics_of(to):
@@ -89,12 +87,13 @@ class Commands:
                 for asked in self._asked for message in asked.reader.take(self._say)]
 
     def hear(self) -> None:
-        """What became of what was asked; and what nodes have held down that are gone is let go."""
-        for (to, ending, text), (reader, handle) in list(self._held.items()):
+        """What became of what was asked; and what nodes held down that are gone is released."""
+        for held, (reader, handle) in list(self._held.items()):
             if reader.writer(handle) is None:
+                to, command, values, text = held
                 with suppress(MailboxFull, SegmentError):  # then again next time
-                    self._clients[to, 0].send(ending.command, ending.values, text)
-                    del self._held[to, ending, text]
+                    self._clients[to, 0].send(command, values, text)
+                    del self._held[held]
         for client in list(self._open):
             for reply in client.poll():
                 if reply.outcome != "accepted":
@@ -114,10 +113,10 @@ class Commands:
         try:
             client = self._client(to, self._peer(asked.reader, message))
             self._open.setdefault(client, set()).add(client.send(row.name, numbers, text))
-            if ending := ENDINGS.get((asked.row.kind, row.name)):
-                self._held.pop((to, ending, text), None)
+            if row.ended_by:
+                self._held.pop(held := ending(to, row, text), None)
                 if numbers.any():
-                    self._held[to, ending, text] = asked.reader, message.sample_info.publication_handle
+                    self._held[held] = asked.reader, message.sample_info.publication_handle
         except (MailboxFull, SegmentError, ValueError) as error:
             self._say(f"{to} {row.name}: {error}")
 

@@ -7,8 +7,8 @@ from typing import cast
 import pytest
 
 from procs.crtk.calls import Calls, CommandOwner
-from procs.crtk.messages import WrongMessage
 from procs.crtk.held import HeldDown
+from procs.crtk.messages import WrongMessage
 from shm.command_row import ITSELF
 from shm.commands import COMMANDS
 

@@ -10,10 +10,10 @@ from typing import Any
 import pytest
 
 from procs.access import is_ours
-from procs.crtk import held
 from procs.crtk.messages import MAX_BYTES
 from procs.document.bridges import SocketBridge
 from procs.socket_bridge import connection, session, topics
+from shm.commands import COMMANDS
 from shm.subscriptions import Subscriptions
 from tests.socket_bridge.bridge import LOCAL, Bridge, bridge, run
 from tests.tools.robot import ScriptedRobot
@@ -104,7 +104,9 @@ def test_a_command_is_a_person_s_and_its_end_is_told(world: Any) -> None:
 
 
 def test_what_a_client_holds_down_is_let_go_when_it_leaves(world: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(held, "ENDINGS", {("arm", "servo_jf"): held.LettingGo("hold", ())})
+    rows = {row.name: row for row in COMMANDS["arm"]}
+    rows["servo_jf"] = dataclasses.replace(rows["servo_jf"], ended_by="hold")
+    monkeypatch.setitem(COMMANDS, "arm", tuple(rows.values()))
 
     @story(world)
     async def _(made: Bridge) -> None:

@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any
+from uuid import uuid4
 
 import pytest
 
@@ -146,7 +147,8 @@ def test_the_socket_lets_through_what_its_rights_allow(world: World, kind: str, 
 
 @pytest.mark.parametrize("may_power", [False, True])
 def test_ros_lets_through_what_it_may_power(world: World, kind: str, box: Mailbox, may_power: bool) -> None:
-    participant: Any = SimpleNamespace(reader=lambda *_: SimpleNamespace(writer=lambda handle: None))
+    writer = SimpleNamespace(participant_key=uuid4())
+    participant: Any = SimpleNamespace(reader=lambda *_: SimpleNamespace(writer=lambda handle: writer))
     message = SimpleNamespace(sample_info=SimpleNamespace(publication_handle=1))
     said: list[str] = []
     refusals: Any = SimpleNamespace(say=said.append)
