@@ -33,7 +33,7 @@ def test_emulated_inputs_reach_the_record_and_a_killed_console_wants_presence(ro
     old = robot.kill("console")
     wait_for(lambda: robot.pid("console") != old and robot.state("console") == "RUNNING", 30, "the console's restart")
     shows(operator_present=False, clutch=False, teleop_enabled=True, scale=0.4)
-    assert "1 " in robot.trocar("send", "console", "emulate_operator_present", "2", code=1)
+    assert "1 " in robot.trocar("send", "console", "emulate_operator_present", "2", code=2)
     robot.trocar("send", "system", "power_off", "--wait")
     shows(teleop_enabled=False)
     ring.close()
