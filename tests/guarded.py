@@ -2,18 +2,67 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from shm.guard import unauthorized
-from shm.origins import Origin
+from shm.faults import Cell
+from shm.guard import late, unauthorized
+from shm.mailbox_map import MAX_TEXT, MAX_VALUES
+from shm.origins import NOBODY, Origin
 from tests.command_rows import row_named
 
+UNAUTHORIZED = "not authorized: needs an operator's command given after the last fault or power-off"
 
-def objection(kind: str, name: str, values: Any, text: str, origin: Origin, void: int = 0) -> str:
+
+@dataclass
+class FakeCell:
+    """Faults of one component, each of which is a generation."""
+
+    void: int = 0
+    spared: int = 0
+
+    def fault(self) -> None:
+        """See OwnCell."""
+        self.void, self.spared = self.void + 1, 0
+
+    def switched_off(self, origin: int) -> None:
+        """See OwnCell."""
+        self.void, self.spared = self.void + 1, origin
+
+
+def objection(kind: str, name: str, values: Any, text: str, origin: Origin, void: int = 0, spared: int = 0,
+              waited_ns: int = 0) -> str:
     """Why it is refused, "": it is not. `void`: commands of an earlier fault generation count for nothing."""
     row, numbers = row_named(name, kind), np.asarray(values, dtype=np.float64).reshape(-1)
-    cell = SimpleNamespace(void=void, spared=0)
-    return unauthorized(row, text, numbers, origin, cell) or row.objection(numbers)
+    if len(numbers) > MAX_VALUES or len(text.encode()) > MAX_TEXT:
+        return f"{len(numbers)} values and {len(text)} characters; allowed are {MAX_VALUES} and {MAX_TEXT}"
+    return (late(row, text, numbers, waited_ns) or unauthorized(row, text, numbers, origin, FakeCell(void, spared))
+            or row.objection(numbers))
+
+
+class Guarded:
+    """The way to a mailbox, for a process that was just begun: nobody's until `on_behalf`."""
+
+    def __init__(self, kind: str, cell: Cell) -> None:
+        """`cell` of the owner's component."""
+        self.kind, self.cell, self.origin = kind, cell, NOBODY
+        self.refused: list[str] = []
+
+    def on_behalf(self, origin: Origin) -> None:
+        """What comes from now on are steps of this command."""
+        self.origin = origin
+
+    @property
+    def is_authorized(self) -> bool:
+        """Whether an operator's command stands behind what is sent."""
+        return bool(self.origin.id)
+
+    def lets_through(self, name: str, values: Sequence[float], text: str) -> bool:
+        """Whether the owner sees this command; what it does not is kept in `refused`."""
+        reason = objection(self.kind, name, values, text, self.origin, self.cell.void, self.cell.spared)
+        if reason:
+            self.refused.append(f"{name} {text} {tuple(values)}: {reason}")
+        return not reason

@@ -24,6 +24,7 @@ from procs.io.reports import IoEvent
 from procs.io.robots import Robots
 from procs.io.start import POWER_OFF, prepare
 from shm.clock import boottime_ns
+from tests.guarded import FakeCell
 from tests.io.harness import FakeCommand, FakeSource, SteppedClock
 
 
@@ -113,6 +114,7 @@ class BoardsHarness:
         self.arms = {pid.robot: FakeSource() for pid in self.io.pids}
         self.over_ns = FOR_EVER_NS
         self.core = RobotIo(self.io, self.port, self.now_ns, self.record, list(self.arms.values()), self.preset,
+                            cells=[FakeCell() for _ in self.io.robots],
                             is_over=lambda: boottime_ns() > self.over_ns, over_ns=lambda: self.over_ns)
         self.period_ns = round(self.io.period_s * 1e9)
         self.events: list[IoEvent] = []
@@ -127,7 +129,7 @@ class BoardsHarness:
                 arm.pid_generation[...] = self.record.pid_generation[place]
             self.world.advance(self.clock.ns)
             with np.errstate(all="ignore"):
-                self.core.cycle(commands)
+                self.core.cycle([command for command in commands if command.reaches_io()])
             commands = ()
             self.events += self.core.reports.events
             self.core.reports.events.clear()

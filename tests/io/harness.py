@@ -29,6 +29,7 @@ from procs.wishes import WISHES
 from shm.origins import Origin, SenderId
 from shm.topics import SETPOINT
 from tests.command_rows import row_named
+from tests.guarded import objection
 
 PERIOD_NS = 1_000_000_000 // 1024  # 976562 ns and a half: steps are counted in the boards' own ticks
 TICKS = 48000  # 1/1024 s
@@ -129,6 +130,11 @@ class FakePort:
             self.lost_writes -= 1
             return
         self.registers[board, address] = value
+        if address == registers.DIGITAL_OUTPUT:  # 1 is a low pin, and shown so
+            mask, shown = value >> 8, blocks.DIGITAL_INPUT
+            word, bits = int(self.live[self.board_ids.index(board), shown]), value & 0xFF
+            shift = registers.INPUT_DOUT_SHIFT
+            self.live[self.board_ids.index(board), shown] = word & ~(mask << shift) | (bits & mask) << shift
         if address >> 4 and address & 0xF == registers.ENCODER_PRELOAD:
             self.live[self.board_ids.index(board), blocks.POSITION.start + (address >> 4) - 1] = value
 
@@ -242,13 +248,20 @@ PERSON = Origin(1, 1 << 60, "test")
 
 
 class FakeCommand:
-    """A command that remembers its answers."""
+    """A command that remembers its answers; a person's, unless it is given another origin."""
 
-    def __init__(self, name: str, text: str = "PSM1", *values: float) -> None:
+    def __init__(self, name: str, text: str = "PSM1", *values: float, origin: Origin = PERSON) -> None:
         self.name, self.text, self.values = name, text, np.array(values, dtype=float)
         self.answers: list[tuple[str, str]] = []
-        self.origin, self.sender, self.command = PERSON, SenderId(0), row_named(name)
+        self.origin, self.sender, self.command = origin, SenderId(0), row_named(name)
         self.pid, self.has_client = 4711, True
+
+    def reaches_io(self) -> bool:
+        """Whether io's mailbox lets it through."""
+        reason = objection("io", self.name, self.values, self.text, self.origin)
+        if reason:
+            self.refuse(reason)
+        return not reason
 
     def accept(self, text: str = "") -> None:
         self.answers.append(("accepted", text))
@@ -296,7 +309,7 @@ class IoHarness:
                     arm.bias_generation[...] = self.record.bias_generation[place]
                     arm.pid_generation[...] = self.record.pid_generation[place]
             with np.errstate(all="ignore"):
-                self.core.cycle(commands)
+                self.core.cycle([command for command in commands if command.reaches_io()])
             commands = ()
 
     def run_s(self, seconds: float) -> None:

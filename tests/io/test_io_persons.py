@@ -3,22 +3,9 @@
 from __future__ import annotations
 
 from procs import codes
-from shm.faults import NoFaults
 from shm.origins import Origin
+from tests.guarded import FakeCell
 from tests.io.harness import FakeCommand, IoHarness
-
-
-class FakeCell(NoFaults):
-    """One robot's."""
-
-    def __init__(self) -> None:
-        self.void = self.spared = 0
-
-    def fault(self) -> None:
-        self.void, self.spared = self.void + 1, 0
-
-    def switched_off(self, origin: int) -> None:
-        self.void, self.spared = self.void + 1, origin
 
 
 def harness() -> tuple[IoHarness, FakeCell]:
@@ -28,8 +15,7 @@ def harness() -> tuple[IoHarness, FakeCell]:
 
 
 def asked(made: IoHarness, name: str, generation: int, *values: float) -> str:
-    command = FakeCommand(name, "PSM1", *values)
-    command.origin = Origin(77, generation, "trocar home")
+    command = FakeCommand(name, "PSM1", *values, origin=Origin(77, generation, "trocar home"))
     made.run(1, command)
     return command.outcome
 
