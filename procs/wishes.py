@@ -43,5 +43,8 @@ WISHES: Final = (
     _switch("pid", "pid_enabled", "pid_enable"),
     Wish("brakes", "brakes_released", ("brake_release", ()), ("brake_engage", ())),
 )
-SWITCHING: Final = frozenset((*(wish.on[0] for wish in WISHES), *(wish.off[0] for wish in WISHES), "servo_zero")) - {""}
+SETTINGS: Final = {wish.on[0]: wish for wish in WISHES if wish.on[1] and wish.name != "pid"}
+"""By its command: what only sets how io watches and drives a robot, and takes nothing back that the arm wants."""
+SWITCHING: Final = frozenset(
+    (*(order[0] for wish in WISHES for order in (wish.on, wish.off)), "servo_zero")) - {"", *SETTINGS}
 """Commands of io that do what wishes do: a person's one among them voids the wishes of the robot."""

@@ -11,6 +11,11 @@ from procs.document.arms import Chain, Matrix
 
 Linear = tuple[float, float]  # scale, offset
 CLASSIC, SI, FIXED = "Classic", "Si", "Fixed"
+MULTIPLEXER_OUTPUTS = ("no_mux_reset", "mux_increment")
+LIFT_OUTPUTS = ("control_PWM", "disable_PWM")
+"""Names that outputs of a Classic cart's interface board have in every IO file."""
+SETUP_BRAKE = "SUJ_brake"
+"""The brakes of the setup joints under an Si arm are the output NAME_SUJ_brake of that arm's controllers."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -168,7 +168,8 @@ class DigitalOutput:
     high_s: float = 0.0  # for how long it stays high, then it turns by itself
     low_s: float = 0.0
     pwm_hz: float = 0.0
-    high_when_idle: str = ""  # a robot: without setpoints for it, or with its controller off, the pin goes high
+    set_by: str = ""  # the command of io, to `robot`, that sets it, and nothing else; empty: set_output and set_pwm do
+    robot: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from procs.io.record import Flags, IoRecord
 from procs.io.robots import Robots
 from procs.io.setpoint_tracker import SetpointTracker, TrackedRobot
-from procs.wishes import NONE, OFF, ON, WISHES, Order
+from procs.wishes import NONE, OFF, ON, SETTINGS, WISHES, Order
 from shm.command_row import CommandRow
 from shm.commands import COMMANDS
 from shm.layout import shorten
@@ -99,6 +99,16 @@ class ArmRequests:
         self.open[robot] = False
         record.wish_void[robot] = True
         record.wish_refused[robot] = shorten(reason, self._cut)
+
+    def wants(self, robot: int, command: str, on: bool) -> str:
+        """The arm that wants what this command sets to be on, or off; empty: none does."""
+        for follower in self._follow.followers:
+            fields = follower.source.wishes
+            if (follower.robot == robot and self._follow.is_fresh[follower.place] and not self._record.wish_void[robot]
+                    and fields.generation.item() and fields.wanted[WISHES.index(SETTINGS[command])].item()
+                    == (ON if on else OFF)):
+                return follower.arm
+        return ""
 
     def are_new(self) -> bool:
         """See `has_news`."""

@@ -10,23 +10,26 @@ import numpy as np
 
 from procs import codes
 from procs.faults import fault_of
-from procs.io.arm_requests import ArmRequests
+from procs.io.arm_requests import ArmRequests, WishCommand
 from procs.io.brakes import Brakes
 from procs.io.devices import (
     AxisDriveDevice,
     BiasDevice,
+    CartDevice,
     DigitalOutputsDevice,
     GainsDevice,
     InstrumentsDevice,
     PowerDevice,
     SafetyDevice,
+    SetupBrakesDevice,
 )
 from procs.io.pid import Pid
 from procs.io.record import Flags, IoRecord
+from procs.io.reports import IoReports
 from procs.io.robots import Robots
 from procs.io.setpoint_tracker import SetpointTracker
 from procs.requests import CommandRefused, Request, switch
-from procs.wishes import SWITCHING
+from procs.wishes import SETTINGS, SWITCHING
 from shm.faults import OwnCell
 from shm.guard import unauthorized
 
@@ -43,13 +46,14 @@ class IoCommands:
 
     def __init__(self, robots: Robots, record: IoRecord, power: PowerDevice, bias: BiasDevice, follow: SetpointTracker,
                  pid: Pid, safety: SafetyDevice, brakes: Brakes, outputs: DigitalOutputsDevice, gains: GainsDevice,
-                 instruments: InstrumentsDevice, axis_drive: AxisDriveDevice, faults: Sequence[OwnCell],
-                 wishes: ArmRequests) -> None:
+                 instruments: InstrumentsDevice, axis_drive: AxisDriveDevice, cart: CartDevice,
+                 setup_brakes: SetupBrakesDevice, faults: Sequence[OwnCell], wishes: ArmRequests,
+                 reports: IoReports) -> None:
         """`faults` of every robot: what was asked of it before the last one is void. `wishes`: what arms want."""
         self._robots, self._record, self._power, self._bias = robots, record, power, bias
         self._follow, self._pid, self._safety, self._brakes = follow, pid, safety, brakes
         self._outputs, self._gains, self._instruments = outputs, gains, instruments
-        self._axis_drive = axis_drive
+        self._axis_drive, self._cart, self._setup_brakes, self._reports = axis_drive, cart, setup_brakes, reports
         self._names = {"robot": robots.names, "output": outputs.names, "instrument reader": instruments.names}
         self._faults, self._wishes = faults, wishes
         self._powering: list[tuple[int, Request]] = []
@@ -65,6 +69,7 @@ class IoCommands:
             "brake_release": self._brake_release, "brake_engage": self._brake_engage,
             "set_gains": self._set_gains, "trigger_read": self._trigger_read,
             "supply_on": self._supply_on, "drive_axis": self._drive_axis,
+            "lift": self._lift, "setup_brake": self._setup_brake, "multiplexer": self._multiplexer,
         }
 
     def execute(self, commands: Iterable[Request], now_ns: int) -> None:
@@ -86,14 +91,19 @@ class IoCommands:
             if action is None:
                 raise CommandRefused(f"io has no command {command.name}; it has: {', '.join(self._table)}")
             place = self._place(command)
-            cell = None if command.name in ABOUT else self._faults[place]
-            if why := unauthorized(command.command, command.text, command.values, command.origin, cell):
+            if why := unauthorized(command.command, command.text, command.values, command.origin,
+                                   self._cell_of(place, command)):
                 raise CommandRefused(why)
             action(place, command)
         except CommandRefused as reason:
             command.refuse(str(reason))
             return -1
         return place
+
+    def _cell_of(self, place: int, command: Request) -> OwnCell | None:
+        """Faults after which a command has to be asked for again; none where its robot's arm sets its own checks."""
+        is_mode = isinstance(command, WishCommand) and command.name in SETTINGS
+        return None if is_mode or command.name in ABOUT else self._faults[place]
 
     @property
     def waits(self) -> bool:
@@ -136,11 +146,29 @@ class IoCommands:
         return names.index(name)
 
     def _set_output(self, output: int, command: Request) -> None:
+        self._need_free(output)
         self._outputs.set(output, switch(command))
         command.done()
 
     def _set_pwm(self, output: int, command: Request) -> None:
-        reason = self._outputs.set_pwm(output, float(command.values[0]) if len(command.values) else math.nan)
+        self._need_free(output)
+        self._finish(command, self._outputs.set_pwm(output, _one(command)))
+
+    def _need_free(self, output: int) -> None:
+        owner = self._outputs.owner(output)
+        if owner and not self._robots.io.calibration_mode:
+            raise CommandRefused(f"only io sets it: use {owner}, or start in calibration mode")
+
+    def _lift(self, robot: int, command: Request) -> None:
+        self._finish(command, self._cart.lift(robot, _one(command), self._now_ns))
+
+    def _setup_brake(self, robot: int, command: Request) -> None:
+        self._finish(command, self._setup_brakes.set(robot, switch(command), self._now_ns))
+
+    def _multiplexer(self, robot: int, command: Request) -> None:
+        self._finish(command, self._cart.multiplexer(robot, switch(command)))
+
+    def _finish(self, command: Request, reason: str) -> None:
         if reason:
             raise CommandRefused(reason)
         command.done()
@@ -293,23 +321,36 @@ class IoCommands:
         self._brakes.engage(robot)
 
     def _enforce_limits(self, robot: int, command: Request) -> None:
-        reason = self._follow.enforce_limits(robot, switch(command))
-        if reason:
-            raise CommandRefused(reason)
-        command.done()
+        self._need_agreement(robot, command)
+        self._finish(command, self._follow.enforce_limits(robot, switch(command)))
 
     def _tracking_check(self, robot: int, command: Request) -> None:
+        self._need_agreement(robot, command)
         self._record.tracking_check[robot] = switch(command)
         self._pid.check_tracking(self._robots.slices[robot], switch(command))
         command.done()
 
     def _pot_check(self, robot: int, command: Request) -> None:
         on = switch(command)
+        self._need_agreement(robot, command)
         calibrating = on and self._robots.io.calibration_mode
         self._record.pot_check[robot] = on and not calibrating
         self._safety.forget_pots(self._robots.slices[robot])
         self._power.changed = True
         command.done(codes.CALIBRATION_MODE.cause if calibrating else "")
+
+    def _need_agreement(self, robot: int, command: Request) -> None:
+        """What the arm of a robot wants of its checks counts, but in calibration mode; who else relaxes one is named.
+        """
+        if isinstance(command, WishCommand):
+            return
+        on = switch(command)
+        arm = self._wishes.wants(robot, command.name, not on)
+        if arm and not self._robots.io.calibration_mode:
+            raise CommandRefused(f"{arm} needs it {'off' if on else 'on'}; disable {arm} first")
+        if not on:
+            self._reports.status(f"{command.name} is off: {command.origin.program or 'somebody'} switched it off",
+                                 self._robots.names[robot])
 
     def _use_velocity(self, robot: int, command: Request) -> None:
         self._follow.use_velocity(robot, switch(command))
@@ -335,3 +376,8 @@ class IoCommands:
     def _clear_fault(self, robot: int, command: Request) -> None:
         self._record.fault[robot] = 0
         command.done()
+
+
+def _one(command: Request) -> float:
+    """Its only number; NaN when it has none, or more."""
+    return float(command.values[0]) if len(command.values) == 1 else math.nan

@@ -23,11 +23,11 @@ from procs.io.bias import Bias
 from procs.io.brakes import Brakes
 from procs.io.bus.port import ExchangeSettings, Port
 from procs.io.buttons import Buttons
+from procs.io.cart_outputs import CartOutputs
 from procs.io.commands import IoCommands
 from procs.io.digital_outputs import DigitalOutputs
 from procs.io.fault_handler import FaultHandler
 from procs.io.gains import JointGains, configured_gains
-from procs.io.idle_outputs import IdleOutputs
 from procs.io.instruments import InstrumentReaders
 from procs.io.outputs import Outputs
 from procs.io.pid import Pid
@@ -99,17 +99,17 @@ class RobotIo:
         self._bias = Bias(robots, port, samples, record, self.reports)
         self.follow = SetpointTracker(io, robots, samples, self.pid, record, self.reports, sources)
         self._tasks = Tasks(io, robots, samples, record, self.pid, self.reports, now_ns) if io.tasks else None
-        self.digital_outputs = DigitalOutputs(robots, port, record)
+        self.digital_outputs = DigitalOutputs(robots, port, record, self.reports)
         self.instruments = InstrumentReaders(robots, port, self.reports, instruments)
         self._setup_brakes = SetupBrakes(robots, record, self.digital_outputs, self.reports)
-        self._idle_outputs = IdleOutputs(robots, record, self.digital_outputs, self.reports)
+        self._cart = CartOutputs(robots, record, self.digital_outputs)
         self.buttons = Buttons(robots, port, record, self.reports)
         self._axis_drive = AxisDrive(robots, samples, record, self.pid, self._brakes)
         cells = cells or [NoFaults() for _ in robots.names]
         self.wishes = wishes = ArmRequests(robots, record, self.follow, report)
         self._commands = IoCommands(robots, record, self.power, self._bias, self.follow, self.pid, self.safety,
                                     self._brakes, self.digital_outputs, self.gains, self.instruments, self._axis_drive,
-                                    cells, wishes)
+                                    self._cart, self._setup_brakes, cells, wishes, self.reports)
         self.stages = stages(self)
         self._fault_handler = FaultHandler(robots, record, self.reports, self.follow, self.power, self._bias,
                                            self._brakes, cells, wishes)
@@ -182,9 +182,10 @@ class RobotIo:
             self._whole_ns = now_ns
         if not is_finite:
             self._not_finite(now_ns)
-        self._setup_brakes.step()
-        self._idle_outputs.step()
+        self._setup_brakes.step(now_ns)
+        self._cart.step(now_ns)
         self._show(good, read_ns, now_ns)
+        self.digital_outputs.step()
         if self.instruments.running:
             self.instruments.step(good, now_ns)
 
@@ -380,7 +381,8 @@ class RobotIo:
             self.port.write_all()
             self.outputs.written()
         self._setup_brakes.shutdown()
-        self._idle_outputs.shutdown()
+        self._cart.shutdown()
+        self.digital_outputs.shutdown()
         now_ns = self._now_ns()
         for robot in range(len(self.robots.names)):
             self.follow.enable(robot, False, now_ns)

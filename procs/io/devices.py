@@ -80,11 +80,31 @@ class DigitalOutputsDevice(Protocol):
 
     names: tuple[str, ...]
 
+    def owner(self, place: int) -> str:
+        """The command, and its robot, that sets it; empty: whoever asks."""
+
     def set(self, place: int, high: bool) -> None:
         """High or low."""
 
     def set_pwm(self, place: int, duty: float) -> str:
         """A duty cycle; returns why not, or ""."""
+
+
+class CartDevice(Protocol):
+    """What hangs on the interface board of a Classic patient cart."""
+
+    def lift(self, robot: int, velocity: float, now_ns: int) -> str:
+        """Move the lift for a moment, 0: stop; returns why not, or ""."""
+
+    def multiplexer(self, robot: int, on: bool) -> str:
+        """To the next channel, or to the first one; returns why not, or ""."""
+
+
+class SetupBrakesDevice(Protocol):
+    """Brakes of setup joints."""
+
+    def set(self, robot: int, on: bool, now_ns: int) -> str:
+        """Let them go for a moment, or have them hold; returns why not, or ""."""
 
 
 class GainsDevice(Protocol):

@@ -2,10 +2,13 @@
 
 A register holds the pins' levels upside down (1 is a low pin); whoever asks here means pins. A write names the outputs
 it is about, so two in one cycle do not undo each other. A dRA1 does not show its output: what was written last counts.
+
+What io sets by itself is kept: written three times, and again whenever the board shows another level.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -13,8 +16,9 @@ from numpy.typing import NDArray
 
 from procs.document.system import DigitalOutput
 from procs.fpga import blocks, registers
-from procs.io.bus.port import Port
+from procs.io.bus.port import Port, PortError
 from procs.io.record import Flags, IoRecord
+from procs.io.reports import IoReports
 from procs.io.robots import Robots
 
 MAX_COUNTS: Final = 0xFFFF
@@ -22,14 +26,25 @@ TURN_TICKS: Final = 2  # an output turns so many ticks after its count is over
 MIN_PWM_HZ: Final = 375.0
 MASK_SHIFT: Final = 8
 QLA_OUTPUTS: Final = 4
+WRITES: Final = 3  # of each change: a datagram may be lost
+
+
+@dataclass(slots=True)
+class Kept:
+    """What an output has to be: low 0, high 1, or the duty cycle of a PWM; how often that is still to be written."""
+
+    value: float
+    writes: int = WRITES
+    failed: bool = False
 
 
 class DigitalOutputs:
     """The outputs of one io in the order of the document."""
 
-    def __init__(self, robots: Robots, port: Port, record: IoRecord) -> None:
+    def __init__(self, robots: Robots, port: Port, record: IoRecord, reports: IoReports) -> None:
         """Sets up the one-shots; the boards of `port` are discovered."""
         self._outputs, self._port, self._record = robots.io.digital_outputs, port, record
+        self._reports, self._kept = reports, dict[int, Kept]()
         row = {board: k for k, board in enumerate(robots.board_ids)}
         self._flat = port.blocks.reshape(-1)
         self.index = np.array([row[o.board_id] * port.columns.count + blocks.DIGITAL_INPUT for o in self._outputs],
@@ -43,8 +58,57 @@ class DigitalOutputs:
             if not output.is_pwm and (output.high_s or output.low_s):
                 self._configure(output, _counts(output.high_s), _counts(output.low_s))
 
+    def place(self, name: str, command: str, robot: str) -> int | None:
+        """The output of this name, where this command to this robot sets it."""
+        return next((place for place, row in enumerate(self._outputs)
+                     if (row.name, row.set_by, row.robot) == (name, command, robot)), None)
+
+    def owner(self, place: int) -> str:
+        """What sets an output; empty: whoever asks for it."""
+        row = self._outputs[place]
+        return f"{row.set_by} {row.robot}" if row.set_by else ""
+
+    def keep(self, place: int, value: float) -> None:
+        """What an output has to be from now on; see `step`."""
+        kept = self._kept.get(place)
+        if kept is None or kept.value != value:
+            self._kept[place] = Kept(value)
+
+    def step(self) -> None:
+        """Once a cycle, after `show`: write what is not as it has to be."""
+        for place, kept in self._kept.items():
+            if kept.writes:
+                kept.writes -= 1
+                self._send(place, kept)
+            elif not self._outputs[place].is_pwm and self._record.output[place] != kept.value:
+                kept.writes = 1  # in the next cycle, whose sample will show it
+
+    def shutdown(self) -> None:
+        """Write all that is kept once more."""
+        for place, kept in self._kept.items():
+            for _ in range(WRITES):
+                self._send(place, kept)
+
+    def _send(self, place: int, kept: Kept) -> None:
+        try:
+            if self._outputs[place].is_pwm:
+                self._set_pwm(place, kept.value)
+            else:
+                self._set(place, kept.value > 0.5)
+        except PortError as error:
+            if not kept.failed:
+                self._reports.status(f"{self.names[place]}: {error}", self._outputs[place].robot)
+            kept.failed = True
+        else:
+            kept.failed = False
+
     def set(self, place: int, high: bool) -> None:
         """A level; of a one-shot it lasts as long as the file says."""
+        if place in self._kept:
+            self.keep(place, float(high))
+        self._set(place, high)
+
+    def _set(self, place: int, high: bool) -> None:
         output = self._outputs[place]
         if output.is_pwm:
             self._configure(output, 0, 0)
@@ -53,20 +117,30 @@ class DigitalOutputs:
 
     def set_pwm(self, place: int, duty: float) -> str:
         """A share of the time high, 0 to 1, at the file's frequency. Returns why not, or ""."""
+        reason = self.pwm_objection(place, duty)
+        if not reason:
+            if place in self._kept:
+                self.keep(place, duty)
+            self._set_pwm(place, duty)
+        return reason
+
+    def pwm_objection(self, place: int, duty: float) -> str:
+        """Why an output cannot have this duty cycle, or ""."""
         output = self._outputs[place]
         if not output.is_pwm:
             return "the file does not call it a PWM"
         if not output.pwm_hz > MIN_PWM_HZ:
             return f"its PWM_frequency is {output.pwm_hz} Hz; allowed: above {MIN_PWM_HZ:g}"
-        if not 0.0 <= duty <= 1.0:
-            return f"duty {duty}; allowed: 0 to 1"
+        return "" if 0.0 <= duty <= 1.0 else f"duty {duty}; allowed: 0 to 1"
+
+    def _set_pwm(self, place: int, duty: float) -> None:
+        output = self._outputs[place]
         high, low = (round(share * registers.CLOCK_HZ / output.pwm_hz) - TURN_TICKS for share in (duty, 1.0 - duty))
         if high < 1 or low < 1:  # too short to turn at all
-            self.set(place, duty > 0.5)
+            self._set(place, duty > 0.5)
         else:
             self._configure(output, high, low)
             self._write(output, True)
-        return ""
 
     def show(self) -> None:
         """Show the levels of the newest sample."""

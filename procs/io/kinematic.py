@@ -123,12 +123,32 @@ class NoOutputs:
 
     names: tuple[str, ...] = ()
 
+    def owner(self, place: int) -> str:
+        """Never called."""
+        return ""
+
     def set(self, place: int, high: bool) -> None:
         """Never called."""
 
     def set_pwm(self, place: int, duty: float) -> str:
         """Never called."""
         return "there are no outputs"
+
+
+class NoCart:
+    """In the place of the interface board of a patient cart, and of brakes of setup joints."""
+
+    def lift(self, robot: int, velocity: float, now_ns: int) -> str:
+        """Why not."""
+        return "it is KINEMATIC: it has no lift"
+
+    def multiplexer(self, robot: int, on: bool) -> str:
+        """Why not."""
+        return "it is KINEMATIC: it has no multiplexer"
+
+    def set(self, robot: int, on: bool, now_ns: int) -> str:
+        """Why not."""
+        return "it is KINEMATIC: it has no brakes"
 
 
 class Here:
@@ -166,9 +186,10 @@ class KinematicIo:
                                Brakes(robots, record))
         self._power, cells = power, cells or [NoFaults() for _ in robots.names]
         self.wishes = wishes = ArmRequests(robots, record, self.follow, report)
-        self._track = track(self)
+        self._track, cart = track(self), NoCart()
         self._commands = IoCommands(robots, record, power, bias, self.follow, self.pid, NoChecks(), brakes,
-                                    NoOutputs(), NoGains(), NoReaders(), NoAxisDrive(), cells, wishes)
+                                    NoOutputs(), NoGains(), NoReaders(), NoAxisDrive(), cart, cart, cells, wishes,
+                                    self.reports)
         self._fault_handler = FaultHandler(robots, record, self.reports, self.follow, power, bias, brakes, cells,
                                            wishes)
         places = {follower.robot: follower.place for follower in self.follow.followers}

@@ -1,8 +1,9 @@
 """Brakes of the setup joints that carry an Si arm: let go while a clutch button is pressed and the arm has power.
 
 Their buttons and their brake hang on the controllers of the arm, by the names of the original's files: NAME_SUJ_clutch,
-NAME_SUJ_clutch_2 and NAME_SUJ_brake (high: let go). I/O does it by itself, on the buttons as they are: a brake that a
-process asked for would stay let go when that process dies.
+NAME_SUJ_clutch_2 and NAME_SUJ_brake (high: let go). I/O does it by itself, on the buttons as they are. A button counts
+only when it was seen released since the arm has power: one that is stuck lets nothing go. `setup_brake` does what a
+button does, as long as it goes on being asked for.
 """
 
 from __future__ import annotations
@@ -12,71 +13,77 @@ from typing import Final
 
 import numpy as np
 
-from procs.io.bus.port import PortError
+from procs import codes
+from procs.document.cart import SETUP_BRAKE
+from procs.io.cart_outputs import HOLD_NS
 from procs.io.digital_outputs import DigitalOutputs
 from procs.io.record import Flags, IoRecord
 from procs.io.reports import IoReports
 from procs.io.robots import Robots
 
 BUTTONS: Final = ("SUJ_clutch", "SUJ_clutch_2")
-BRAKE: Final = "SUJ_brake"
-WRITES: Final = 3  # of each change: a datagram may be lost
 
 
 @dataclass(slots=True)
 class SetupBrake:
     """The brake under one arm; `inputs` and `output` are places in the record."""
 
-    robot: int
     inputs: Flags
     output: int
     let_go: bool = False
     pressed: bool = False
-    writes: int = WRITES  # at start: what a predecessor left let go holds
+    powered: bool = False
+    counts: bool = False  # the buttons were seen released since there is power
+    until_ns: int = 0  # let go by command
 
 
 class SetupBrakes:
     """Those of all arms of one io."""
 
     def __init__(self, robots: Robots, record: IoRecord, outputs: DigitalOutputs, reports: IoReports) -> None:
+        """All hold, whatever a predecessor left."""
         self._robots, self._record, self._outputs, self._reports = robots, record, outputs, reports
         buttons = [i.name for i in robots.io.digital_inputs]
-        self._brakes = []
+        self._brakes: dict[int, SetupBrake] = {}
         for robot, name in enumerate(robots.names):
-            inputs = np.isin(buttons, [f"{name}_{end}" for end in BUTTONS])
-            if inputs.any() and f"{name}_{BRAKE}" in outputs.names:
-                self._brakes.append(SetupBrake(robot, inputs, outputs.names.index(f"{name}_{BRAKE}")))
+            output = outputs.place(f"{name}_{SETUP_BRAKE}", "setup_brake", name)
+            if output is not None:
+                inputs = np.isin(buttons, [f"{name}_{end}" for end in BUTTONS])
+                self._brakes[robot] = SetupBrake(inputs, output)
+        self.shutdown()
 
-    def step(self) -> None:
+    def set(self, robot: int, on: bool, now_ns: int) -> str:
+        """Let the brakes under an arm go for a moment, or have them hold; returns why not, or ""."""
+        brake = self._brakes.get(robot)
+        if brake is None:
+            return "there are no setup joints under it whose brakes io lets go"
+        if on and not self._record.amps_on[robot]:
+            return "its amplifiers are not on"
+        brake.until_ns = now_ns + HOLD_NS if on else 0
+        return ""
+
+    def step(self, now_ns: int) -> None:
         """Once a cycle, also after a bad read: what has lost its power holds."""
-        for brake in self._brakes:
-            self._follow(brake)
+        for robot, brake in self._brakes.items():
+            self._follow(robot, brake, now_ns)
 
-    def _follow(self, brake: SetupBrake) -> None:
-        record, robot = self._record, brake.robot
-        pressed = bool(record.input[brake.inputs].any())
-        let_go = pressed and bool(record.amps_on[robot])
-        if pressed and not brake.pressed and not let_go:
-            self._reports.status("the arm needs power before the brakes of its setup joints let go",
-                                 self._robots.names[robot])
-        brake.pressed = pressed
+    def _follow(self, robot: int, brake: SetupBrake, now_ns: int) -> None:
+        record, name = self._record, self._robots.names[robot]
+        pressed, powered = bool(record.input[brake.inputs].any()), bool(record.amps_on[robot])
+        brake.counts = powered and (brake.counts or not pressed)
+        let_go = powered and ((pressed and brake.counts) or now_ns <= brake.until_ns)
+        if pressed and powered and not brake.powered:
+            self._reports.warn(codes.CLUTCH_STUCK, name)
+        elif pressed and not powered and not brake.pressed:
+            self._reports.status("the arm needs power before the brakes of its setup joints let go", name)
+        brake.pressed, brake.powered = pressed, powered
         if let_go != brake.let_go:
-            brake.let_go, brake.writes = let_go, WRITES
-            self._reports.status(f"brakes of the setup joints {'let go' if let_go else 'hold'}",
-                                 self._robots.names[robot])
-        if brake.writes:
-            brake.writes -= 1
-            self._write(brake)
+            brake.let_go = let_go
+            self._outputs.keep(brake.output, float(let_go))
+            self._reports.status(f"brakes of the setup joints {'let go' if let_go else 'hold'}", name)
 
     def shutdown(self) -> None:
         """All hold."""
-        for brake in self._brakes:
+        for brake in self._brakes.values():
             brake.let_go = False
-            for _ in range(WRITES):
-                self._write(brake)
-
-    def _write(self, brake: SetupBrake) -> None:
-        try:
-            self._outputs.set(brake.output, brake.let_go)
-        except PortError as error:
-            self._reports.status(f"brakes of the setup joints: {error}", self._robots.names[brake.robot])
+            self._outputs.keep(brake.output, 0.0)

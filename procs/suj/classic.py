@@ -28,6 +28,7 @@ POWER_NS: Final = 4_000_000_000  # io gives up by itself after 3 s
 OLD_FAULT_NS: Final = 200_000_000  # by then the power-on has cleared what was latched before
 JOINTS: Final = 6
 LIFT_COMMAND_NS: Final = 1_000_000_000
+LIFT_REPEAT_NS: Final = 10_000_000  # io stops the lift when it has not been asked for 30 ms
 CLUTCH_COMMAND_NS: Final = 60_000_000_000
 
 
@@ -48,7 +49,10 @@ class Classic:
         self._rest = [-1] * n  # whole rounds at rest, from -1: one has begun before
         self._until_ns = [0] * n  # clutched by command
         self._lift_until_ns, self._lift_asked = 0, 0.0
-        self._lift_sent: tuple[float, bool] | None = None
+        self._lift_sent: float | None = None
+        self._lift_sent_ns = 0
+        self._counts = np.zeros(n + 1, dtype=bool)  # buttons of the arms, and of the lift: seen released since enabled
+        self._was_enabled = self._is_held_back = False
         self._round_ns = self._asked_ns = self._before_ns = 0
         self._rounds = 0
         self._is_away = True
@@ -92,9 +96,9 @@ class Classic:
         return self._board.power_requested and not self._board.has_fault
 
     def is_on(self) -> bool:
-        """Powered, and io takes our currents."""
+        """Powered, and io takes our currents; asked while power comes, it has io take them."""
         board = self._board
-        if board.powered and board.amps_on and not board.pid_enabled and not board.has_fault:
+        if self._asked_ns and board.powered and board.amps_on and not board.pid_enabled and not board.has_fault:
             board.drive()
         return board.powered and board.amps_on and board.pid_enabled
 
@@ -131,13 +135,14 @@ class Classic:
         if not self._board.look(self._sample):
             self._multiplexer.skip()
         enabled = state is SetupState.ENABLED
+        self._look_at_buttons(enabled)
         velocity = self._velocity(now_ns) if enabled else 0.0
         self._clutch(now_ns)
         if enabled:
-            self._brakes.step(dt_s, self._clutched)
+            self._brakes.step(dt_s, self._clutched & (self._counts[:-1] | (np.array(self._until_ns) > 0)))
         else:
             self._brakes.cut()
-        self._move_lift(velocity, enabled)
+        self._move_lift(velocity, now_ns)
         moving = self._clutched | ~self._brakes.engaged | (self._lifts & (velocity != 0.0))
         for place in np.flatnonzero(moving).tolist():
             self._rest[place] = -1
@@ -174,18 +179,37 @@ class Classic:
                 self._reports.status(f"{name}: {'clutched' if clutched else 'not clutched'}", name)
             self._clutched[place] = clutched
 
+    def _look_at_buttons(self, enabled: bool) -> None:
+        """A button that is stuck, or pressed when power comes or we begin, moves nothing until it was seen released."""
+        pressed = np.append(self._board.pressed[self._plugs], self._board.up or self._board.down)
+        self._counts = (self._counts | ~pressed) & enabled
+        if enabled and not self._was_enabled:
+            for place in np.flatnonzero(pressed).tolist():
+                button = f"{self._arms[place].name}: its clutch" if place < len(self._arms) else "a button of the lift"
+                text = f"{button} is pressed already; it does nothing until it has been released"
+                self._reports.report(codes.CLUTCH_STUCK, text, self._name)
+        self._was_enabled = enabled
+
     def _velocity(self, now_ns: int) -> float:
         buttons = float(self._board.up) - float(self._board.down)
-        if self._board.up or self._board.down:
-            self._lift_until_ns = 0
-            return buttons
-        return self._lift_asked if now_ns < self._lift_until_ns else 0.0
+        if not (self._board.up or self._board.down):
+            self._is_held_back = False
+            return self._lift_asked if now_ns < self._lift_until_ns else 0.0
+        self._lift_until_ns = 0
+        if not self._counts[-1]:
+            return 0.0
+        if not self._board.is_authorized and not self._is_held_back:
+            self._is_held_back = True
+            self._reports.report(codes.IO_REFUSED, f"{self._name}: the lift stays: the process has been restarted, and "
+                                 f"nobody has asked for anything since; enable {self._name} first", self._name)
+        return buttons if self._board.is_authorized else 0.0
 
-    def _move_lift(self, velocity: float, enabled: bool) -> None:
-        wanted = (velocity, enabled)
-        if self._lifts.any() and wanted != self._lift_sent:
-            self._lift_sent = wanted
-            self._board.lift(velocity, on=enabled)
+    def _move_lift(self, velocity: float, now_ns: int) -> None:
+        """It moves as long as that goes on being asked for."""
+        is_due = velocity and now_ns - self._lift_sent_ns >= LIFT_REPEAT_NS
+        if self._lifts.any() and (velocity != self._lift_sent or is_due):
+            self._lift_sent, self._lift_sent_ns = velocity, now_ns
+            self._board.lift(velocity)
         self._lift_shown[...] = velocity
 
     def _follow_rounds(self, now_ns: int) -> None:

@@ -22,6 +22,10 @@ HARMLESS: Final = frozenset((0, ARM_LOST.number, *(fault.number for fault in FAU
 class BoardMailbox(Protocol):
     """io's mailbox."""
 
+    @property
+    def is_authorized(self) -> bool:
+        """Whether an operator's command stands behind what is sent; for a process that begins none does."""
+
     def send(self, name: str, values: Sequence[float], text: str) -> None:
         """Ask; what is refused is reported, a full mailbox is none."""
 
@@ -89,14 +93,18 @@ class InterfaceBoard:
         """io has latched a fault of this robot that matters."""
         return self.fault not in HARMLESS
 
+    @property
+    def is_authorized(self) -> bool:
+        """Whether an operator has asked for anything since this process began."""
+        return self._orders.is_authorized
+
     def step_on(self) -> None:
         """The multiplexer one channel on."""
-        self._orders.send("set_output", (1.0,), "mux_increment")
+        self._orders.send("multiplexer", (1.0,), self.robot)
 
     def start_over(self) -> None:
         """The multiplexer to its first channel."""
-        self._orders.send("set_output", (0.0,), "mux_increment")
-        self._orders.send("set_output", (0.0,), "no_mux_reset")
+        self._orders.send("multiplexer", (0.0,), self.robot)
 
     def power_on(self) -> None:
         """Motor power and amplifiers."""
@@ -110,7 +118,6 @@ class InterfaceBoard:
         """All off, relays open as in the reference."""
         self._orders.send("power_off", (1.0,), self.robot)
 
-    def lift(self, velocity: float, *, on: bool) -> None:
-        """Velocity -1 to 1 of the lift; not `on`: its amplifier rests."""
-        self._orders.send("set_pwm", (0.5 + 0.1 * velocity,), "control_PWM")
-        self._orders.send("set_output", (0.0 if on else 1.0,), "disable_PWM")
+    def lift(self, velocity: float) -> None:
+        """Velocity -1 to 1 of the lift, to be repeated; 0: stop."""
+        self._orders.send("lift", (velocity,), self.robot)

@@ -32,6 +32,11 @@ class IoMailbox:
         """`client` is our place in it."""
         self._client, self._node, self._reported = client, node, ""
 
+    @property
+    def is_authorized(self) -> bool:
+        """Whether a person's command stands behind what is sent."""
+        return bool(self._client.origin.id)
+
     def on_behalf(self, origin: Origin) -> None:
         """What is sent from now on comes from this command of a person."""
         self._client.on_behalf(origin)
@@ -72,6 +77,23 @@ def clutches(node: runtime.Node, cart: Cart) -> Callable[[int], NDArray[np.bool_
     return look
 
 
+def brakes(node: runtime.Node, cart: Cart, orders: Callable[[str], IoMailbox]) -> Callable[[int, bool], None]:
+    """Has the io of a carried arm let the brakes of an Si setup arm go; `orders` gives the mailbox of an io."""
+    found = {}
+    for place, setup in enumerate(cart.arms):
+        arm = next((arm for arm in node.document.arms if arm.name == setup.carries), None)
+        if arm is not None and any((row.set_by, row.robot) == ("setup_brake", arm.robot)
+                                   for row in node.document.io(arm.io).digital_outputs):
+            found[place] = orders(arm.io), arm.robot
+
+    def let_go(place: int, on: bool) -> None:
+        if place in found:
+            mailbox, robot = found[place]
+            mailbox.send("setup_brake", (float(on),), robot)
+
+    return let_go
+
+
 def tips(node: runtime.Node, cart: Cart) -> list[CarriedTip | None]:
     """The arms of the system that the setup arms carry."""
     running = {row.name for row in node.document.processes}
@@ -91,32 +113,43 @@ class SetupLoop(runtime.Loop):
         super().__init__(node)
         cart = node.document.cart(node.name)
         self._state, self._setpoint = node.writes("state"), node.writes("setpoint")
-        self._orders: IoMailbox | None = None
+        self._orders: dict[str, IoMailbox] = {}
         self._link: PotLink | None = None
         self._written: NDArray[Any] | None = None
         field, setups = self._state.field, Setups(cart, self._state.field)
         source: Classic | Si | None = None
         if cart.kind == CLASSIC and cart.io:
-            self._orders = IoMailbox(node.commands(cart.io), node)
-            board = InterfaceBoard(node.document.io(cart.io), cart.robot, node.reads(cart.io, "state"), self._orders)
+            board = InterfaceBoard(node.document.io(cart.io), cart.robot, node.reads(cart.io, "state"),
+                                   self._mailbox_of(cart.io))
             self._written = board.write_ns
             node.follows(cart.io)
             source = Classic(cart, setups, board, node.events, field, self._setpoint.field, fault_text)
         elif cart.kind == SI and cart.simulation != "KINEMATIC":
             self._link = link_of(cart)
-            source = Si(cart, setups, self._link, node.events, field, clutches(node, cart))
+            source = Si(cart, setups, self._link, node.events, field, clutches(node, cart),
+                        brakes(node, cart, self._mailbox_of))
         faults = node.fault_cell()
         self._joints = SetupJoints(cart, field, setups, source, node.events, tips(node, cart), faults,
-                                   self._orders.on_behalf if self._orders is not None else None)
+                                   self._on_behalf)
         self._mailbox = node.mailbox(faults)
+
+    def _mailbox_of(self, io: str) -> IoMailbox:
+        if io not in self._orders:
+            self._orders[io] = IoMailbox(self.node.commands(io), self.node)
+        return self._orders[io]
+
+    def _on_behalf(self, origin: Origin) -> None:
+        for mailbox in self._orders.values():
+            mailbox.on_behalf(origin)
 
     def cycle(self, now_ns: int, wall_ns: int) -> None:
         """See runtime.Loop."""
         self._joints.step(now_ns, self._mailbox.drain(wall_ns))
         self._state.publish(now_ns)
-        if self._orders is not None and self._written is not None:
+        for mailbox in self._orders.values():
+            mailbox.poll()
+        if self._written is not None:
             self._setpoint.publish(now_ns)
-            self._orders.poll()
             self.node.follow(int(self._written), BEHIND_IO_NS)
 
     def close(self) -> None:

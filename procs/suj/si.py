@@ -24,6 +24,7 @@ from procs.suj.setups import Array, Fields, Setups
 STALE_NS: Final = 5_000_000_000  # boards are asked several times a second, and a connection takes seconds
 SETTLED: Final = 2  # readings after somebody let go: the first may be from before
 CLUTCH_COMMAND_NS: Final = 60_000_000_000
+BRAKE_REPEAT_NS: Final = 10_000_000  # io has the brakes hold when they have not been asked for 30 ms
 MAX_POTS: Final = 8
 
 
@@ -56,12 +57,16 @@ class Si:
     """What an Si cart does in each cycle."""
 
     def __init__(self, cart: Cart, setups: Setups, link: PotLink, reports: Reports, field: Fields,
-                 pressed: Callable[[int], NDArray[np.bool_]]) -> None:
-        """`field` gives the record's arrays; `pressed(now)` says for each arm whether a clutch button is pressed."""
+                 pressed: Callable[[int], NDArray[np.bool_]], let_go: Callable[[int, bool], None]) -> None:
+        """`field` gives the record's arrays; `pressed(now)` says for each arm whether a clutch button is pressed.
+
+        `let_go(place, on)` asks io for the brakes of an arm, which follow its buttons by themselves.
+        """
         n = len(cart.arms)
         self._name, self._arms, self._base, self._setups, self._link = (
             cart.name, cart.arms, cart.base_board.upper(), setups, link)
         self._reports, self._pressed, self._clutched = reports, pressed, setups.clutched
+        self._let_go, self._asked_ns = let_go, [0] * n
         self._readings = PotReadings(setups, SI_LIMITS, reports)
         self._place = {arm.board.upper(): place for place, arm in enumerate(cart.arms)}
         self._of_base: Array | None = None
@@ -74,8 +79,10 @@ class Si:
         self._rounds = field("rounds")
 
     def clutch(self, place: int, on: bool, now_ns: int) -> None:
-        """Somebody moves this arm, for a minute at most; its brakes are its own."""
+        """Let the brakes of an arm go for a minute, or hold again."""
         self._until_ns[place] = now_ns + CLUTCH_COMMAND_NS if on else 0
+        if not on:
+            self._let_go(place, False)
 
     def step(self, now_ns: int, state: SetupState) -> None:
         """Buttons and readings."""
@@ -97,7 +104,11 @@ class Si:
 
     def _clutch(self, now_ns: int) -> None:
         for place, pressed in enumerate(self._pressed(now_ns).tolist()):
-            clutched = pressed or now_ns < self._until_ns[place]
+            by_command = now_ns < self._until_ns[place]
+            clutched = pressed or by_command
+            if by_command and now_ns - self._asked_ns[place] >= BRAKE_REPEAT_NS:
+                self._asked_ns[place] = now_ns
+                self._let_go(place, True)
             if clutched != self._clutched[place]:
                 self._clutched[place] = clutched
                 name = self._arms[place].name

@@ -15,13 +15,16 @@ from procs.arm.psm.psm import PsmLogic
 from procs.arm_types import ARM_TYPES
 from procs.document.system import ArmConfig
 from procs.faults import FaultReport
-from procs.wishes import WISHES
+from procs.io.arm_requests import WishCommand, WishState
+from procs.wishes import SETTINGS, WISHES
 from shm.client import Reply
+from shm.guard import unauthorized
 from shm.layout import schema_of
 from shm.origins import Origin
 from shm.topics import ARM_STATE, IO_STATE, SETPOINT
 from tests.arm.arm_configs import fixed_arm
-from tests.arm.fake_requests import FakeReports, FakeRequest
+from tests.arm.fake_requests import PERSON, FakeReports, FakeRequest
+from tests.guarded import FakeCell, Guarded
 
 AXES = 7
 PERIOD_NS = 2_000_000
@@ -53,10 +56,11 @@ class Record(View):
         super().__init__(lambda name: array[name].reshape(array[name].shape[1:]))
 
 
-class FakeIo:
-    """Two robots, the arm's is the second one."""
+class FakeIo(Guarded):
+    """Two robots, the arm's is the second one; behind the guard of its mailbox, and of what io does for arms."""
 
     def __init__(self, axes: int = AXES, inputs: int = 4, name: str = "PSM1") -> None:
+        super().__init__("io", FakeCell())
         self.axes, self.name = axes, name
         self.record: View = Record(IO_STATE, axes=axes + 2, drives=axes + 2, robots=2, inputs=inputs, outputs=0)
         self.stamp_ns = 0
@@ -98,12 +102,11 @@ class FakeIo:
         number = len(self.sent)
         if self.loses.get(name, 0) > 0:
             self.loses[name] -= 1
-        else:
+        elif self.lets_through(name, values, text):
             self._queue.append((number, name, tuple(values)))
+        else:
+            self._replies.append(Reply(number, "refused", self.refused[-1]))
         return number
-
-    def on_behalf(self, origin: Origin) -> None:
-        self.origin = origin
 
     def poll(self) -> list[Reply]:
         replies, self._replies = self._replies, []
@@ -116,6 +119,7 @@ class FakeIo:
 
     def drop_power(self) -> None:
         """What a watchdog or a supply does."""
+        self.cell.fault()
         self.void()
         for name in ("powered", "amps_on", "pid_enabled"):
             self.flag(name, False)
@@ -159,7 +163,7 @@ class FakeIo:
             self._looked_at.clear()
         if not generation or self.flag("wish_void"):
             return
-        self.origin = Origin(int(setpoint["wish_origin"]), int(setpoint["wish_since"]), setpoint.text("wish_program"))
+        origin = Origin(int(setpoint["wish_origin"]), int(setpoint["wish_since"]), setpoint.text("wish_program"))
         refused = ""
         for wish in WISHES:
             wanted = int(setpoint[wish.field].item())
@@ -171,8 +175,12 @@ class FakeIo:
                 if name not in self._looked_at:
                     self._looked_at.add(name)
                     self.sent.append((name, values))
+                asked = WishCommand(self.name, (name, values), generation, origin, WishState(), lambda *said: None)
                 if name in self.refuses:
                     refused = self.refuses[name]
+                elif name not in SETTINGS and (
+                        refused := unauthorized(asked.command, self.name, values, origin, self.cell)):
+                    self.refused.append(f"{name} {values}: {refused}")
                 else:
                     self._do(name, values)
         self.flag("wish_refused", refused.encode())
@@ -280,8 +288,11 @@ class ArmHarness:
         self.io.record["input"][self.inputs[name]] = on
 
     def step(self, *requests: FakeRequest) -> None:
-        """One cycle of io, then one of the arm."""
+        """One cycle of io, then one of the arm; a person knows of all faults."""
         self.now_ns += self.period_ns
+        for request in requests:
+            if request.origin is PERSON:
+                request.origin = Origin(PERSON.id, self.io.cell.void, PERSON.program)
         self.io.cycle(self.now_ns, self.setpoint)
         self.arm.step(self.now_ns, self.io.stamp_ns, self.io.epoch, requests)
 

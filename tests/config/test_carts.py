@@ -74,7 +74,9 @@ def test_io_learns_of_brakes_channel_and_lift_but_the_boards_stay_as_they_are(tm
     shown = [row for row in io.digital_inputs if "channel" in row.name]
     assert [(row.name, row.bit_id - registers.INPUT_ENCODER_A_SHIFT) for row in shown] == [
         (f"SUJ_channel_{line}", line) for line in range(4)]
-    assert [row.name for row in io.digital_outputs if row.high_when_idle] == ["disable_PWM"]
+    assert {row.name: (row.set_by, row.robot) for row in io.digital_outputs} == {
+        "no_mux_reset": ("multiplexer", "SUJ"), "mux_increment": ("multiplexer", "SUJ"),
+        "control_PWM": ("lift", "SUJ"), "disable_PWM": ("lift", "SUJ")}
     assert boards.pids == () and {a.effort_to_current for a in boards.robots[0].actuators} == {0.0}
     assert not any("channel" in row.name for row in boards.digital_inputs)
 

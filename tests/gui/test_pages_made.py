@@ -11,8 +11,9 @@ from nicegui.element import Element
 from nicegui.page import page as nicegui_page
 
 from procs.config import load_system
-from procs.document.system import SystemConfig
+from procs.document.system import DigitalOutput, IoConfig, SystemConfig
 from procs.gui.pages.application import pages_of_system
+from procs.gui.pages.buttons import _outputs
 from procs.gui.pages.frame import page, pages_of
 from procs.gui.pages.system import system_page
 from procs.gui.validity import flags_of
@@ -115,3 +116,14 @@ def test_first_steps_are_done_when_all_arms_are(tmp_path: Path) -> None:
     client.delete()
     names = ("MTML", "MTMR", "PSM1", "PSM2", "PSM3", "ECM", "SUJ")
     assert {f"{name}/state.{what}" for name in names for what in ("state=ENABLED", "is_homed")} <= marks
+
+
+@pytest.mark.parametrize(("calibrates", "shown"), [(False, {"light"}), (True, {"light", "disable_PWM"})])
+def test_outputs_that_io_sets_by_itself_have_no_switch_but_for_calibration(calibrates: bool, shown: set[str]) -> None:
+    io = IoConfig("IO1", "", "", 0.001, 0.03, False, (), (), (), calibration_mode=calibrates, digital_outputs=(
+        DigitalOutput("light", 0, 1), DigitalOutput("disable_PWM", 0, 2, set_by="lift", robot="SUJ")))
+    with Client(nicegui_page("/"), request=None) as client:
+        _outputs(io)
+        steps = " ".join(str(part.props.get("data-steps-on", "")) for part in client.elements.values())
+    client.delete()
+    assert {name for name in ("light", "disable_PWM") if f'"{name}"' in steps} == shown

@@ -7,9 +7,9 @@ import pytest
 from procs import codes
 from procs.wishes import OFF, ON
 from shm.origins import Origin
+from tests.guarded import UNAUTHORIZED, FakeCell
 from tests.io.fault_rows import braked
 from tests.io.harness import FakeCommand, IoHarness
-from tests.io.test_io_persons import FakeCell
 
 OLD, NEW = Origin(77, 0, "trocar home"), Origin(78, 1, "trocar home")
 
@@ -120,19 +120,75 @@ def test_a_wish_older_than_the_last_fault_counts_for_nothing() -> None:
     assert harness.record.amps_on[0] and harness.record.fault[0] == 0
 
 
-@pytest.mark.parametrize(("name", "values"), [("power_off", ()), ("servo_zero", ()), ("pid_enable", (0.0,)),
-                                              ("tracking_check", (1.0,))])
+@pytest.mark.parametrize(("name", "values"), [("power_off", ()), ("servo_zero", ()), ("pid_enable", (0.0,))])
 def test_a_persons_command_voids_the_wishes(name: str, values: tuple[float, ...]) -> None:
     harness = held(IoHarness())
     assert harness.ask(name, *values).outcome == "done"
     assert harness.record.wish_void[0] and refusal(harness) == f"test asked for {name} meanwhile"
     controlled, powered = harness.record.pid_enabled[0], harness.record.power_requested[0]
-    assert (controlled, powered) == (name == "tracking_check", name != "power_off")
+    assert (controlled, powered) == (False, name != "power_off")
     harness.run_s(0.5)
     assert harness.record.pid_enabled[0] == controlled and harness.record.power_requested[0] == powered
     harness.arms[0].wish(power=ON)
     harness.run(10)
     assert harness.record.amps_on[0] and not harness.record.wish_void[0]
+
+
+CHECKS = {"enforce_limits": ("limits", "limits_enforced"), "tracking_check": ("tracking", "tracking_check"),
+          "pot_check": ("pots", "pot_check")}
+
+
+@pytest.mark.parametrize("name", CHECKS)
+def test_nobody_takes_a_check_from_an_arm_that_needs_it_and_its_other_wishes_stay(name: str) -> None:
+    harness = held(IoHarness())
+    wish, shown = CHECKS[name]
+    harness.arms[0].wish(power=ON, pid=ON, **{wish: ON})
+    harness.run(2)
+    asked = harness.ask(name, 0)
+    assert asked.answers == [("refused", "PSM1 needs it on; disable PSM1 first")]
+    assert getattr(harness.record, shown)[0] and not harness.record.wish_void[0]
+    assert harness.ask(name, 1).outcome == "done" and not harness.record.wish_void[0]
+    harness.arms[0].wish(power=ON, pid=ON, **{wish: OFF})
+    harness.run(2)
+    assert harness.ask(name, 1).answers == [("refused", "PSM1 needs it off; disable PSM1 first")]
+
+
+@pytest.mark.parametrize("name", CHECKS)
+@pytest.mark.parametrize("why", ["no arm", "an arm that is silent", "calibration mode"])
+def test_a_check_that_no_arm_needs_is_taken_away_by_an_operator_alone_who_is_named(name: str, why: str) -> None:
+    harness, (wish, shown) = IoHarness(calibration_mode=why == "calibration mode"), CHECKS[name]
+    harness.ask(name, 1)
+    if why != "no arm":
+        harness.arms[0].wish(**{wish: ON})
+        harness.run(2)
+    if why == "an arm that is silent":
+        harness.arms_alive = False
+        harness.run(40)
+    nobody = FakeCommand(name, "PSM1", 0.0, origin=Origin(0, 0, ""))
+    harness.run(1, nobody)
+    assert nobody.answers == [("refused", UNAUTHORIZED)]
+    for cell, outcome in ((FakeCell(), "done"), (FakeCell(void=1), "refused")):
+        harness.core._commands._faults = [cell]
+        harness.ask(name, 1)
+        off = FakeCommand(name, "PSM1", 0.0, origin=Origin(5, 0, "tune.py"))
+        harness.run(1, off)
+        assert off.outcome == outcome
+        assert outcome == "refused" or not getattr(harness.record, shown)[0]
+    safer = FakeCommand(name, "PSM1", 1.0, origin=Origin(0, 0, ""))
+    harness.run(1, safer)
+    assert safer.outcome == "done", "what makes it safer needs nobody"
+    said = [event.text for event in harness.core.reports.events if "switched it off" in event.text]
+    assert said == [f"{name} is off: tune.py switched it off"]
+
+
+def test_an_arms_own_mode_takes_its_checks_away_with_nobody_behind_it() -> None:
+    """A hand at the clutch of an arm whose process has been restarted."""
+    harness = held(IoHarness())
+    harness.arms[0].wish(power=ON, pid=ON, tracking=ON)
+    harness.run(2)
+    harness.arms[0].wish(Origin(0, 0, ""), tracking=OFF)
+    harness.run(2)
+    assert not harness.record.tracking_check[0] and refusal(harness) == ""
 
 
 def test_a_persons_command_wins_over_a_wish_of_the_same_cycle() -> None:

@@ -214,6 +214,13 @@ def test_outputs_are_refused_for_there_are_none(stage: KinematicStage) -> None:
     assert command.outcome == "refused" and "none" in command.answers[-1][1]
 
 
+@pytest.mark.parametrize("name", ["lift", "setup_brake", "multiplexer"])
+def test_what_hangs_on_boards_is_refused_for_there_are_none(stage: KinematicStage, name: str) -> None:
+    command = FakeCommand(name, "PSM1", 0.0)
+    stage.run(1, command)
+    assert command.outcome == "refused" and "KINEMATIC" in command.answers[-1][1]
+
+
 def test_restarted_io_finds_the_robot_where_it_was_without_power(powered: KinematicStage) -> None:
     powered.send(position=SEVEN)
     powered.run()

@@ -8,7 +8,8 @@ import pytest
 from procs.boards.board_faults import BoardFaults
 from procs.document.system import DigitalInput, DigitalOutput
 from procs.fpga import registers
-from tests.io.harness import IoHarness
+from shm.origins import NOBODY
+from tests.io.harness import FakeCommand, IoHarness
 from tests.io.test_real_robots import rig_of
 
 LET_GO, HOLD = (1, registers.DIGITAL_OUTPUT, 0x100), (1, registers.DIGITAL_OUTPUT, 0x101)
@@ -18,7 +19,8 @@ BUTTONS = tuple(DigitalInput(f"PSM1_SUJ_{end}", 0, bit, False, True, True) for b
 
 @pytest.fixture
 def harness() -> IoHarness:
-    made = IoHarness(digital_inputs=BUTTONS, digital_outputs=(DigitalOutput("PSM1_SUJ_brake", 1, 0),))
+    brake = DigitalOutput("PSM1_SUJ_brake", 1, 0, set_by="setup_brake", robot="PSM1")
+    made = IoHarness(digital_inputs=BUTTONS, digital_outputs=(brake,))
     made.run(10)
     return made
 
@@ -52,6 +54,40 @@ def test_without_power_they_hold_and_say_why(harness: IoHarness) -> None:
     assert press(harness, 0, True) == []
     assert reported(harness) == ["the arm needs power before the brakes of its setup joints let go"]
     press(harness, 0, False)
+
+
+@pytest.mark.parametrize("bit", [0, 1])
+def test_a_button_that_is_pressed_when_power_comes_lets_nothing_go_until_it_was_released(harness: IoHarness,
+                                                                                        bit: int) -> None:
+    press(harness, bit, True)
+    harness.port.quadlets.clear()
+    harness.power()
+    harness.run_s(1.0)
+    assert harness.port.quadlets == []
+    warned = [event for event in harness.core.reports.events if event.code == "clutch-stuck"]
+    assert len(warned) == 1 and "it does nothing until it has been released" in warned[0].text
+    assert press(harness, 1 - bit, True) == [], "nor does the other one while it is stuck"
+    press(harness, 1 - bit, False)
+    assert press(harness, bit, False) == [] and press(harness, bit, True) == [LET_GO] * 3
+    harness.ask("power_off")
+    harness.port.quadlets.clear()
+    harness.power()
+    assert LET_GO not in harness.port.quadlets
+
+
+def test_by_command_they_let_go_until_30_ms_after_the_last_time_and_hold_for_anybody(harness: IoHarness) -> None:
+    assert harness.ask("setup_brake", 1).answers == [("refused", "its amplifiers are not on")]
+    harness.power()
+    for _ in range(5):
+        assert harness.ask("setup_brake", 1).outcome == "done"
+        harness.run(20)
+        assert harness.record.output[0]
+    harness.run(20)
+    assert not harness.record.output[0], "whoever asked has died"
+    assert harness.ask("setup_brake", 1).outcome == "done"
+    hold, let_go = (FakeCommand("setup_brake", "PSM1", on, origin=NOBODY) for on in (0.0, 1.0))
+    harness.run(3, hold, let_go)
+    assert (hold.outcome, let_go.outcome) == ("done", "refused") and not harness.record.output[0]
 
 
 def test_they_hold_when_power_goes_while_the_button_is_pressed(harness: IoHarness) -> None:

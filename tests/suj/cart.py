@@ -13,9 +13,11 @@ from procs.config import load_system
 from procs.suj.classic import Classic
 from procs.suj.interface_board import InterfaceBoard
 from procs.suj.multiplexer import Multiplexer
+from shm.faults import NoFaults
 from shm.topics import SUJ_STATE
 from tests import stock
 from tests.boards.rails import Rails
+from tests.guarded import Guarded
 from tests.io.boards_harness import BoardsHarness
 from tests.io.harness import FakeCommand, FakeSource
 from tests.suj.harness import FakeMemory, SetupHarness
@@ -49,18 +51,19 @@ class Records:
         return True
 
 
-class Orders:
-    """What io is asked; a test may let some get lost."""
+class Orders(Guarded):
+    """What io is asked, behind the guard of its mailbox; a test may let some get lost."""
 
     def __init__(self) -> None:
+        super().__init__("io", NoFaults())
         self.waiting: list[FakeCommand] = []
         self.log: list[tuple[str, str, tuple[float, ...]]] = []
         self.lose = ""
 
     def send(self, name: str, values, text: str) -> None:
         self.log.append((name, text, tuple(values)))
-        if text != self.lose:
-            self.waiting.append(FakeCommand(name, text, *values))
+        if name != self.lose and self.lets_through(name, values, text):
+            self.waiting.append(FakeCommand(name, text, *values, origin=self.origin))
 
 
 class Cart(SetupHarness):
@@ -76,8 +79,11 @@ class Cart(SetupHarness):
         self.harness = harness or BoardsHarness(loaded.system, "IO1", driven=True)
         self.orders, self.records = Orders(), Records(self.harness.record)
         cart = loaded.system.cart("SUJ")
-        super().__init__(cart, self._classic, memory or FakeMemory(SUJ_STATE, setups=4))
-        source = self.harness.arms.setdefault("SUJ", FakeSource())
+        super().__init__(cart, self._classic, memory or FakeMemory(SUJ_STATE, setups=4),
+                         self.orders.on_behalf)
+        source = self.harness.core.follow.followers[0].source  # io's ring of our setpoints
+        assert isinstance(source, FakeSource)
+        self.harness.arms["SUJ"] = source
         source.mode, source.count = self.setpoint.field("mode"), self.setpoint.field("count")
         source.effort, source.in_effort = self.setpoint.field("effort"), self.setpoint.field("in_effort")
         self._source, self.alive = source, True
@@ -119,6 +125,12 @@ class Cart(SetupHarness):
         """No cycle of the setup joints any more; their last setpoint grows old."""
         self.alive = False
         self.harness.arms.pop("SUJ")
+
+    def restart(self, away_s: float = 0.5, *, at_once: bool = False) -> Cart:
+        """kill -9, and a process on what is there; or one that was held up, and begins anew after 31 ms."""
+        self.kill()
+        self.run(0.031 if at_once else away_s)
+        return Cart(memory=self.memory, harness=self.harness)
 
     def lose_supply(self, lost: bool) -> None:
         bus = self.harness.world.buses[0]

@@ -14,6 +14,7 @@ from procs.document.cart import CLASSIC, FIXED, SI, Cart, CartArm, channel_input
 from procs.suj.multiplexer import PLUGS
 from shm.origins import Origin
 from tests.arm.arm_configs import CHAIN, EYE
+from tests.guarded import FakeCell, Guarded
 from tests.suj.harness import FakeSetupReports
 
 MS = 1_000_000
@@ -21,7 +22,7 @@ NAMES = ("ECM", "PSM1", "PSM2", "PSM3")
 FLAGS = ("power_requested", "powered", "amps_on", "pid_enabled", "pid_generation", "bias_generation", "fault")
 ROBOT = 1  # place of the cart's robot in its io, behind one of two axes
 BUTTONS = tuple(f"SUJ_clutch_{plug + 1}" for plug in range(PLUGS))
-MUX = {("mux_increment", (1.0,)): "+", ("mux_increment", (0.0,)): "-", ("no_mux_reset", (0.0,)): "0"}
+MUX = {1.0: "+", 0.0: "0"}
 INPUTS = ("spare", *channel_inputs("SUJ"), *BUTTONS, "motor_up", "motor_down")
 SHIFTED = ((1.0, 0.0, 0.0, 0.1), (0.0, 0.0, -1.0, -0.2), (0.0, 1.0, 0.0, 0.3), (0.0, 0.0, 0.0, 1.0))
 
@@ -48,18 +49,19 @@ def cart_of(kind: str) -> Cart:
                 arms, "ECM", "IO1" if kind == CLASSIC else "", "SUJ", "ff:ff" if kind == SI else "")
 
 
-@dataclass
-class FakeOwnCell:
+class LoggedCell(FakeCell):
     """What is told of faults and of who switched off."""
 
-    log: list[str]
-    void: int = 0
-    spared: int = 0
+    def __init__(self, log: list[str]) -> None:
+        super().__init__()
+        self.log = log
 
     def fault(self) -> None:
+        super().fault()
         self.log.append("fault")
 
     def switched_off(self, origin: int) -> None:
+        super().switched_off(origin)
         self.log.append(f"switched off by {origin}")
 
 
@@ -81,24 +83,17 @@ class LoggedReports(FakeSetupReports):
         self.log.append(f"operating state {state} {sub_state} {is_homed} {is_busy}")
 
 
-@dataclass
-class FakeCartIo:
-    """io, the interface board and what hangs on it; a record every ms. It is the ring and the mailbox."""
+class FakeCartIo(Guarded):
+    """io, the interface board and what hangs on it; a record every ms. It is the ring, and the mailbox with its guard.
+    """
 
-    log: list[str]
-    volts: Any = field(default_factory=lambda: np.zeros((PLUGS, 16)))
-    pressed: set[str] = field(default_factory=set)
-    channel: int = 3
-    has_supply: bool = True
-    alive: bool = True
-    valid: bool = True
-    deaf: bool = False
-    power_at_ns: int = 0
-    lost: int = 0
-    epoch: int = 1
-    stamp_ns: int = 0
-
-    def __post_init__(self) -> None:
+    def __init__(self, log: list[str]) -> None:
+        super().__init__("io", FakeCell())
+        self.log, self.volts = log, np.zeros((PLUGS, 16))
+        self.pressed: set[str] = set()
+        self.channel, self.has_supply, self.alive, self.valid, self.deaf = 3, True, True, True, False
+        self.power_at_ns = self.lost = self.stamp_ns = 0
+        self.epoch = 1
         self.flags = dict.fromkeys(FLAGS, 0)
         self._fields: dict[str, Any] = {
             "pot_voltage": np.zeros(2 + PLUGS), "input": np.zeros(len(INPUTS), dtype=bool), "write_ns": np.array(0),
@@ -112,32 +107,34 @@ class FakeCartIo:
         return SimpleNamespace(robots=robots, digital_inputs=[SimpleNamespace(name=name) for name in INPUTS])
 
     def on_behalf(self, origin: Origin) -> None:
+        super().on_behalf(origin)
         self.log.append(f"io asked for {origin.id}")
 
     def send(self, name: str, values: Sequence[float], text: str) -> None:
-        word = MUX.get((text, tuple(values)), f"io < {name} {text} {tuple(values)}")
+        word = MUX[values[0]] if name == "multiplexer" else f"io < {name} {text} {tuple(values)}"
         if len(word) == 1 and self.log and self.log[-1].startswith("mux "):
             self.log[-1] += word
         else:
             self.log.append(f"mux {word}" if len(word) == 1 else word)
-        if self.deaf:
+        if self.deaf or not self.lets_through(name, values, text):
             return
-        if (name, text) == ("set_output", "mux_increment") and values[0]:
-            self.channel = (self.channel + 1) % 16
-        elif (name, text) == ("set_output", "no_mux_reset"):
-            self.channel = 0
+        if name == "multiplexer":
+            self.channel = (self.channel + 1) % 16 if values[0] else 0
         elif name == "power_on":
             self.flags["power_requested"], self.flags["fault"], self.power_at_ns = 1, 0, self.stamp_ns + 40 * MS
         elif name == "power_off":
+            self.cell.switched_off(self.origin.id)
             self.flags |= {"power_requested": 0, "powered": 0, "amps_on": 0, "pid_enabled": 0}
         elif name == "pid_enable":
             self.flags |= {"pid_enabled": 1, "pid_generation": self.flags["pid_generation"] + 1}
 
     def restart(self) -> None:
+        self.cell.fault()
         self.flags = dict.fromkeys(FLAGS, 0)
         self.epoch += 1
 
     def trip(self, number: int) -> None:
+        self.cell.fault()
         self.flags |= {"fault": number, "pid_enabled": 0}
 
     def write(self, now_ns: int) -> None:

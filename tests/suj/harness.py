@@ -85,7 +85,8 @@ class FakeSetupReports:
 class SetupHarness:
     """A cart; `source` makes what measures it of (cart, setups, reports, field, setpoint)."""
 
-    def __init__(self, cart: Cart, source=None, memory: FakeMemory | None = None) -> None:
+    def __init__(self, cart: Cart, source=None, memory: FakeMemory | None = None, on_behalf=None) -> None:
+        """`on_behalf` is told whose commands are carried out."""
         self.cart = cart
         self.memory = memory or FakeMemory(SUJ_STATE, setups=len(cart.arms))
         self.setpoint = FakeMemory(SUJ_SETPOINT)
@@ -97,7 +98,8 @@ class SetupHarness:
                 for arm in cart.arms]
         made = source(cart, setups, self.reports, self.memory.field, self.setpoint.field) if source else None
         self.source = made
-        self.joints = SetupJoints(cart, self.memory.field, setups, made, self.reports, tips)
+        self.joints = SetupJoints(cart, self.memory.field, setups, made, self.reports, tips,
+                                  on_behalf=on_behalf)
 
     def tips(self, **of: np.ndarray) -> None:
         """These carried arms show their tips here, from now on in every step."""

@@ -110,9 +110,7 @@ def test_brakes_hold_when_the_process_dies_while_clutched(known: Cart) -> None:
 def test_a_successor_goes_on_without_power_off(known: Cart) -> None:
     known.press("SUJ_clutch_3", True)
     known.run(0.5)
-    known.kill()
-    known.run(0.2)
-    again = Cart(memory=known.memory, harness=known.harness)
+    again = known.restart(0.2)
     again.press("SUJ_clutch_3", False)
     again.run(0.3)
     assert again.joints.machine.state is SetupState.ENABLED and again.joints.machine.is_homed
@@ -166,7 +164,7 @@ def test_an_arm_that_moves_with_its_brakes_on_is_noticed(known: Cart) -> None:
 @pytest.mark.slow
 def test_lost_pulses_are_noticed_and_the_round_begins_anew(known: Cart) -> None:
     rounds = known.field("rounds").item()
-    known.orders.lose = "mux_increment"
+    known.orders.lose = "multiplexer"
     known.run(0.3)
     known.orders.lose = ""
     known.run(2.5 * ROUND_S)
@@ -176,7 +174,7 @@ def test_lost_pulses_are_noticed_and_the_round_begins_anew(known: Cart) -> None:
 
 @pytest.mark.slow
 def test_a_multiplexer_that_stands_still_makes_all_unknown(known: Cart) -> None:
-    known.orders.lose = "mux_increment"
+    known.orders.lose = "multiplexer"
     known.run(5.5)
     assert known.valid() == [False] * 4
     assert any("does not count" in text for text in known.reports.of("error"))
@@ -242,6 +240,80 @@ def test_the_lift_stops_when_the_process_dies(known: Cart) -> None:
     assert height(known) == stopped
     outputs = [row.name for row in known.harness.io.digital_outputs]
     assert known.harness.record.output[outputs.index("disable_PWM")]
+
+
+def rests(cart: Cart) -> bool:
+    """The lift stands, and its amplifier is disabled."""
+    before = height(cart)
+    cart.run(0.3)
+    outputs = [row.name for row in cart.harness.io.digital_outputs]
+    return height(cart) == before and bool(cart.harness.record.output[outputs.index("disable_PWM")])
+
+
+@pytest.mark.parametrize("at_once", [True, False], ids=["held up for 31 ms", "killed"])
+@pytest.mark.parametrize("by", ["a command", "a button"])
+def test_a_lift_that_moves_when_its_process_begins_anew_stops_and_waits_for_an_operator(known: Cart, by: str,
+                                                                                       at_once: bool) -> None:
+    before = height(known)
+    if by == "a button":
+        known.press("motor_up", True)
+        known.run(0.4)
+    else:
+        known.say("set_lift_velocity", "", 1.0)
+        known.run(0.3)
+    assert height(known) > before + 0.003
+    again = known.restart(at_once=at_once)
+    again.run(0.05)
+    assert rests(again) and again.orders.refused == [], "also with its button pressed"
+    again.press("motor_up", False)
+    again.run(0.3)
+    again.press("motor_up", True)
+    again.run(0.3)
+    assert rests(again) and again.orders.refused == []
+    assert [text for text in again.reports.of("warning") if "the lift stays" in text] == [
+        "SUJ: the lift stays: the process has been restarted, and nobody has asked for anything since; "
+        "enable SUJ first"]
+    again.press("motor_up", False)
+    again.run(0.3)
+    before = height(again)
+    assert again.say("set_lift_velocity", "", 1.0).outcome == "done"
+    again.run(0.3)
+    assert height(again) > before + 0.003, "an operator's command moves it"
+
+
+@pytest.mark.parametrize("lost", ["lift", "all"])
+def test_a_lift_whose_stop_is_lost_stops_all_the_same(known: Cart, lost: str) -> None:
+    known.say("set_lift_velocity", "", 1.0)
+    known.run(0.3)
+    known.orders.lose = "lift"
+    if lost == "all":
+        known.harness.link.loss = 0.5
+    known.say("set_lift_velocity", "", 0.0)
+    known.run(0.06)
+    known.harness.link.loss = 0.0
+    assert rests(known)
+
+
+# -- buttons that are stuck -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("button", ["SUJ_clutch_2", "motor_up"])
+def test_a_button_that_is_pressed_when_power_comes_moves_nothing_until_it_was_released(cart: Cart, button: str) -> None:
+    cart.run(4.5 * ROUND_S)
+    cart.press(button, True)
+    cart.run(0.3)
+    cart.enable()
+    before = height(cart)
+    cart.run(1.0)
+    assert not any(released(cart)) and height(cart) == before
+    warned = [text for text in cart.reports.of("warning") if "is pressed already" in text]
+    assert len(warned) == 1 and ("PSM1" if button == "SUJ_clutch_2" else "lift") in warned[0]
+    cart.press(button, False)
+    cart.run(0.3)
+    assert not any(released(cart)) and height(cart) == before
+    cart.press(button, True)
+    cart.run(0.6)
+    assert released(cart)[1] == (button == "SUJ_clutch_2") and (height(cart) > before) == (button == "motor_up")
 
 
 # -- commands ----------------------------------------------------------------------------------------------------------

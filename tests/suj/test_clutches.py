@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from procs.suj.loop import clutches
+from procs.suj.loop import brakes, clutches
 
 
 class Inputs:
@@ -50,3 +50,31 @@ def test_either_button_of_a_carried_arm_lets_its_set_up_arm_go() -> None:
     assert look(4).tolist() == [False, False, True, False]
     rings["IO2"].there, rings["IO2"].values[1] = False, False
     assert look(5).tolist() == [False, False, True, False], "what it was last"
+
+
+class Mailbox:
+    """What an io is asked."""
+
+    def __init__(self) -> None:
+        self.sent: list[tuple[str, tuple[float, ...], str]] = []
+
+    def send(self, name: str, values: tuple[float, ...], text: str) -> None:
+        self.sent.append((name, values, text))
+
+
+def test_brakes_are_let_go_by_the_io_that_has_them_and_by_no_other() -> None:
+    def io(*rows: tuple[str, str]) -> Any:
+        return SimpleNamespace(digital_outputs=[SimpleNamespace(set_by=set_by, robot=robot) for set_by, robot in rows])
+
+    ios = {"IO1": io(("", ""), ("setup_brake", "PSM1_robot")), "IO2": io(("lift", "PSM2"))}
+    arms = [SimpleNamespace(name=name, io=place, robot=robot) for name, place, robot in (
+        ("PSM1", "IO1", "PSM1_robot"), ("PSM2", "IO2", "PSM2"))]
+    node: Any = SimpleNamespace(document=SimpleNamespace(arms=arms, io=ios.__getitem__))
+    cart: Any = SimpleNamespace(arms=[SimpleNamespace(carries=name) for name in ("PSM1", "PSM2", "PSM3")])
+    mailboxes: Any = {}
+    let_go = brakes(node, cart, lambda name: mailboxes.setdefault(name, Mailbox()))
+    for place in range(3):
+        let_go(place, True)
+    let_go(0, False)
+    assert list(mailboxes) == ["IO1"], "no place is taken in vain"
+    assert mailboxes["IO1"].sent == [("setup_brake", (1.0,), "PSM1_robot"), ("setup_brake", (0.0,), "PSM1_robot")]

@@ -87,7 +87,7 @@ def test_the_lift_goes_for_a_second_to_the_cycle(enabled: QuietCart) -> None:
         enabled.step()
         assert enabled.state_of("lift") == -0.5
     enabled.step()
-    assert enabled.state_of("lift") == 0.0 and "io < set_pwm control_PWM (0.5,)" in enabled.log
+    assert enabled.state_of("lift") == 0.0 and "io < lift SUJ (0.0,)" in enabled.log
 
 
 def test_a_clutch_by_command_holds_again_after_a_minute(enabled: QuietCart) -> None:

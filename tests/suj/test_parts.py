@@ -19,7 +19,7 @@ from procs.suj.brakes import SetupArmBrakes
 from procs.suj.classic import Classic
 from procs.suj.multiplexer import INCREMENT, RESET, SAMPLES, SETTLE_NS, Multiplexer
 from procs.suj.pots import CLASSIC_LIMITS, Potentiometers
-from procs.suj.si import EmulatedBoards, Si, counts
+from procs.suj.si import CLUTCH_COMMAND_NS, EmulatedBoards, Si, counts
 from tests.io.harness import FakeCommand
 from tests.suj.harness import SetupHarness, system_of
 
@@ -142,9 +142,10 @@ class PotBoards(EmulatedBoards):
 def si(tmp_path) -> SetupHarness:
     cart: Cart = system_of(tmp_path, SI, boards="emulated", folder="dvrk-site/jhu-daVinci-Si").cart("SUJ")
     link, pressed = PotBoards(cart), np.zeros(4, dtype=bool)
-    harness = SetupHarness(cart, lambda cart, setups, reports, field, _: Si(cart, setups, link, reports, field,
-                                                                            lambda now: pressed))
-    harness.link, harness.pressed = link, pressed
+    asked: list[tuple[int, bool]] = []
+    harness = SetupHarness(cart, lambda cart, setups, reports, field, _: Si(
+        cart, setups, link, reports, field, lambda now: pressed, lambda place, on: asked.append((place, on))))
+    harness.link, harness.pressed, harness.asked = link, pressed, asked
     return harness
 
 
@@ -216,6 +217,27 @@ def test_what_is_no_reading_is_refused(reading: bytes) -> None:
 
 def test_readings_are_rows_of_counts() -> None:
     assert np.array_equal(counts(b'{"timestamp": 5, "pots": [[1, 2], [3, 4.5]]}'), [[1, 2], [3, 4.5]])
+
+
+def test_a_clutch_command_has_io_let_si_brakes_go_again_and_again_for_a_minute(si: SetupHarness) -> None:
+    assert si.ask("clutch", "PSM1", 1.0).outcome == "refused"
+    assert si.asked == []
+    si.ask("state_command", "enable")
+    assert si.ask("clutch", "PSM1", 1.0).outcome == "done"
+    begun, row = si.now_ns, si.row("PSM1")
+    for _ in range(500):
+        si.step()
+    assert set(si.asked) == {(row, True)} and 95 <= len(si.asked) <= 101, "io has them hold 30 ms after the last time"
+    assert si.ask("clutch", "PSM1", 0.0).outcome == "done" and si.asked[-1] == (row, False)
+    si.ask("clutch", "PSM1", 1.0)
+    si.now_ns += CLUTCH_COMMAND_NS
+    si.step()
+    si.asked.clear()
+    si.step(ms=20.0)
+    assert si.asked == [] and not si.field("clutched")[row] and si.now_ns > begun
+    si.pressed[row] = True
+    si.step(ms=20.0)
+    assert si.asked == [], "buttons are io's own"
 
 
 def test_si_brakes_are_the_arms_own(si: SetupHarness) -> None:
@@ -311,6 +333,7 @@ def test_brakes_can_be_driven_with_power_amplifiers_and_leave_of_io(lacks: str) 
     asked: list[str] = []
     flags = {name: name != lacks for name in ("powered", "amps_on", "pid_enabled")}
     made = object.__new__(Classic)
+    made._asked_ns = 1
     made._board = types.SimpleNamespace(**flags, has_fault=False, drive=lambda: asked.append("drive"))
     assert made.is_on() is (lacks == "")
     assert asked == (["drive"] if lacks == "pid_enabled" else []), "leave is asked for when the rest is there"

@@ -26,7 +26,7 @@ from procs.suj.si import Si
 from shm.origins import Origin
 from shm.topics import SUJ_SETPOINT, SUJ_STATE
 from tests.arm.fake_requests import FakeRequest
-from tests.suj.fake_cart import BUTTONS, MS, NAMES, FakeCartIo, FakeOwnCell, FakePotLink, LoggedReports, cart_of
+from tests.suj.fake_cart import BUTTONS, MS, NAMES, FakeCartIo, FakePotLink, LoggedCell, LoggedReports, cart_of
 from tests.suj.harness import FakeMemory, FakeRing
 from tests.traces import Mishaps, Trace, shown
 
@@ -81,9 +81,16 @@ class CartPlay:
         tips = [CarriedTip(arm.carries, Input(ring, SETUP_LATE_S))  # type: ignore[arg-type]
                 for arm, ring in zip(self.cart.arms, self.tips, strict=True)]
         made = source or (Si(self.cart, setups, self.link, reports, field,  # type: ignore[arg-type]
-                             lambda now_ns: self.pressed) if self.kind == SI else None)
-        self.joints = SetupJoints(self.cart, field, setups, made, reports, tips, FakeOwnCell(self.log),
+                             lambda now_ns: self.pressed, self.let_go) if self.kind == SI else None)
+        self.joints = SetupJoints(self.cart, field, setups, made, reports, tips, LoggedCell(self.log),
                                   self.io.on_behalf)
+
+    def let_go(self, place: int, on: bool) -> None:
+        """Of Si brakes, those of a step as one."""
+        self.io.lets_through("setup_brake", (float(on),), self.cart.arms[place].carries)
+        line = f"brake of {self.cart.arms[place].name}: {on}"
+        if line not in self.log:
+            self.log.append(line)
 
     def stand(self, place: int, joints: Any, apart: float = 0.0) -> None:
         """Hands put an arm there; `apart`: what the second potentiometers of joint 2 show beside it."""
@@ -145,7 +152,7 @@ class CartPlay:
         requests = []
         if self.chance.random() < (0.04 if self.kind == CLASSIC else 0.2):
             name, values, text = self.chance.choice(ASKED)
-            origin = Origin(len(self.trace.lines) * self.chance.randrange(2), 0, "play")
+            origin = Origin(len(self.trace.lines) * self.chance.randrange(2), self.io.cell.void, "play")
             requests.append(FakeRequest(name, values, text, origin=origin))
         if self.kind == CLASSIC and self.joints.machine.state in ("DISABLED", "FAULT") and self.chance.random() < 0.05:
             requests.append(FakeRequest("state_command", (), self.chance.choice(("home", "enable"))))

@@ -24,8 +24,6 @@ from procs.document import system as document
 from procs.fpga import registers
 
 PERIOD_S: Final = 0.002  # nothing moves by itself; base frames follow the reference arm's tip at this rate
-OUTPUTS: Final = ("no_mux_reset", "mux_increment")
-LIFT_OUTPUTS: Final = ("control_PWM", "disable_PWM")
 ECM_JOINTS: Final = 4
 SI_JOINTS: Final = (4, 5)
 FIXED_LINKS: Final = 2  # of Si, after the joints with potentiometers
@@ -81,7 +79,10 @@ def _with_cart(io: document.IoConfig, one: cart.Cart) -> document.IoConfig:
                               False)
         for name, actuator in zip(cart.channel_inputs(one.robot), actuators, strict=True))
     pid = document.PidConfig(one.robot, one.name, axes, one.source)
-    outputs = tuple(dataclasses.replace(row, high_when_idle=one.robot) if row.name == LIFT_OUTPUTS[1] else row
+    sets = dict.fromkeys(cart.MULTIPLEXER_OUTPUTS, "multiplexer")
+    if any(arm.lifts for arm in one.arms):
+        sets |= dict.fromkeys(cart.LIFT_OUTPUTS, "lift")
+    outputs = tuple(dataclasses.replace(row, set_by=sets[row.name], robot=one.robot) if row.name in sets else row
                     for row in io.digital_outputs)
     return dataclasses.replace(io, robots=robots, pids=(*io.pids, pid), digital_outputs=outputs,
                                digital_inputs=(*io.digital_inputs, *shown))
@@ -214,7 +215,7 @@ class _CartLoader:
             text = f"no file of {bus.keys.name} has a robot {name} with an actuator for each of 4 plugs, axes 0 to 3"
             self.context.error(self.source, where, text, "an IO_file that has it")
         outputs = {row.name for opened in bus.opened() for row in opened.content.digital_outputs}
-        missing = [row for row in OUTPUTS + (LIFT_OUTPUTS if lifts else ()) if row not in outputs]
+        missing = [row for row in cart.MULTIPLEXER_OUTPUTS + (cart.LIFT_OUTPUTS if lifts else ()) if row not in outputs]
         if missing:
             text = f"no file of {bus.keys.name} has the digital outputs {', '.join(missing)}"
             self.context.error(self.source, where, text, "an IO_file that has them")

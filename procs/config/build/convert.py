@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Collection
 from typing import Any, Final
 
 import numpy as np
@@ -22,6 +23,7 @@ from procs.config.models.setup_file import SetupArmKeys
 from procs.config.read.validate import Section
 from procs.document import emulated
 from procs.document import system as document
+from procs.document.cart import SETUP_BRAKE
 from procs.document.gains import GAINS
 
 SETTLED_ELSEWHERE: Final = ("period_s", "tasks")  # by other files as well
@@ -114,8 +116,10 @@ def digital_input(keys: DigitalInputKeys) -> document.DigitalInput:
     )
 
 
-def digital_output(keys: DigitalOutputKeys) -> document.DigitalOutput:
-    """One digital output."""
+def digital_output(keys: DigitalOutputKeys, robots: Collection[str]) -> document.DigitalOutput:
+    """One digital output; io sets the brakes of the setup joints under one of its `robots` by itself."""
+    robot = keys.name.removesuffix(f"_{SETUP_BRAKE}")
+    is_brake = robot != keys.name and robot in robots
     return document.DigitalOutput(
         name=keys.name,
         board_id=keys.board_id,
@@ -124,6 +128,8 @@ def digital_output(keys: DigitalOutputKeys) -> document.DigitalOutput:
         high_s=keys.high_duration,
         low_s=keys.low_duration,
         pwm_hz=keys.PWM_frequency,
+        set_by="setup_brake" if is_brake else "",
+        robot=robot if is_brake else "",
     )
 
 

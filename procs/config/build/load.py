@@ -343,7 +343,8 @@ def _io(bus: BusFiles, arms: list[LoadedArm], ports: Mapping[str, str], options:
         pids=tuple(loaded.pid for loaded in mine),
         digital_inputs=tuple(convert.digital_input(row) for file in files for row in file.digital_inputs),
         instrument_readers=tuple(convert.instrument_reader(row) for file in files for row in file.dallas_chips),
-        digital_outputs=tuple(convert.digital_output(row) for file in files for row in file.digital_outputs),
+        digital_outputs=tuple(convert.digital_output(row, robots) for file in files
+                              for row in file.digital_outputs),
         **convert.options(io_options, document.IoConfig),
     )
 

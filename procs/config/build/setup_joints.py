@@ -12,8 +12,9 @@ from procs.config.read.problem import Key
 from procs.config.read.source import SourceFile
 from procs.document import emulated
 from procs.document import system as document
+from procs.document.cart import LIFT_OUTPUTS, MULTIPLEXER_OUTPUTS
 
-OUTPUTS = ("no_mux_reset", "mux_increment", "control_PWM", "disable_PWM")  # the names their IO file has to use
+OUTPUTS = (*MULTIPLEXER_OUTPUTS, *LIFT_OUTPUTS)
 _ROOM = {"QLA1": 4, "DQLA": 8}  # axes and outputs alike
 
 

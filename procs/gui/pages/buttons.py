@@ -110,7 +110,8 @@ def _outputs(io: IoConfig) -> None:
                 Part("td", "", row.name)
                 _light("high", f"{source}.output.{i}")
                 with Part("td"):
-                    _output(io.name, row, f"{source}.output.{i}")
+                    if not row.set_by or io.calibration_mode:
+                        _output(io.name, row, f"{source}.output.{i}")
                 Part("td", "quiet", _about(row))
 
 
@@ -118,7 +119,7 @@ def _about(row: DigitalOutput) -> str:
     if row.is_pwm:
         return f"PWM at {row.pwm_hz:g} Hz"
     ends = [f"stays {level} for {time:g} s" for level, time in (("high", row.high_s), ("low", row.low_s)) if time]
-    return ", ".join([*ends, *([f"high when {row.high_when_idle} is idle"] if row.high_when_idle else [])])
+    return ", ".join([*ends, *([f"set by {row.set_by} {row.robot}"] if row.set_by else [])])
 
 
 def _output(io: str, row: DigitalOutput, path: str) -> None:
