@@ -85,6 +85,11 @@ class IoRequests:
             cell[...] = value
         self._change()
 
+    @property
+    def is_authorized(self) -> bool:
+        """Whether a person has asked for anything since this process began: else io gives no power."""
+        return bool(self._whose[0].item())
+
     def _change(self) -> None:
         self._is_new = True
 

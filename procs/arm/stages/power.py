@@ -69,7 +69,7 @@ class Powering(Stage):
         elif io_requests.is_void and not (io.problem or io.power_requested.item()):  # a person took it back
             self.fail(codes.POWER_TIMEOUT, "failed to enable power")
         elif self.is_late or io.problem in POWER_PROBLEMS:
-            if self._tries < TRIES:
+            if self._tries < TRIES and io_requests.is_authorized:
                 io_requests.power.want(False)
                 io_requests.want_no_fault(True)
                 self.within(SWITCH_NS)
