@@ -55,8 +55,6 @@ class CartOutputs:
         lift = self._lifts.get(robot)
         if lift is None:
             return "it has no lift"
-        if not -1.0 <= velocity <= 1.0:
-            return f"velocity {velocity:g}; allowed: -1 to 1"
         reason = self._outputs.pwm_objection(lift.duty, NEUTRAL) if velocity else ""
         if velocity and not self._is_driven(robot):
             reason = "its setup joints are not enabled"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Sequence
 from typing import Final
 
@@ -37,7 +36,6 @@ ABOUT: Final = {"set_output": "output", "set_pwm": "output", "trigger_read": "in
 WITH_MORE: Final = ("set_gains",)  # whose text goes on after the name
 WHO: Final = "@"
 MAX_SAMPLES: Final = 100_000
-MAX_SUPPLY_S: Final = 60.0
 MAX_POWERING: Final = 16  # requests of one robot that wait for power at the same time
 
 
@@ -91,8 +89,9 @@ class IoCommands:
             if action is None:
                 raise CommandRefused(f"io has no command {command.name}; it has: {', '.join(self._table)}")
             place = self._place(command)
-            if why := unauthorized(command.command, command.text, command.values, command.origin,
-                                   self._cell_of(place, command)):
+            row, values = command.command, command.values
+            if why := row.objection(values) or unauthorized(row, command.text, values, command.origin,
+                                                            self._cell_of(place, command)):
                 raise CommandRefused(why)
             action(place, command)
         except CommandRefused as reason:
@@ -152,7 +151,7 @@ class IoCommands:
 
     def _set_pwm(self, output: int, command: Request) -> None:
         self._need_free(output)
-        self._finish(command, self._outputs.set_pwm(output, _one(command)))
+        self._finish(command, self._outputs.set_pwm(output, float(command.values[0])))
 
     def _need_free(self, output: int) -> None:
         owner = self._outputs.owner(output)
@@ -160,7 +159,7 @@ class IoCommands:
             raise CommandRefused(f"only io sets it: use {owner}, or start in calibration mode")
 
     def _lift(self, robot: int, command: Request) -> None:
-        self._finish(command, self._cart.lift(robot, _one(command), self._now_ns))
+        self._finish(command, self._cart.lift(robot, float(command.values[0]), self._now_ns))
 
     def _setup_brake(self, robot: int, command: Request) -> None:
         self._finish(command, self._setup_brakes.set(robot, switch(command), self._now_ns))
@@ -183,13 +182,7 @@ class IoCommands:
         self._powering.append((robot, command))
 
     def _supply_on(self, robot: int, command: Request) -> None:
-        for_s = float(command.values[0]) if len(command.values) == 1 else math.nan
-        if not 0.0 < for_s <= MAX_SUPPLY_S:
-            raise CommandRefused(f"one value is needed: for how long, above 0 up to {MAX_SUPPLY_S:g} s")
-        reason = self._power.supply(robot, self._now_ns, for_s)
-        if reason:
-            raise CommandRefused(reason)
-        command.done()
+        self._finish(command, self._power.supply(robot, self._now_ns, float(command.values[0])))
 
     def _power_off(self, robot: int, command: Request) -> None:
         self._axis_drive.stop(robot, "power was switched off")
@@ -198,7 +191,7 @@ class IoCommands:
         command.done()
 
     def _bias_encoders(self, robot: int, command: Request) -> None:
-        samples = command.values[0] if len(command.values) else 0.0
+        samples = command.values[0]
         if not 1.0 <= abs(samples) <= MAX_SAMPLES:
             raise CommandRefused(f"samples {samples}; allowed: 1 to {MAX_SAMPLES}, or negative")
         axes = self._robots.slices[robot]
@@ -215,8 +208,6 @@ class IoCommands:
         self._biasing.append((robot, self._record.biased[robot : robot + 1], command))
 
     def _set_encoder(self, robot: int, command: Request) -> None:
-        if len(command.values) != 2 or not np.isfinite(command.values).all():
-            raise CommandRefused("two values are needed: axis, and position in rad or m")
         axis, position = self._axis(robot, float(command.values[0])), float(command.values[1])
         reason = self._bias.set_objection(robot, axis, position)
         if reason:
@@ -251,8 +242,6 @@ class IoCommands:
 
     def _drive_axis(self, robot: int, command: Request) -> None:
         record = self._record
-        if len(command.values) != 5 or not np.isfinite(command.values).all() or command.values[4] not in (0.0, 1.0):
-            raise CommandRefused("takes five values: axis, A, s, travel in rad or m, 1 to release its brake, else 0")
         axis = self._axis(robot, float(command.values[0]))
         current_a, rise_s, travel, release = (float(value) for value in command.values[1:])
         reason = self._axis_drive.objection(robot, axis, current_a, rise_s, travel)
@@ -361,8 +350,6 @@ class IoCommands:
         who = [word[1:] for word in words if word.startswith(WHO)]
         keys = [word for word in words if not word.startswith(WHO)]
         values = [float(value) for value in command.values]
-        if not values or not values[0].is_integer():
-            raise CommandRefused("the first value is the axis, -1 for all; then a value for each gain")
         reason = self._gains.change(robot, int(values[0]), keys, values[1:], who[0] if who else "somebody")
         if reason:
             raise CommandRefused(reason)
@@ -376,8 +363,3 @@ class IoCommands:
     def _clear_fault(self, robot: int, command: Request) -> None:
         self._record.fault[robot] = 0
         command.done()
-
-
-def _one(command: Request) -> float:
-    """Its only number; NaN when it has none, or more."""
-    return float(command.values[0]) if len(command.values) == 1 else math.nan

@@ -96,7 +96,7 @@ def test_what_a_person_takes_from_a_played_robot_is_not_given_back(state: str, n
         pair.ask("state_command", text=word)
         pair.until(until)
     pair.run(0.02)
-    pair.orders.append(Order(1, name, (0.0,), "PSM1", []))
+    pair.orders.append(Order(1, name, () if name == "servo_zero" else (0.0,), "PSM1", []))
     pair.step()
     assert pair.record.wish_void[0] and not pair.record.pid_enabled[0]
     powered = bool(pair.record.power_requested[0])

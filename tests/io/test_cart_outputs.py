@@ -122,7 +122,7 @@ def test_it_stops_when_setpoints_stop_and_stays_so_when_they_are_back(harness: I
 @pytest.mark.parametrize("velocity", [1.01, -2.0, math.nan, math.inf])
 def test_other_velocities_than_from_minus_1_to_1_are_refused(harness: IoHarness, velocity: float) -> None:
     done = lift(harness, velocity)
-    assert done.outcome == "refused" and "allowed: -1 to 1" in done.answers[-1][1] and is_off(harness)
+    assert done.outcome == "refused" and "allowed: [-1, 1]" in done.answers[-1][1] and is_off(harness)
 
 
 def test_it_rests_when_io_ends_and_when_it_begins(harness: IoHarness) -> None:

@@ -86,8 +86,9 @@ def test_a_share_of_nothing_or_all_is_a_level(harness: IoHarness, duty: float, v
     ("dark", "set_output", (1,), "no output 'dark' here; there are: light, lamp, pulse, pwm, slow"),
     ("light", "set_pwm", (0.5,), "the file does not call it a PWM"),
     ("slow", "set_pwm", (0.5,), "PWM_frequency is 50.0 Hz; allowed: above 375"),
-    ("pwm", "set_pwm", (1.5,), "duty 1.5; allowed: 0 to 1"), ("pwm", "set_pwm", (), "duty nan; allowed: 0 to 1"),
-    ("pwm", "set_pwm", (float("nan"),), "duty nan; allowed: 0 to 1"),
+    ("pwm", "set_pwm", (1.5,), "duty 1.5; allowed: [0, 1]"),
+    ("pwm", "set_pwm", (), "takes duty [0, 1]; none was given"),
+    ("pwm", "set_pwm", (float("nan"),), "duty nan; allowed: [0, 1]"),
 ])
 def test_what_cannot_be_is_refused_with_what_is_allowed(harness: IoHarness, name: str, command: str,
                                                         values: tuple[float, ...], words: str) -> None:

@@ -122,9 +122,9 @@ def test_encoders_of_which_one_was_left_out_are_not_taken_for_preset() -> None:
 
 
 @pytest.mark.parametrize(("values", "reason"), [
-    ((6,), "two values"), ((7, 0.0), "axis 7; allowed: 0 to 6"), ((0.5, 0.0), "axis 0.5"), ((-1, 0.0), "axis -1"),
-    ((6, np.nan), "two values"), ((6, -480.0), "-480 is outside the position limits of axis 6, -1.5 to 1.5"),
-    ((6, np.inf), "two values"),
+    ((6,), "1 given"), ((7, 0.0), "axis 7; allowed: 0 to 6"), ((0.5, 0.0), "axis 0.5"), ((-1, 0.0), "axis -1"),
+    ((6, np.nan), "allowed: finite numbers"), ((6, np.inf), "allowed: finite numbers"),
+    ((6, -480.0), "-480 is outside the position limits of axis 6, -1.5 to 1.5"),
 ])
 def test_an_encoder_is_not_set_to_what_makes_no_sense(values: tuple[float, ...], reason: str) -> None:
     harness = IoHarness()
