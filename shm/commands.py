@@ -99,10 +99,10 @@ COMMANDS: dict[str, tuple[CommandRow, ...]] = {
         CommandRow("set_pwm", MOTION, "share of the time that a digital output is high",
                    (Argument("duty", low=0.0, high=1.0),), "output name", stops=(ZERO,)),
         CommandRow("lift", MOTION, "move the lift of a patient cart, -1 down to 1 up, until 30 ms after the last such "
-                   "command; 0: stop", (Argument("velocity", low=-1.0, high=1.0),), ROBOT, stops=(ZERO,),
-                   stream="lift"),
+                   "command; 0: stop", (Argument("velocity", low=-1.0, high=1.0),), ROBOT,
+                   effect_of_zero=SETTING, stream="lift"),
         CommandRow("setup_brake", RELEASE, "release the brakes of the setup arm under an Si arm until 30 ms after the "
-                   "last such command; 0: engage them", (ON,), ROBOT, stops=(ZERO,), stream="brake"),
+                   "last such command; 0: engage them", (ON,), ROBOT, effect_of_zero=SETTING, stream="brake"),
         CommandRow("multiplexer", SETTING, "1: the next channel of a patient cart's potentiometers, 0: the first one",
                    (ON,), ROBOT),
         CommandRow("trigger_read", READ, "read the memory of the instrument; done with its NAME:MODEL[VERSION]",
