@@ -11,6 +11,7 @@ from procs import codes
 from procs.faults import fault_of
 from procs.io.arm_requests import ArmRequests, WishCommand
 from procs.io.brakes import Brakes
+from procs.io.bus.port import PortError
 from procs.io.devices import (
     AxisDriveDevice,
     BiasDevice,
@@ -94,7 +95,7 @@ class IoCommands:
                                                             self._cell_of(place, command)):
                 raise CommandRefused(why)
             action(place, command)
-        except CommandRefused as reason:
+        except (CommandRefused, PortError) as reason:
             command.refuse(str(reason))
             return -1
         return place

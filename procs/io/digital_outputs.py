@@ -78,8 +78,7 @@ class DigitalOutputs:
         """Once a cycle, after `show`: write what is not as it has to be."""
         for place, kept in self._kept.items():
             if kept.writes:
-                kept.writes -= 1
-                self._send(place, kept)
+                kept.writes -= self._send(place, kept)
             elif not self._outputs[place].is_pwm and self._record.output[place] != kept.value:
                 kept.writes = 1  # in the next cycle, whose sample will show it
 
@@ -89,7 +88,8 @@ class DigitalOutputs:
             for _ in range(WRITES):
                 self._send(place, kept)
 
-    def _send(self, place: int, kept: Kept) -> None:
+    def _send(self, place: int, kept: Kept) -> bool:
+        """Write it; whether that went out."""
         try:
             if self._outputs[place].is_pwm:
                 self._set_pwm(place, kept.value)
@@ -99,8 +99,9 @@ class DigitalOutputs:
             if not kept.failed:
                 self._reports.status(f"{self.names[place]}: {error}", self._outputs[place].robot)
             kept.failed = True
-        else:
-            kept.failed = False
+            return False
+        kept.failed = False
+        return True
 
     def set(self, place: int, high: bool) -> None:
         """A level; of a one-shot it lasts as long as the file says."""

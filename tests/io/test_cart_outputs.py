@@ -9,6 +9,7 @@ import pytest
 from procs import codes
 from procs.document.system import DigitalOutput
 from procs.fpga import registers
+from procs.io.bus.port import PortError
 from shm.origins import NOBODY, Origin
 from tests.guarded import FakeCell
 from tests.io.harness import PERIOD_NS, FakeCommand, IoHarness
@@ -171,3 +172,22 @@ def test_the_multiplexer_goes_on_and_back_for_anybody(harness: IoHarness) -> Non
 def test_a_robot_without_them_says_so(name: str, reason: str) -> None:
     done = IoHarness().ask(name, 0)
     assert (done.outcome, done.answers[-1][1]) == ("refused", reason)
+
+
+def test_a_board_that_cannot_be_written_to_refuses_and_ends_nothing(harness: IoHarness,
+                                                                   monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(board: int, address: int, value: int) -> None:
+        raise PortError("write", "here", "the cable is out")
+
+    lift(harness, 0.5)
+    monkeypatch.setattr(harness.port, "write_quadlet", fails)
+    for name, value, robot in (("multiplexer", 1, "PSM1"), ("set_output", 1, "light")):
+        done = harness.ask(name, value, robot=robot)
+        assert done.outcome == "refused" and "the cable is out" in done.answers[-1][1]
+    assert lift(harness, 0.0).outcome == "done"
+    harness.run(20)
+    said = [event.text for event in harness.core.reports.events if "the cable is out" in event.text]
+    assert len(said) == 2, "each output's once"
+    monkeypatch.undo()
+    harness.run(4)
+    assert is_off(harness) and duty(harness) == NEUTRAL
