@@ -13,11 +13,11 @@ from procs import codes
 from procs.document.consoles import TeleopPsmConfig as Settings
 from procs.inputs import FOR_EVER_NS, LATE_S
 from procs.kinematics.poses import angle_between
-from procs.requests import CommandRefused, Reports, Request, switch
+from procs.requests import CommandRefused, Handler, Reports, Request, switch
 from procs.teleop.arms import BaseFrame, TeleopArm
 from procs.teleop.presence import Operator
 from procs.teleop.record import TeleopRecord
-from procs.teleop.teleop import Teleop, TeleopCommandRow, TeleopState
+from procs.teleop.teleop import Teleop, TeleopState
 from procs.teleop.teleoperation import JawMapping, PoseMapping, Presence, Start, roll_between, waiting_for
 from shm.faults import Cell
 
@@ -67,13 +67,13 @@ class TeleopPsm(Teleop):
         super().__init__(settings.name, (master, slave), operator, record, events, faults)
         self._show_options()
 
-    def commands(self) -> Mapping[str, TeleopCommandRow]:
+    def commands(self) -> Mapping[str, Handler]:
         """See Teleop."""
         return {
-            "lock_rotation": TeleopCommandRow(self._lock_rotation, 1),
-            "lock_translation": TeleopCommandRow(self._lock_translation, 1),
-            "set_align_MTM": TeleopCommandRow(self._set_align, 1),
-            "following/mtm/body/servo_cf": TeleopCommandRow(self._take_wrench, 6),
+            "lock_rotation": self._lock_rotation,
+            "lock_translation": self._lock_translation,
+            "set_align_MTM": self._set_align,
+            "following/mtm/body/servo_cf": self._take_wrench,
         }
 
     # states

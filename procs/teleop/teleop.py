@@ -6,9 +6,7 @@ are arrays given to it. Nothing here waits: what arms are asked for is seen in t
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, Final
 
@@ -16,7 +14,7 @@ from numpy.typing import NDArray
 
 from procs import codes
 from procs.codes import Code
-from procs.requests import CommandRefused, Reports, Request, carry_out
+from procs.requests import CommandRefused, Handler, Reports, Request, carry_out
 from procs.teleop.arms import TeleopArm
 from procs.teleop.presence import Operator
 from procs.teleop.record import TeleopRecord
@@ -27,7 +25,7 @@ Fields = Callable[[str], NDArray[Any]]
 
 SETTING_NS: Final = 60_000_000_000  # that arms may take to be homed
 REPORT_NS: Final = 2_000_000_000
-RELEASED, PRESSED, CLICKED = 0.0, 1.0, 2.0
+PRESSED, CLICKED = 1.0, 2.0
 
 
 class TeleopState(StrEnum):
@@ -40,14 +38,6 @@ class TeleopState(StrEnum):
 
 
 NEEDS_ARMS: Final = frozenset((TeleopState.ALIGNING, TeleopState.ENABLED))
-
-
-@dataclass(frozen=True, slots=True)
-class TeleopCommandRow:
-    """One command: what carries it out, and how many values it has."""
-
-    do: Callable[[Request], None]
-    values: int = 0
 
 
 class Teleop:
@@ -75,13 +65,13 @@ class Teleop:
         self._asked: set[tuple[str, str]] = set()
         self._recovering = False
         """SETTING_ARMS_STATE because an arm's process was lost, not because somebody asked."""
-        self._rows: dict[str, TeleopCommandRow] = {
-            "state_command": TeleopCommandRow(self._state_command), "clutch": TeleopCommandRow(self._clutch, 1),
-            "set_scale": TeleopCommandRow(self._set_scale, 1), **self.commands()}
+        self._table: dict[str, Handler] = {
+            "state_command": self._state_command, "clutch": self._clutch, "set_scale": self._set_scale,
+            **self.commands()}
 
     # what a kind has of its own
 
-    def commands(self) -> Mapping[str, TeleopCommandRow]:
+    def commands(self) -> Mapping[str, Handler]:
         """Commands of this kind."""
         return {}
 
@@ -292,14 +282,11 @@ class Teleop:
         if reason := carry_out(request, self._do):
             self.events.report(codes.COMMAND_REFUSED, f"{self.name}: {reason}", self.name)
 
-    def _do(self, request: Request) -> None:
-        row = self._rows.get(request.name)
-        if row is None:
+    def _do(self, request: Request) -> str | None:
+        handler = self._table.get(request.name)
+        if handler is None:
             raise CommandRefused(f"{self.name} has no such command")
-        count = len(request.values)
-        if count != row.values or not all(math.isfinite(value) for value in request.values):
-            raise CommandRefused(f"takes {row.values} finite values, {count} were given")
-        row.do(request)
+        return handler(request)
 
     def _state_command(self, request: Request) -> None:
         word = request.text
@@ -325,8 +312,6 @@ class Teleop:
     def _clutch(self, request: Request) -> None:
         """A click repeats what came last."""
         value = float(request.values[0])
-        if value not in (RELEASED, PRESSED, CLICKED):
-            raise CommandRefused("takes 0 (released), 1 (pressed) or 2 (clicked)")
         self.set_clutch(self.clutched if value == CLICKED else value == PRESSED)
 
     def set_clutch(self, pressed: bool) -> None:
