@@ -35,6 +35,14 @@ class TrajectoryLimits:
 
 
 @dataclass(frozen=True, slots=True)
+class ServoLimits:
+    """What setpoints of a stream may do, per joint, see `procs.arm.governor`: rad/s or m/s, rad/s² or m/s²."""
+
+    speed: tuple[float, ...]
+    acceleration: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class EffortModeLimits:
     """What effort mode allows, per joint: rad/s or m/s, rad or m.
 
@@ -70,16 +78,18 @@ class ArmType:
     """One type. What does its work is named as module:name and imported by whoever needs it, see `found`.
 
     `joints` are those of the arm itself; where there are more `actuators` the others turn an instrument. `gains` are
-    the stock PID files of the generations that there are. `moves` and `efforts` bound each joint, `kinematic_home` is
-    where a KINEMATIC arm homes to, rad or m. `views` (first words of names) and `events` are those that only some types
-    have. Without an `inverse` its tip takes no goals. For `physical`, the links with masses of a generation, see
-    `procs.config.build.weights`; `plant` is its emulated robot by generation, whose axes are loose without one.
+    the stock PID files of the generations that there are. `moves`, `servo` and `efforts` bound each joint,
+    `kinematic_home` is where a KINEMATIC arm homes to, rad or m. `views` (first words of names) and `events` are those
+    that only some types have. Without an `inverse` its tip takes no goals. For `physical`, the links with masses of a
+    generation, see `procs.config.build.weights`; `plant` is its emulated robot by generation, whose axes are loose
+    without one.
     """
 
     actuators: int
     joints: int
     gains: Mapping[str, str]
     moves: TrajectoryLimits
+    servo: ServoLimits
     efforts: EffortModeLimits
     kinematic_home: tuple[float, ...]
     arm_file: str = "procs.config.models.arm_file:ArmFile"
@@ -94,6 +104,12 @@ class ArmType:
     parallelogram: tuple[tuple[int, float] | None, ...] = ()
     """The joint that moves each link of an Si arm as they really are, and its share; None: stands still."""
     plant: Mapping[str, ArmInertia] = field(default_factory=dict)
+
+    @property
+    def max_speeds(self) -> tuple[float, ...]:
+        """What io lets setpoints of the actuators do at most: twice what streams may, discs as their quickest joint."""
+        own, discs = self.servo.speed[: self.joints], self.servo.speed[self.joints :]
+        return (*(2.0 * speed for speed in own), *(2.0 * max(discs, default=0.0),) * len(discs))
 
     @property
     def has_gripper(self) -> bool:
@@ -118,6 +134,9 @@ def class_of(name: str, kind: type[T]) -> type[T]:
 
 PSM_INITIAL: Final = (0.05, -0.08, 0.10, 0.2, 0.2, 0.2, 0.2)
 
+# Servo: above all that real arms did in recordings in which all joints were excited, from sample to sample (a PSM's
+# insertion up to 0.39 m/s; a master's roll 26 rad/s, and twice that where a sample was late), and above what moves do.
+# A PSM's yaw, pitch and insertion go less far in 0.1 s than their tracking errors may be.
 # Efforts: as fast as the arm goes by itself or a hand takes it in ordinary use, and no faster; zones in which a joint's
 # own motor stops it from there: longer than speed² · inertia / effort. Homes: instrument or endoscope inserted, so that
 # the tip can be moved from there on.
@@ -134,6 +153,7 @@ ARM_TYPES: Final[Mapping[str, ArmType]] = {
             velocity=(radians(90), radians(90), 0.2, *(radians(1080),) * 4),
             acceleration=(radians(90), radians(90), 0.2, *(radians(720),) * 4),
         ),
+        servo=ServoLimits((2.2, 2.2, 0.45, 20.0, 10.0, 10.0, 15.0), (300.0, 300.0, 60.0, *(400.0,) * 4)),
         # Yaw, pitch: as in moves. Insertion: a hand on the clutch draws faster than that. Wrist: less than moves may
         # do, which no short zone stops; the tip goes 60 mm/s by it.
         efforts=EffortModeLimits((radians(90), radians(90), 0.3, radians(720), *(radians(360),) * 3),
@@ -169,6 +189,8 @@ ARM_TYPES: Final[Mapping[str, ArmType]] = {
             velocity=(*(radians(90),) * 6, radians(360)),
             acceleration=(*(radians(45),) * 6, radians(360)),
         ),
+        servo=ServoLimits((8.0, 8.0, 5.0, 20.0, 30.0, 8.0, 60.0),
+                          (1600.0, 1600.0, 1000.0, 4000.0, 6000.0, 1600.0, 12000.0)),
         # A surgeon's hand is to feel neither: 120°/s of the outer joints are 0.8 m/s at the handle, and hands at work
         # go up to 0.5 m/s; wrists turn at up to 300°/s, and fingers roll faster.
         efforts=EffortModeLimits((*(radians(120),) * 3, radians(180), radians(360), radians(360), radians(720)),
@@ -204,6 +226,7 @@ ARM_TYPES: Final[Mapping[str, ArmType]] = {
             velocity=(radians(30), radians(30), 0.06, radians(30)),
             acceleration=(radians(90), radians(90), 0.06, radians(90)),
         ),
+        servo=ServoLimits((1.6, 1.6, 0.25, 3.2), (100.0, 100.0, 20.0, 200.0)),
         # Twice and more that of moves, which are made for a picture that does not blur, not for a hand on the clutch.
         efforts=EffortModeLimits((radians(60), radians(60), 0.12, radians(180)), (0.15, 0.15, 0.010, 0.15)),
         kinematic_home=(0.0, 0.0, 0.12, 0.0),

@@ -39,10 +39,10 @@ SNAKE_PAIRS: Final = ((4, 7), (5, 6))  # joints that share a coordinate, each be
 class JointSpace:
     """`count` joints are published as the arm's; one more is the jaw. joint = `to_joint` · actuator.
 
-    `tool` is the instrument or endoscope. `v_max`, `a_max` are those of moves at ratio 1; for `effort_speed` and
-    `effort_zone` see `procs.arm_types`; `rated` are the largest efforts by the kinematic files (ftmax), inf where
-    these say nothing. Positions and velocities map alike; efforts go with the transposed matrices the other way round,
-    so that power is the same on both sides.
+    `tool` is the instrument or endoscope. `v_max`, `a_max` are those of moves at ratio 1; for `effort_speed`,
+    `effort_zone`, `servo_speed` and `servo_acceleration` see `procs.arm_types`; `rated` are the largest efforts by the
+    kinematic files (ftmax), inf where these say nothing. Positions and velocities map alike; efforts go with the
+    transposed matrices the other way round, so that power is the same on both sides.
     """
 
     tool: str
@@ -54,6 +54,8 @@ class JointSpace:
     a_max: Array
     effort_speed: Array
     effort_zone: Array
+    servo_speed: Array
+    servo_acceleration: Array
     rated: Array
     to_joint: Array
     to_actuator: Array
@@ -142,10 +144,14 @@ def joints(arm: ArmConfig, tool: Tool | None = None) -> JointSpace:
                       axes if map_.is_identity else 0, np.zeros(axes, np.bool_))
 
 
-def _rates(arm_type: str) -> tuple[Array, Array, Array, Array]:
-    """v_max, a_max, effort_speed, effort_zone of an arm with all its axes."""
-    moves, pushes = ARM_TYPES[arm_type].moves, ARM_TYPES[arm_type].efforts
-    return (np.array(moves.velocity), np.array(moves.acceleration), np.array(pushes.speed), np.array(pushes.zone))
+Rates = tuple[Array, Array, Array, Array, Array, Array]
+
+
+def _rates(arm_type: str) -> Rates:
+    """v_max, a_max, effort_speed, effort_zone, servo_speed, servo_acceleration of an arm with all its axes."""
+    moves, pushes, servo = ARM_TYPES[arm_type].moves, ARM_TYPES[arm_type].efforts, ARM_TYPES[arm_type].servo
+    return (np.array(moves.velocity), np.array(moves.acceleration), np.array(pushes.speed), np.array(pushes.zone),
+            np.array(servo.speed), np.array(servo.acceleration))
 
 
 def _rated(efforts: Iterable[float]) -> Array:
@@ -178,8 +184,8 @@ def _with_tool(arm: ArmConfig, tool: Tool) -> JointSpace:
     if tool.snake:
         spread, gather = _snake(axes)
         free, paired = BENDS, spread @ gather
-        v_max, a_max, speed, zone = (np.insert(values, n - 2, values[n - 3 : n - 1]) for values in rates)
-        rates = (v_max, a_max, speed, zone)
+        v_max, a_max, speed, zone, servo, gain = (np.insert(values, n - 2, values[n - 3 : n - 1]) for values in rates)
+        rates = (v_max, a_max, speed, zone, servo, gain)
     rated = _rated((*kinematics.effort_max, tool.jaw.effort_max))
     return JointSpace(tool.name, kinematics.names, n, np.append(kinematics.lower, tool.jaw.lower),
                       np.append(kinematics.upper, tool.jaw.upper), *rates, rated,

@@ -9,11 +9,12 @@ from procs.kernel.boards_fields import BOARDS
 from procs.kernel.bus_fields import HUB, WRITE
 from procs.kernel.exchange_fields import EXCHANGE, NOTHING, UNREADABLE
 from procs.kernel.fields import CStruct
+from procs.kernel.governor_fields import GOVERNOR
 from procs.kernel.io_fields import IO
 from procs.kernel.pace_fields import PACE
 from procs.kernel.track_fields import TRACK
 
-STRUCTS: Final[tuple[CStruct, ...]] = (IO, TRACK, HUB, WRITE, EXCHANGE, *BOARDS, *ARM, PACE)
+STRUCTS: Final[tuple[CStruct, ...]] = (IO, TRACK, HUB, WRITE, EXCHANGE, *BOARDS, *ARM, GOVERNOR, PACE)
 
 CONSTANTS: Final = {
     "BAD": progress.BAD,

@@ -1,0 +1,131 @@
+"""The governor: what all position setpoints of an arm pass in each cycle on their way to io, whatever they come from.
+
+A setpoint goes to its target at no more than the joint's largest speed, and speeds up by no more than its largest
+acceleration (`servo` in procs/arm_types.py) beyond how fast it has just been. A target within both is reached in this
+very cycle, so that a stream that an arm can follow is passed on unchanged. On the way to a distant target a joint
+brakes in time; it never goes beyond its target, also where a stream stops at once. Moves, which have their own smaller
+bounds, and efforts do not pass here.
+
+    low, high   = rate reduced to 0, or increased by acceleration · dt, within ± speed
+    velocity    = (target − setpoint) / dt                   where that lies between low and high: the target is reached
+                  braking speed, brought between the two     elsewhere; (√(¼ + 2d / (a·dt²)) − ½) · a·dt stops after d
+    rate       := velocity, or slower than it was by a quarter of acceleration · dt, if that is faster
+    setpoint   += velocity · dt
+
+`rate` goes down slowly, for goals of a stream do not come in every cycle: a stream of 1000 Hz leaves out every third
+one at 1500 Hz.
+
+A target that is not a number is no target: the joint stops.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procs.kernel.governor_fields import GOVERNOR
+from procs.kernel.library import chosen
+
+Array = NDArray[np.float64]
+
+MAX_LAG_S: Final = 0.1
+"""A stream whose target is further away than a joint goes in this time at its largest speed has jumped, and ends."""
+LATE_S: Final = 0.02
+"""A stream whose next goal comes while the last one is still so far away is reported to be limited."""
+MAX_STEP_NS: Final = 5_000_000  # after a pause of ours a setpoint goes on from where it is, and does not catch up
+
+
+class Governed(Protocol):
+    """Whose arrays (size,) the governor works on; they stay the same objects."""
+
+    goal: Array
+    target: Array
+    asked: Array
+    velocity: Array
+    feed_velocity: Array
+
+
+class Governor:
+    """Brings `goal` towards `target`. `behind` (size,): seconds at the largest speed that are missing, `most` of them.
+
+    `clip` is for walls: it may change the setpoint (size,) of this cycle, in place, and says why, "" if it did not;
+    the reason of the newest cycle is in `clipped`.
+    """
+
+    def __init__(self, of: Governed, speed: Array, acceleration: Array) -> None:
+        self.goal, self.target, self.asked = of.goal, of.target, of.asked
+        self.velocity, self.feed = of.velocity, of.feed_velocity
+        self.speed, self.acceleration = speed, acceleration
+        self.size = len(speed)
+        self.rate, self.behind, self.most = np.zeros(self.size), np.zeros(self.size), np.zeros(1)
+        self.clip: Callable[[Array], str] | None = None
+        self.clipped = ""
+        self._advance, self._measure = chosen(GOVERNOR, self)
+
+    def start(self, rate: Array | float) -> None:
+        """From rest, or at the speed of the motion that ends."""
+        self.rate[...] = np.minimum(np.maximum(rate, -self.speed), self.speed)
+        self.most[0] = 0.0
+
+    def step(self, passed_ns: int, *, has_feed: bool) -> bool:
+        """One cycle, so long after the one before; whether there is still something to do in the next one.
+
+        `has_feed`: the velocities that came with the target are passed on as well, within the largest speeds.
+        """
+        if not 0 < passed_ns <= MAX_STEP_NS:
+            passed_ns = MAX_STEP_NS if passed_ns > 0 else 1
+        dt = passed_ns * 1e-9
+        if self.clip is None:
+            return self._advance(dt, has_feed) != 0
+        before = self.goal.copy()
+        moves = bool(self._advance(dt, has_feed))
+        self.clipped = self.clip(self.goal)
+        if self.clipped:
+            np.divide(self.goal - before, dt, out=self.rate)
+        return moves or bool(self.clipped)
+
+    def lag(self) -> tuple[float, int]:
+        """How far `asked` is away, in s at the largest speed, and which joint that is."""
+        worst = self._measure()
+        return self.most.item(), worst
+
+    # the reference of the kernel
+
+    def advance(self, dt: float, has_feed: int) -> int:
+        """Setpoint, rate and velocities of this cycle; whether any joint moves."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            return self._advanced(dt, has_feed)
+
+    def _advanced(self, dt: float, has_feed: int) -> int:
+        speed, rate, gain = self.speed, self.rate, self.acceleration * dt
+        distance = self.target - self.goal
+        is_finite = np.isfinite(distance)
+        distance = np.where(is_finite, distance, 0.0)
+        direct = distance / dt
+        low = np.maximum(np.minimum(rate, 0.0) - gain, -speed)
+        high = np.minimum(np.maximum(rate, 0.0) + gain, speed)
+        braking = (np.sqrt(0.25 + 2.0 * np.abs(distance) / (gain * dt)) - 0.5) * gain
+        wanted = np.minimum(np.maximum(np.copysign(braking, distance), low), high)
+        is_direct = (low <= direct) & (direct <= high)
+        velocity = np.where(is_direct, direct, wanted)
+        slower = np.copysign(np.maximum(np.abs(rate) - 0.25 * gain, 0.0), rate)
+        self.rate[...] = np.where((velocity * rate < 0.0) | (np.abs(velocity) >= np.abs(slower)), velocity, slower)
+        self.goal[...] = np.where(is_direct & is_finite, self.target, self.goal + velocity * dt)
+        self._show(self.target)
+        if has_feed:
+            self.velocity[...] = np.minimum(np.maximum(self.feed, -speed), speed)
+        return int(bool((~is_direct).any() or self.rate.any()))
+
+    def measure(self) -> int:
+        """`behind` and `most` of `asked`; which joint that is."""
+        self._show(self.asked)
+        return int(self.behind.argmax())
+
+    def _show(self, target: Array) -> None:
+        with np.errstate(invalid="ignore"):  # inf - inf
+            behind = np.abs(target - self.goal) / self.speed
+        self.behind[...] = np.where(np.isnan(behind), np.inf, behind)
+        self.most[0] = self.behind.max(initial=0.0)
