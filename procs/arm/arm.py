@@ -235,7 +235,7 @@ class ArmLogic:
             self.shape_efforts()
             if machine.state in AT_HOME and not control.is_kinematic:
                 control.guard.step(io.position, io.velocity, motion)
-        control.gravity.step(io.position, io.velocity, io.valid and self.bears_weight())
+        control.gravity.step(io.position, io.velocity, io.valid and self.bears_weight(), now_ns)
         control.io_requests.step(now_ns)
         machine.settle(self._is_off())
         control.setpoint.show(motion, control.gravity.effort, io.position, control.driving)

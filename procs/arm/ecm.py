@@ -65,7 +65,7 @@ class EcmLogic(ArmLogic):
         """Another tip and another mass; the joints stay where they are."""
         control = self.control
         control.arm = dataclasses.replace(control.arm, endoscope=name)
-        used = control.gravity.used
+        before = control.gravity
         control.gravity = Weight(control.arm)
-        control.gravity.used = used and control.gravity.known
+        control.gravity.go_on(before)
         control.use(joints(control.arm))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +20,13 @@ Model = Callable[[Array, Array], Array]
 """Efforts (n,) at positions and velocities (n,) of the arm's first n joints."""
 
 
+RAMP_NS: Final = 1_000_000_000
+"""Switched off, the compensation goes in this time: a hand may be on the arm. Switched on, it is there at once: nothing
+else may hold the arm any more."""
+
+
 class Weight:
-    """`used`: the compensation is on (it is where there is a model); `effort` (size,) is that of this cycle."""
+    """`used`: the compensation is to be on (it is where there is a model); `effort` (size,) is that of this cycle."""
 
     def __init__(self, arm: ArmConfig) -> None:
         """Of the joints of the arm itself."""
@@ -28,6 +34,7 @@ class Weight:
         self._model = _model(arm, joints)
         self._joints = joints
         self.used = self.known
+        self._used_share, self._stepped_ns = float(self.used), 0
         self.use(joints)
 
     @property
@@ -35,21 +42,29 @@ class Weight:
         """There is a model."""
         return self._model is not None
 
+    def go_on(self, before: Weight) -> None:
+        """Another weight of the same arm, switched on as the one before was."""
+        self.used = before.used and self.known
+        self._used_share, self._stepped_ns = before._used_share, before._stepped_ns
+
     def use(self, size: int) -> None:
         """Another size of joint vectors."""
         self.effort = np.zeros(size)
         self._done: tuple[bytes, bytes, float] | None = None
 
-    def step(self, position: Array, velocity: Array, share: float) -> None:
+    def step(self, position: Array, velocity: Array, share: float, now_ns: int) -> None:
         """Work out `effort` at joint positions and velocities (size,), of which a `share` is borne, 0 to 1."""
         if self._model is None:
             return
-        n = self._joints
-        borne = position.tobytes(), velocity.tobytes(), share if self.used else 0.0
+        passed_ns, self._stepped_ns = now_ns - self._stepped_ns, now_ns
+        if self._used_share != self.used:
+            self._used_share = 1.0 if self.used else max(0.0, self._used_share - passed_ns / RAMP_NS)
+        n, share = self._joints, share * self._used_share
+        borne = position.tobytes(), velocity.tobytes(), share
         if borne == self._done:
             return
         self._done = borne
-        if share and self.used:
+        if share:
             np.multiply(self._model(position[:n], velocity[:n]), share, out=self.effort[:n])
         else:
             self.effort[:n] = 0.0

@@ -79,6 +79,7 @@ def test_holding_efforts_are_those_of_the_reference(harness: ArmHarness) -> None
     assert harness.state["gravity_effort"][:4] == pytest.approx((-0.9278, 1.41582, -13.77753, 0.0), abs=1e-4)
     assert harness.setpoint["feed_forward"][:4] == pytest.approx(harness.state["gravity_effort"][:4])
     assert harness.send("use_gravity_compensation", (0.0,)).outcomes == ["done"]
+    harness.run(1.1)
     assert not harness.setpoint["feed_forward"].any()
 
 

@@ -68,7 +68,7 @@ def test_the_wrist_stays_out_of_the_cannula(harness: ArmHarness, depth: float) -
 def test_a_goal_that_is_deep_enough_is_reached(harness: ArmHarness) -> None:
     harness.go((0.0, 0.0, 0.07, 0.0, 0.0, 0.0))
     harness.send("servo_cp", tip_at(harness, 0.06))
-    harness.run(0.01)
+    harness.run(0.05)
     assert harness.io.setpoint[2] == pytest.approx(0.0665, abs=1e-6)
 
 
@@ -120,10 +120,10 @@ def test_jaw_goals_are_kept_by_the_arm_and_the_other_way_round(harness: ArmHarne
     harness.send("jaw/servo_jp", (0.6,))
     harness.send("servo_jp", (0.01, 0.0, 0.12, 0.0, 0.0, 0.0))
     harness.send("servo_cp", tip_at(harness, 0.1134))
-    harness.run(0.01)
+    harness.run(0.1)
     assert harness.state["jaw_setpoint_position"] == pytest.approx(0.6)
     harness.send("jaw/servo_jp", (0.3,))
-    harness.run(0.01)
+    harness.run(0.1)
     assert harness.state["setpoint_cp"][2] == pytest.approx(-0.1134, abs=1e-9)
     assert harness.state["jaw_setpoint_position"] == pytest.approx(0.3)
 
@@ -131,7 +131,7 @@ def test_jaw_goals_are_kept_by_the_arm_and_the_other_way_round(harness: ArmHarne
 def test_jaw_limits_hold_while_the_tip_is_followed(harness: ArmHarness) -> None:
     harness.send("servo_cp", tip_at(harness, 0.1134))
     assert harness.send("jaw/servo_jp", (-2.0,)).replies == [("done", "clipped: jaw")]
-    harness.run(0.01)
+    harness.run(0.2)
     assert harness.state["jaw_setpoint_position"] == pytest.approx(-0.698132)
 
 
@@ -239,7 +239,7 @@ def test_the_tip_of_a_snake_follows_poses_with_their_velocity(snake: ArmHarness)
     body = snake.state["jacobian"] @ rates
     rotation = snake.arm.control.cartesian.rotation
     assert (body.reshape(2, 3) @ rotation.T).reshape(6) == pytest.approx(twist, abs=1e-9)
-    snake.run(0.01)
+    snake.run(0.1)
     assert snake.state["setpoint_cp"][:3] == pytest.approx(goal[:3], abs=1e-8)
     position = np.array(snake.io.setpoint)
     q = snake.arm.joints.to_joint @ position
@@ -278,5 +278,5 @@ def test_an_si_lets_its_brakes_go_and_bears_its_weight() -> None:
     assert harness.setpoint["feed_forward"][:3] == pytest.approx((-1.16738, -0.56542, -5.44301), abs=1e-4)
     assert not harness.setpoint["feed_forward"][3:7].any()
     assert harness.send("use_gravity_compensation", (0.0,)).outcomes == ["done"]
-    harness.run(0.01)
+    harness.run(1.1)
     assert not harness.setpoint["feed_forward"].any()
