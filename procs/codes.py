@@ -234,8 +234,14 @@ EFFORT_CLIPPED: Final = Code(
     "effort-clipped", WARNING, "arm", "efforts beyond what motors and joints bear were taken as the largest allowed",
     "ask for less")
 STREAM_JUMP: Final = Code(
-    "stream-jump", WARNING, "arm", "a goal of a stream was too far from the one before, and not taken",
+    "stream-jump", WARNING, "arm", "a goal of a stream is too far away; the stream has ended, and the arm holds",
     "stream from where the arm is (setpoint), or use move_jp, move_cp")
+STREAM_REFUSED: Final = Code(
+    "stream-refused", WARNING, "arm", "goals were refused: the stream was stopped, or another program is streaming",
+    "pause for 0.5 s before the next stream; let one program at a time stream to an arm")
+SPEED_LIMITED: Final = Code(
+    "speed-limited", WARNING, "arm", "a stream asks for more than the largest speed of a joint; the arm lags behind it",
+    "stream goals that are closer together")
 CLIENT_TIMEOUT: Final = Code(
     "client-timeout", WARNING, "arm", "the program that streamed goals went silent; the arm holds",
     "see why it stopped or was too slow; stream anew")

@@ -200,7 +200,7 @@ class ArmLogic:
     def at_rest(self) -> bool:
         """It is off or holds: a cycle is as the one before, but for what is measured."""
         motion = self.control.motion
-        return not (motion.moving or motion.has_velocity or motion.mode is Mode.EFFORT
+        return not (motion.moving or not motion.settled or motion.has_velocity or motion.mode is Mode.EFFORT
                     or motion.feed_end_ns != FOR_EVER_NS or self.machine.is_busy)
 
     def pressed(self, name: str) -> bool:
@@ -228,6 +228,8 @@ class ArmLogic:
         self._stages[machine.state].run()
         if motion.step(now_ns):
             control.move_ended(True)
+        if motion.drifting:
+            control.watch_lag()
         if motion.mode is Mode.EFFORT and control.efforts.is_overdue(now_ns):
             self.end_efforts()
         control.step_efforts()
@@ -290,7 +292,7 @@ class ArmLogic:
 
     def _rest_on(self, setup: SetupBase) -> None:
         """The setup joints put the base somewhere else, or are not to be trusted any more."""
-        self.control.cartesian.set_base(setup.base)
+        self.control.set_base(setup.base)
         if setup.frame:
             self.control.record.show_frame(setup.frame)
 

@@ -41,15 +41,15 @@ class CartesianCommands:
         self._reach = Reach(control, guard)
         tip = Ready.CARTESIAN
         self.table: Table = {
-            "servo_cp": ArmCommandRow(self._servo_cp, tip, (POSE, POSE + TWIST), streams=True),
-            "servo_cr": ArmCommandRow(self._servo_cr, tip, (POSE,), streams=True),
-            "servo_cs": ArmCommandRow(self._servo_cs, tip, (POSE + 2 * TWIST + 3,), streams=True),
+            "servo_cp": ArmCommandRow(self._servo_cp, tip, (POSE, POSE + TWIST)),
+            "servo_cr": ArmCommandRow(self._servo_cr, tip, (POSE,)),
+            "servo_cs": ArmCommandRow(self._servo_cs, tip, (POSE + 2 * TWIST + 3,)),
             "move_cp": ArmCommandRow(self._move_cp, tip, (POSE,), moves=True),
             "move_cr": ArmCommandRow(self._move_cr, tip, (POSE,), moves=True),
-            "servo_cf": ArmCommandRow(self._body_servo_cf, tip, (TWIST, TWIST + 1, TWIST + 2), streams=True),
-            "body/servo_cf": ArmCommandRow(self._body_servo_cf, tip, (TWIST, TWIST + 1, TWIST + 2), streams=True),
-            "spatial/servo_cf": ArmCommandRow(self._spatial_servo_cf, tip, (TWIST,), streams=True),
-            "servo_ci": ArmCommandRow(self._servo_ci, tip, (IMPEDANCE,), streams=True),
+            "servo_cf": ArmCommandRow(self._body_servo_cf, tip, (TWIST, TWIST + 1, TWIST + 2)),
+            "body/servo_cf": ArmCommandRow(self._body_servo_cf, tip, (TWIST, TWIST + 1, TWIST + 2)),
+            "spatial/servo_cf": ArmCommandRow(self._spatial_servo_cf, tip, (TWIST,)),
+            "servo_ci": ArmCommandRow(self._servo_ci, tip, (IMPEDANCE,)),
             "body/set_cf_orientation_absolute": ArmCommandRow(self._set_absolute, sizes=(1,)),
         }
 
@@ -68,8 +68,6 @@ class CartesianCommands:
         """The pose (4, 4) of a command, in the arm's base."""
         if not self._control.cartesian.base_known:
             raise CommandRefused("the arm's base frame is not known")
-        if not self._control.trusts_poses:
-            raise CommandRefused("the arm's tip or base has just become another one; look where it is")
         return self._control.cartesian.to_local(given_pose(values[:POSE]))
 
     def _relative(self, request: Request, joints: Array) -> Array:
@@ -104,7 +102,7 @@ class CartesianCommands:
 
     def _follow(self, name: str, goal: Array, velocity: Array | None = None) -> str:
         control, inverse = self._control, self._inverse()
-        joints, control.posed_ns = control.take_goal(), control.now_ns
+        joints = control.take_goal()
         own = joints[: control.joints.count]
         found, why = self._reach.find(inverse, goal, own)
         own[...] = found
@@ -124,8 +122,7 @@ class CartesianCommands:
         self.enter(request.name)
         control = self._control
         n = control.joints.count
-        pending = control.motion.pending_since(control.now_ns)  # then on top of the goal given in this very cycle
-        base = control.here if pending else control.io.setpoint
+        base = control.target if control.motion.is_pending(control.now_ns) else control.io.setpoint
         return self._follow(request.name, self._relative(request, base[:n]))
 
     def _servo_cs(self, request: Request) -> str:

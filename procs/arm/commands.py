@@ -17,7 +17,9 @@ from procs import codes
 from procs.arm.control import REPORT_NS, Control
 from procs.arm.motion import Mode
 from procs.arm.states import ArmState
+from procs.arm.streams import StreamKind
 from procs.requests import CommandRefused, Handler, Request, carry_out
+from shm.commands import COMMANDS
 
 
 class Ready(Enum):
@@ -41,7 +43,6 @@ class ArmCommandRow:
     ready: Ready = Ready.ALWAYS
     sizes: tuple[int, ...] = ()
     moves: bool = False  # who sent it waits for an end
-    streams: bool = False  # it is one of a stream, which `client_timeout_s` watches
 
 
 Table = Mapping[str, ArmCommandRow]
@@ -55,6 +56,8 @@ class ArmCommands:
         self._rows: dict[str, ArmCommandRow] = {}
         for table in tables:
             self._rows.update(table)
+        self._stops = {row.name: row.is_stop for row in COMMANDS["arm"] if row.stops}
+        self._streams = {row.name: StreamKind(row.stream) for row in COMMANDS["arm"] if row.stream}
         self._timeout_ns = round(control.arm.client_timeout_s * 1e9)
         self._streamed_ns = 0
 
@@ -74,9 +77,8 @@ class ArmCommands:
             if row is not None and row.moves:
                 self._control.machine.publish_refused_move()
         elif row is not None and row.ready is not Ready.ALWAYS:
-            self._streamed_ns = self._control.now_ns if row.streams and self._timeout_ns else 0
-            if row.streams or row.moves:
-                self._control.leader = request.sender
+            is_watched = self._timeout_ns and request.name in self._streams
+            self._streamed_ns = self._control.now_ns if is_watched else 0
 
     def _do(self, request: Request) -> str | None:
         row = self._rows.get(request.name)
@@ -84,8 +86,30 @@ class ArmCommands:
             raise CommandRefused(f"{self._control.arm.name} has no such command")
         if not math.isfinite(request.values.dot(request.values)):  # what overflows is out of the question, too
             raise CommandRefused("values must be finite numbers")
+        control, streams = self._control, self._control.streams
+        kind = self._streams.get(request.name)
+        if kind is None:
+            is_stop = self._stops.get(request.name)
+            if is_stop is not None and is_stop(request.text, request.values):
+                self._stop_others(request)
+            self._need(request, row)
+            text = row.do(request)
+            if row.moves:
+                streams.lead(request.sender)
+            return text
+        why = streams.objection(kind, request.sender, lambda: request.origin.program, control.now_ns)
         self._need(request, row)
-        return row.do(request)
+        if why:
+            raise control.refusal(codes.STREAM_REFUSED, request.name, why, REPORT_NS)
+        text = row.do(request)
+        streams.take(control.now_ns)
+        return text
+
+    def _stop_others(self, request: Request) -> None:
+        """Whoever else streams has to pause before it goes on."""
+        who = request.origin.program or "another program"
+        self._control.streams.end(f"{who} stopped the arm ({request.name} {request.text}".rstrip() + ")",
+                                  self._control.now_ns, spared=request.sender)
 
     def _need(self, request: Request, row: ArmCommandRow) -> None:
         """CommandRefused unless the arm is ready for it and the number of values is right."""

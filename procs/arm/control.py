@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Final
 
 import numpy as np
@@ -12,7 +12,8 @@ from procs import codes
 from procs.arm.cartesian import Cartesian
 from procs.arm.effort_guard import EffortGuard
 from procs.arm.effort_limits import EffortLimits
-from procs.arm.efforts import Efforts
+from procs.arm.efforts import Efforts, Law
+from procs.arm.governor import LATE_S, MAX_LAG_S
 from procs.arm.gravity import Weight
 from procs.arm.io_requests import IoRequests
 from procs.arm.joints import JointSpace
@@ -20,20 +21,18 @@ from procs.arm.machine import ArmStates
 from procs.arm.motion import Mode, Motion, Space
 from procs.arm.readings import ArmReadings
 from procs.arm.record import ArmRecord, SetpointRecord
-from procs.arm.streams import Stream
+from procs.arm.setup_base import BaseSteps
+from procs.arm.streams import StreamKind, Streams
 from procs.arm.supervision import Generations
 from procs.codes import Code
 from procs.document.system import ArmConfig
 from procs.faults import FaultReport
 from procs.requests import ANSWERED, CommandRefused, Reports, Request
-from shm.origins import SenderId
 
 Array = NDArray[np.float64]
 
 EPISODE_NS: Final = 500_000_000
 REPORT_NS: Final = 2_000_000_000
-STREAM_NS: Final = 100_000_000  # a goal older than this is of no stream
-SEEN_NS: Final = 20_000_000  # who streams goals has seen by then that the tip or the base is another one
 NEVER_NS: Final = 1 << 62
 MOVE, JAW_MOVE = "move", "jaw move"
 
@@ -69,7 +68,7 @@ class Control:
         self.motion, self._effort_limits = Motion(joints, arm.jerk_time_s), EffortLimits(motors, joints)
         self.efforts = Efforts(cartesian, self._effort_limits, joints.size, arm.effort_timeout_s)
         self.guard = EffortGuard(arm.effort_speed_ratio, arm.effort_zone_ratio)
-        self._stream, self._jaw_stream = Stream(), Stream()
+        self.streams, self._base_steps = Streams(), BaseSteps()
         self.gravity = Weight(arm)
         self.driving: Generations | None = None
         """The joint controller was seen on, and follows us."""
@@ -79,11 +78,7 @@ class Control:
         self.homed_generation = 0
         self.held = False
         """A successor found the joint controller on, in no state for it: it just holds."""
-        self.leader: SenderId | None = None
-        """Whose command the arm carries out, None: it holds or is free."""
         self.now_ns = 0
-        self.posed_ns, self._poses_from_ns = -STREAM_NS, 0
-        """When a goal of a stream of poses was last followed."""
         self._moves: dict[str, tuple[Request, str]] = {}
         """Under way, with what of the goal was clipped."""
         self._reported_ns: dict[Code, int] = {}
@@ -93,7 +88,7 @@ class Control:
     def use(self, joints: JointSpace) -> None:
         """Another joint space, at rest where the actuators are kept."""
         kept = self.joints.to_actuator @ self.here if self.driving is not None else None
-        self.mistrust_poses()
+        self.streams.end("the instrument was changed", self.now_ns)
         self.joints = joints
         self.io.use(joints)
         self.motion.use(joints)
@@ -104,18 +99,17 @@ class Control:
         for part in (self.cartesian, self.record, self.setpoint):
             part.use(joints)
         self.motion.hold(self.io.setpoint if kept is None else joints.to_joint @ kept, Mode.NONE)
-        self.goal, self._velocity = np.zeros(joints.size), np.zeros(joints.size)
+        self.goal, self._velocity = self.motion.asked, np.zeros(joints.size)
         self._clipped, self._efforts_clipped = Clipping(joints.size), Clipping(joints.size)
 
-    def mistrust_poses(self) -> None:
-        """The tip or the base is another one: goals of a stream that are on their way were worked out for the old."""
-        if self.now_ns - self.posed_ns < STREAM_NS:
-            self._poses_from_ns = self.now_ns + SEEN_NS
-
-    @property
-    def trusts_poses(self) -> bool:
-        """Goals are for the tip and the base that there are."""
-        return self.now_ns >= self._poses_from_ns
+    def set_base(self, base: Array | None) -> None:
+        """The base is elsewhere, see `Cartesian.set_base`; what is streamed in its frame ends where that is a step."""
+        why = self._base_steps.step(base, self.now_ns)
+        self.cartesian.set_base(base)
+        motion = self.motion
+        springs = motion.mode is Mode.EFFORT and self.efforts.law is Law.IMPEDANCE
+        if why and motion.space is Space.CARTESIAN and (motion.mode is Mode.POSITION or springs):
+            self.end_streams(why, (StreamKind.POSITION, StreamKind.EFFORT))
 
     # what is told
 
@@ -144,8 +138,8 @@ class Control:
     # where the joints are to go; `goal` is what the command at hand works on
 
     def take_goal(self) -> Array:
-        """`goal` := where all joints are kept now; a servo command then changes its own part of it."""
-        self.goal[...] = self.here
+        """`goal` := where all joints are to be; a servo command then changes its own part of it."""
+        self.goal[...] = self.motion.target if self.motion.mode is Mode.POSITION else self.here
         return self.goal
 
     @property
@@ -160,8 +154,7 @@ class Control:
 
     def take_target(self) -> Array:
         """`goal` := where the joints are going now."""
-        if self.motion.mode is Mode.EFFORT:
-            self.motion.hold(self.io.setpoint)
+        self._end_efforts()
         self.goal[...] = self.motion.target
         return self.goal
 
@@ -178,23 +171,62 @@ class Control:
             self.report(codes.CLIPPED, f"clipped to the joint limits: {names}")
         return f"clipped: {names}"
 
-    def _judge(self, stream: Stream, name: str, *, jaw: bool = False) -> None:
-        """CommandRefused where the stream of commands `name` may not go to `goal` at once."""
-        is_streamed = self.motion.is_streamed(self.now_ns, jaw=jaw)
-        why = stream.objection(self.joints, self.goal, self.here, self.now_ns, is_streamed=is_streamed)
-        if why:
-            raise self.refusal(codes.STREAM_JUMP, name, why, REPORT_NS)
+    def _judge(self, name: str) -> None:
+        """CommandRefused where `goal`, of a stream of commands `name`, is too far away; a running stream ends there."""
+        motion, streams = self.motion, self.streams
+        governor = motion.governor
+        is_running = motion.mode is Mode.POSITION and streams.is_running(self.now_ns)
+        if is_running and governor.most.item() > LATE_S:
+            self._report_slow()
+        lag_s, axis = governor.lag()
+        if lag_s <= MAX_LAG_S:
+            return
+        far, unit, allowed = abs(self.goal[axis] - self.here[axis]), self.joints.unit(axis), governor.speed[axis]
+        why = (f"{self.joints.name(axis)} is {far:.3g} {unit} from the setpoint; "
+               f"{allowed * MAX_LAG_S:.3g} {unit} is allowed")
+        if is_running and streams.asking is not None:
+            streams.end_one(streams.asking, f"it jumped: {why}")
+            self._hold(why)
+        raise self.refusal(codes.STREAM_JUMP, name, f"{why}: move there first (move_jp, move_cp)", REPORT_NS)
+
+    def _report_slow(self) -> None:
+        governor = self.motion.governor
+        axis = int(governor.behind.argmax())
+        self.report_episode(codes.SPEED_LIMITED, f"{self.joints.name(axis)} follows at its largest speed, "
+                                                 f"{governor.speed[axis]:g} {self.joints.unit(axis)}/s")
+
+    def watch_lag(self) -> None:
+        """A stream of velocities, once a cycle: it ends where the joints do not go as fast."""
+        lag_s = self.motion.governor.most.item()
+        if lag_s > MAX_LAG_S:
+            axis = int(self.motion.governor.behind.argmax())
+            why = (f"{self.joints.name(axis)} is asked to go faster than {self.motion.governor.speed[axis]:g} "
+                   f"{self.joints.unit(axis)}/s")
+            self.report(codes.STREAM_JUMP, why, REPORT_NS)
+            self.end_streams(f"it jumped: {why}", (StreamKind.POSITION,))
+        elif lag_s > LATE_S:
+            self._report_slow()
+
+    def end_streams(self, why: str, kinds: Iterable[StreamKind]) -> None:
+        """Hold, and take no more of these streams until they have paused."""
+        self.streams.end(why, self.now_ns, kinds)
+        self._hold(why)
+
+    def _hold(self, why: str) -> None:
+        self.stop(self.here, Mode.POSITION, why)
+        self.status(f"stream ended: {why}")
 
     def follow(self, name: str, space: Space, velocity: Array | None = None) -> str:
         """Follow `goal`, of a stream of commands `name`, with a velocity feed of the arm's joints (count,)."""
         outside = self._clip()
-        self._judge(self._stream, name)
+        self._judge(name)
         text = self._say_clipped(outside)
         if velocity is not None:
             velocity = self._feed(velocity)
             if text:
                 velocity[outside] = 0.0
         self.motion.space = space
+        self._end_efforts()
         if self.motion.servo(self.goal, velocity, self.now_ns):
             self.move_ended(False, "replaced by a servo command")
         return text
@@ -202,12 +234,15 @@ class Control:
     def drift(self, velocity: Array) -> str:
         """Go at a velocity of the arm's joints (count,)."""
         self._feed(velocity)
-        if self.motion.mode is Mode.EFFORT:
-            self.motion.hold(self.io.setpoint)
+        self._end_efforts()
         self.motion.space = Space.JOINT
         if self.motion.drift(self._velocity, self.now_ns):
             self.move_ended(False, "replaced by a servo command")
         return ""
+
+    def _end_efforts(self) -> None:
+        if self.motion.mode is Mode.EFFORT:
+            self.motion.hold(self.io.setpoint)
 
     def _feed(self, velocity: Array) -> Array:
         """Velocities of all joints (size,) from those of the arm's (count,)."""
@@ -221,9 +256,10 @@ class Control:
     def adjust(self, name: str) -> str:
         """Follow `goal`, of a stream of commands `name`, of which only the jaw has changed."""
         outside = self._clip()
-        self._judge(self._jaw_stream, name, jaw=True)
+        self._judge(name)
         text = self._say_clipped(outside)
-        if self.motion.adjust(self.goal, self.now_ns):
+        self._end_efforts()
+        if self.motion.adjust(self.goal):
             self.move_ended(False, "replaced by a servo command")
         return text
 

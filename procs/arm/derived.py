@@ -136,6 +136,7 @@ class DerivedArm(ArmLogic):
     def follow(self, joints: ArrayLike) -> None:
         """Go to joints (size,), rad or m, in this cycle, within their limits; CommandRefused when that is a jump."""
         self._take(joints)
+        self.control.streams.interrupt()
         self.control.follow(self.machine.sub_state, Space.JOINT)
 
     def move(self, joints: ArrayLike) -> None:

@@ -16,10 +16,10 @@ class JointCommands:
         self._control = control
         joint, one = Ready.JOINT, (N,)
         self.table: Table = {
-            "servo_jp": ArmCommandRow(self._servo_jp, joint, (N, 2 * N), streams=True),
-            "servo_jr": ArmCommandRow(self._servo_jr, joint, one, streams=True),
-            "servo_jv": ArmCommandRow(self._servo_jv, joint, one, streams=True),
-            "servo_jf": ArmCommandRow(self._servo_jf, joint, one, streams=True),
+            "servo_jp": ArmCommandRow(self._servo_jp, joint, (N, 2 * N)),
+            "servo_jr": ArmCommandRow(self._servo_jr, joint, one),
+            "servo_jv": ArmCommandRow(self._servo_jv, joint, one),
+            "servo_jf": ArmCommandRow(self._servo_jf, joint, one),
             "move_jp": ArmCommandRow(self._move_jp, joint, one, moves=True),
             "move_jr": ArmCommandRow(self._move_jr, joint, one, moves=True),
             "hold": ArmCommandRow(self._hold, joint),
@@ -36,7 +36,7 @@ class JointCommands:
     def _servo_jr(self, request: Request) -> str:
         control, n = self._control, self._control.joints.count
         goal = control.take_goal()
-        if not control.motion.pending_since(control.now_ns):  # else on top of the goal given in this very cycle
+        if not control.motion.is_pending(control.now_ns):  # else on top of the goal before
             goal[:n] = control.io.setpoint[:n]
         goal[:n] += request.values
         return control.follow(request.name, Space.JOINT)
@@ -61,16 +61,18 @@ class JointCommands:
 
     def _hold(self, _: Request) -> None:
         control = self._control
-        control.leader = None
+        control.streams.interrupt()
         control.stop(control.io.setpoint, Mode.POSITION, "replaced by hold")
         control.motion.space = Space.JOINT
 
     def _end_stream(self, request: Request) -> None:
-        control = self._control
-        if control.leader == request.sender and control.machine.state is ArmState.HOMED:
-            control.leader = None
+        control, streams = self._control, self._control.streams
+        own = streams.leads(request.sender)
+        streams.leave(request.sender)
+        if own and control.machine.state is ArmState.HOMED:
+            streams.interrupt()
             control.stop(control.here, Mode.POSITION, "its program has ended it")
 
     def _free(self, _: Request) -> None:
-        self._control.leader = None
+        self._control.streams.interrupt()
         self._control.push(Space.JOINT).rest()

@@ -1,7 +1,8 @@
-"""Where the joints are to go: the goal that is followed, the trajectory of a move, efforts instead of positions.
+"""Where the joints are to go: the target of a stream, the trajectory of a move, efforts instead of positions.
 
-Vectors are (size,) in the joint space of `joints.py`, jaw last; time is the `now_ns` argument. A move of the arm and
-one of the jaw share one trajectory: a new goal for one of them leaves the other's goal as it is.
+What io gets is `goal`: of a stream what the governor makes of its target in this cycle, of a move the point of its
+trajectory. Vectors are (size,) in the joint space of `joints.py`, jaw last; time is the `now_ns` argument. A move of
+the arm and one of the jaw share one trajectory: a new goal for one of them leaves the other's goal as it is.
 """
 
 from __future__ import annotations
@@ -11,14 +12,13 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from procs.arm.governor import MAX_STEP_NS, Governor
 from procs.arm.joints import JointSpace
+from procs.arm.streams import STREAM_NS
 from procs.inputs import FOR_EVER_NS
 from procs.kinematics.trajectory import Trajectory
 
 Array = NDArray[np.float64]
-
-STREAM_NS = 100_000_000  # a servo command older than this is no stream any more: its velocity is no longer fed
-MAX_STEP_NS = 5_000_000  # after a pause of ours a drifting joint goes on from where it is, and does not catch up
 
 
 class Mode(IntEnum):
@@ -39,7 +39,11 @@ class Space(IntEnum):
 
 
 class Motion:
-    """The setpoint generator; `goal`, `velocity`, `effort` are what io is to follow in this cycle."""
+    """The setpoint generator; `goal`, `velocity`, `effort` are what io is to follow in this cycle.
+
+    `target` is where the joints are going, `asked` what the command at hand works on, `feed_velocity` the velocities
+    that a stream gave with its target. They stay the same objects in one joint space, see `procs.arm.governor`.
+    """
 
     def __init__(self, joints: JointSpace, jerk_time_s: float = 0.0) -> None:
         """`jerk_time_s`: see `Trajectory`."""
@@ -49,8 +53,11 @@ class Motion:
         self.moving = False
         self.has_velocity = False
         self._start_ns = self._duration_ns = 0
-        self._served_ns = self._jaw_ns = -STREAM_NS
-        self._drifting = False
+        self._served_ns = -STREAM_NS
+        self.drifting = False
+        """Its target moves at `feed_velocity`."""
+        self.settled = True
+        """The setpoint stands at its target."""
         self._stepped_ns = 0
         self.use(joints)
 
@@ -60,7 +67,8 @@ class Motion:
         self._v_max, self._a_max = joints.v_max, joints.a_max
         self.rows = np.zeros((2, n))
         self.goal, self.velocity = self.rows
-        self.effort, self.target = np.zeros(n), np.zeros(n)
+        self.effort, self.target, self.asked, self.feed_velocity = np.zeros((4, n))
+        self.governor = Governor(self, joints.servo_speed, joints.servo_acceleration)
         self.feed = np.zeros(n)
         """Efforts added while positions are followed, until `feed_end_ns`."""
         self.feed_end_ns = FOR_EVER_NS
@@ -84,48 +92,41 @@ class Motion:
         """Stay at `position`; returns whether this ended a move."""
         self.goal[...] = position
         self.target[...] = position
-        self._served_ns = self._jaw_ns = -STREAM_NS
+        self.governor.start(0.0)
+        self.settled = True
+        self._served_ns = -STREAM_NS
         if mode is Mode.NONE:
             self.space = Space.NONE
         return self._enter(mode)
 
     def servo(self, position: Array, velocity: Array | None, now_ns: int) -> bool:
         """Follow `position` from now on, with a velocity feed; returns whether this ended a move."""
-        self.goal[...] = position
-        self.target[...] = position
         ended = self._enter(Mode.POSITION)
+        self.target[...] = position
+        self.settled = False
         self.has_velocity = velocity is not None
         if velocity is not None:
-            self.velocity[...] = velocity
+            self.feed_velocity[...] = velocity
         self._served_ns = now_ns
         return ended
 
     def drift(self, velocity: Array, now_ns: int) -> bool:
         """Go at a velocity from here on, until a stream of such commands ends or a limit comes; ended a move?"""
         ended = self.moving
-        if self.mode is not Mode.POSITION or not self._drifting:
+        if self.mode is not Mode.POSITION or not self.drifting:
             ended = self._enter(Mode.POSITION)
-            self._stepped_ns = now_ns
-        self.velocity[...] = velocity
-        self._drifting = self.has_velocity = True
+            self.target[...] = self.goal
+        self.feed_velocity[...] = velocity
+        self.drifting = self.has_velocity = True
         self._served_ns = now_ns
         return ended
 
-    def adjust(self, position: Array, now_ns: int) -> bool:
+    def adjust(self, position: Array) -> bool:
         """Follow `position` for a part of the joints: a stream of the others goes on, with its velocities."""
         ended = self._enter(Mode.POSITION) if self.mode is not Mode.POSITION else False
-        self.goal[...] = position
         self.target[...] = position
-        self._jaw_ns = now_ns
+        self.settled = False
         return ended
-
-    def is_streamed(self, now_ns: int, *, jaw: bool = False) -> bool:
-        """Goals are coming for the arm's joints, or for the jaw: the last one is what is followed, and not long ago."""
-        if self.mode is not Mode.POSITION:
-            return False
-        if jaw:
-            return now_ns - self._jaw_ns <= STREAM_NS
-        return not self._drifting and now_ns - self._served_ns <= STREAM_NS
 
     def push(self, which: NDArray[np.bool_] | None = None) -> bool:
         """Apply `effort` instead of following positions, to the joints `which` (None: all); the others stay.
@@ -157,6 +158,7 @@ class Motion:
             if not self.has_velocity:  # a stream without velocities: the arm moves about as fast as the stream
                 limit = self._v_max * self.ratio_v
                 self.velocity[...] = np.clip(measured_velocity, -limit, limit)
+            self._bound_start()
         else:
             self.velocity[...] = 0.0
         reason = self._plan(target, now_ns)
@@ -164,9 +166,16 @@ class Motion:
             self.target[...] = target
             self.mode = Mode.TRAJECTORY
             self.in_effort[...] = False
-            self._drifting = False
+            self.drifting = False
             self.moving = True
         return reason
+
+    def _bound_start(self) -> None:
+        """Moves brake more gently than streams do: begin one at no more than what stays within the joint limits."""
+        room = np.where(self.velocity > 0.0, self._upper - self.goal, self.goal - self._lower)
+        most = np.sqrt(self._a_max * self.ratio_a * np.maximum(room, 0.0))  # stops in half of it
+        np.minimum(self.velocity, most, out=self.velocity)
+        np.maximum(self.velocity, -most, out=self.velocity)
 
     def resume(self, position: Array, now_ns: int) -> bool:
         """A move was not followed for a while and stands at `position`: go on from there, from rest.
@@ -190,28 +199,30 @@ class Motion:
 
     def step(self, now_ns: int) -> bool:
         """Advance to `now_ns`; returns whether a move has reached its end."""
+        passed_ns, self._stepped_ns = now_ns - self._stepped_ns, now_ns
         if self.moving:
             return self._advance(now_ns)
-        if self._drifting:
-            self._drift(now_ns)
         if self.has_velocity and now_ns - self._served_ns >= STREAM_NS:
-            self.has_velocity = self._drifting = False
+            self.has_velocity = self.drifting = False
             self.velocity[...] = 0.0
+        if self.drifting:
+            self._drift(passed_ns)
+        if not self.settled and self.mode is Mode.POSITION:
+            self.settled = not self.governor.step(passed_ns, has_feed=self.has_velocity)
         return False
 
-    def _drift(self, now_ns: int) -> None:
-        goal = self.goal
-        goal += self.velocity * (min(now_ns - self._stepped_ns, MAX_STEP_NS) * 1e-9)
-        self._stepped_ns = now_ns
-        outside = ((goal < self._lower) & (self.velocity < 0.0)) | ((goal > self._upper) & (self.velocity > 0.0))
+    def _drift(self, passed_ns: int) -> None:
+        target, velocity = self.target, self.feed_velocity
+        target += velocity * (min(passed_ns, MAX_STEP_NS) * 1e-9)
+        outside = ((target < self._lower) & (velocity < 0.0)) | ((target > self._upper) & (velocity > 0.0))
         if outside.any():
-            np.copyto(goal, np.clip(goal, self._lower, self._upper), where=outside)
-            self.velocity[outside] = 0.0
-        self.target[...] = goal
+            np.copyto(target, np.clip(target, self._lower, self._upper), where=outside)
+            velocity[outside] = 0.0
+        self.settled = False
 
-    def pending_since(self, now_ns: int) -> bool:
-        """A servo goal was given in this very cycle."""
-        return self._served_ns == now_ns
+    def is_pending(self, now_ns: int) -> bool:
+        """A servo goal was given in this very cycle, or has not been reached yet."""
+        return self._served_ns == now_ns or (self.mode is Mode.POSITION and not self.settled)
 
     def _advance(self, now_ns: int) -> bool:
         if now_ns < self.end_ns:
@@ -224,9 +235,18 @@ class Motion:
         return True
 
     def _enter(self, mode: Mode) -> bool:
+        if mode is self.mode is Mode.POSITION:  # the next goal of a stream
+            self.drifting = False
+            if self.has_velocity:
+                self.has_velocity = False
+                self.velocity[...] = 0.0
+            if self.feed_end_ns != FOR_EVER_NS:
+                self.end_feed()
+            return False
         ended = self.moving
         if mode is not self.mode:
-            self._served_ns = self._jaw_ns = -STREAM_NS
+            self._served_ns = -STREAM_NS
+            self.governor.start(self.velocity if ended else 0.0)
         self.moving = False
         self.mode = mode
         self.has_velocity = False
@@ -234,7 +254,7 @@ class Motion:
         self.effort[...] = 0.0
         self.in_effort[...] = False
         self.end_feed()
-        self._drifting = False
+        self.drifting = False
         return ended
 
     def end_feed(self) -> None:

@@ -64,11 +64,10 @@ class Settings:
             raise CommandRefused(f"{self._base_from} gives the base frame of this arm")
         if request.text:
             control.record.show_frame(request.text)
-        control.mistrust_poses()
         if len(values) == 0:
-            control.cartesian.set_base(None)
+            control.set_base(None)
             return "base frame unknown: only local poses are valid"
-        control.cartesian.set_base(given_pose(values))
+        control.set_base(given_pose(values))
         return ""
 
     def _use_gravity_compensation(self, request: Request) -> None:

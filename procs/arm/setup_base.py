@@ -5,7 +5,9 @@ A record that is too old is none: setup joints whose process has died may have b
 
 from __future__ import annotations
 
-from typing import Any
+import math
+from collections import deque
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +16,37 @@ from procs.inputs import Input
 from procs.kinematics.poses import PoseError, matrix_from_pose, unit_quaternion
 
 Array = NDArray[np.float64]
+
+STEP_NS: Final = 30_000_000
+MAX_STEP: Final = 0.005  # m
+MAX_TURN: Final = 0.1  # rad
+
+
+class BaseSteps:
+    """How far a base frame has moved in 30 ms: a camera carries it smoothly, a program puts it elsewhere."""
+
+    def __init__(self) -> None:
+        self._past: deque[tuple[int, Array]] = deque()
+
+    def step(self, base: Array | None, now_ns: int) -> str:
+        """It is here (4, 4) from now on, None: not known. Why that is a step that no stream goes on across, or ""."""
+        if base is None:
+            return ""
+        past = self._past
+        while len(past) > 1 and past[1][0] <= now_ns - STEP_NS:
+            past.popleft()
+        why = next(filter(None, (_step(before, base) for _, before in (past[0], past[-1]))), "") if past else ""
+        past.append((now_ns, base.copy()))
+        return why
+
+
+def _step(before: Array, now: Array) -> str:
+    far = float(np.linalg.norm(now[:3, 3] - before[:3, 3]))
+    turn = math.acos(min(1.0, max(-1.0, 0.5 * (float((before[:3, :3] * now[:3, :3]).sum()) - 1.0))))
+    if far <= MAX_STEP and turn <= MAX_TURN:
+        return ""
+    return f"the base frame moved by {far * 1e3:.1f} mm and {math.degrees(turn):.1f}° at once"
+
 
 class SetupBase:
     """The base frame of one arm. After `update`: `base` (4, 4), None while it is unknown, and its `frame`."""

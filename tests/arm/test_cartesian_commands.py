@@ -40,7 +40,7 @@ def finish(harness: ArmHarness, request: FakeRequest) -> None:
 
 
 def settle(harness: ArmHarness) -> None:
-    harness.run(0.02)
+    harness.run(0.1)
 
 
 def pose(harness: ArmHarness, name: str = "measured_cp") -> Any:

@@ -164,8 +164,8 @@ def test_servo_follows_with_velocities_until_the_stream_ends(harness: ArmHarness
     request = harness.send("servo_jp", (0.01, 0.0, 0.12, 0.0, 0.0, 0.0, *velocity))
     assert request.replies == [("done", "")]
     assert harness.setpoint["mode"] == 1 and harness.setpoint["has_velocity"] and harness.setpoint["velocity"][0] == 0.5
-    harness.step()
-    assert harness.state["setpoint_position"][0] == pytest.approx(0.01)
+    harness.run(0.02)
+    assert harness.setpoint["has_velocity"] and harness.state["setpoint_position"][0] == pytest.approx(0.01)
     harness.run(0.2)
     assert not harness.setpoint["has_velocity"] and harness.setpoint["velocity"][0] == 0.0
     assert harness.state["setpoint_position"][0] == pytest.approx(0.01)
@@ -190,7 +190,7 @@ def test_servo_without_velocities_feeds_none(harness: ArmHarness) -> None:
 def test_increments_add_up_within_a_cycle(harness: ArmHarness) -> None:
     step = (0.01, 0.0, 0.0, 0.0, 0.0, 0.0)
     harness.step(FakeRequest("servo_jr", step), FakeRequest("servo_jr", step))
-    harness.step()
+    harness.run(0.05)
     assert harness.state["setpoint_position"][0] == pytest.approx(0.02)
 
 
@@ -217,8 +217,9 @@ def test_goals_beyond_the_limits_are_clipped_and_told(harness: ArmHarness, name:
 
 
 def test_clipping_warns_once_an_episode(harness: ArmHarness) -> None:
-    for _ in range(200):
-        assert harness.send("jaw/servo_jp", (3.0,)).replies == [("done", "clipped: jaw")]
+    for angle in (*np.linspace(0.0, 3.0, 200), *(3.0,) * 200):
+        harness.send("jaw/servo_jp", (angle,))
+    assert harness.send("jaw/servo_jp", (3.0,)).replies == [("done", "clipped: jaw")]
     assert len(harness.reports.of("warning")) == 1
     harness.run(1.0)
     harness.send("jaw/servo_jp", (3.0,))
@@ -329,3 +330,15 @@ def test_pause_holds_and_refuses_motion(harness: ArmHarness) -> None:
 def test_only_the_insertion_is_told_in_metres(made: Callable[[], ArmConfig]) -> None:
     joints = ArmHarness(made()).homed().arm.control.joints
     assert [joints.unit(axis) for axis in range(joints.size)] == ["rad", "rad", "m", "rad", "rad", "rad", "rad"]
+
+
+def test_a_move_out_of_a_fast_stream_stays_within_the_limits(harness: ArmHarness) -> None:
+    for k in range(100):
+        harness.send("servo_jp", (0.0, 0.0, 0.12, 0.0, 0.012 * k, 0.0))  # 6 rad/s; moves brake at 12.6 rad/s²
+    harness.io.record["velocity"][6] = 6.0
+    move = harness.send("move_jp", (0.0, 0.0, 0.12, 0.0, 0.0, 0.0))
+    seen = []
+    while move.outcomes[-1] == "accepted":
+        harness.step()
+        seen.append(harness.arm.control.motion.goal[4])
+    assert move.outcomes[-1] == "done" and 1.19 < max(seen) <= 1.39626

@@ -53,7 +53,7 @@ def test_twist_is_in_the_reference_frame(harness: ArmHarness, base) -> None:
     harness.step()
     before = np.array(harness.state["measured_cp"][:3])
     harness.send("servo_jp", np.add(BENT, (0, 0, 0.001, 0, 0, 0)))
-    harness.step()
+    harness.run(0.02)
     moved = np.array(harness.state["measured_cp"][:3]) - before
     assert harness.state["measured_cv"][:3] == pytest.approx(moved * 100, abs=1e-4)
 

@@ -56,7 +56,7 @@ class MotionPlay:
             *((("servo", lambda: motion.servo(motion.goal + self.array(0.01), None, now)),
                ("servo with velocity", lambda: motion.servo(motion.goal + self.array(0.01), self.array(1.0), now)),
                ("drift", lambda: motion.drift(self.array(1.0, 5.0), now)),
-               ("adjust", lambda: motion.adjust(motion.goal + self.array(0.02), now)),
+               ("adjust", lambda: motion.adjust(motion.goal + self.array(0.02))),
                ("move", lambda: motion.move(self.array(1.0, 2.0), self.array(3.0, 30.0), now))) * 3),
             ("push", lambda: motion.push(chance.choice((None, some)))),
             ("add", lambda: motion.add(self.array(2.0), now + 20 * MS)), ("end feed", motion.end_feed),
@@ -71,7 +71,7 @@ class MotionPlay:
         if self.chance.random() < 0.15:
             name, act = self.chance.choice(self.acts())
             did.append(f"{name}: {shown(act())}")
-        pending = motion.pending_since(now)
+        pending = motion.is_pending(now)
         did += ["a move has ended"] if motion.step(now) else []
         names = ("mode", "space", "moving", "has_velocity", "goal", "velocity", "effort", "target", "feed", "in_effort",
                  "ratio")
@@ -79,7 +79,7 @@ class MotionPlay:
         end = motion.end_ns - now if motion.moving else 0
         return did, [*seen, ("ends in", end / MS), ("feed ends", (motion.feed_end_ns - now) / MS if (
             motion.feed_end_ns < now + 1_000 * MS) else "never"), ("pending", pending),
-            ("streamed", motion.is_streamed(now)), ("jaw streamed", motion.is_streamed(now, jaw=True))]
+            ("settled", motion.settled)]
 
 
 class EffortsPlay:
