@@ -188,6 +188,7 @@ class PidConfig:
     arm: str
     axes: tuple[PidAxis, ...]
     source: str = ""
+    max_speeds: tuple[float, ...] = ()  # of the setpoints of each actuator, rad/s or m/s; empty: no bound
 
 
 @dataclass(frozen=True, slots=True)

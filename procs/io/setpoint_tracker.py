@@ -4,6 +4,9 @@ A setpoint counts when it is younger than `setpoint_timeout_s` and names the pre
 the joint controller. It says of every actuator whether its effort is applied or its position followed; what it says
 beside that is not looked at. Without a fresh one the last accepted position is held, with its feed-forward (gravity)
 and without its velocity; where efforts were applied, the joint controller takes over at the measured position.
+
+Whatever an arm sends, a setpoint goes no faster than `max_speeds` of the joint controller's row: about twice what the
+arm itself allows (procs/arm/governor.py). That is the last bound before the motors.
 """
 
 from __future__ import annotations
@@ -96,14 +99,20 @@ class SetpointTracker:
         self._lost_ns = round(io.arm_lost_s * 1e9)
         self._off_ns = round(io.arm_lost_power_off_s * 1e9)
         self.incoming: Floats = np.zeros((4, n))  # position, velocity, effort, feed-forward as they came
+        self._wanted: Floats = np.zeros(n)
         self._finite: NDArray[np.bool_] = np.ones((4, n), dtype=bool)
         pid.requested_effort, pid.feed_forward = self.incoming[2], self.incoming[3]
         self.low, self.high = np.full(n, -np.inf), np.full(n, np.inf)
+        self._most = np.full(n, np.inf)
+        self.most_step: Floats = np.full(n, np.inf)
+        """How far a setpoint may go in one cycle; inf where it is our own, or where that is not known."""
         self.dirty: Flags = np.zeros(1, dtype=bool)
         self.followers: list[TrackedRobot] = []
         for row, source in zip(io.pids, sources, strict=True):
             robot = robots.names.index(row.robot)
             self.followers.append(TrackedRobot(len(self.followers), robot, robots.slices[robot], row.arm, source))
+            if row.max_speeds:
+                self._most[robots.slices[robot]] = np.array(row.max_speeds) * io.period_s
         self._of_robot = {f.robot: f for f in self.followers}
         self.count = count = len(self.followers)
         self.rings = rings_of(sources)
@@ -290,19 +299,23 @@ class SetpointTracker:
         if self.own[follower.place]:
             low, high = np.minimum(low, self.incoming[0, axes]), np.maximum(high, self.incoming[0, axes])
         self.low[axes], self.high[axes] = low, high
+        self.most_step[axes] = np.inf if self.own[follower.place] else self._most[axes]
         self.dirty[0] = True
 
     def _apply(self, now_ns: int) -> None:
         """Clip all positions at once and hand everything to the joint controller."""
         incoming, pid, record = self.incoming, self._pid, self._record
-        self.dirty[0] = False
         np.isfinite(incoming, self._finite)
         if b"\0" in self._finite.tobytes():
             self._refuse(now_ns)
-        setpoint = pid.setpoint_position
-        np.maximum(incoming[0], self.low, out=setpoint)
-        np.minimum(setpoint, self.high, out=setpoint)
-        np.not_equal(setpoint, incoming[0], record.at_limit)
+        setpoint, wanted = pid.setpoint_position, self._wanted
+        np.maximum(incoming[0], self.low, out=wanted)
+        np.minimum(wanted, self.high, out=wanted)
+        np.not_equal(wanted, incoming[0], record.at_limit)
+        step = wanted - setpoint
+        late = np.abs(step) > self.most_step
+        setpoint[...] = np.where(late, setpoint + np.copysign(self.most_step, step), wanted)
+        self.dirty[0] = late.any()  # then it goes on in the next cycle
         pid.setpoint_velocity[...] = incoming[1]
 
     def _refuse(self, now_ns: int) -> None:

@@ -56,12 +56,16 @@ static int take(const Track *k, int64_t f, const uint8_t *record) {
 static int apply(const Track *k) {
   for (int64_t i = 0; i < 4 * k->n; i++)
     if (!isfinite(k->incoming[i])) return 0;
+  int any_late = 0;
   for (int64_t i = 0; i < k->n; i++) {
-    k->setpoint[i] = least_of(most_of(k->incoming[i], k->low[i]), k->high[i]);
-    k->at_limit[i] = k->setpoint[i] != k->incoming[i];
+    double wanted = least_of(most_of(k->incoming[i], k->low[i]), k->high[i]), step = wanted - k->setpoint[i];
+    int late = fabs(step) > k->most_step[i];
+    k->at_limit[i] = wanted != k->incoming[i];
+    k->setpoint[i] = late ? k->setpoint[i] + copysign(k->most_step[i], step) : wanted;
     k->feed[i] = k->incoming[k->n + i];
+    any_late |= late;
   }
-  *k->dirty = 0;
+  *k->dirty = any_late;
   return 1;
 }
 

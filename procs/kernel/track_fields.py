@@ -27,7 +27,7 @@ TRACK: Final = CStruct("Track", (
           wish_taken="wishes.taken"),
     # position, velocity, effort and feed-forward as they came, and what the joint controller gets of them
     *rows("f8", "4 n", incoming="follow.incoming"),
-    *rows("f8", "n", low="follow.low", high="follow.high", setpoint="pid.setpoint_position",
-          feed="pid.setpoint_velocity"),
+    *rows("f8", "n", low="follow.low", high="follow.high", most_step="follow.most_step",
+          setpoint="pid.setpoint_position", feed="pid.setpoint_velocity"),
     *rows("b1", "n", at_limit="record.at_limit"),
 ), {"track": ("i8",)})

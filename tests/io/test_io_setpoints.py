@@ -284,6 +284,54 @@ def test_a_tracking_error_stops_the_controller_not_the_power() -> None:
     assert (harness.dac() & 0xFFFF == 0x8000).all()
 
 
+SPEEDS = (1.0,) * 6 + (50.0,)  # rad/s
+STEP = 1 / 1500  # rad a cycle
+
+
+def bounded() -> IoHarness:
+    harness = IoHarness(pids=(PidConfig("PSM1", "PSM1", tuple(gains() for _ in range(7)), max_speeds=SPEEDS),))
+    harness.control()
+    harness.ask("tracking_check", 1)
+    return harness
+
+
+def test_a_wild_setpoint_goes_no_further_than_motors_do_in_that_time() -> None:
+    harness = bounded()
+    harness.send(1, position=0.0)
+    harness.run(1)
+    harness.send(1, position=[9.0, -9.0, 0.0005, 0.0, 0.0, 0.0, 0.01, 0.0])
+    harness.run(1)
+    assert harness.record.setpoint_position.tolist() == pytest.approx([STEP, -STEP, 0.0005, 0.0, 0.0, 0.0, 0.01])
+    harness.send(1, position=0.0)
+    harness.run(1)
+    assert harness.codes == [] and not harness.record.setpoint_position.any() and not harness.record.at_limit.any()
+
+
+def test_a_setpoint_that_was_slowed_arrives_without_another_record() -> None:
+    harness = bounded()
+    harness.send(1, position=[0.01, *(0.0,) * 7])
+    harness.run(1)
+    harness.arms_alive = False
+    seen = []
+    for _ in range(20):
+        harness.run(1)
+        seen.append(float(harness.record.setpoint_position[0]))
+    assert np.diff([STEP, *seen]).max() == pytest.approx(STEP) and seen[-1] == 0.01
+
+
+def test_where_io_itself_puts_a_setpoint_it_is_at_once() -> None:
+    harness = bounded()
+    harness.send(1, in_effort=True, position=0.0, effort=0.0)
+    harness.run(3)
+    for axis in range(7):
+        harness.port.place(axis, 0.1)
+    harness.run(1)
+    harness.arms_alive = False
+    harness.run(TIMEOUT + 1)
+    assert harness.record.holding[0] and harness.codes == []
+    np.testing.assert_allclose(harness.record.setpoint_position, 0.1, atol=1e-4)
+
+
 def test_velocity_feed_needs_leave() -> None:
     harness = IoHarness(pids=())
     assert harness.ask("use_setpoint_v", 1).outcome == "done"

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from procs.document.system import PidConfig
 from procs.io.loop import RingSource
 from procs.io.stages import numpy_stages
 from procs.kernel.bound import BoundStruct
@@ -18,7 +19,7 @@ from shm import directory
 from shm.ring import HEAD, RingWriter
 from shm.segment import Segment, segment_name
 from shm.topics import SETPOINT
-from tests.io.harness import PERIOD_NS, FakeCommand, IoHarness
+from tests.io.harness import PERIOD_NS, FakeCommand, IoHarness, gains
 from tests.kernel.shadow import bits
 
 pytestmark = pytest.mark.skipif(kernel().library is None, reason=f"no kernel: {kernel().why}")
@@ -36,8 +37,10 @@ class Both:
         self.system, self.rng = system, np.random.default_rng()
         for arm in ARMS:
             directory.create_ring(system, arm, SETPOINT, {}, {})
+        pids = tuple(PidConfig(arm, arm, tuple(gains() for _ in range(7)), max_speeds=(*(300.0,) * 6, 1e9))
+                     for arm in ARMS)
         self.writers = [directory.writer(system, arm, "setpoint", "arm") for arm in ARMS]
-        self.stands = [IoHarness(2, sources=[RingSource(directory.reader(system, arm, "setpoint", "arm"))
+        self.stands = [IoHarness(2, pids=pids, sources=[RingSource(directory.reader(system, arm, "setpoint", "arm"))
                                              for arm in ARMS]) for _ in range(2)]
         quick, slow = (stand.core for stand in self.stands)
         assert not quick.stages.why_numpy

@@ -277,6 +277,9 @@ def _loaded(
         **convert.options(options.arm, document.ArmConfig),
         **own,
     )
+    row = ARM_TYPES.get(arm.type)
+    if row is not None and keys.simulation != KINEMATIC and len(pid.axes) == row.actuators:
+        pid = dataclasses.replace(pid, max_speeds=row.max_speeds)
     return LoadedArm(arm, robot, pid, starts, keys.PID_period)
 
 
