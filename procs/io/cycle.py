@@ -316,7 +316,7 @@ class RobotIo:
         if self._tasks is not None:
             self._tasks.step(now_ns)
         beyond = _news(self.stages.control, CONTROLLED, done)
-        tripped = self.pid.beyond(self.record.at_limit) if beyond else None
+        tripped = self.pid.beyond(self.follow.returns(self.samples.position)) if beyond else None
         if tripped is not None:
             for robot, axes in enumerate(self.robots.slices):
                 if tripped[axes].any():

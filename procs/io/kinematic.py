@@ -218,7 +218,7 @@ class KinematicIo:
             self._fault_handler.act(now_ns)
         self._commands.answer()
         self._move(now_ns)
-        self.pid.step(record.position, record.velocity, record.at_limit)
+        self.pid.step(record.position, record.velocity, self.follow.returns(record.position))
         self._cycles += 1
         record.cycle[...] = self._cycles
         record.read_ns[...] = record.recv_ns[...] = now_ns

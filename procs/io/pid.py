@@ -187,9 +187,9 @@ class Pid:
         self.allowed[...] = np.where(watched, self.tolerance, np.inf)
         self._set_switches()
 
-    def step(self, position: Floats, velocity: Floats, at_limit: Flags) -> Flags | None:
+    def step(self, position: Floats, velocity: Floats, exempt: Flags) -> Flags | None:
         """`control`, then `beyond`."""
-        return self.beyond(at_limit) if self.control(position, velocity) else None
+        return self.beyond(exempt) if self.control(position, velocity) else None
 
     def control(self, position: Floats, velocity: Floats) -> bool:
         """One cycle on the measured values (n,): fills `effort` and `position_error`; True: see `beyond`."""
@@ -221,14 +221,13 @@ class Pid:
         self._finish(position, u)
         return b"\0" in self.within.tobytes()
 
-    def beyond(self, at_limit: Flags) -> Flags | None:
+    def beyond(self, exempt: Flags) -> Flags | None:
         """None, or flags (n,) of actuators whose tracking error (after the dead-band) is above its tolerance.
 
-        Those whose setpoint was clipped `at_limit` are exempt, but an error that is not a number is no excuse. The
-        caller decides what to switch off.
+        Some may be `exempt`, but not from an error that is not a number. The caller decides what to switch off.
         """
         beyond: Flags = ~self.within & self.enabled & ~self.effort_mode
-        beyond &= ~(at_limit & np.isfinite(self.excess))
+        beyond &= ~(exempt & np.isfinite(self.excess))
         return beyond if bool(np.any(beyond)) else None
 
     def _dead_band(self, e: Floats) -> Floats:

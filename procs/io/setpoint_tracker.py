@@ -302,6 +302,12 @@ class SetpointTracker:
         self.most_step[axes] = np.inf if self.own[follower.place] else self._most[axes]
         self.dirty[0] = True
 
+    def returns(self, position: Floats) -> Flags:
+        """Actuators (n,) that are beyond their limits, and come back: they may be far from where they are to be."""
+        beyond: Flags = (position < self.low) | (position > self.high)
+        beyond &= self._record.at_limit
+        return beyond
+
     def _apply(self, now_ns: int) -> None:
         """Clip all positions at once and hand everything to the joint controller."""
         incoming, pid, record = self.incoming, self._pid, self._record

@@ -284,6 +284,45 @@ def test_a_tracking_error_stops_the_controller_not_the_power() -> None:
     assert (harness.dac() & 0xFFFF == 0x8000).all()
 
 
+def test_a_joint_that_is_blocked_far_before_its_limit_trips_while_its_setpoint_is_clipped_there() -> None:
+    harness = IoHarness()
+    harness.control()
+    harness.ask("enforce_limits", 1)
+    harness.ask("tracking_check", 1)
+    for k in range(1, 101):
+        harness.send(1, position=[0.02 * k, *(0.0,) * 7])  # to 2 rad; its limit is 1.5
+        harness.port.place(0, min(0.02 * k, 1.1))
+        harness.run(1)
+        if harness.codes:
+            break
+    assert harness.codes == ["tracking"] and 1.3 < 0.02 * k < 1.4
+    harness = IoHarness()
+    harness.port.place(0, 1.1)
+    harness.control()
+    harness.ask("enforce_limits", 1)
+    harness.send(1, position=[2.0, *(0.0,) * 7])
+    harness.run(2)
+    assert harness.record.at_limit[0] and harness.codes == []
+    harness.ask("tracking_check", 1)
+    assert harness.codes == ["tracking"] and not harness.record.pid_enabled[0]
+
+
+def test_a_joint_that_is_beyond_its_limit_may_come_back_from_there() -> None:
+    harness = IoHarness()
+    harness.port.place(0, 1.9)
+    harness.port.place(1, -1.9)
+    harness.control()
+    harness.ask("enforce_limits", 1)
+    harness.ask("tracking_check", 1)
+    harness.send(1, position=[1.9, -1.9, *(0.0,) * 6])
+    harness.run(5)
+    assert harness.codes == [] and harness.record.at_limit.tolist()[:3] == [True, True, False]
+    harness.send(1, position=[-1.9, -1.9, *(0.0,) * 6])  # to the other end at once, from within
+    harness.port.place(0, 1.4)
+    harness.run(1)
+    assert harness.codes == ["tracking"]
+
+
 SPEEDS = (1.0,) * 6 + (50.0,)  # rad/s
 STEP = 1 / 1500  # rad a cycle
 
