@@ -10,6 +10,7 @@ Whatever is set, positions mean something else from then on: each time counts as
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
@@ -48,9 +49,11 @@ class EncoderSetting:
 class Bias:
     """Biases of all robots; the record's `encoder_set` tells which encoders kept a preload from before."""
 
-    def __init__(self, robots: Robots, port: Port, samples: Samples, record: IoRecord, reports: IoReports) -> None:
+    def __init__(self, robots: Robots, port: Port, samples: Samples, record: IoRecord, reports: IoReports,
+                 encoders_set: Callable[[int, Flags], None]) -> None:
+        """`encoders_set` is called with every sample in which encoders of a robot may come to read something else."""
         self._robots, self._port, self._samples, self._record = robots, port, samples, record
-        self._reports = reports
+        self._reports, self._encoders_set = reports, encoders_set
         self.running: dict[int, EncoderSetting] = {}
         self._near = np.where([a.joint_type == "PRISMATIC" for a in robots.actuators], NEAR_M, NEAR_RAD)
         for robot in range(len(robots.names)):
@@ -130,6 +133,7 @@ class Bias:
                 job.goal = np.where(job.which, mean, self._robots.position_offset[axes])
                 self._set(robot, job)
             return
+        self._encoders_set(robot, job.written)
         job.settle -= 1
         if job.settle > 0:
             return

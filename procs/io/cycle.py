@@ -96,8 +96,8 @@ class RobotIo:
         self.power = Power(robots, port, record, self.outputs, self.reports, samples, self._brakes)
         self.gains = JointGains(robots, samples, self.pid, self.reports, gains)
         self.safety = Safety(robots, samples, record, self.reports)
-        self._bias = Bias(robots, port, samples, record, self.reports)
         self.follow = SetpointTracker(io, robots, samples, self.pid, record, self.reports, sources)
+        self._bias = Bias(robots, port, samples, record, self.reports, self.follow.encoders_set)
         self._tasks = Tasks(io, robots, samples, record, self.pid, self.reports, now_ns) if io.tasks else None
         self.digital_outputs = DigitalOutputs(robots, port, record, self.reports)
         self.instruments = InstrumentReaders(robots, port, self.reports, instruments)

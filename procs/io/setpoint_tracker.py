@@ -308,6 +308,17 @@ class SetpointTracker:
         beyond &= self._record.at_limit
         return beyond
 
+    def encoders_set(self, robot: int, which: Flags) -> None:
+        """These encoders may read something else from this sample on: what is held is held there."""
+        follower = self._of_robot.get(robot)
+        if follower is None or not self._record.pid_enabled[robot]:
+            return
+        axes = follower.axes
+        held = which & ~self._pid.effort_mode[axes]
+        if held.any():
+            np.copyto(self._pid.setpoint_position[axes], self._samples.position[axes], where=held)
+            self._stay(follower, held)
+
     def _apply(self, now_ns: int) -> None:
         """Clip all positions at once and hand everything to the joint controller."""
         incoming, pid, record = self.incoming, self._pid, self._record

@@ -159,6 +159,26 @@ def test_an_encoder_of_an_axis_that_applies_efforts_is_set_while_the_others_hold
     np.testing.assert_allclose(record.setpoint_position, [0.0] * 6 + [0.7], atol=1e-4)
 
 
+@pytest.mark.parametrize("cycles_before", range(2, 6))
+def test_an_arm_that_goes_silent_while_an_encoder_is_set_does_not_make_it_jump(cycles_before: int) -> None:
+    harness = IoHarness()
+    harness.control()
+    harness.ask("tracking_check", 1)
+    record = harness.record
+    harness.send(1, in_effort=[False] * 6 + [True] * 2, position=0.0, effort=0.0)
+    harness.run(3)
+    harness.arms_alive = False
+    harness.run(31 - cycles_before)  # held after 30 ms
+    assert not record.holding[0] and harness.ask("set_encoder", 6, 1.2).outcome == "accepted"
+    errors = []
+    for _ in range(10):
+        harness.run(1)
+        errors.append(abs(float(record.position_error[6])))
+    assert max(errors) < 1e-3 and record.holding[0]
+    assert record.pid_enabled[0] and harness.codes == [] and record.encoder_set[6]
+    assert record.position[6] == pytest.approx(1.2, abs=1e-4) == record.setpoint_position[6]
+
+
 def test_an_encoder_that_takes_nothing_leaves_nothing_to_trust() -> None:
     harness = IoHarness()
     harness.port.lost_writes = 1000
