@@ -65,6 +65,11 @@ class Request(Protocol):
         """It was accepted and has failed."""
 
 
+STREAM_ENDED: Final = "this stream has ended"
+"""How an arm begins to answer the goals of a stream that it has ended, until the stream has paused for so long."""
+STREAM_PAUSE_NS: Final = 500_000_000
+
+
 class CommandRefused(Exception):
     """A command that will not be carried out; the text says why, without its name."""
 

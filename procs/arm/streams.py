@@ -14,8 +14,9 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
+from procs.requests import STREAM_ENDED, STREAM_PAUSE_NS
+
 STREAM_NS: Final = 100_000_000  # a goal older than this is of no stream
-PAUSE_NS: Final = 500_000_000
 PERIODS: Final = 3
 MAX_PERIOD_NS: Final = 1_000_000_000  # goals that come more slowly are single ones
 KEPT: Final = 32
@@ -48,7 +49,7 @@ class Stream:
 
     def has_paused(self, now_ns: int) -> bool:
         """It is over by itself."""
-        return now_ns - self.asked_ns >= max(PAUSE_NS, PERIODS * self.period_ns)
+        return now_ns - self.asked_ns >= max(STREAM_PAUSE_NS, PERIODS * self.period_ns)
 
 
 class Streams:
@@ -69,7 +70,7 @@ class Streams:
         if stream is None:
             stream = self._begin(kind, sender, program(), now_ns)
         gap_ns = now_ns - stream.asked_ns
-        if gap_ns >= PAUSE_NS and stream.has_paused(now_ns):
+        if gap_ns >= STREAM_PAUSE_NS and stream.has_paused(now_ns):
             stream.ended, stream.period_ns = "", 0
         elif not stream.ended and gap_ns <= MAX_PERIOD_NS:
             stream.period_ns = gap_ns
@@ -78,7 +79,7 @@ class Streams:
         if owner is stream and not stream.ended:
             return ""
         if stream.ended:
-            return f"this stream has ended: {stream.ended}; pause for {PAUSE_NS * 1e-9:g} s before the next one"
+            return f"{STREAM_ENDED}: {stream.ended}; pause for {STREAM_PAUSE_NS * 1e-9:g} s before the next one"
         if owner is not None and kind is not StreamKind.EFFORT and now_ns - owner.taken_ns <= STREAM_NS:
             return f"{owner.program} is streaming {WORDS[kind]}; stop it first (hold)"
         return ""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from procs.codes import INVERSE_KINEMATICS
 from procs.inputs import Input, RecordReader
 from procs.kinematics.poses import angle_between
-from procs.requests import Answer, Sender
+from procs.requests import STREAM_ENDED, Answer, Sender
 from procs.teleop.motion_check import MotionCheck
 from shm.origins import Origin
 
@@ -70,6 +70,7 @@ class TeleopArm:
         self._last_base: Array | None = None
         self._goals: set[int] = set()
         self._refusal, self._refused_ns = "", -SHOWN_NS
+        self._ended_ns = -SHOWN_NS
         self._limit, self._limited_ns = "", -LIMIT_SHOWN_NS
         self._enabled = self._is_homed = self._reported = self._is_busy = False
         self._check = MotionCheck(name, self._pose, self.twist) if is_master else None
@@ -212,6 +213,11 @@ class TeleopArm:
         return self._refusal if self._now_ns - self._refused_ns < SHOWN_NS else ""
 
     @property
+    def has_ended_stream(self) -> bool:
+        """It has just ended our stream of goals, and refuses them until that has paused."""
+        return self._now_ns - self._ended_ns < LIMIT_SHOWN_NS
+
+    @property
     def limit(self) -> str:
         """Why it could not go all the way to its goal just now, "": it could."""
         return self._limit if self._now_ns - self._limited_ns < LIMIT_SHOWN_NS else ""
@@ -266,6 +272,8 @@ class TeleopArm:
         if answer.id in self._goals:
             self._goals.discard(answer.id)
             self.refuses_goals = answer.outcome in ("refused", "failed")
+            if answer.text.partition(": ")[2].startswith(STREAM_ENDED):
+                self._ended_ns = self._now_ns
         if answer.outcome in ("refused", "failed"):
             self._refusal, self._refused_ns = f"{self.name}: {answer.text}", self._now_ns
         elif answer.text:

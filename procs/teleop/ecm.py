@@ -110,6 +110,9 @@ class TeleopEcm(Teleop):
         if taken:
             self.stop(codes.ARM_TAKEN, f"{taken[0]} is moved or held by another program", taken[0])
             return
+        if self.slave.has_ended_stream:
+            self.pause()
+            return
         if self._was_refused and not self.slave.refuses_goals:
             self.go(TeleopState.SETTING)
             return

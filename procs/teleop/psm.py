@@ -229,6 +229,10 @@ class TeleopPsm(Teleop):
         if settings.mtm_is_haptic and master.is_taken:
             self.interrupt(codes.ARM_TAKEN, f"{master.name} is moved or held by another program", master.name)
             return
+        if slave.has_ended_stream:  # as after the clutch
+            self._was_active = self.presence.is_active
+            self.pause()
+            return
         if slave.refuses_goals:  # it stays where it is, and will not catch up with what it has missed
             self._was_refused = True
             self._begin_here()

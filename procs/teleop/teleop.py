@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from procs import codes
 from procs.codes import Code
-from procs.requests import CommandRefused, Handler, Reports, Request, carry_out
+from procs.requests import STREAM_PAUSE_NS, CommandRefused, Handler, Reports, Request, carry_out
 from procs.teleop.arms import TeleopArm
 from procs.teleop.presence import Operator
 from procs.teleop.record import TeleopRecord
@@ -23,6 +23,7 @@ from shm.origins import NOBODY, Origin
 
 Fields = Callable[[str], NDArray[Any]]
 
+MARGIN_NS: Final = 50_000_000  # goals on their way when a stream was ended
 SETTING_NS: Final = 60_000_000_000  # that arms may take to be homed
 REPORT_NS: Final = 2_000_000_000
 PRESSED, CLICKED = 1.0, 2.0
@@ -59,7 +60,7 @@ class Teleop:
         self.state = self.desired = TeleopState.DISABLED
         self.following = self.clutched = False
         self.reason = ""
-        self.now_ns = self.entered_ns = self._last_ns = 0
+        self.now_ns = self.entered_ns = self._last_ns = self._paused_until_ns = 0
         self.passed_s = 0.0
         self._reported_ns = -REPORT_NS
         self._asked: set[tuple[str, str]] = set()
@@ -185,6 +186,11 @@ class Teleop:
         self.events.report(code, f"{self.name}: {text}", component)
         self._begin_anew()
 
+    def pause(self) -> None:
+        """The slave has ended our stream: back to SETTING_ARMS_STATE, where the pause that it requires is made."""
+        self._paused_until_ns = self.now_ns + STREAM_PAUSE_NS + MARGIN_NS
+        self.go(TeleopState.SETTING)
+
     def _begin_anew(self) -> None:
         """Back to SETTING_ARMS_STATE, and presence has to be shown again.
 
@@ -200,7 +206,7 @@ class Teleop:
         held = [arm for arm in self.arms if arm.is_in_hand]
         missing = silent or held or [arm for arm in self.arms if not arm.is_ready]
         if not missing:
-            if all(arm.whole for arm in self.arms):
+            if self.now_ns >= self._paused_until_ns and all(arm.whole for arm in self.arms):
                 self.set_up()
             return
         if self.now_ns - self.entered_ns > SETTING_NS:

@@ -6,6 +6,7 @@ import math
 
 import pytest
 
+from procs.requests import STREAM_ENDED, STREAM_PAUSE_NS
 from tests.teleop.harness import TeleopHarness
 
 
@@ -258,3 +259,16 @@ def test_a_clutch_that_is_held_is_not_pressed_again(following: TeleopHarness) ->
     following.send("clutch", 0)
     following.run(0.01)
     assert following.following, "presence of before the clutch is what it comes back to"
+
+
+def test_a_slave_that_has_ended_the_stream_is_left_alone_for_its_pause_and_then_followed_again() -> None:
+    harness = TeleopHarness().follow()
+    harness.slave.refuses["servo_cp"] = f"servo_cp: {STREAM_ENDED}: yaw is 0.8 rad from the setpoint"
+    harness.lead(0.001, 0.0, 0.0)
+    harness.step()
+    harness.slave.refuses.clear()
+    harness.forget()
+    harness.run(STREAM_PAUSE_NS * 1e-9)
+    assert not harness.following and not harness.slave.asked("servo_cp", "jaw/servo_jp")
+    harness.run(0.2)
+    assert harness.following and harness.slave.asked("servo_cp")
