@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from procs.arm_types import ARM_TYPES
 from procs.crtk.names import none_such
 from procs.document.arms import ArmConfig
 from procs.document.system import SystemConfig
@@ -99,12 +101,16 @@ class SceneArm:
         return self.at(self._solver.q)
 
     def velocity(self, twist: Array, in_tip: bool) -> Array:
-        """Joint velocities that move the tip so, m/s and rad/s in axes of the tip or of the frame of its poses."""
+        """Joint velocities (n,) that move the tip so, m/s and rad/s in axes of the tip or of the frame of its poses.
+
+        Where a joint would be faster than in moves, as near the remote centre, the whole motion is that much slower.
+        """
         n = self.kinematics.n
         if int(self._cells["count"]) != n:
             raise ValueError(f"{self._arm.name}: its tip is not known")
         q = np.nan_to_num(self._cells["position"][:n])
-        return joint_velocity(self.kinematics, q, twist, None if in_tip else self._base[:3, :3])
+        found = joint_velocity(self.kinematics, q, twist, None if in_tip else self._base[:3, :3])
+        return slowed(found, ARM_TYPES[self._arm.type].moves.velocity)
 
     def close(self) -> None:
         """Unmap."""
@@ -120,6 +126,13 @@ def frames_of(kinematics: Kinematics, q: Array, base: Array) -> list[float]:
         poses.append(pose_from_matrix(base @ matrix))
     poses.append(pose_from_matrix(base @ kinematics.fk(q)))
     return [round(float(value), 5) for value in np.concatenate(poses)]
+
+
+def slowed(velocity: Array, most: Sequence[float]) -> Array:
+    """Joint velocities (n,) in the same direction, of which none is beyond `most`; joints without one have the last."""
+    n = len(velocity)
+    bounds = np.pad(np.array(most[:n]), (0, max(0, n - len(most))), mode="edge")
+    return velocity / max(1.0, float(np.abs(velocity / bounds).max(initial=0.0)))
 
 
 def joint_velocity(kinematics: Kinematics, q: Array, twist: Array, base: Array | None) -> Array:

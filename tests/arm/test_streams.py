@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.arm.streams import PAUSE_NS, STREAM_NS, StreamKind, Streams
+from procs.arm.streams import STREAM_NS, StreamKind, Streams
+from procs.requests import STREAM_PAUSE_NS
 from shm.origins import Origin, SenderId
 from tests.arm.arm_configs import fixed_arm
 from tests.arm.fake_io import PERIOD_NS, ArmHarness
@@ -102,7 +103,7 @@ def test_goals_that_somebody_types_are_no_stream() -> None:
 def test_who_has_not_streamed_lately_is_not_stopped() -> None:
     programs = Programs()
     programs.goal("A")
-    programs.now_ns += PAUSE_NS
+    programs.now_ns += STREAM_PAUSE_NS
     programs.stop("B")
     assert not programs.goal("A", after_ms=0)
 
@@ -424,4 +425,4 @@ def test_another_instrument_ends_every_stream(harness: ArmHarness) -> None:
     stream(harness, 50)
     harness.arm.control.use(harness.arm.joints)
     assert "the instrument was changed" in refused(harness, "servo_jp", at(0.05))
-    assert STREAM_NS < PAUSE_NS
+    assert STREAM_NS < STREAM_PAUSE_NS

@@ -9,10 +9,11 @@ from contextlib import closing
 import numpy as np
 import pytest
 
+from procs.arm_types import ARM_TYPES
 from procs.config import PROJECT_CONFIGS, load_system
 from procs.document.system import SystemConfig
 from procs.gui.cart_scene import SceneCart, setup_frames
-from procs.gui.scene_source import frames_of, joint_velocity
+from procs.gui.scene_source import frames_of, joint_velocity, slowed
 from procs.kinematics.carrying import carrying, inverse_carrying
 from procs.kinematics.forward import Kinematics
 from procs.kinematics.poses import matrix_from_pose
@@ -151,3 +152,12 @@ def test_a_setup_arm_begins_where_its_cart_holds_it(full: SystemConfig) -> None:
         frames = np.reshape(setup_frames(arm, Kinematics(arm.chain), np.array(arm.position)), (-1, 7))
         assert np.allclose(matrix_from_pose(frames[0]), np.array(arm.world), atol=1e-4), arm.name
         assert len(frames) == len(arm.chain.links) + 2
+
+
+def test_a_jog_of_the_tip_asks_no_joint_for_more_than_moves_do() -> None:
+    most = ARM_TYPES["PSM"].moves.velocity
+    slow = np.array((0.1, -0.2, 0.05, 1.0, 2.0, 3.0, 4.0, 4.0))
+    assert slowed(slow, most) == pytest.approx(slow)
+    fast = slowed(40.0 * slow, most)
+    assert fast / fast[0] == pytest.approx(slow / slow[0]), "in the same direction"
+    assert np.abs(fast[:7] / most).max() == pytest.approx(1.0)
