@@ -275,9 +275,9 @@ CLUTCH_RELEASED: Final = Code(
     "clutch-released", WARNING, "suj", "a clutch that a command had pressed was released after a minute",
     "clutch again if you still need it")
 CLUTCH_STUCK: Final = Code(
-    "clutch-stuck", WARNING, "io, suj", "a button of the setup joints was pressed before they had power, or before "
-    "their process began; it does nothing until it has been released",
-    "release the button; if nobody presses it, check the button and its cable")
+    "clutch-stuck", WARNING, "io, suj", "a button of the setup joints was already pressed when they got power or "
+    "their process began; it has no effect until it is released",
+    "release the button; if it is not pressed, check it and its cable")
 MULTIPLEXER_CHANNEL: Final = Code(
     "multiplexer-channel", WARNING, "suj", "the interface board shows another channel than it was told to",
     "once in a while is harmless; often: check the board and its cable")

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from procs import codes
 from procs.arm.commands import ArmCommandRow, Ready, Table
 from procs.arm.control import REPORT_NS, Control
-from procs.arm.impedance import COUNT as IMPEDANCE
 from procs.arm.impedance import impedance_of
 from procs.arm.motion import Mode, Space
 from procs.arm.reach import Guard, Reach
@@ -41,16 +40,16 @@ class CartesianCommands:
         self._reach = Reach(control, guard)
         tip = Ready.CARTESIAN
         self.table: Table = {
-            "servo_cp": ArmCommandRow(self._servo_cp, tip, (POSE, POSE + TWIST)),
-            "servo_cr": ArmCommandRow(self._servo_cr, tip, (POSE,)),
-            "servo_cs": ArmCommandRow(self._servo_cs, tip, (POSE + 2 * TWIST + 3,)),
-            "move_cp": ArmCommandRow(self._move_cp, tip, (POSE,), moves=True),
-            "move_cr": ArmCommandRow(self._move_cr, tip, (POSE,), moves=True),
-            "servo_cf": ArmCommandRow(self._body_servo_cf, tip, (TWIST, TWIST + 1, TWIST + 2)),
-            "body/servo_cf": ArmCommandRow(self._body_servo_cf, tip, (TWIST, TWIST + 1, TWIST + 2)),
-            "spatial/servo_cf": ArmCommandRow(self._spatial_servo_cf, tip, (TWIST,)),
-            "servo_ci": ArmCommandRow(self._servo_ci, tip, (IMPEDANCE,)),
-            "body/set_cf_orientation_absolute": ArmCommandRow(self._set_absolute, sizes=(1,)),
+            "servo_cp": ArmCommandRow(self._servo_cp, tip),
+            "servo_cr": ArmCommandRow(self._servo_cr, tip),
+            "servo_cs": ArmCommandRow(self._servo_cs, tip),
+            "move_cp": ArmCommandRow(self._move_cp, tip),
+            "move_cr": ArmCommandRow(self._move_cr, tip),
+            "servo_cf": ArmCommandRow(self._body_servo_cf, tip),
+            "body/servo_cf": ArmCommandRow(self._body_servo_cf, tip),
+            "spatial/servo_cf": ArmCommandRow(self._spatial_servo_cf, tip),
+            "servo_ci": ArmCommandRow(self._servo_ci, tip),
+            "body/set_cf_orientation_absolute": ArmCommandRow(self._set_absolute),
         }
 
     def enter(self, name: str) -> None:

@@ -7,7 +7,6 @@ nobody waits for it.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import Enum
@@ -19,7 +18,8 @@ from procs.arm.motion import Mode
 from procs.arm.states import ArmState
 from procs.arm.streams import StreamKind
 from procs.requests import CommandRefused, Handler, Request, carry_out
-from shm.commands import COMMANDS
+
+KINDS: Final = {kind.value: kind for kind in StreamKind}
 
 
 class Ready(Enum):
@@ -31,18 +31,12 @@ class Ready(Enum):
     JAW = "homed, with a jaw"
 
 
-N: Final = -1
-"""As many values as the arm has joints; 2 * N: twice as many."""
-
-
 @dataclass(frozen=True, slots=True)
 class ArmCommandRow:
-    """One command: what carries it out, what it needs, how many values it may have (none given: any)."""
+    """One command: what carries it out, and what it needs; all else is in its row of the table of commands."""
 
     do: Handler
     ready: Ready = Ready.ALWAYS
-    sizes: tuple[int, ...] = ()
-    moves: bool = False  # who sent it waits for an end
 
 
 Table = Mapping[str, ArmCommandRow]
@@ -56,8 +50,6 @@ class ArmCommands:
         self._rows: dict[str, ArmCommandRow] = {}
         for table in tables:
             self._rows.update(table)
-        self._stops = {row.name: row.is_stop for row in COMMANDS["arm"] if row.stops}
-        self._streams = {row.name: StreamKind(row.stream) for row in COMMANDS["arm"] if row.stream}
         self._timeout_ns = round(control.arm.client_timeout_s * 1e9)
         self._streamed_ns = 0
 
@@ -69,32 +61,25 @@ class ArmCommands:
             self._watch()
 
     def _one(self, request: Request) -> None:
-        row = self._rows.get(request.name)
-        if request.command.is_stop(request.text, request.values):
-            what = f"{request.name} {request.text}".rstrip()
-            self._control.record.show_stop(f"{request.origin.program or 'another program'} ({what})")
+        row, command = self._rows.get(request.name), request.command
+        if command.stops and command.is_stop(request.text, request.values):
+            self._stop_others(request)
         if carry_out(request, self._do, self._control.joints.count):
-            if row is not None and row.moves:
+            if command.move:
                 self._control.machine.publish_refused_move()
         elif row is not None and row.ready is not Ready.ALWAYS:
-            is_watched = self._timeout_ns and request.name in self._streams
-            self._streamed_ns = self._control.now_ns if is_watched else 0
+            self._streamed_ns = self._control.now_ns if command.stream and self._timeout_ns else 0
 
     def _do(self, request: Request) -> str | None:
-        row = self._rows.get(request.name)
+        row, command = self._rows.get(request.name), request.command
         if row is None:
             raise CommandRefused(f"{self._control.arm.name} has no such command")
-        if not math.isfinite(request.values.dot(request.values)):  # what overflows is out of the question, too
-            raise CommandRefused("values must be finite numbers")
         control, streams = self._control, self._control.streams
-        kind = self._streams.get(request.name)
+        kind = KINDS.get(command.stream)
         if kind is None:
-            is_stop = self._stops.get(request.name)
-            if is_stop is not None and is_stop(request.text, request.values):
-                self._stop_others(request)
             self._need(request, row)
             text = row.do(request)
-            if row.moves:
+            if command.move:
                 streams.lead(request.sender)
             return text
         why = streams.objection(kind, request.sender, lambda: request.origin.program, control.now_ns)
@@ -106,13 +91,14 @@ class ArmCommands:
         return text
 
     def _stop_others(self, request: Request) -> None:
-        """Whoever else streams has to pause before it goes on."""
+        """Other programs that stream have to pause before they may begin again, whether the arm is ready or not."""
+        control, what = self._control, f"({request.name} {request.text}".rstrip() + ")"
         who = request.origin.program or "another program"
-        self._control.streams.end(f"{who} stopped the arm ({request.name} {request.text}".rstrip() + ")",
-                                  self._control.now_ns, spared=request.sender)
+        control.record.show_stop(f"{who} {what}")
+        control.streams.end(f"{who} stopped the arm {what}", control.now_ns, spared=request.sender)
 
     def _need(self, request: Request, row: ArmCommandRow) -> None:
-        """CommandRefused unless the arm is ready for it and the number of values is right."""
+        """CommandRefused unless the arm is ready for it."""
         control, state = self._control, self._control.machine.state
         if row.ready is not Ready.ALWAYS:
             if state is not ArmState.HOMED:
@@ -122,12 +108,6 @@ class ArmCommands:
                 raise CommandRefused("there is no instrument, so no tip")
             if row.ready is Ready.JAW and not control.joints.has_jaw:
                 raise CommandRefused("there is no instrument, so no jaw")
-        if not row.sizes or len(request.values) in row.sizes:
-            return
-        allowed = [size if size >= 0 else -size * control.joints.count for size in row.sizes]
-        if len(request.values) not in allowed:
-            wanted = f"{' or '.join(map(str, allowed))} value{'s' if allowed != [1] else ''}"
-            raise CommandRefused(f"takes {wanted}, {len(request.values)} were given")
 
     def _watch(self) -> None:
         """A stream that stopped although its client may not: hold."""

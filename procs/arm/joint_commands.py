@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from procs.arm.commands import ArmCommandRow, N, Ready, Table
+from procs.arm.commands import ArmCommandRow, Ready, Table
 from procs.arm.control import Control
 from procs.arm.motion import Mode, Space
 from procs.arm.states import ArmState
@@ -14,14 +14,14 @@ class JointCommands:
 
     def __init__(self, control: Control) -> None:
         self._control = control
-        joint, one = Ready.JOINT, (N,)
+        joint = Ready.JOINT
         self.table: Table = {
-            "servo_jp": ArmCommandRow(self._servo_jp, joint, (N, 2 * N)),
-            "servo_jr": ArmCommandRow(self._servo_jr, joint, one),
-            "servo_jv": ArmCommandRow(self._servo_jv, joint, one),
-            "servo_jf": ArmCommandRow(self._servo_jf, joint, one),
-            "move_jp": ArmCommandRow(self._move_jp, joint, one, moves=True),
-            "move_jr": ArmCommandRow(self._move_jr, joint, one, moves=True),
+            "servo_jp": ArmCommandRow(self._servo_jp, joint),
+            "servo_jr": ArmCommandRow(self._servo_jr, joint),
+            "servo_jv": ArmCommandRow(self._servo_jv, joint),
+            "servo_jf": ArmCommandRow(self._servo_jf, joint),
+            "move_jp": ArmCommandRow(self._move_jp, joint),
+            "move_jr": ArmCommandRow(self._move_jr, joint),
             "hold": ArmCommandRow(self._hold, joint),
             "end_stream": ArmCommandRow(self._end_stream),
             "free": ArmCommandRow(self._free, joint),

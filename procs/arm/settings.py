@@ -28,8 +28,8 @@ class Settings:
             "trajectory_j/set_ratio": ArmCommandRow(self._set_ratio),
             "trajectory_j/set_ratio_v": ArmCommandRow(self._set_ratio_v),
             "trajectory_j/set_ratio_a": ArmCommandRow(self._set_ratio_a),
-            "set_base_frame": ArmCommandRow(self._set_base_frame, sizes=(0, POSE)),
-            "use_gravity_compensation": ArmCommandRow(self._use_gravity_compensation, sizes=(1,)),
+            "set_base_frame": ArmCommandRow(self._set_base_frame),
+            "use_gravity_compensation": ArmCommandRow(self._use_gravity_compensation),
             "forward_kinematics": ArmCommandRow(self._forward),
             "local/forward_kinematics": ArmCommandRow(self._local_forward),
             "inverse_kinematics": ArmCommandRow(self._inverse),
@@ -37,21 +37,14 @@ class Settings:
             "crtk_version": ArmCommandRow(lambda _: CRTK_VERSION),
         }
 
-    def _ratio(self, request: Request) -> float:
-        values = request.values
-        if len(values) != 1 or not 0.0 < values[0] <= 1.0:
-            raise self._control.refusal(codes.COMMAND_REFUSED, request.name, "ratio must be within ]0;1]")
-        return float(values[0])
-
     def _set_ratio(self, request: Request) -> None:
-        ratio = self._ratio(request)
-        self._set_ratios(ratio, ratio)
+        self._set_ratios(request.values[0], request.values[0])
 
     def _set_ratio_v(self, request: Request) -> None:
-        self._set_ratios(self._ratio(request), self._control.motion.ratio_a)
+        self._set_ratios(request.values[0], self._control.motion.ratio_a)
 
     def _set_ratio_a(self, request: Request) -> None:
-        self._set_ratios(self._control.motion.ratio_v, self._ratio(request))
+        self._set_ratios(self._control.motion.ratio_v, request.values[0])
 
     def _set_ratios(self, v: float, a: float) -> None:
         control = self._control

@@ -46,7 +46,7 @@ class OrientationLock:
         self._start_ns = self._stepped_ns = 0
         self._failing = False
         self.table: Table = {
-            "lock_orientation": ArmCommandRow(self._lock, Ready.CARTESIAN, (0, 4)),
+            "lock_orientation": ArmCommandRow(self._lock, Ready.CARTESIAN),
             "unlock_orientation": ArmCommandRow(self._unlock),
         }
 

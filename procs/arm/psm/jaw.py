@@ -19,9 +19,9 @@ class JawCommands:
         """`enter` refuses where Cartesian control may not begin."""
         self._control, self._enter = control, enter
         self.table: Table = {
-            "jaw/servo_jp": ArmCommandRow(self._servo_jp, Ready.JAW, (1,)),
-            "jaw/servo_jf": ArmCommandRow(self._servo_jf, Ready.JAW, (1,)),
-            "jaw/move_jp": ArmCommandRow(self._move_jp, Ready.JAW, (1,), moves=True),
+            "jaw/servo_jp": ArmCommandRow(self._servo_jp, Ready.JAW),
+            "jaw/servo_jf": ArmCommandRow(self._servo_jf, Ready.JAW),
+            "jaw/move_jp": ArmCommandRow(self._move_jp, Ready.JAW),
         }
 
     def _servo_jp(self, request: Request) -> str:
