@@ -310,8 +310,7 @@ ARM_RESTARTED: Final = Code(
 ARM_IMPLAUSIBLE: Final = Code(
     "arm-implausible", ERROR, "teleop",
     "a master jumped, or a third-party arm sends what cannot be; following has stopped",
-    "show presence again; if it comes back check the master's encoders, or fix the third-party program "
-    "(docs/third-party-masters.md)")
+    "show presence again; if it recurs, check the master's encoders or the program (docs/third-party-masters.md)")
 ARM_CLUTCHED: Final = Code(
     "arm-clutched", WARNING, "teleop", "one of its arms is moved by hand; following has stopped",
     "let go of the arm's clutch and show presence again")
