@@ -70,7 +70,7 @@ def handovers(request: pytest.FixtureRequest) -> Iterator[Handovers]:
         made.room.close()
 
 
-@pytest.mark.parametrize(("handovers", "times"), [(1, 40), pytest.param(2, 1000, marks=pytest.mark.slow)],
+@pytest.mark.parametrize(("handovers", "times"), [(1, 40), pytest.param(2, 1000, marks=pytest.mark.soak)],
                          indirect=["handovers"])
 def test_after_every_handover_the_successor_follows(handovers: Handovers, times: int) -> None:
     assert handovers.room.settles(*handovers.wanted)
