@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tools.bench import deaths
-from tools.bench.deaths import Effect, _stands
+from tools.bench.deaths import DeathEffect, _stands
 
 FIELDS = [("stamp_ns", "i8"), ("powered", "?", (2,)), ("setpoint_cp", "f8", (7,))]
 
@@ -20,7 +20,7 @@ def records(*rows: tuple[int, bool, float]) -> np.ndarray:
 
 
 def test_an_effect_counts_from_the_first_record_that_shows_it() -> None:
-    found = Effect("off", "IO1", lambda rows: ~rows["powered"].any(axis=1))._found
+    found = DeathEffect("off", "IO1", lambda rows: ~rows["powered"].any(axis=1))._found
     assert found(records((10, True, 0), (12, False, 0), (14, False, 0)), 9_000_000) == pytest.approx(0.003)
     assert found(records((10, True, 0), (12, True, 0)), 9_000_000) == found(records((10, False, 0)), 9_000_000) == 0.0
 
