@@ -25,6 +25,7 @@ SCOPE: Recipe = {
         joints=5,
         gains={"Classic": "pid/SCOPE.yaml"},
         moves=TrajectoryLimits((1.0, 1.0, 0.1, 1.0, 1.0), (1.0, 1.0, 0.1, 1.0, 1.0)),
+        servo=ServoLimits((2.0, 2.0, 0.4, 4.0, 4.0), (100.0, 100.0, 20.0, 200.0, 200.0)),
         efforts=EffortModeLimits((1.0, 1.0, 0.1, 2.0, 2.0), (0.15, 0.15, 0.01, 0.15, 0.15)),
         kinematic_home=(0.0, 0.0, 0.1, 0.0, 0.0),
         plant={"Classic": ArmInertia(

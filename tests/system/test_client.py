@@ -208,6 +208,7 @@ def questions(psm: trocar.Psm) -> None:
 
 
 def settings(psm: trocar.Psm) -> None:
+    psm.end_stream()
     psm.trajectory_j_set_ratio_v(0.5)
     psm.trajectory_j_set_ratio_a(0.25)
     becomes(lambda: (psm.trajectory_j_get_ratio(), psm.trajectory_j_get_ratio_v(), psm.trajectory_j_get_ratio_a())

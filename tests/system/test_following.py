@@ -127,10 +127,10 @@ def test_every_cycle_follows_exactly_and_at_the_limits_without_a_jump(pair: LedP
         assert slave["setpoint_cp"][place + 1][:3] == pytest.approx(row["goal_cp"][:3], abs=1e-8)
 
     pair.lead(0.0, 0.0, 0.0)
-    pair.scale(4.0)
+    pair.scale(1.0)
     down = np.array(pair.shown(pair.slave, "setpoint_cp")[:3])
     stamp_ns = pair.slave.stamp_ns
-    way = pair.lead(0.0, 0.0, -0.045)  # 18 cm for the slave, which has 12
+    way = pair.lead(0.0, 0.0, -0.18)  # as far for the slave, which has 12 cm
     assert way["following"].all() and way["reason"][-1].startswith(b"PSM1 at its limit: insertion would be 0.3")
     assert pair.shown(pair.slave, "setpoint_position")[INSERTION] == pytest.approx(DEEPEST)
     pair.lead(0.0, 0.0, 0.0)  # quicker than the slave may go

@@ -26,11 +26,15 @@ class Operator:
         self.robot, name = robot, robot.name
         self.boards, self.system = Remote(name, "boards"), Remote(name, "system")
         self.truth, self.seat = SeenRecord(name, "boards", "boards"), OperatorSim(name, "console")
+        self.io = SeenRecord(name, "IO1", "io")
+        self.coag = list(self.io.ring.info["inputs"]).index("coag")
         self.arms = [SeenRecord(name, arm, "arm") for arm in ("MTMR", "PSM1")]
         self.teleop = self.seat.teleops[0]
 
     def press(self, on: bool) -> None:
+        """Until io has seen it: what is shorter than its debouncing was never pressed, nor released."""
         self.boards.ask("press", (float(on),), "coag")
+        wait_for(lambda: self.io.value("input")[self.coag] is on, 20, "the pedal seen")
 
     def pinch(self) -> None:
         angle = float(self.arms[0].value("gripper_position"))
