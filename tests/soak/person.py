@@ -94,11 +94,11 @@ class StormPerson:
                 watches = [stack.enter_context(Watch(system, robot)) for robot in robots]
                 bring_ups = [ArmBringUp(watch, stack.enter_context(Commands(system, watch.name, self._diary)),
                                         stack.enter_context(Amplifiers(system, watch.name)), goal,
-                                        0.0) for watch in watches]
+                                        0.0, simulated=False) for watch in watches]
                 while not all(bring_up.over for bring_up in bring_ups):
                     for bring_up in bring_ups:
                         if not bring_up.over:
-                            bring_up.step(monotonic_ns())
+                            bring_up.step()
                     pause(0.02)
                 return {bring_up.watch.name: bring_up.problem for bring_up in bring_ups if bring_up.problem}
         except TROUBLES as problem:
