@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.soak.motion import MIN_LEVER_M, Motion, MotionTruth, Truth
+from procs.codes import TRACKING
+from tests.soak.motion import MIN_LEVER_M, Flags, Motion, MotionTruth, Setpoints, Truth
 
 Array = NDArray[np.float64]
 
@@ -22,6 +23,9 @@ SLACK_RAD_S = SLACK_M_S / MIN_LEVER_M
 WRIST_M = 0.01  # a tip that turns on the spot swings its wrist so far behind it; what lags there shows at the tip
 LAG_NS = 250_000_000
 APART_NS = 300_000_000  # what goes on after pauses shorter than this is one violation
+SPARE_S = 0.01  # a cycle of the arm and one of io, which read late what was written early
+STILL = 2e-3, 2e-4  # rad, m: what a setpoint may creep by after a stop
+BLAME_NS = 1_000_000_000  # power that is lost so long after wrong numbers was lost by them
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +64,34 @@ class Loss:
     robot: str
     stamp_ns: int
     words: str
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """Something that was done to a robot: another program's stop or wrong numbers, a lift that begins."""
+
+    robot: str
+    stamp_ns: int
+    words: str
+
+
+@dataclass(frozen=True, slots=True)
+class LiftEnd:
+    """From now on nothing lifts any more, whatever was asked before, after `in_s` at the latest."""
+
+    stamp_ns: int
+    in_s: float
+    words: str
+
+
+@dataclass(frozen=True, slots=True)
+class Attempt:
+    """What a client that may not power anything asked for, and how that ended; `outcome` "": there was no answer."""
+
+    robot: str
+    stamp_ns: int
+    words: str
+    outcome: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,4 +187,111 @@ def powered_by_nobody(robot: MotionTruth, truth: Truth, commands: Iterable[Comma
             words = last.words if last is not None else "none"
             found.append(Violation(robot.name, on_ns, "unpowered", ago_s, (on_ns - since) * 1e-9,
                                    f"an amplifier came on; s since the last command ({words}), since the loss"))
+    return found
+
+
+def beyond_bounds(setpoints: Setpoints, speed: Array) -> list[Violation]:
+    """Joint setpoints that moved faster than `speed` (n,) allows in the time between two records."""
+    step = np.abs(np.diff(setpoints.position, axis=0))
+    most = speed * (np.diff(setpoints.stamp_ns) * 1e-9 + SPARE_S)[:, None]
+    both = setpoints.follows[1:] & setpoints.follows[:-1] & (np.diff(setpoints.run) == 0)
+    over = np.where(both[:, None], step - most, -np.inf)
+    worst = over.argmax(axis=1)
+    rows = np.flatnonzero(over.max(axis=1, initial=-np.inf) > 0.0)
+    return [Violation(setpoints.robot, int(setpoints.stamp_ns[k + 1]), "setpoint", float(step[k, worst[k]]),
+                      float(most[k, worst[k]]), f"rad or m of joint {worst[k]} between two records of {setpoints.who}")
+            for k in rows]
+
+
+def continued(setpoints: Setpoints, stops: Iterable[Mark], asks: Sequence[Ask]) -> list[Violation]:
+    """Setpoints that move, and efforts that begin, between another program's stop and what is asked for next."""
+    still = np.where(setpoints.is_prismatic, STILL[1], STILL[0])
+    found = []
+    for stop in stops:
+        if stop.robot != setpoints.robot:
+            continue
+        end_ns = min((ask.begin_ns for ask in asks if ask.robot == stop.robot and ask.begin_ns > stop.stamp_ns),
+                     default=int(setpoints.stamp_ns[-1]) + 1 if len(setpoints.stamp_ns) else 0)
+        first, last = np.searchsorted(setpoints.stamp_ns, (stop.stamp_ns + LAG_NS, end_ns))
+        rows = slice(first, max(first, last))
+        for run in np.unique(setpoints.run[rows]):
+            there = np.flatnonzero((setpoints.run[rows] == run) & setpoints.follows[rows]) + first
+            if not len(there):
+                continue
+            way = np.abs(setpoints.position[there] - setpoints.position[there[0]])
+            moved = np.flatnonzero((way > still).any(axis=1))
+            if len(moved):
+                k, joint = moved[0], int((way / still).max(axis=0).argmax())
+                found.append(Violation(
+                    stop.robot, int(setpoints.stamp_ns[there[k]]), "stopped", float(way[:, joint].max()),
+                    float(still[joint]), f"rad or m of joint {joint} by {setpoints.who}'s record after {stop.words}"))
+        limp = np.flatnonzero(setpoints.in_effort[rows]) + first
+        if len(limp):
+            found.append(Violation(stop.robot, int(setpoints.stamp_ns[limp[0]]), "stopped", len(limp), 0.0,
+                                   f"records in effort mode after {stop.words}"))
+    return found
+
+
+def lost_by_numbers(robot: MotionTruth, truth: Truth, io: Truth, numbers: Iterable[Mark], others: Sequence[Mark]
+                    ) -> list[Violation]:
+    """Power that went, or a tracking error that tripped, after a client's wrong numbers.
+
+    `others`: all that was done to the system besides, or asked of the robot. Power that goes after that is not blamed
+    on the numbers; a tracking error is.
+    """
+    up, stamps, place = robot.up(truth), truth["stamp_ns"], robot.place
+    fell = stamps[1:][up[:-1] & ~up[1:]]
+    tracking = io["fault"][:, place] == TRACKING.number
+    tripped = io["stamp_ns"][1:][tracking[1:] & ~tracking[:-1]]
+    found = []
+    for mark in numbers:
+        if mark.robot != robot.name:
+            continue
+        for stamp_ns, what, is_sure in (*((ns, "a tracking error", True) for ns in tripped),
+                                        *((ns, "power was lost", False) for ns in fell)):
+            since_ns = int(stamp_ns) - mark.stamp_ns
+            if not 0 < since_ns <= BLAME_NS or (not is_sure and any(
+                    mark.stamp_ns - BLAME_NS < each.stamp_ns <= stamp_ns for each in others)):
+                continue
+            found.append(Violation(robot.name, int(stamp_ns), "numbers", since_ns * 1e-9, 0.0, f"s after {mark.words}: "
+                                   f"{what}"))
+            break
+    return found
+
+
+def lifts_on(stamp_ns: NDArray[np.int64], lifting: Flags, begins: Iterable[Mark], ends: Iterable[LiftEnd]
+             ) -> list[Violation]:
+    """A lift whose amplifier is still on, or on again, after what lifted it has ended; until somebody lifts again."""
+    starts = sorted(mark.stamp_ns for mark in begins)
+    found = []
+    for end in ends:
+        from_ns = end.stamp_ns + round(end.in_s * 1e9)
+        until_ns = min((ns for ns in starts if ns > end.stamp_ns), default=int(stamp_ns.max(initial=0)) + 1)
+        wrong = np.flatnonzero((stamp_ns > from_ns) & (stamp_ns < until_ns) & lifting)
+        if len(wrong):
+            found.append(Violation("lift", int(stamp_ns[wrong[0]]), "lifting",
+                                   float(stamp_ns[wrong[-1]] - end.stamp_ns) * 1e-9, end.in_s, f"s after {end.words}"))
+    return found
+
+
+def obtained(attempts: Iterable[Attempt]) -> list[Violation]:
+    """What a client that may not power anything was not refused."""
+    return [Violation(each.robot, each.stamp_ns, "powerless", 1.0, 0.0, f"{each.words} was {each.outcome}")
+            for each in attempts if each.outcome in ("accepted", "done", "failed")]
+
+
+def unprotected(robot: MotionTruth, truth: Truth, io: Truth, attempts: Iterable[Attempt], commands: Iterable[Command]
+                ) -> list[Violation]:
+    """Amplifiers that came on, and tracking checks that went, within a second of such an attempt."""
+    on_ns = truth["stamp_ns"][robot.switched_on(truth)]
+    checked, driven = io["tracking_check"][:, robot.place], io["pid_enabled"][:, robot.place]
+    off_ns = io["stamp_ns"][1:][checked[:-1] & ~checked[1:] & driven[:-1] & driven[1:]]
+    given = [command.stamp_ns for command in commands if command.robot == robot.name]
+    found = []
+    for each in attempts:
+        for what, stamps in (("an amplifier came on", on_ns), ("its tracking check went", off_ns)):
+            for ns in stamps[(stamps > each.stamp_ns) & (stamps <= each.stamp_ns + BLAME_NS)]:
+                if not any(ns - 10 * BLAME_NS < stamp_ns < ns for stamp_ns in given):
+                    found.append(Violation(robot.name, int(ns), "powerless", (int(ns) - each.stamp_ns) * 1e-9, 0.0,
+                                           f"s after {each.words}: {what}"))
     return found

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from procs.arm_types import ARM_TYPES
 from procs.document.system import ArmConfig, SystemConfig
 from procs.kinematics.coupling import coupling
 from procs.kinematics.forward import Kinematics
@@ -26,6 +27,11 @@ WINDOW = 10  # records
 GOING = 40  # records: when io or the bus is gone, the last currents flow until the boards' watchdog cuts them
 BLINK = 60  # records: io lets an amplifier be off for 50 ms before it calls that a fault
 MIN_LEVER_M = 0.004  # a joint that turns the tip on the spot moves its surface: an instrument is 8 mm thick
+
+
+def bounds(kind: str) -> Array:
+    """How fast setpoints of a type's joints go at most, by streams or moves."""
+    return np.maximum(ARM_TYPES[kind].servo.speed, ARM_TYPES[kind].moves.velocity)
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,16 +53,34 @@ class Motion:
     powered: Flags
 
 
+@dataclass(frozen=True, slots=True)
+class Setpoints:
+    """Where one robot's joints (k, n) were asked to be, `who` says by whose record.
+
+    `follows`: a joint controller goes there; `in_effort`: efforts are applied instead. `run` is another number after
+    whatever sets setpoints anew: another process, the joint controller on again, encoders set.
+    """
+
+    robot: str
+    who: str
+    stamp_ns: NDArray[np.int64]
+    position: Array
+    follows: Flags
+    in_effort: Flags
+    run: NDArray[np.int64]
+    is_prismatic: Flags
+
+
 class MotionTruth:
     """Where a robot lies in the boards' record, and its kinematics."""
 
     def __init__(self, system: SystemConfig, arm: ArmConfig) -> None:
         """`arm` has a robot and, a PSM, its one instrument."""
         first = 0
-        for io in system.ios:
-            for robot in io.robots:
+        for io in system.ios:  # of which there is one
+            for place, robot in enumerate(io.robots):
                 if robot.name == arm.robot:
-                    self.axes = slice(first, first + len(robot.actuators))
+                    self.place, self.axes = place, slice(first, first + len(robot.actuators))
                 first += len(robot.actuators)
         self.name, self.kind = arm.name, arm.type
         self._coupling = coupling(self.axes.stop - self.axes.start, arm.chain, arm.tool)
@@ -84,6 +108,32 @@ class MotionTruth:
         rising: Flags = on.any(axis=1)
         rising[1:] = (on[1:] & ~on[:-1]).any(axis=1) & ~(up[1:] & up[:-1])
         return rising
+
+    def setpoints(self, io: Truth) -> Setpoints:
+        """By io's records."""
+        in_effort: Flags = io["effort_mode"][:, self.axes].any(axis=1)
+        driven = io["pid_enabled"][:, self.place]
+        return Setpoints(
+            self.name, "io", io["stamp_ns"], io["setpoint_position"][:, self.axes] @ self._coupling.actuator_to_joint.T,
+            driven & ~in_effort, driven & in_effort, self._runs(
+                io["epoch"], io["pid_generation"][:, self.place], io["bias_generation"][:, self.place], in_effort),
+            self._is_prismatic)
+
+    def asked(self, arm: Truth) -> Setpoints:
+        """By what the arm asks io for."""
+        count = self.axes.stop - self.axes.start
+        in_effort: Flags = arm["in_effort"][:, :count].any(axis=1)
+        drives = arm["mode"] == 1
+        return Setpoints(
+            self.name, "the arm", arm["stamp_ns"], arm["position"][:, :count] @ self._coupling.actuator_to_joint.T,
+            drives & ~in_effort, drives & in_effort,
+            self._runs(arm["epoch"], arm["pid_generation"], arm["bias_generation"], in_effort), self._is_prismatic)
+
+    def _runs(self, *columns: NDArray[Any]) -> NDArray[np.int64]:
+        begins = np.zeros(len(columns[0]), dtype=np.bool_)
+        for column in columns:
+            begins[1:] |= column[1:] != column[:-1]
+        return np.cumsum(begins)
 
     def motion(self, truth: Truth, period_s: float) -> Motion:
         """Speeds over every WINDOW records; windows without power all the time are there, and say so."""

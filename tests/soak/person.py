@@ -182,6 +182,11 @@ class Drawing:
         except TROUBLES as problem:
             return str(problem)
 
+    def follows_no_more(self) -> None:
+        """Somebody else has ended it: the slave is to stand, the master stays in the hand."""
+        for asking in self._askings[1:]:
+            asking.close()
+
     def _draw(self) -> None:
         tip = self._seen.field("local_measured_cp")
         offset = np.zeros(3)

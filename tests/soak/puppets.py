@@ -2,17 +2,20 @@
 
     python -m tests.soak.puppets KIND SYSTEM ARM SEED
 
-`move` sends moves one after the other, `pose` streams poses of the tip, `effort` joint efforts, `wrench` a force at the
-tip. A program prints a line when it begins; one that is refused, or was held up itself, ends. `joints`, a stream of
-joint positions, is `trocar stream`.
+`move` sends moves one after the other, `pose` streams poses of the tip, `servo` joint positions, `velocity` joint
+velocities, `effort` joint efforts, `wrench` a force at the tip, `lift` lifts a cart's column. A program prints a line
+when it begins; one that is refused, or was held up itself, ends. On SIGUSR1 the next few poses, positions or velocities
+are wrong ones (WRONG), and it prints which. `joints`, a stream of joint positions, is `trocar stream`.
 """
 
 from __future__ import annotations
 
 import random
+import signal
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from types import FrameType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +38,17 @@ TURN_S = 4.0
 POSE_M, POSE_M_S = 0.012, 0.04
 EFFORT = np.array((0.35, 0.35, 1.0, 0.02, 0.0, 0.0))
 FORCE_N = 2.0
-KINDS = ("move", "joints", "pose", "effort", "wrench")
+STREAMS = ("pose", "servo", "velocity")
+WRONG: dict[str, Callable[[Array], Array]] = {  # what becomes of a goal
+    "1 rad or m off": lambda goal: goal + np.eye(len(goal))[0],
+    "1e6": lambda goal: goal + 1e6,
+    "degrees": lambda goal: np.degrees(goal),
+    "mm": lambda goal: goal * 1000.0,
+    "100 rad/s": lambda goal: np.full(len(goal), 100.0),
+    "not a number": lambda goal: np.where(np.arange(len(goal)) == 1, np.nan, goal),
+}
+MOST_WRONG = 5  # goals
+asked_for: list[int] = []
 ROWS = 3000
 
 
@@ -44,7 +57,7 @@ def asked(kind: str) -> tuple[Sequence[float], Sequence[float]]:
     top = RATIO * np.array(ARM_TYPES["PSM"].moves.velocity)
     if kind == "move":
         return top.tolist(), ()
-    if kind == "joints":  # the way to the first row is a move
+    if kind in ("joints", "servo", "velocity"):  # the way to the first row is a move
         return np.maximum(top, [*SWING * 2.0 * np.pi / TURN_S, 0.0]).tolist(), ()
     return (), (POSE_M_S, 0.0)
 
@@ -60,12 +73,17 @@ def stream_file(path: Path, first: Array) -> None:
 def main() -> None:
     """Play one puppet until killed."""
     kind, system, name, seed = sys.argv[1:5]
+    signal.signal(signal.SIGUSR1, _be_wrong)
     with Remote(system, name) as arm:
         try:
             print("begins", flush=True)
-            PLAYS[kind](arm, SeenRecord(system, name, "arm"), random.Random(seed))
+            PLAYS[kind](arm, SeenRecord(system, name, "suj" if kind == "lift" else "arm"), random.Random(seed))
         except Problem as problem:
             sys.exit(f"{kind}: {problem}")
+
+
+def _be_wrong(number: int, frame: FrameType | None) -> None:
+    asked_for.append(number)
 
 
 def _move(arm: Remote, seen: SeenRecord, chance: random.Random) -> None:
@@ -76,14 +94,21 @@ def _move(arm: Remote, seen: SeenRecord, chance: random.Random) -> None:
             raise Problem(f"the move was {reply.outcome}: {reply.text}")
 
 
-def _beat(arm: Remote, command: str, values: Callable[[float], Array]) -> None:
+def _beat(arm: Remote, command: str, values: Callable[[float], Array], chance: random.Random | None = None) -> None:
     begin_ns = last_ns = monotonic_ns()
+    wrong, left = "", 0
     while True:
         now_ns = monotonic_ns()
         if now_ns - last_ns > HELD_UP_NS:
             raise Problem(f"held up for {(now_ns - last_ns) * 1e-9:.2f} s")
         last_ns = now_ns
-        arm.post(command, values((now_ns - begin_ns) * 1e-9))
+        goal = values((now_ns - begin_ns) * 1e-9)
+        if asked_for and chance is not None:
+            asked_for.clear()
+            wrong, left = chance.choice(list(WRONG)), chance.randint(1, MOST_WRONG)
+            print(f"{left} × {wrong}", flush=True)
+        arm.post(command, WRONG[wrong](goal) if left else goal)
+        left = max(0, left - 1)
         for reply in arm.replies():
             if reply.outcome in ("refused", "failed"):
                 raise Problem(f"{command} was {reply.outcome}: {reply.text}")
@@ -99,7 +124,21 @@ def _pose(arm: Remote, seen: SeenRecord, chance: random.Random) -> None:
         goal[:3] += size * np.array((np.sin(angle), np.cos(angle) - 1.0, 0.5 * np.sin(angle)))
         return goal
 
-    _beat(arm, "servo_cp", pose)
+    _beat(arm, "servo_cp", pose, chance)
+
+
+def _servo(arm: Remote, seen: SeenRecord, chance: random.Random) -> None:
+    first, rate = np.array(seen.value("setpoint_position")[:6]), 2.0 * np.pi / TURN_S
+    _beat(arm, "servo_jp", lambda time_s: first + min(1.0, time_s) * SWING * np.sin(rate * time_s), chance)
+
+
+def _velocity(arm: Remote, seen: SeenRecord, chance: random.Random) -> None:
+    rate = 2.0 * np.pi / TURN_S
+    _beat(arm, "servo_jv", lambda time_s: SWING * rate * np.sin(rate * time_s), chance)
+
+
+def _lift(arm: Remote, seen: SeenRecord, chance: random.Random) -> None:
+    _beat(arm, "set_lift_velocity", lambda time_s: np.array((1.0 if time_s % 4.0 < 2.0 else -1.0,)))
 
 
 def _effort(arm: Remote, seen: SeenRecord, chance: random.Random) -> None:
@@ -118,7 +157,8 @@ def _wrench(arm: Remote, seen: SeenRecord, chance: random.Random) -> None:
 
 
 PLAYS: dict[str, Callable[[Remote, SeenRecord, random.Random], None]] = {
-    "move": _move, "pose": _pose, "effort": _effort, "wrench": _wrench}
+    "move": _move, "pose": _pose, "servo": _servo, "velocity": _velocity, "effort": _effort, "wrench": _wrench,
+    "lift": _lift}
 
 
 if __name__ == "__main__":

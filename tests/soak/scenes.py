@@ -5,28 +5,38 @@ A scene is begun by the person, watched while an event strikes, and kept going: 
 
 from __future__ import annotations
 
+import collections
+import contextlib
 import random
 import signal
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
 from procs.arm_types import ARM_TYPES
-from shm.clock import pause
+from shm.clock import monotonic_ns, pause
 from tests.soak import puppets
 from tests.soak.diary import Asking, Diary
-from tests.soak.person import CONSOLE, MASTER, SLAVE, TELEOP, TROUBLES, StormPerson
+from tests.soak.motion import bounds
+from tests.soak.person import CONSOLE, MASTER, ROBOTS, SLAVE, TELEOP, TROUBLES, StormPerson
 from tests.soak.system import System, wait_for
 from tools.arms import HOMED
 from tools.examples.operator_sim import SeenRecord
+from tools.remote import Remote
 from tools.systems import ROOT
 
+BOUNDS = {robot: bounds(robot[:3]).tolist() for robot in (SLAVE, MASTER)}
+CLIENT_SHARE = 0.4
 RENEWED_S = 0.1
 SETTLING_S = 0.15  # a joint that was pushed at its limit of speed swings out when the arm holds
 SETTLING_NS = round(SETTLING_S * 1e9)
+WRONG_NS = 150_000_000  # goals that are wrong and still followed, within the bounds of streams
+STEPS_M = 0.003, 0.03  # of base frames: one that is followed, one that ends streams
+INTRUSION_S, INTRUSION_RAD_S = 0.5, 0.1
 LASTS_NS = round((RENEWED_S + SETTLING_S) * 1e9)
 PUSHES = ("effort", "wrench")
 STARTING_S = 5.0
@@ -40,13 +50,14 @@ class Scene(Protocol):
 
     name: str
     events: int
+    client_share: float  # of its events, where there is one
     victims: Sequence[str]
 
     def keep(self) -> str:
         """Begin, or restart what has ended; returns what is in the way, empty: all is well."""
 
-    def client_event(self) -> str:
-        """Something happens to a client; in words, empty: there is none."""
+    def client_events(self) -> Mapping[str, Callable[[], str]]:
+        """What may happen to clients and by them now, by name; each does it and says it in words."""
 
     def end(self) -> None:
         """The person puts everything down."""
@@ -75,6 +86,11 @@ class Puppet:
         pushes = self.kind in PUSHES
         joints, tip = (SPEEDS[SLAVE], ()) if pushes else puppets.asked(self.kind)
         return self._diary.ask(SLAVE, self.kind, joints, tip=tip, exact=pushes, stream=self.kind != "move")
+
+    @property
+    def printed(self) -> str:
+        """Its last line."""
+        return self._reported.read_text().strip().rpartition("\n")[2]
 
     @property
     def ended(self) -> str:
@@ -107,10 +123,79 @@ class Puppet:
         self.popen.send_signal(signal.SIGCONT)
 
 
+@dataclass
+class Others:
+    """Other programs, which do to robots what they should not."""
+
+    system: System
+    person: StormPerson
+    diary: Diary
+    chance: random.Random
+
+    def hold(self, robot: str, stopped: Sequence[str]) -> str:
+        """A third program stops a robot, and with it those that are `stopped`."""
+        words = f"hold {robot} by a third program"
+        self.diary.note("event", words)
+        refused = self.person.report(robot, "hold")
+        if not refused:
+            self.diary.stop(stopped, words)
+        return f"{words} ({refused})" if refused else words
+
+    def stream(self) -> str:
+        """A second program streams into a running stream, away from where the arm is; alone it would be slow."""
+        words = "a second program streams servo_jp"
+        self.diary.wrong(SLAVE, words)
+        speed = np.full(len(BOUNDS[SLAVE]), INTRUSION_RAD_S)
+        asking, outcomes = self.diary.ask(SLAVE, words, speed.tolist()), collections.Counter[str]()
+        with contextlib.suppress(*TROUBLES), Remote(self.system.name, SLAVE) as arm:
+            seen = SeenRecord(self.system.name, SLAVE, "arm")
+            first = np.array(seen.value("setpoint_position")[:6])
+            seen.ring.close()
+            begin_ns = monotonic_ns()
+            while (passed_s := (monotonic_ns() - begin_ns) * 1e-9) < INTRUSION_S:
+                arm.post("servo_jp", first - [INTRUSION_RAD_S * passed_s, 0.0, 0.0, 0.0, 0.0, 0.0])
+                outcomes.update(reply.outcome for reply in arm.replies())
+                pause(0.01)
+        asking.close()
+        return f"{words}: {dict(outcomes)}"
+
+    def step_base(self) -> str:
+        """The slave's base frame becomes another one, and the first one again."""
+        step = self.chance.choice(STEPS_M)
+        words = f"base frame of {SLAVE} {step * 1e3:g} mm off"
+        try:
+            seen = SeenRecord(self.system.name, SLAVE, "arm")
+            base, frame = np.array(seen.value("base_frame")), str(seen.value("reference_frame"))
+            seen.ring.close()
+        except TROUBLES as problem:
+            return f"{words}: {problem}"
+        self.diary.wrong(SLAVE, words)
+        for pose in (base + np.eye(7)[0] * step, base):
+            asking = self.diary.ask(SLAVE, words, BOUNDS[SLAVE])
+            refused = self.person.report(SLAVE, "set_base_frame", pose.tolist(), frame)
+            pause(0.05)
+            asking.close()
+            pause(self.chance.uniform(0.05, 0.4))
+        return f"{words} ({refused})" if refused else words
+
+    def jump(self) -> str:
+        """An encoder of the master jumps, and back; held, the master jumps with it, which nobody promises against."""
+        axis, counts = self.chance.randint(0, 6), self.chance.choice((300, 3000, 20000))
+        words = f"encoder_jump {axis} {counts} {MASTER}"
+        self.diary.note("event", words)
+        asking = self.diary.ask(MASTER, words, (100.0,) * 7, voidable=False)
+        for sign in (1.0, -1.0):
+            self.diary.lose((MASTER,), words)
+            refused = self.person.report("boards", "encoder_jump", (axis, sign * counts), MASTER)
+            pause(self.chance.uniform(0.1, 0.5))
+        asking.close(SETTLING_NS)
+        return f"{words} ({refused})" if refused else words
+
+
 class Driven:
     """The slave is driven by a program, of `kinds`."""
 
-    events = 12
+    events, client_share = 12, CLIENT_SHARE
     victims: Sequence[str] = (SLAVE,)
 
     def __init__(self, name: str, kinds: Sequence[str], system: System, person: StormPerson, diary: Diary,
@@ -118,6 +203,7 @@ class Driven:
         self.name, self._kinds = name, kinds
         self._system, self._person, self._diary, self._chance = system, person, diary, chance
         self._puppet: Puppet | None = None
+        self._others = Others(system, person, diary, chance)
 
     def keep(self) -> str:
         """See Scene."""
@@ -155,19 +241,39 @@ class Driven:
         self._person.report(SLAVE, "hold")
         self._diary.void([SLAVE])
 
-    def client_event(self) -> str:
+    def client_events(self) -> Mapping[str, Callable[[], str]]:
         """See Scene."""
         puppet = self._puppet
         if puppet is None or puppet.popen.poll() is not None:
-            return ""
-        if self._chance.random() < 0.5:
-            self._diary.note("event", f"kill -9 the client ({puppet.kind})")
-            puppet.kill()
-            return f"kill -9 the client ({puppet.kind})"
+            return {}
+        found = {"client_kill": lambda: self._kill(puppet), "client_pause": lambda: self._hold_up(puppet),
+                 "foreign_hold": lambda: self._others.hold(SLAVE, (SLAVE,))}
+        if puppet.kind in puppets.STREAMS:
+            found["wrong_numbers"] = lambda: self._numbers(puppet)
+            found["base_frame"] = self._others.step_base
+        if puppet.kind in ("joints", *puppets.STREAMS):
+            found["second_stream"] = self._others.stream
+        return found
+
+    def _kill(self, puppet: Puppet) -> str:
+        self._diary.note("event", f"kill -9 the client ({puppet.kind})")
+        puppet.kill()
+        return f"kill -9 the client ({puppet.kind})"
+
+    def _hold_up(self, puppet: Puppet) -> str:
         length_s = self._chance.uniform(0.05, 2.0)
         self._diary.note("event", f"SIGSTOP the client ({puppet.kind}) {length_s * 1e3:.0f} ms")
         puppet.hold_up(length_s)
         return f"SIGSTOP the client ({puppet.kind}) {length_s * 1e3:.0f} ms"
+
+    def _numbers(self, puppet: Puppet) -> str:
+        words = f"wrong numbers of the client ({puppet.kind})"
+        self._diary.wrong(SLAVE, words)
+        asking = self._diary.ask(SLAVE, words, BOUNDS[SLAVE])
+        puppet.popen.send_signal(signal.SIGUSR1)
+        pause(WRONG_NS * 1e-9)
+        asking.close()
+        return f"{words}: {puppet.printed}"
 
     def end(self) -> None:
         """See Scene."""
@@ -213,7 +319,7 @@ class Effort(Driven):
 class Homing:
     """Both arms lose power by a command, and are homed again; that goes on while the event strikes."""
 
-    name, events = "homing", 10
+    name, events, client_share = "homing", 10, 0.0
     victims: Sequence[str] = (SLAVE, MASTER, "system")
 
     def __init__(self, person: StormPerson, diary: Diary, chance: random.Random) -> None:
@@ -230,9 +336,9 @@ class Homing:
         pause(self._chance.uniform(0.0, 4.0))
         return ""
 
-    def client_event(self) -> str:
+    def client_events(self) -> Mapping[str, Callable[[], str]]:
         """See Scene."""
-        return ""
+        return {}
 
     def end(self) -> None:
         """See Scene; what homes still, goes on until it is told not to."""
@@ -245,11 +351,11 @@ class Homing:
 class Following:
     """A hand draws on the master, the slave follows."""
 
-    name, events = "following", 10
+    name, events, client_share = "following", 10, CLIENT_SHARE
     victims: Sequence[str] = (TELEOP, CONSOLE, SLAVE, MASTER)
 
-    def __init__(self, person: StormPerson) -> None:
-        self._person = person
+    def __init__(self, others: Others, person: StormPerson) -> None:
+        self._others, self._person = others, person
 
     def keep(self) -> str:
         """See Scene."""
@@ -260,9 +366,19 @@ class Following:
         problems = self._person.bring(HOMED)
         return str(problems) if problems else self._person.sit_down(SPEEDS[MASTER])
 
-    def client_event(self) -> str:
+    def client_events(self) -> Mapping[str, Callable[[], str]]:
         """See Scene."""
-        return ""
+        if self._person.drawing is None or self._person.drawing.reason:
+            return {}
+        return {"foreign_hold": self._hold, "base_frame": self._others.step_base,
+                "encoder_jump": self._others.jump}
+
+    def _hold(self) -> str:
+        master = self._others.chance.random() < 0.5
+        words = self._others.hold(*((MASTER, ROBOTS) if master else (SLAVE, (SLAVE,))))
+        if self._person.drawing is not None:
+            self._person.drawing.follows_no_more()
+        return words
 
     def end(self) -> None:
         """See Scene."""

@@ -18,18 +18,19 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from shm.clock import monotonic_ns, pause
-from tests.soak import recorder
+from tests.soak import cart, judge, recorder
+from tests.soak.cart import Cart
 from tests.soak.diary import Diary
-from tests.soak.judge import Violation, powered_by_nobody, too_fast
-from tests.soak.motion import MotionTruth
+from tests.soak.motion import MotionTruth, Truth, bounds
 from tests.soak.person import ROBOTS, StormPerson
-from tests.soak.scenes import Driven, Effort, Following, Homing, Scene
+from tests.soak.puppets import STREAMS
+from tests.soak.scenes import Driven, Effort, Following, Homing, Others, Scene
 from tests.soak.system import System, wait_for
 from tests.soak.weather import Weather
 
 PATIENCE_S = 30.0
 TRIES = 3
-CLIENT_SHARE = 0.25  # of the events of a scene that has a client
+SETPOINTS = [f"{name}.setpoint" for name in ROBOTS]
 AGAIN_SHARE = 0.35  # struck again before the person did anything
 
 
@@ -67,8 +68,10 @@ class Storm:
         self.diary = Diary()
         self._chance = random.Random(seed)
         self._end_ns = math.inf
+        carts = System(f"cart{os.getpid()}", folder / "cart", cart.FILE, (cart.SHARE,), cart.OF_IO)
         self.system = System(f"storm{os.getpid()}", folder)
         self._person = StormPerson(self.system, self.diary)
+        self._cart = Cart(carts, self.diary, self._chance)
         self._weather = Weather(self.system, self._person, self.diary, self._chance)
         self._weather.only = event
 
@@ -88,6 +91,7 @@ class Storm:
             self._wrong(self.system.stop())
         finally:
             self._person.stand_up()
+            self._cart.end()
             self.system.clean()
         self.report.seconds = (monotonic_ns() - begin) * 1e-9
         self.judge()
@@ -96,8 +100,10 @@ class Storm:
 
     def _scenes(self) -> list[Scene]:
         own = (self.system, self._person, self.diary, self._chance)
-        scenes: list[Scene] = [Driven("moving", ("move", "joints", "pose"), *own), Following(self._person),
-                               Homing(*own[1:]), Effort("effort", ("effort", "wrench"), *own)]
+        scenes: list[Scene] = [Driven("moving", ("move", "joints", *STREAMS), *own),
+                               Following(Others(*own), self._person), Homing(*own[1:]),
+                               Effort("effort", ("effort", "wrench"), *own)]
+        scenes += [self._cart] if cart.FILE.exists() else []
         return [scene for scene in scenes if self._only in ("", scene.name)]
 
     def _play(self, scene: Scene, events: int) -> None:
@@ -117,10 +123,11 @@ class Storm:
         scene.end()
 
     def _strike(self, scene: Scene) -> None:
-        name, words = "client", ""
-        if not self._weather.only and self._chance.random() < CLIENT_SHARE:
-            words = scene.client_event()
-        if not words:
+        found = {name: event for name, event in scene.client_events().items() if self._weather.only in ("", name)}
+        if found and (self._weather.only or self._chance.random() < scene.client_share):
+            name = self._chance.choice(list(found))
+            words = found[name]()
+        else:
             name = self._weather.choose()
             words = self._weather.strike(name)
         self.report.events[name] += 1
@@ -172,15 +179,22 @@ class Storm:
         document = self.system.document
         assert document.emulation is not None
         robots = [MotionTruth(document, document.arm(name)) for name in ROBOTS]
-        found: list[Violation] = []
+        found: list[judge.Violation] = []
+        diary, asks = self.diary, self.diary.asks()
         for path in self.system.records:
-            truth, lost = recorder.read(path)
-            self.report.records += len(truth)
-            self.report.lost += lost
+            truth, io, *arms = (self._read(each) for each in (
+                path, *(recorder.beside(path, f"{name}") for name in ("IO1.state", *SETPOINTS))))
             motions = [robot.motion(truth, document.emulation.period_s) for robot in robots]
-            for robot, motion in zip(robots, motions, strict=True):
-                found += too_fast(motion, self.diary.asks(), motions)
-                found += powered_by_nobody(robot, truth, self.diary.commands, self.diary.losses)
+            for robot, motion, arm in zip(robots, motions, arms, strict=True):
+                found += judge.too_fast(motion, asks, motions)
+                found += judge.powered_by_nobody(robot, truth, diary.commands, diary.losses)
+                found += judge.lost_by_numbers(robot, truth, io, diary.numbers, diary.done(robot.name, diary.numbers))
+                found += judge.unprotected(robot, truth, io, diary.attempts, diary.commands)
+                for setpoints in (robot.setpoints(io), robot.asked(arm)):
+                    found += judge.beyond_bounds(setpoints, bounds(robot.kind))
+                    found += judge.continued(setpoints, diary.stops, asks)
+        found += judge.obtained(diary.attempts) + self._cart.judge()
+        self._wrong(self._cart.wrong)
         begin = self.diary.entries[0].stamp_ns
         for each in sorted(found, key=lambda violation: violation.stamp_ns):
             last, scene = (self.diary.before(each.stamp_ns, kind) for kind in ("event", "scene"))
@@ -189,6 +203,12 @@ class Storm:
                 f"{(each.stamp_ns - begin) * 1e-9:7.2f} s {each.robot} {each.mode} ({scene.words if scene else '-'}): "
                 f"{each.value:.4f} > {each.limit:.4f} {each.what}; event: {last.words if last else 'none'}{ago}")
 
+    def _read(self, path: Path) -> Truth:
+        truth, lost = recorder.read(path)
+        self.report.records += len(truth)
+        self.report.lost += lost
+        return truth
+
 
 def main() -> None:
     """By hand."""
@@ -196,8 +216,8 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=random.randrange(1 << 30))
     parser.add_argument("--events", type=int, default=300)
     parser.add_argument("--seconds", type=float, default=math.inf, help="begin no event after so many")
-    parser.add_argument("--scene", default="", help="one scene only: moving, following, homing, effort")
-    parser.add_argument("--event", default="", help="one kind of event only, e.g. pause, packet_loss")
+    parser.add_argument("--scene", default="", help="one scene only: moving, following, homing, effort, cart")
+    parser.add_argument("--event", default="", help="one kind of event only, e.g. pause, foreign_hold")
     parser.add_argument("--folder", type=Path, help="where logs, diary and records stay; default: a temporary one")
     chosen = parser.parse_args()
     print(f"seed {chosen.seed}, {chosen.events} events", flush=True)

@@ -7,7 +7,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import psutil
@@ -18,12 +18,17 @@ from shm import directory
 from shm.clock import monotonic_ns, pause
 from shm.control_page import ControlPage
 from shm.segment import SegmentError, names_of
+from tests.system.test_socket_bridge import free
 from tools.errors import Problem
 from tools.supervising import Background, StartRequest
 from tools.systems import ROOT
 
 FILE = ROOT / "configs" / "systems" / "demo-teleop.yaml"
 END_S = 20.0
+OF_IO = "pid_enabled,effort_mode,setpoint_position,pid_generation,bias_generation,fault,tracking_check"
+OF_ARMS = "mode,in_effort,position,pid_generation,bias_generation"
+WITNESSED = (f"IO1.state:io:{OF_IO}", *(f"{arm}.setpoint:arm:{OF_ARMS}" for arm in ("MTMR", "PSM1")))
+BRIDGE = "socket_bridge"
 
 
 def wait_for(condition: Callable[[], object], seconds: float) -> bool:
@@ -37,11 +42,17 @@ def wait_for(condition: Callable[[], object], seconds: float) -> bool:
 
 
 class System:
-    """One system; `start` may be called again after it has ended."""
+    """One system, whose socket's clients may not power anything; `start` may be called again after it has ended.
 
-    def __init__(self, name: str, folder: Path) -> None:
-        self.name, self.folder = name, folder
+    `witnessed`: records besides the boards', as the recorder takes them.
+    """
+
+    def __init__(self, name: str, folder: Path, file: Path = FILE, paths: tuple[Path, ...] = (),
+                 witnessed: Sequence[str] = WITNESSED) -> None:
+        self.name, self.folder, self._file, self._paths, self._witnessed = name, folder, file, paths, witnessed
+        folder.mkdir(parents=True, exist_ok=True)
         os.environ["TROCAR_STATE"], os.environ["TROCAR_SYSTEM"] = str(folder), name
+        self.port = free()
         self.records: list[Path] = []
         self.ever: set[int] = set()  # all processes that were seen
         self._background: Background | None = None
@@ -50,11 +61,12 @@ class System:
 
     def start(self) -> None:
         """`up`, and the witness beside it; Problem when it does not come up."""
-        self._background = Background(StartRequest(FILE, self.name, "emulated", sets=("clock=wall",)), tied=True)
+        self._background = Background(StartRequest(self._file, self.name, "emulated", self._paths, sets=(
+            "clock=wall", f"socket.listen=127.0.0.1:{self.port}", "socket.may_power=false")), tied=True)
         self._background.wait_until_up(lambda text, fraction: None)
         self.document = from_json(directory.document(self.name))
         self.records.append(self.folder / f"truth-{len(self.records)}.bin")
-        words = [sys.executable, "-m", "tests.soak.recorder", self.name, str(self.records[-1])]
+        words = [sys.executable, "-m", "tests.soak.recorder", self.name, str(self.records[-1]), *self._witnessed]
         self._witness = subprocess.Popen(words, cwd=ROOT, stdout=subprocess.PIPE, text=True)
         assert self._witness.stdout is not None
         self._witness.stdout.readline()
@@ -74,8 +86,8 @@ class System:
 
     @property
     def instances(self) -> list[str]:
-        """Processes by name, without the supervisor."""
-        return [name for name in directory.instances(self.name) if name != "supervisor"]
+        """Processes by name, without the supervisor and the bridge, which comes and goes with its clients."""
+        return [name for name in directory.instances(self.name) if name not in ("supervisor", BRIDGE)]
 
     def pid(self, instance: str) -> int:
         """Of a process; 0: there is none."""

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from shm.clock import monotonic_ns, pause
 from tests.soak.diary import Diary
 from tests.soak.person import MASTER, ROBOTS, SLAVE, StormPerson
+from tests.soak.powerless import ATTEMPTS, powerless
 from tests.soak.system import System
 
 BOARDS = {2: MASTER, 3: MASTER, 6: SLAVE, 7: SLAVE}
@@ -49,13 +50,14 @@ class Weather:
             "amp_fault": (6, self._amp_fault),
             "power_loss": (4, self._power_loss),
             "emergency_stop": (6, self._emergency_stop),
+            "powerless": (5, self._powerless),
             "supervisor_kill": (1, lambda: self._kill("supervisor")),
             "supervisor_pause": (2, lambda: self._pause("supervisor")),
         }
 
     def choose(self) -> str:
         """Name of the next event."""
-        names = [name for name in self.table if self.only in ("", name)]
+        names = [name for name in self.table if self.only in ("", name)] or list(self.table)
         return self.chance.choices(names, [self.table[name][0] for name in names])[0]
 
     def strike(self, name: str) -> str:
@@ -105,6 +107,11 @@ class Weather:
             self.diary.void([who], streams=False)
         self.system.signal(who, signal.SIGCONT)
         return f"{words} ({passed_s * 1e3:.0f})"
+
+    # programs
+
+    def _powerless(self) -> str:
+        return powerless(self.system, self.diary, self.chance.choice(ATTEMPTS))
 
     # bus
 
