@@ -172,8 +172,9 @@ class Logic:
 
     def began_anew(self, teleop: str) -> None:
         """Its process was started again: it is told how things are and runs when presence is shown again."""
-        self.asked[teleop] = ""
         self.lapsed.add(teleop)
+        # one that had stopped by itself is not asked again by this
+        self.asked[teleop] = self.word(self._by_name[teleop]) if teleop in self.fallen else ""
         self._unreported.pop(teleop, None)
         if self.clutch:
             self._report_clutch(teleop, PAYLOADS[PRESSED])

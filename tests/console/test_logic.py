@@ -219,6 +219,21 @@ def test_teleop_that_began_anew_waits_for_presence() -> None:
     assert desk.words("MTMR_PSM1")[-1] == ENABLE
 
 
+def test_teleop_that_had_stopped_by_itself_is_not_asked_again_because_it_began_anew() -> None:
+    logic, desk = console((RIGHT,))
+    logic.press(OPERATOR, PRESSED)
+    logic.enable(True, PERSON)
+    logic.shows("MTMR_PSM1", "DISABLED")
+    logic.began_anew("MTMR_PSM1")
+    for now_ns in range(1, 5):
+        logic.step(now_ns)
+        logic.shows("MTMR_PSM1", "DISABLED")
+    assert desk.words("MTMR_PSM1") == [DISABLE, ENABLE]
+    logic.press(OPERATOR, RELEASED)
+    logic.press(OPERATOR, PRESSED)
+    assert desk.words("MTMR_PSM1") == [DISABLE, ENABLE, ENABLE]
+
+
 def test_who_cannot_be_told_is_asked_until_it_can() -> None:
     logic, desk = console((RIGHT,))
     desk.deaf = {"MTMR_PSM1"}
