@@ -43,7 +43,7 @@ WRONG: dict[str, Callable[[Array], Array]] = {  # what becomes of a goal
     "1 rad or m off": lambda goal: goal + np.eye(len(goal))[0],
     "1e6": lambda goal: goal + 1e6,
     "degrees": lambda goal: np.degrees(goal),
-    "mm": lambda goal: goal * 1000.0,
+    "mm": lambda goal: np.concatenate((goal[:3] * 1000.0, goal[3:])),
     "100 rad/s": lambda goal: np.full(len(goal), 100.0),
     "not a number": lambda goal: np.where(np.arange(len(goal)) == 1, np.nan, goal),
 }

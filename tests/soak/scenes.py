@@ -63,6 +63,15 @@ class Scene(Protocol):
         """The person puts everything down."""
 
 
+def _setpoint(system: System) -> puppets.Array:
+    """The slave's, of all joints but the jaw."""
+    seen = SeenRecord(system.name, SLAVE, "arm")
+    try:
+        return np.array(seen.value("setpoint_position")[:6])
+    finally:
+        seen.ring.close()
+
+
 class Puppet:
     """A program of a user that drives the slave; what it asks for is open while it lives."""
 
@@ -70,17 +79,16 @@ class Puppet:
         self.kind, self._diary = kind, diary
         self._asking = self._ask()
         words = [sys.executable, "-m", "tests.soak.puppets", kind, system.name, SLAVE, str(seed)]
+        first = _setpoint(system)
         if kind == "joints":
-            seen = SeenRecord(system.name, SLAVE, "arm")
             file = system.folder / "stream.csv"
-            puppets.stream_file(file, np.array(seen.value("setpoint_position")[:6]))
-            seen.ring.close()
+            puppets.stream_file(file, first)
             words = [sys.executable, "-m", "tools", "stream", SLAVE, str(file), "--rate", "100"]
         self._reported = system.folder / "puppet.txt"
         with self._reported.open("w") as reported:
             self.popen = subprocess.Popen(words, cwd=ROOT, stdout=reported, stderr=reported)
-        if kind != "joints":
-            wait_for(lambda: self._reported.read_text() or self.popen.poll() is not None, STARTING_S)
+        begins = (lambda: np.any(_setpoint(system) != first)) if kind == "joints" else self._reported.read_text
+        wait_for(lambda: begins() or self.popen.poll() is not None, STARTING_S)
 
     def _ask(self) -> Asking:
         pushes = self.kind in PUSHES
@@ -148,9 +156,7 @@ class Others:
         speed = np.full(len(BOUNDS[SLAVE]), INTRUSION_RAD_S)
         asking, outcomes = self.diary.ask(SLAVE, words, speed.tolist()), collections.Counter[str]()
         with contextlib.suppress(*TROUBLES), Remote(self.system.name, SLAVE) as arm:
-            seen = SeenRecord(self.system.name, SLAVE, "arm")
-            first = np.array(seen.value("setpoint_position")[:6])
-            seen.ring.close()
+            first = _setpoint(self.system)
             begin_ns = monotonic_ns()
             while (passed_s := (monotonic_ns() - begin_ns) * 1e-9) < INTRUSION_S:
                 arm.post("servo_jp", first - [INTRUSION_RAD_S * passed_s, 0.0, 0.0, 0.0, 0.0, 0.0])

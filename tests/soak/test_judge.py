@@ -7,10 +7,27 @@ from typing import Any
 import numpy as np
 import pytest
 
+from procs.codes import TRACKING
 from procs.config import load_system
 from procs.document.system import SystemConfig
 from tests.soak.diary import Diary
-from tests.soak.judge import LAG_NS, Ask, Command, Loss, powered_by_nobody, too_fast
+from tests.soak.judge import (
+    LAG_NS,
+    Ask,
+    Attempt,
+    Command,
+    LiftEnd,
+    Loss,
+    Mark,
+    beyond_bounds,
+    continued,
+    lifts_on,
+    lost_by_numbers,
+    obtained,
+    powered_by_nobody,
+    too_fast,
+    unprotected,
+)
 from tests.soak.motion import MotionTruth
 from tools.verbs.demo import SYSTEM
 
@@ -209,3 +226,150 @@ def test_the_diary_ends_what_a_fault_ends_but_not_a_hand() -> None:
     assert [ask.end_ns < never for ask in diary.asks()] == [True, False, False, True]
     hand.close()
     assert [ask.end_ns < never for ask in diary.asks()] == [True, True, False, True]
+
+
+# -- setpoints, stops, wrong numbers, lifts, clients that may not power ------------------------------------------------
+
+SPEED = np.full(7, 2.0)
+
+
+class JudgedRecords:
+    """A second of io's records, at 500 Hz, in which the slave's joints go nowhere; tests change it."""
+
+    def __init__(self, world: JudgedWorld) -> None:
+        robot, rows = world.robots["PSM1"], SECOND // 2
+        self.robot, self.world, axes = robot, world, robot.axes.stop
+        self.io: Any = np.zeros(rows, dtype=[
+            ("epoch", "<u8"), ("stamp_ns", "<i8"), ("setpoint_position", "<f8", (axes,)), ("effort_mode", "?", (axes,)),
+            *((name, "?", (2,)) for name in ("pid_enabled", "tracking_check")),
+            *((name, "<u4", (2,)) for name in ("pid_generation", "bias_generation")), ("fault", "<u2", (2,))])
+        self.io["stamp_ns"] = EPOCH_NS + 2 * MS * np.arange(rows)
+        self.io["pid_enabled"] = self.io["tracking_check"] = True
+
+    @property
+    def yaw(self) -> Any:
+        return self.io["setpoint_position"][:, self.robot.axes.start + YAW]
+
+    def mine(self, name: str) -> Any:
+        return self.io[name][:, self.robot.place]
+
+    def beyond_bounds(self) -> list[Any]:
+        return beyond_bounds(self.robot.setpoints(self.io), SPEED)
+
+    def continued(self, *asks: Ask, robot: str = "PSM1") -> list[Any]:
+        return continued(self.robot.setpoints(self.io), [Mark(robot, EPOCH_NS + 200 * MS, "hold")], asks)
+
+    def lost(self, *others: Mark, at_ms: int = 200) -> list[Any]:
+        numbers = [Mark("PSM1", EPOCH_NS + at_ms * MS, "1e6 rad")]
+        return lost_by_numbers(self.robot, self.world.truth, self.io, numbers, others)
+
+
+@pytest.fixture
+def records(world: JudgedWorld) -> JudgedRecords:
+    return JudgedRecords(world)
+
+
+def test_a_setpoint_that_keeps_to_its_bounds_is_no_violation(records: JudgedRecords) -> None:
+    records.yaw[:] = 2.0 * 0.002 * np.arange(len(records.yaw))
+    assert records.beyond_bounds() == []
+
+
+def test_a_setpoint_that_jumps_is_seen(records: JudgedRecords) -> None:
+    records.yaw[250:] += 0.05
+    (found,) = records.beyond_bounds()
+    assert found.value == pytest.approx(0.05) and found.stamp_ns == EPOCH_NS + 500 * MS
+
+
+@pytest.mark.parametrize("name", ["pid_generation", "bias_generation", "epoch"])
+def test_a_setpoint_that_is_set_anew_does_not_jump(records: JudgedRecords, name: str) -> None:
+    records.yaw[250:] += 0.05
+    (records.io if name == "epoch" else {name: records.mine(name)})[name][250:] += 1
+    assert records.beyond_bounds() == []
+
+
+def test_a_setpoint_that_nobody_follows_may_jump(records: JudgedRecords) -> None:
+    records.yaw[250:] += 0.05
+    records.mine("pid_enabled")[249:251] = False
+    assert records.beyond_bounds() == []
+    records.mine("pid_enabled")[:] = True
+    records.io["effort_mode"][200:250, records.robot.axes] = True
+    assert records.beyond_bounds() == []
+
+
+def test_what_goes_on_after_a_foreign_stop_is_seen(records: JudgedRecords) -> None:
+    records.yaw[:] = 0.05 * 0.002 * np.arange(len(records.yaw))
+    (found,) = records.continued()
+    assert found.mode == "stopped" and found.value > 0.01
+    assert records.continued(robot="MTMR") == [], "it was another robot that was stopped"
+
+
+def test_what_stops_or_is_asked_for_again_is_no_violation(records: JudgedRecords) -> None:
+    records.yaw[:120] = 0.05 * 0.002 * np.arange(120)
+    records.yaw[120:] = records.yaw[119]
+    assert records.continued() == []
+    records.yaw[300:] += 0.05 * 0.002 * np.arange(len(records.yaw) - 300)
+    assert records.continued(ask("PSM1", 0.1, begin_ms=590)) == []
+    assert len(records.continued(ask("PSM1", 0.1, begin_ms=100))) == 1, "that was before the stop"
+
+
+def test_an_arm_that_becomes_limp_after_a_foreign_stop_is_seen(records: JudgedRecords) -> None:
+    records.io["effort_mode"][:150, records.robot.axes] = True
+    assert records.continued() == []
+    records.io["effort_mode"][250:, records.robot.axes] = True
+    (found,) = records.continued()
+    assert "effort mode" in found.what
+
+
+def test_power_that_goes_after_wrong_numbers_is_seen(records: JudgedRecords) -> None:
+    assert records.lost() == []
+    records.world.power("PSM1")[700:] = False
+    (found,) = records.lost()
+    assert found.value == pytest.approx(0.5) and "power" in found.what
+    assert records.lost(at_ms=800) == [], "it went before"
+
+
+def test_power_that_goes_by_something_else_is_not_blamed_on_numbers(records: JudgedRecords) -> None:
+    records.world.power("PSM1")[700:] = False
+    assert records.lost(Mark("PSM1", EPOCH_NS + 650 * MS, "emergency_stop")) == []
+    assert len(records.lost(Mark("PSM1", EPOCH_NS + 750 * MS, "emergency_stop"))) == 1
+
+
+def test_a_tracking_error_is_blamed_on_numbers_whatever_else_happens(records: JudgedRecords) -> None:
+    records.mine("fault")[300:] = TRACKING.number
+    (found,) = records.lost(Mark("PSM1", EPOCH_NS + 550 * MS, "pause"))
+    assert "tracking" in found.what
+    assert records.lost(at_ms=700) == []
+
+
+def test_a_lift_that_goes_on_is_seen_until_somebody_lifts_again() -> None:
+    stamps, lifting = EPOCH_NS + 2 * MS * np.arange(500), np.zeros(500, dtype=np.bool_)
+    begins, ends = [Mark("lift", EPOCH_NS, "lift")], [LiftEnd(EPOCH_NS + 200 * MS, 0.1, "kill")]
+    lifting[:149] = True
+    assert lifts_on(stamps, lifting, begins, ends) == []
+    lifting[:160] = True
+    (found,) = lifts_on(stamps, lifting, begins, ends)
+    assert found.value == pytest.approx(0.118) and found.limit == pytest.approx(0.1)
+    lifting[149:] = False
+    lifting[400:] = True
+    assert len(lifts_on(stamps, lifting, begins, ends)) == 1
+    assert lifts_on(stamps, lifting, [*begins, Mark("lift", EPOCH_NS + 790 * MS, "lift")], ends) == []
+
+
+def test_what_a_client_that_may_not_power_is_not_refused_is_seen() -> None:
+    outcomes = ("refused", "", "accepted", "done")
+    found = obtained([Attempt("PSM1", EPOCH_NS, "enable", outcome) for outcome in outcomes])
+    assert [each.what for each in found] == ["enable was accepted", "enable was done"]
+
+
+def test_power_that_comes_and_checks_that_go_by_such_a_client_are_seen(records: JudgedRecords) -> None:
+    world, attempts = records.world, [Attempt("system", EPOCH_NS + 200 * MS, "home", "refused")]
+    assert unprotected(records.robot, world.truth[1:], records.io, attempts, []) == []
+    world.power("PSM1")[:500] = False
+    (found,) = unprotected(records.robot, world.truth, records.io, attempts, [])
+    assert "amplifier" in found.what
+    given = [Command("PSM1", EPOCH_NS + 100 * MS, "PSM1 enable")]
+    assert unprotected(records.robot, world.truth, records.io, attempts, given) == []
+    world.power("PSM1")[:] = True
+    records.mine("tracking_check")[300:] = False
+    (found,) = unprotected(records.robot, world.truth, records.io, attempts, [])
+    assert "tracking" in found.what
