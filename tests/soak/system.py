@@ -29,6 +29,7 @@ OF_IO = "pid_enabled,effort_mode,setpoint_position,pid_generation,bias_generatio
 OF_ARMS = "mode,in_effort,position,pid_generation,bias_generation"
 WITNESSED = (f"IO1.state:io:{OF_IO}", *(f"{arm}.setpoint:arm:{OF_ARMS}" for arm in ("MTMR", "PSM1")))
 BRIDGE = "socket_bridge"
+SETS = ("clock=wall", "io.spin_us=0", "io.period_s=0.002", "socket.may_power=false")
 
 
 def wait_for(condition: Callable[[], object], seconds: float) -> bool:
@@ -62,7 +63,7 @@ class System:
     def start(self) -> None:
         """`up`, and the witness beside it; Problem when it does not come up."""
         self._background = Background(StartRequest(self._file, self.name, "emulated", self._paths, sets=(
-            "clock=wall", f"socket.listen=127.0.0.1:{self.port}", "socket.may_power=false")), tied=True)
+            *SETS, f"socket.listen=127.0.0.1:{self.port}")), tied=True)
         self._background.wait_until_up(lambda text, fraction: None)
         self.document = from_json(directory.document(self.name))
         self.records.append(self.folder / f"truth-{len(self.records)}.bin")
