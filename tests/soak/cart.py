@@ -13,7 +13,7 @@ from pathlib import Path
 from shm.clock import monotonic_ns, pause
 from tests.soak import recorder
 from tests.soak.diary import Diary
-from tests.soak.judge import LiftEnd, Mark, Violation, lifts_on
+from tests.soak.judge import Intervention, LiftEnd, Violation, lifts_on
 from tests.soak.person import TROUBLES, StormPerson
 from tests.soak.powerless import powerless
 from tests.soak.system import System, wait_for
@@ -29,7 +29,7 @@ PATIENCE_S = 30.0
 OF_IO = ("IO1.state:io:output",)
 
 
-class Cart:
+class CartScene:
     """See Scene; nothing here is struck by the weather."""
 
     name, events, client_share = "cart", 6, 1.0
@@ -68,7 +68,7 @@ class Cart:
 
     def _begin(self, words: str) -> None:
         self._diary.note("event", words)
-        self._diary.lifts.append(Mark("lift", monotonic_ns(), words))
+        self._diary.lifts.append(Intervention("lift", monotonic_ns(), words))
 
     def _end(self, in_s: float, words: str) -> None:
         self._diary.lift_ends.append(LiftEnd(monotonic_ns(), in_s, words))

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from shm.clock import monotonic_ns
-from tests.soak.judge import Ask, Attempt, Command, LiftEnd, Loss, Mark
+from tests.soak.judge import Ask, Attempt, Command, Intervention, LiftEnd, Loss
 
 OPEN = 1 << 62
 
@@ -49,9 +49,9 @@ class Diary:
     commands: list[Command] = field(default_factory=list)
     losses: list[Loss] = field(default_factory=list)
     entries: list[Entry] = field(default_factory=list)
-    stops: list[Mark] = field(default_factory=list)
-    numbers: list[Mark] = field(default_factory=list)
-    lifts: list[Mark] = field(default_factory=list)
+    stops: list[Intervention] = field(default_factory=list)
+    numbers: list[Intervention] = field(default_factory=list)
+    lifts: list[Intervention] = field(default_factory=list)
     lift_ends: list[LiftEnd] = field(default_factory=list)
     attempts: list[Attempt] = field(default_factory=list)
 
@@ -87,18 +87,18 @@ class Diary:
 
     def stop(self, robots: Sequence[str], words: str) -> None:
         """Another program has stopped these robots: what was asked of them before is over."""
-        self.stops += [Mark(robot, monotonic_ns(), words) for robot in robots]
+        self.stops += [Intervention(robot, monotonic_ns(), words) for robot in robots]
         self.void(robots)
 
     def wrong(self, robot: str, words: str) -> None:
         """A client is about to send wrong numbers."""
-        self.numbers.append(Mark(robot, monotonic_ns(), words))
+        self.numbers.append(Intervention(robot, monotonic_ns(), words))
         self.note("event", words)
 
-    def done(self, robot: str, besides: Sequence[Mark]) -> list[Mark]:
+    def done(self, robot: str, besides: Sequence[Intervention]) -> list[Intervention]:
         """What was done to the system or asked of a robot, but for these."""
         words = {mark.words for mark in besides}
-        return [Mark(robot, entry.stamp_ns, entry.words) for entry in self.entries
+        return [Intervention(robot, entry.stamp_ns, entry.words) for entry in self.entries
                 if entry.kind in ("event", "person") and entry.words not in words]
 
     def asks(self) -> list[Ask]:

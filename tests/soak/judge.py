@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procs.codes import TRACKING
-from tests.soak.motion import MIN_LEVER_M, Flags, Motion, MotionTruth, Setpoints, Truth
+from tests.soak.motion import MIN_LEVER_M, Flags, Motion, MotionTruth, SetpointTrace, Truth
 
 Array = NDArray[np.float64]
 
@@ -67,7 +67,7 @@ class Loss:
 
 
 @dataclass(frozen=True, slots=True)
-class Mark:
+class Intervention:
     """Something that was done to a robot: another program's stop or wrong numbers, a lift that begins."""
 
     robot: str
@@ -190,7 +190,7 @@ def powered_by_nobody(robot: MotionTruth, truth: Truth, commands: Iterable[Comma
     return found
 
 
-def beyond_bounds(setpoints: Setpoints, speed: Array) -> list[Violation]:
+def beyond_bounds(setpoints: SetpointTrace, speed: Array) -> list[Violation]:
     """Joint setpoints that moved faster than `speed` (n,) allows in the time between two records."""
     step = np.abs(np.diff(setpoints.position, axis=0))
     most = speed * (np.diff(setpoints.stamp_ns) * 1e-9 + SPARE_S)[:, None]
@@ -203,8 +203,8 @@ def beyond_bounds(setpoints: Setpoints, speed: Array) -> list[Violation]:
             for k in rows]
 
 
-def continued(setpoints: Setpoints, stops: Iterable[Mark], asks: Sequence[Ask]) -> list[Violation]:
-    """Setpoints that move, and efforts that begin, between another program's stop and what is asked for next."""
+def continued(setpoints: SetpointTrace, stops: Iterable[Intervention], asks: Sequence[Ask]) -> list[Violation]:
+    """SetpointTrace that move, and efforts that begin, between another program's stop and what is asked for next."""
     still = np.where(setpoints.is_prismatic, STILL[1], STILL[0])
     found = []
     for stop in stops:
@@ -232,8 +232,8 @@ def continued(setpoints: Setpoints, stops: Iterable[Mark], asks: Sequence[Ask]) 
     return found
 
 
-def lost_by_numbers(robot: MotionTruth, truth: Truth, io: Truth, numbers: Iterable[Mark], others: Sequence[Mark]
-                    ) -> list[Violation]:
+def lost_by_numbers(robot: MotionTruth, truth: Truth, io: Truth, numbers: Iterable[Intervention],
+                    others: Sequence[Intervention]) -> list[Violation]:
     """Power that went, or a tracking error that tripped, after a client's wrong numbers.
 
     `others`: all that was done to the system besides, or asked of the robot. Power that goes after that is not blamed
@@ -259,7 +259,7 @@ def lost_by_numbers(robot: MotionTruth, truth: Truth, io: Truth, numbers: Iterab
     return found
 
 
-def lifts_on(stamp_ns: NDArray[np.int64], lifting: Flags, begins: Iterable[Mark], ends: Iterable[LiftEnd]
+def lifts_on(stamp_ns: NDArray[np.int64], lifting: Flags, begins: Iterable[Intervention], ends: Iterable[LiftEnd]
              ) -> list[Violation]:
     """A lift whose amplifier is still on, or on again, after what lifted it has ended; until somebody lifts again."""
     starts = sorted(mark.stamp_ns for mark in begins)

@@ -54,7 +54,7 @@ class Motion:
 
 
 @dataclass(frozen=True, slots=True)
-class Setpoints:
+class SetpointTrace:
     """Where one robot's joints (k, n) were asked to be, `who` says by whose record.
 
     `follows`: a joint controller goes there; `in_effort`: efforts are applied instead. `run` is another number after
@@ -109,22 +109,22 @@ class MotionTruth:
         rising[1:] = (on[1:] & ~on[:-1]).any(axis=1) & ~(up[1:] & up[:-1])
         return rising
 
-    def setpoints(self, io: Truth) -> Setpoints:
+    def setpoints(self, io: Truth) -> SetpointTrace:
         """By io's records."""
         in_effort: Flags = io["effort_mode"][:, self.axes].any(axis=1)
         driven = io["pid_enabled"][:, self.place]
-        return Setpoints(
+        return SetpointTrace(
             self.name, "io", io["stamp_ns"], io["setpoint_position"][:, self.axes] @ self._coupling.actuator_to_joint.T,
             driven & ~in_effort, driven & in_effort, self._runs(
                 io["epoch"], io["pid_generation"][:, self.place], io["bias_generation"][:, self.place], in_effort),
             self._is_prismatic)
 
-    def asked(self, arm: Truth) -> Setpoints:
+    def asked(self, arm: Truth) -> SetpointTrace:
         """By what the arm asks io for."""
         count = self.axes.stop - self.axes.start
         in_effort: Flags = arm["in_effort"][:, :count].any(axis=1)
         drives = arm["mode"] == 1
-        return Setpoints(
+        return SetpointTrace(
             self.name, "the arm", arm["stamp_ns"], arm["position"][:, :count] @ self._coupling.actuator_to_joint.T,
             drives & ~in_effort, drives & in_effort,
             self._runs(arm["epoch"], arm["pid_generation"], arm["bias_generation"], in_effort), self._is_prismatic)

@@ -47,7 +47,7 @@ WRONG: dict[str, Callable[[Array], Array]] = {  # what becomes of a goal
     "100 rad/s": lambda goal: np.full(len(goal), 100.0),
     "not a number": lambda goal: np.where(np.arange(len(goal)) == 1, np.nan, goal),
 }
-MOST_WRONG = 5  # goals
+MAX_WRONG = 5  # goals
 asked_for: list[int] = []
 ROWS = 3000
 
@@ -105,7 +105,7 @@ def _beat(arm: Remote, command: str, values: Callable[[float], Array], chance: r
         goal = values((now_ns - begin_ns) * 1e-9)
         if asked_for and chance is not None:
             asked_for.clear()
-            wrong, left = chance.choice(list(WRONG)), chance.randint(1, MOST_WRONG)
+            wrong, left = chance.choice(list(WRONG)), chance.randint(1, MAX_WRONG)
             print(f"{left} × {wrong}", flush=True)
         arm.post(command, WRONG[wrong](goal) if left else goal)
         left = max(0, left - 1)

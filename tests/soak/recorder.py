@@ -25,7 +25,7 @@ from tests.soak.motion import Truth
 POLL_S = 0.01
 
 
-class Witness:
+class RingWitness:
     """One ring, and the file that its records go to; `fields`: only these of them."""
 
     def __init__(self, system: str, name: str, kind: str, path: Path, fields: tuple[str, ...] = ()) -> None:
@@ -72,9 +72,9 @@ def main() -> None:
 
     signal.signal(signal.SIGTERM, hear)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    witnesses = [Witness(system, "boards.state", "boards", path)]
+    witnesses = [RingWitness(system, "boards.state", "boards", path)]
     for name, kind, fields in (words.split(":") for words in sys.argv[3:]):
-        witnesses.append(Witness(system, name, kind, beside(path, name), tuple(fields.split(","))))
+        witnesses.append(RingWitness(system, name, kind, beside(path, name), tuple(fields.split(","))))
     print("recording", flush=True)
     over = False
     while not over:

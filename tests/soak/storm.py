@@ -19,7 +19,7 @@ from pathlib import Path
 
 from shm.clock import monotonic_ns, pause
 from tests.soak import cart, judge, recorder
-from tests.soak.cart import Cart
+from tests.soak.cart import CartScene
 from tests.soak.diary import Diary
 from tests.soak.motion import MotionTruth, Truth, bounds
 from tests.soak.person import ROBOTS, StormPerson
@@ -71,7 +71,7 @@ class Storm:
         carts = System(f"cart{os.getpid()}", folder / "cart", cart.FILE, (cart.SHARE,), cart.OF_IO)
         self.system = System(f"storm{os.getpid()}", folder)
         self._person = StormPerson(self.system, self.diary)
-        self._cart = Cart(carts, self.diary, self._chance)
+        self._cart = CartScene(carts, self.diary, self._chance)
         self._weather = Weather(self.system, self._person, self.diary, self._chance)
         self._weather.only = event
 

@@ -16,9 +16,9 @@ from tests.soak.judge import (
     Ask,
     Attempt,
     Command,
+    Intervention,
     LiftEnd,
     Loss,
-    Mark,
     beyond_bounds,
     continued,
     lifts_on,
@@ -257,10 +257,10 @@ class JudgedRecords:
         return beyond_bounds(self.robot.setpoints(self.io), SPEED)
 
     def continued(self, *asks: Ask, robot: str = "PSM1") -> list[Any]:
-        return continued(self.robot.setpoints(self.io), [Mark(robot, EPOCH_NS + 200 * MS, "hold")], asks)
+        return continued(self.robot.setpoints(self.io), [Intervention(robot, EPOCH_NS + 200 * MS, "hold")], asks)
 
-    def lost(self, *others: Mark, at_ms: int = 200) -> list[Any]:
-        numbers = [Mark("PSM1", EPOCH_NS + at_ms * MS, "1e6 rad")]
+    def lost(self, *others: Intervention, at_ms: int = 200) -> list[Any]:
+        numbers = [Intervention("PSM1", EPOCH_NS + at_ms * MS, "1e6 rad")]
         return lost_by_numbers(self.robot, self.world.truth, self.io, numbers, others)
 
 
@@ -330,20 +330,20 @@ def test_power_that_goes_after_wrong_numbers_is_seen(records: JudgedRecords) -> 
 
 def test_power_that_goes_by_something_else_is_not_blamed_on_numbers(records: JudgedRecords) -> None:
     records.world.power("PSM1")[700:] = False
-    assert records.lost(Mark("PSM1", EPOCH_NS + 650 * MS, "emergency_stop")) == []
-    assert len(records.lost(Mark("PSM1", EPOCH_NS + 750 * MS, "emergency_stop"))) == 1
+    assert records.lost(Intervention("PSM1", EPOCH_NS + 650 * MS, "emergency_stop")) == []
+    assert len(records.lost(Intervention("PSM1", EPOCH_NS + 750 * MS, "emergency_stop"))) == 1
 
 
 def test_a_tracking_error_is_blamed_on_numbers_whatever_else_happens(records: JudgedRecords) -> None:
     records.mine("fault")[300:] = TRACKING.number
-    (found,) = records.lost(Mark("PSM1", EPOCH_NS + 550 * MS, "pause"))
+    (found,) = records.lost(Intervention("PSM1", EPOCH_NS + 550 * MS, "pause"))
     assert "tracking" in found.what
     assert records.lost(at_ms=700) == []
 
 
 def test_a_lift_that_goes_on_is_seen_until_somebody_lifts_again() -> None:
     stamps, lifting = EPOCH_NS + 2 * MS * np.arange(500), np.zeros(500, dtype=np.bool_)
-    begins, ends = [Mark("lift", EPOCH_NS, "lift")], [LiftEnd(EPOCH_NS + 200 * MS, 0.1, "kill")]
+    begins, ends = [Intervention("lift", EPOCH_NS, "lift")], [LiftEnd(EPOCH_NS + 200 * MS, 0.1, "kill")]
     lifting[:149] = True
     assert lifts_on(stamps, lifting, begins, ends) == []
     lifting[:160] = True
@@ -352,7 +352,7 @@ def test_a_lift_that_goes_on_is_seen_until_somebody_lifts_again() -> None:
     lifting[149:] = False
     lifting[400:] = True
     assert len(lifts_on(stamps, lifting, begins, ends)) == 1
-    assert lifts_on(stamps, lifting, [*begins, Mark("lift", EPOCH_NS + 790 * MS, "lift")], ends) == []
+    assert lifts_on(stamps, lifting, [*begins, Intervention("lift", EPOCH_NS + 790 * MS, "lift")], ends) == []
 
 
 def test_what_a_client_that_may_not_power_is_not_refused_is_seen() -> None:
