@@ -48,7 +48,8 @@ class CartScene:
             self._is_up = True
         wait_for(lambda: not self._system.look(), PATIENCE_S)
         if self._state() != "ENABLED":
-            self._person.report(SUJ, "state_command", text="enable")
+            for word in ("disable", "enable"):
+                self._person.report(SUJ, "state_command", text=word)
         return "" if wait_for(lambda: self._state() == "ENABLED", PATIENCE_S) else f"{SUJ} is {self._state()}"
 
     def _state(self) -> str:

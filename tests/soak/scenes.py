@@ -36,7 +36,7 @@ SETTLING_S = 0.15  # a joint that was pushed at its limit of speed swings out wh
 SETTLING_NS = round(SETTLING_S * 1e9)
 WRONG_NS = 150_000_000  # goals that are wrong and still followed, within the bounds of streams
 STEPS_M = 0.003, 0.03  # of base frames: one that is followed, one that ends streams
-INTRUSION_S, INTRUSION_RAD_S = 0.5, 0.1
+INTRUSION_S, INTRUSION_RAD_S, FAR_RAD = 0.5, 0.1, 0.8
 LASTS_NS = round((RENEWED_S + SETTLING_S) * 1e9)
 PUSHES = ("effort", "wrench")
 STARTING_S = 5.0
@@ -150,19 +150,21 @@ class Others:
         return f"{words} ({refused})" if refused else words
 
     def stream(self) -> str:
-        """A second program streams into a running stream, away from where the arm is; alone it would be slow."""
-        words = "a second program streams servo_jp"
+        """A second program streams into a running stream: slowly away from where the arm is, or far off."""
+        is_far = self.chance.random() < 0.5
+        words = f"a second program streams servo_jp, {'far off' if is_far else 'slowly'}"
         self.diary.wrong(SLAVE, words)
-        speed = np.full(len(BOUNDS[SLAVE]), INTRUSION_RAD_S)
-        asking, outcomes = self.diary.ask(SLAVE, words, speed.tolist()), collections.Counter[str]()
+        asking = None if is_far else self.diary.ask(SLAVE, words, [INTRUSION_RAD_S] * len(BOUNDS[SLAVE]))
+        outcomes = collections.Counter[str]()
         with contextlib.suppress(*TROUBLES), Remote(self.system.name, SLAVE) as arm:
-            first = _setpoint(self.system)
-            begin_ns = monotonic_ns()
+            first, begin_ns = _setpoint(self.system), monotonic_ns()
             while (passed_s := (monotonic_ns() - begin_ns) * 1e-9) < INTRUSION_S:
-                arm.post("servo_jp", first - [INTRUSION_RAD_S * passed_s, 0.0, 0.0, 0.0, 0.0, 0.0])
+                off = FAR_RAD if is_far else INTRUSION_RAD_S * passed_s
+                arm.post("servo_jp", first - [off, 0.0, 0.0, 0.0, 0.0, 0.0])
                 outcomes.update(reply.outcome for reply in arm.replies())
                 pause(0.01)
-        asking.close()
+        if asking is not None:
+            asking.close()
         return f"{words}: {dict(outcomes)}"
 
     def step_base(self) -> str:
