@@ -86,7 +86,9 @@ class LiftEnd:
 
 @dataclass(frozen=True, slots=True)
 class Attempt:
-    """What a client that may not power anything asked for, and how that ended; `outcome` "": there was no answer."""
+    """What a client asked for that has to be refused, because it may not power anything or because another one streams,
+    and how that ended; `outcome` "": there was no answer.
+    """
 
     robot: str
     stamp_ns: int
@@ -275,8 +277,8 @@ def lifts_on(stamp_ns: NDArray[np.int64], lifting: Flags, begins: Iterable[Inter
 
 
 def obtained(attempts: Iterable[Attempt]) -> list[Violation]:
-    """What a client that may not power anything was not refused."""
-    return [Violation(each.robot, each.stamp_ns, "powerless", 1.0, 0.0, f"{each.words} was {each.outcome}")
+    """What was not refused though it has to be."""
+    return [Violation(each.robot, each.stamp_ns, "not refused", 1.0, 0.0, f"{each.words} was {each.outcome}")
             for each in attempts if each.outcome in ("accepted", "done", "failed")]
 
 

@@ -21,6 +21,7 @@ from procs.arm_types import ARM_TYPES
 from shm.clock import monotonic_ns, pause
 from tests.soak import puppets
 from tests.soak.diary import Asking, Diary
+from tests.soak.judge import Attempt
 from tests.soak.motion import bounds
 from tests.soak.person import CONSOLE, MASTER, ROBOTS, SLAVE, TELEOP, TROUBLES, StormPerson
 from tests.soak.system import System, wait_for
@@ -36,6 +37,7 @@ SETTLING_S = 0.15  # a joint that was pushed at its limit of speed swings out wh
 SETTLING_NS = round(SETTLING_S * 1e9)
 WRONG_NS = 150_000_000  # goals that are wrong and still followed, within the bounds of streams
 STEPS_M = 0.003, 0.03  # of base frames: one that is followed, one that ends streams
+ENDING_S = 0.2  # that a program takes to end
 INTRUSION_S, INTRUSION_RAD_S, FAR_RAD = 0.5, 0.1, 0.8
 LASTS_NS = round((RENEWED_S + SETTLING_S) * 1e9)
 PUSHES = ("effort", "wrench")
@@ -149,8 +151,11 @@ class Others:
             self.diary.stop(stopped, words)
         return f"{words} ({refused})" if refused else words
 
-    def stream(self) -> str:
-        """A second program streams into a running stream: slowly away from where the arm is, or far off."""
+    def stream(self, puppet: Puppet) -> str:
+        """A second program streams into a running stream: slowly away from where the arm is, or far off.
+
+        None of its goals is taken while the first one goes on.
+        """
         is_far = self.chance.random() < 0.5
         words = f"a second program streams servo_jp, {'far off' if is_far else 'slowly'}"
         self.diary.wrong(SLAVE, words)
@@ -165,6 +170,9 @@ class Others:
                 pause(0.01)
         if asking is not None:
             asking.close()
+        pause(ENDING_S)
+        if outcomes["done"] and puppet.kind in puppets.STREAMS and not puppet.ended:
+            self.diary.attempts.append(Attempt(SLAVE, monotonic_ns(), words, "done"))
         return f"{words}: {dict(outcomes)}"
 
     def step_base(self) -> str:
@@ -260,7 +268,7 @@ class Driven:
             found["wrong_numbers"] = lambda: self._numbers(puppet)
             found["base_frame"] = self._others.step_base
         if puppet.kind in ("joints", *puppets.STREAMS):
-            found["second_stream"] = self._others.stream
+            found["second_stream"] = lambda: self._others.stream(puppet)
         return found
 
     def _kill(self, puppet: Puppet) -> str:
