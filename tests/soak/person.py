@@ -34,6 +34,7 @@ FURTHEST_M = 0.015  # further behind, and a person stops pulling
 RELAX_NS = 800_000_000  # what was pulled away from where it is held goes back when it is let go
 LEFT_S = 0.4  # longer than pedals are debounced: the console sees that nobody is there
 POWERING = ("enable", "home")
+PATIENCE_S = 20.0  # a homing that a stall has ended is asked for again
 
 
 class Commands(Remote):
@@ -94,7 +95,7 @@ class StormPerson:
                 watches = [stack.enter_context(Watch(system, robot)) for robot in robots]
                 bring_ups = [ArmBringUp(watch, stack.enter_context(Commands(system, watch.name, self._diary)),
                                         stack.enter_context(Amplifiers(system, watch.name)), goal,
-                                        0.0, simulated=False) for watch in watches]
+                                        PATIENCE_S, simulated=False) for watch in watches]
                 while not all(bring_up.over for bring_up in bring_ups):
                     for bring_up in bring_ups:
                         if not bring_up.over:
