@@ -100,6 +100,10 @@ def test_a_hold_from_another_program_ends_teleoperation_until_a_person_does_some
         hand.send("move_cp", room.arms["MTMR"].field("measured_cp") + (0.02, 0, 0, 0, 0, 0, 0))
         host.run(2.0)
         assert slave.newest() and np.abs(slave.field("setpoint_cp") - before).max() < 1e-9
+    for killed in (False, True):
+        host.restart(RIGHT, killed=killed)
+        host.run(1.0)
+        assert teleop.newest() and teleop.field("desired_state").item() == b"DISABLED", "it was stopped before"
     room.says("console", "emulate_operator_present", 0.0)
     room.says("console", "emulate_operator_present", 1.0)
     assert room.settles(RIGHT, LEFT)
