@@ -31,7 +31,7 @@ from tools.remote import Remote
 from tools.systems import ROOT
 
 BOUNDS = {robot: bounds(robot[:3]).tolist() for robot in (SLAVE, MASTER)}
-CLIENT_SHARE = 0.4
+CLIENT_SHARE = 0.5
 RENEWED_S = 0.1
 SETTLING_S = 0.15  # a joint that was pushed at its limit of speed swings out when the arm holds
 SETTLING_NS = round(SETTLING_S * 1e9)
