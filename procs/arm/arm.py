@@ -262,6 +262,8 @@ class ArmLogic:
         self._started = True
         io, machine, control = self.io, self.machine, self.control
         self._epoch = io.epoch
+        if self._previous_state is not None:
+            control.streams.restart(control.now_ns)
         begin = beginning(self._previous_state, io)
         machine.reason = machine.fault_text = begin.reason
         control.motion.hold(io.setpoint, Mode.NONE)

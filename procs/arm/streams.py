@@ -63,6 +63,11 @@ class Streams:
         """Whose stream or move the arm follows."""
         self.asking: Stream | None = None
         """The stream whose goal is being looked at."""
+        self._restarted_ns = -STREAM_PAUSE_NS
+
+    def restart(self, now_ns: int) -> None:
+        """The process restarts: what asks within STREAM_PAUSE_NS may be a stream that it does not know, and ends."""
+        self._restarted_ns = now_ns
 
     def objection(self, kind: StreamKind, sender: Hashable, program: Callable[[], str], now_ns: int) -> str:
         """Why the next goal of a stream is not taken, "": it is. `program` gives the sender's name."""
@@ -137,4 +142,6 @@ class Streams:
         if len(self._streams) >= KEPT:
             self._streams = {key: stream for key, stream in self._streams.items() if not stream.has_paused(now_ns)}
         stream = self._streams[kind, sender] = Stream(kind, sender, program or "another program", now_ns)
+        if now_ns - self._restarted_ns < STREAM_PAUSE_NS:
+            stream.ended = "the arm's process was restarted"
         return stream

@@ -59,6 +59,17 @@ def test_wrist_jaw_and_efforts_may_come_from_different_programs() -> None:
         assert programs.goal("A", StreamKind.JAW)
 
 
+def test_a_stream_that_an_arm_does_not_know_ends_when_its_process_restarts() -> None:
+    programs = Programs()
+    programs.streams.restart(programs.now_ns)
+    for _ in range(1000):
+        assert programs.goal("A") == (
+            "this stream has ended: the arm's process was restarted; pause for 0.5 s before the next one")
+    assert not programs.goal("A", after_ms=500)
+    programs.streams.restart(programs.now_ns)
+    assert not programs.goal("B", after_ms=500), "it begins later"
+
+
 def test_a_stop_ends_the_streams_of_others_until_they_have_paused() -> None:
     programs = Programs()
     programs.goal("A")
