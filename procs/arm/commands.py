@@ -18,6 +18,7 @@ from procs.arm.motion import Mode
 from procs.arm.states import ArmState
 from procs.arm.streams import StreamKind
 from procs.requests import CommandRefused, Handler, Request, carry_out
+from shm.command_row import FREE
 
 KINDS: Final = {kind.value: kind for kind in StreamKind}
 
@@ -82,7 +83,8 @@ class ArmCommands:
             if command.move:
                 streams.lead(request.sender)
             return text
-        why = streams.objection(kind, request.sender, lambda: request.origin.program, control.now_ns)
+        why = streams.objection(kind, request.sender, lambda: request.origin.program, control.now_ns,
+                                lambda: command.effect_for(request.text, request.values) <= FREE)
         self._need(request, row)
         if why:
             raise control.refusal(codes.STREAM_REFUSED, request.name, why, REPORT_NS)

@@ -69,11 +69,15 @@ class Streams:
         """The process restarts: what asks within STREAM_PAUSE_NS may be a stream that it does not know, and ends."""
         self._restarted_ns = now_ns
 
-    def objection(self, kind: StreamKind, sender: Hashable, program: Callable[[], str], now_ns: int) -> str:
-        """Why the next goal of a stream is not taken, "": it is. `program` gives the sender's name."""
+    def objection(self, kind: StreamKind, sender: Hashable, program: Callable[[], str], now_ns: int,
+                  is_safe: Callable[[], bool] = bool) -> str:
+        """Why the next goal of a stream is not taken, "": it is. `program` gives the sender's name.
+
+        `is_safe`: the goal takes efforts away, which is not refused to those that a restart has interrupted.
+        """
         stream = self._streams.get((kind, sender))
         if stream is None:
-            stream = self._begin(kind, sender, program(), now_ns)
+            stream = self._begin(kind, sender, program(), now_ns, is_safe)
         gap_ns = now_ns - stream.asked_ns
         if gap_ns >= STREAM_PAUSE_NS and stream.has_paused(now_ns):
             stream.ended, stream.period_ns = "", 0
@@ -138,10 +142,11 @@ class Streams:
         if self._owners.get(stream.kind) is stream:
             del self._owners[stream.kind]
 
-    def _begin(self, kind: StreamKind, sender: Hashable, program: str, now_ns: int) -> Stream:
+    def _begin(self, kind: StreamKind, sender: Hashable, program: str, now_ns: int, is_safe: Callable[[], bool]
+               ) -> Stream:
         if len(self._streams) >= KEPT:
             self._streams = {key: stream for key, stream in self._streams.items() if not stream.has_paused(now_ns)}
         stream = self._streams[kind, sender] = Stream(kind, sender, program or "another program", now_ns)
-        if now_ns - self._restarted_ns < STREAM_PAUSE_NS:
+        if now_ns - self._restarted_ns < STREAM_PAUSE_NS and not is_safe():
             stream.ended = "the arm's process was restarted"
         return stream

@@ -70,6 +70,13 @@ def test_a_stream_that_an_arm_does_not_know_ends_when_its_process_restarts() -> 
     assert not programs.goal("B", after_ms=500), "it begins later"
 
 
+def test_what_takes_efforts_away_is_taken_at_once_after_a_restart() -> None:
+    streams = Streams()
+    streams.restart(0)
+    assert "restarted" in streams.objection(StreamKind.EFFORT, "A", str, 1)
+    assert not streams.objection(StreamKind.EFFORT, "B", str, 1, lambda: True)
+
+
 def test_a_stop_ends_the_streams_of_others_until_they_have_paused() -> None:
     programs = Programs()
     programs.goal("A")
