@@ -6,8 +6,11 @@ import contextlib
 import copy
 import json
 import os
+import pickle
 import signal
 import socket
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -45,13 +48,14 @@ pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 DOMAINS: dict[int, socket.socket] = {}
 FILE = ROOT / "configs/systems/kinematic-teleop.yaml"
 Q = Quaternion(0.0, 0.0, 0.0, 1.0)
+ENDED = "this stream has ended: ros_bridge stopped the arm (hold)"
 
 
 class Client:
     """What came, by topic, and what is to go out."""
 
     def __init__(self, domain: int) -> None:
-        self.participant = Participant(domain, name="client")
+        self.domain, self.participant = domain, Participant(domain, name="client")
         self.readers: dict[str, TopicReader[Any]] = {}
         self.writers: dict[str, TopicWriter[Any]] = {}
         self.got: dict[str, list[Any]] = {}
@@ -92,12 +96,43 @@ class Client:
     def last(self, topic: str) -> Any:
         return self.got[topic][-1]
 
+    def close(self) -> None:
+        self.participant.close()
+
     def home(self) -> None:
         state = self.got["PSM1/operating_state"]
         self.insist(lambda: self.tell("system/home", Empty()), lambda: state and state[-1].is_homed, "PSM1 homed")
 
     def state(self, text: str) -> None:
         self.wait(lambda: self.got["PSM1/operating_state"] and self.last("PSM1/operating_state").state == text, text)
+
+
+class OtherNode:
+    """A node of another process, with a participant of its own."""
+
+    def __init__(self, domain: int) -> None:
+        code = f"from tests.system.test_ros_bridge import publish; publish({domain})"
+        self._process = subprocess.Popen([sys.executable, "-c", code], cwd=ROOT, stdin=subprocess.PIPE,
+                                         stdout=subprocess.PIPE)
+
+    def tell(self, topic: str, message: Any) -> None:
+        assert self._process.stdin is not None and self._process.stdout is not None
+        pickle.dump((topic, message), self._process.stdin)
+        self._process.stdin.flush()
+        assert self._process.stdout.readline()
+
+    def close(self) -> None:
+        self._process.communicate(timeout=30)
+
+
+def publish(domain: int) -> None:
+    """Publish what comes through standard input, until it ends."""
+    client = Client(domain)
+    with contextlib.suppress(EOFError):
+        while True:
+            client.tell(*pickle.load(sys.stdin.buffer))
+            print("published", flush=True)
+    client.close()
 
 
 def own_domain() -> int:
@@ -136,7 +171,7 @@ def bridged(robot: Robot, folder: Path, *sets: str, **ros: Any) -> Iterator[Clie
     try:
         yield client
     finally:
-        client.participant.close()
+        client.close()
 
 
 def test_a_client_homes_moves_and_hears_what_a_client_of_the_original_hears(robot: Robot, tmp_path: Path) -> None:
@@ -249,7 +284,7 @@ def test_old_commands_are_not_carried_out_by_a_bridge_that_begins(robot: Robot, 
         client.insist(lambda: latched.write(StringStamped(string="enable")),
                       lambda: client.last("PSM1/operating_state").state == "ENABLED", "ENABLED")
     finally:
-        client.participant.close()
+        client.close()
 
 
 def test_people_on_the_network_power_nothing_where_the_file_says_so(robot: Robot, tmp_path: Path) -> None:
@@ -272,24 +307,65 @@ class StreamedGoals:
 
     def __init__(self, client: Client, of_tip: bool) -> None:
         self._client, self._of_tip = client, of_tip
-        self._joints: list[float] = []
+        self.joints: list[float] = []
         self._pose = Pose()
 
     def begin(self, count: int) -> None:
         """From where the arm is."""
-        self._joints = list(self._client.last("PSM1/measured_js").position)
+        self.joints = list(self._client.last("PSM1/measured_js").position)
         self._pose = copy.deepcopy(self._client.last("PSM1/measured_cp").pose)
         self.send(count)
 
     def send(self, count: int) -> None:
         for _ in range(count):
-            self._joints[0] += 0.0005
+            self.joints[0] += 0.0005
             self._pose.position.x += 0.00005
             if self._of_tip:
                 self._client.tell("PSM1/servo_cp", PoseStamped(MessageHeader(), self._pose))
             else:
-                self._client.tell("PSM1/servo_jp", JointStates(position=self._joints))
+                self._client.tell("PSM1/servo_jp", JointStates(position=self.joints))
             self._client.spin()
+
+
+def test_one_node_streams_at_a_time_and_another_one_ends_that(robot: Robot, tmp_path: Path) -> None:
+    with bridged(robot, tmp_path) as first, contextlib.closing(OtherNode(first.domain)) as second:
+        first.hear("PSM1/jaw/setpoint_js", JointStates)
+        first.state("DISABLED")
+        first.home()
+        first.wait(lambda: first.last("PSM1/measured_js").header.stamp.sec > 0, "joints")
+        stream = StreamedGoals(first, of_tip=False)
+
+        def warned(text: str) -> bool:
+            return any(text in each.data for each in first.got["PSM1/warning"])
+
+        def reached() -> bool:
+            return np.allclose(first.last("PSM1/measured_js").position, stream.joints, atol=1e-6)
+
+        def jaw() -> float:
+            return float(first.last("PSM1/jaw/setpoint_js").position[0])
+
+        def streams_before_and_after(topic: str, message: Any) -> None:
+            stream.begin(30)
+            second.tell(topic, message)
+            stream.send(30)
+
+        far = [-0.5, *first.last("PSM1/measured_js").position[1:]]
+        first.insist(lambda: streams_before_and_after("PSM1/servo_jp", JointStates(position=far)),
+                     lambda: warned("ros_bridge is streaming") and reached(), "only the first one is followed")
+        first.insist(lambda: streams_before_and_after("PSM1/jaw/servo_jp", JointStates(position=[0.1])),
+                     lambda: reached() and abs(jaw() - 0.1) < 1e-6, "both are followed")
+        assert not warned(ENDED)
+
+        def holds_and_goes_on() -> None:
+            stream.begin(30)
+            first.tell("PSM1/hold", Empty())
+            stream.send(60)
+
+        first.insist(holds_and_goes_on, reached, "it goes on after a hold of its own")
+        assert not warned(ENDED)
+        first.insist(lambda: streams_before_and_after("PSM1/hold", Empty()),
+                     lambda: warned(ENDED) and not reached(), "a hold of the other one ends it")
+        first.insist(lambda: stream.begin(60), reached, "it is followed again after a pause")
 
 
 @pytest.mark.parametrize(("how", "of_tip"), [(signal.SIGKILL, False), (signal.SIGSTOP, False), (signal.SIGSTOP, True)])
