@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import re
@@ -180,6 +181,40 @@ def test_the_arm_stops_when_the_bridge_that_streams_does(robot: Robot, records: 
     wait_for(lambda: state.newest() and np.allclose(joint[:3], [0, 0, 0.12], atol=1e-6), 30, "it moves on as asked")
     for each in (client, again):
         each.socket.close()
+    assert robot.down() == 0
+
+
+def test_a_hold_of_one_connection_ends_the_stream_of_another(robot: Robot) -> None:
+    port = started(robot, *PATIENT)
+    first, second = homed(robot, port), SocketClient(port)
+    yaw, ids = 0.0, itertools.count(2)
+
+    def refusal(client: SocketClient, by: float = 0.0) -> str:
+        """Why a goal so far from the first one's last is refused; "": it is not."""
+        number, goal = next(ids), [yaw + by, 0, 0.12, 0, 0, 0]
+        client.say(op="call", id=number, to="PSM1", command="servo_jp", values=goal)
+        while (found := json.loads(client.stream.readline())).get("id") != number:
+            pass
+        return str(found["text"]) if found["outcome"] == "refused" else ""
+
+    def streams() -> bool:
+        """Ten goals of the first one; false: after a pause, for the next try."""
+        nonlocal yaw
+        yaw += 0.001
+        if not any(refusal(first) for _ in range(10)):
+            return True
+        time.sleep(1.0)
+        return False
+
+    def hold(client: SocketClient) -> bool:
+        return str(client.ask(op="call", to="PSM1", command="hold")["outcome"]) == "done"
+
+    wait_for(lambda: streams() and "socket is streaming positions" in refusal(second, 0.001), 60, "one streams")
+    wait_for(lambda: streams() and hold(first) and streams(), 60, "who holds may go on at once")
+    wait_for(lambda: streams() and hold(second) and "this stream has ended" in refusal(first), 60, "its end")
+    wait_for(streams, 60, "it is followed again")
+    for each in (first, second):
+        each.close()
     assert robot.down() == 0
 
 
