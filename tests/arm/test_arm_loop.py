@@ -71,6 +71,7 @@ class ArmLoopBench:
         now = monotonic_ns()
         self.supervisor.field("heartbeat_ns")[...] = now
         for command in self.mailbox.drain():
+            self.io.on_behalf(command.origin)
             self.io.send(command.name, command.values, command.text)
             command.done()
         self.setpoint.newest()

@@ -55,7 +55,7 @@ def fuzzed() -> list[tuple[str, CommandTopic]]:
     arms = [Addressee("PSM1", "arm", "PSM"), Addressee("MTMR", "arm", "MTM"), Addressee("system", "system"),
             Addressee("console", "console")]
     return [(f"{to.name}/{topic}", row) for to in arms for row, topic, _ in topics_of(to)
-            if row.message not in EFFECTIVE and topic not in EFFORTS]
+            if row.taken.message not in EFFECTIVE and topic not in EFFORTS]
 
 
 def nonsense(kind: Any, chance: random.Random) -> Any:
@@ -87,7 +87,7 @@ def payload(row: CommandTopic, chance: random.Random) -> bytes:
     how = chance.random()
     if how < 0.3:
         return b"\0\1\0\0" + chance.randbytes(4 * chance.randrange(64))
-    made = bytearray(nonsense(row.message, chance).serialize()[:8000])
+    made = bytearray(nonsense(row.taken.message, chance).serialize()[:8000])
     if how < 0.6:
         for _ in range(chance.randrange(1, 6)):
             made[chance.randrange(len(made))] = chance.choice((0, 0xFF, chance.randrange(256)))
@@ -99,7 +99,7 @@ def payload(row: CommandTopic, chance: random.Random) -> bytes:
 def shower(client: Client, ports: list[int], count: int) -> Iterator[int]:
     """Send so many of them, to all topics by turns; gives the number of each hundredth."""
     chance, topics = random.Random(20), fuzzed()
-    writers = [client.participant.writer(topic, row.message) for topic, row in topics]
+    writers = [client.participant.writer(topic, row.taken.message) for topic, row in topics]
     for writer in writers:
         wait_for(lambda: writer.look() or writer.is_read, 30, f"the bridge to listen to {writer.name}")  # noqa: B023
     liars = [Liar(bytes(writer.gid.data), ports) for writer in writers]

@@ -120,13 +120,13 @@ def test_a_filter_that_hangs_is_ended_and_in_c_its_process_is_killed(robot: Robo
 
 def test_a_process_homes_only_while_a_person_has_asked_it_to(robot: Robot, tmp_path: Path) -> None:
     up(robot, tmp_path, EAGER, {"name": "eager", "period_s": 0.1, "commands": [{"name": "enable"}]})
-    wait_for(lambda: "no person's command" in problem(robot, "eager"), 60, "it was refused")
+    wait_for(lambda: "not authorized" in problem(robot, "eager"), 60, "it was refused")
     robot.pids.add(robot.pid("eager"))
     assert not homed(robot)
     wait_for(lambda: robot.types("send", "eager", "enable", "--wait").returncode == 0, 60, "it was asked")
     wait_for(lambda: homed(robot), 60, "it homes for who asked it")
     robot.trocar("power-off")
-    wait_for(lambda: "before the last fault or power-off" in problem(robot, "eager"), 60, "what was asked is void")
+    wait_for(lambda: "gave its command earlier" in problem(robot, "eager"), 60, "what was asked is void")
     assert not homed(robot)
     assert robot.down() == 0
 
