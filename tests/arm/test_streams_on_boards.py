@@ -71,19 +71,19 @@ def test_the_worst_stream_that_is_not_ended_is_followed(robot: OnBoards) -> None
 
 
 @pytest.mark.parametrize("wrong", (0.8, -0.8, 1e6))
-def test_three_goals_that_are_far_off(robot: OnBoards, wrong: float) -> None:
+def test_three_goals_that_are_far_off_cost_no_power(robot: OnBoards, wrong: float) -> None:
     goal = DEEP + wrong
     assert [robot.do("servo_jp", goal).outcomes for _ in range(3)] == [["refused"]] * 3
     robot.run(0.3)
 
 
-def test_a_velocity_that_no_joint_can_go_at(robot: OnBoards) -> None:
+def test_a_velocity_that_no_joint_can_reach_costs_no_power(robot: OnBoards) -> None:
     for _ in range(300):
         robot.do("servo_jv", (100.0, -100.0, 100.0, 0.0, 0.0, 0.0))
     robot.run(0.3)
 
 
-def test_another_base_frame_under_a_steady_pose(robot: OnBoards) -> None:
+def test_another_base_frame_under_a_steady_pose_costs_no_power(robot: OnBoards) -> None:
     pose = robot.state["setpoint_cp"].copy()
     for x in (0.0, 0.03, 0.0, -0.03, 0.004, 0.0):
         robot.do("set_base_frame", (x, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0), "table")
@@ -93,7 +93,7 @@ def test_another_base_frame_under_a_steady_pose(robot: OnBoards) -> None:
     robot.run(0.3)
 
 
-def test_a_setpoint_record_that_is_wild_for_a_while(robot: OnBoards) -> None:
+def test_a_setpoint_record_that_is_wild_for_a_while_costs_no_power(robot: OnBoards) -> None:
     """Whatever wrote it, io's own bound holds."""
     for _ in range(10):
         robot.arm.control.motion.rows[0, :3] = (1.5, -0.9, 0.24)
