@@ -76,6 +76,12 @@ def step_back() -> None:
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(LOWEST))
 
 
+def keep_with(pid: int) -> None:
+    """Let a process run where this one may run; none that has ended."""
+    with contextlib.suppress(ProcessLookupError):
+        os.sched_setaffinity(pid, os.sched_getaffinity(0))
+
+
 def cores() -> tuple[tuple[int, ...], ...]:
     """The processors that we may run on, those of one core (hyper-threading) together, in order."""
     allowed = sorted(os.sched_getaffinity(0))

@@ -1,60 +1,12 @@
-"""The supervisor: checks the configuration, makes shared memory, starts, watches, restarts and stops every process."""
+"""The supervisor's process: it starts the template first, which imports while the supervisor itself does."""
 
 from __future__ import annotations
 
 import argparse
-import contextlib
-import logging
-import os
-import signal
 import sys
-from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
-from types import FrameType
-from typing import Final
 
-from procs.config import load_system
-from procs.document.system import LOCKSTEP, PACED, WALL, SystemConfig, from_json
-from procs.realtime import cores
-from procs.supervisor.addresses import NoAddress, at_free_addresses, free_address
-from procs.supervisor.dependencies import Circle
-from procs.supervisor.gui_token import told
-from procs.supervisor.listening import AddressTaken
-from procs.supervisor.supervisor import SetupFailed, Supervisor
-from shm import loglines
-from shm.segment import SegmentError
-
-CLOCKS = {WALL: "wall, real time", LOCKSTEP: "lockstep, simulated time as fast as the machine allows",
-          PACED: "paced, simulated time, never faster than real time: a busy machine only slows it"}
-RECORDER: Final = "TROCAR_RECORDER"
-"""In the environment, 0: no recorder where the system file does not say; for those who start hundreds of systems."""
-log = logging.getLogger("supervisor")
-
-
-@contextlib.contextmanager
-def supervised(system: SystemConfig, awaits_holder: bool = False) -> Iterator[Supervisor]:
-    """A supervisor that removes its shared memory on every path."""
-    asked: list[str] = []
-    made: list[Supervisor] = []
-
-    def hear(number: int, frame: FrameType | None) -> None:
-        asked.append(f"got {signal.Signals(number).name}")
-        for each in made:
-            each.stopping = asked[0]
-
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, hear)  # before there is anything to leave behind
-    supervisor = Supervisor(system, awaits_holder)
-    made.append(supervisor)
-    supervisor.stopping = asked[0] if asked else ""
-    try:
-        yield supervisor
-    finally:
-        try:
-            supervisor.stop_all()  # does nothing a second time; no memory is removed under running processes
-        finally:
-            supervisor.close()
+from procs.supervisor.forking import Template
 
 
 def arguments() -> argparse.Namespace:
@@ -73,55 +25,11 @@ def arguments() -> argparse.Namespace:
 
 def main() -> None:
     """Exit code 0: stopped as asked, 1: configuration, setup or a death without return."""
-    chosen = arguments()
-    loglines.begin(sys.stderr)
-    name = chosen.system or "trocar"
-    if chosen.document:
-        try:
-            system = at_free_addresses(replace(from_json(chosen.file.read_bytes()), name=name))
-        except (NoAddress, OSError, ValueError) as error:
-            log.error("%s: %s", chosen.file, error)
-            sys.exit(1)
-        sys.exit(_run(system, chosen.seconds, chosen.held))
-    try:
-        loaded = load_system(chosen.file, search=chosen.path, boards=chosen.boards, sets=chosen.sets, name=name,
-                             bus_address=free_address(name), cores=cores(),
-                             records=os.environ.get(RECORDER) != "0")
-    except NoAddress as error:
-        log.error("%s", error)
-        sys.exit(1)
-    for problem in (*loaded.errors, *loaded.warnings):  # what is in the way comes first
-        log.log(logging.ERROR if problem in loaded.errors else logging.WARNING, "%s", problem)
-    if loaded.errors or loaded.system is None:
-        log.error("nothing was started")
-        sys.exit(1)
-    sys.exit(_run(loaded.system, chosen.seconds, chosen.held))
+    chosen, template = arguments(), Template()
+    template.start()
+    from procs.supervisor.run import run  # takes as long as what the template imports meanwhile
 
-
-def _run(system: SystemConfig, seconds: float | None, awaits_holder: bool) -> int:
-    for note in system.notes:
-        log.info("%s", note)
-    log.info("clock: %s", CLOCKS[system.clock])
-    try:
-        with supervised(system, awaits_holder) as supervisor:
-            log.info("system %s: %.1f MB of shared memory", system.name, supervisor.size / 1e6)
-            try:
-                supervisor.start_all()
-                if not supervisor.stopping:
-                    log.info("system %s is up: %s", system.name, ", ".join(c.row.name for c in supervisor.children))
-                    if said := told(system, to_a_terminal=sys.stderr.isatty()):
-                        log.info("%s", said)
-                supervisor.run(seconds)
-                log.log(logging.ERROR if supervisor.lost else logging.INFO, "stopping: %s", supervisor.stopping)
-                failed = supervisor.lost or any(c.given_up for c in supervisor.children)
-            except (SetupFailed, Circle, OSError) as error:  # OSError: no log file could be made
-                log.error("%s", error)
-                failed = True
-            clean = supervisor.stop_all()
-    except (SegmentError, AddressTaken) as error:
-        log.error("%s", error)
-        return 1
-    return 1 if failed or not clean else 0
+    sys.exit(run(chosen, template))
 
 
 if __name__ == "__main__":

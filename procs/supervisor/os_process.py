@@ -1,4 +1,4 @@
-"""What runs for an instance, as the operating system has it: a fresh interpreter with its output in a file."""
+"""What runs for an instance, as the operating system has it: a fork of the template or a fresh interpreter."""
 
 from __future__ import annotations
 
@@ -13,25 +13,27 @@ from pathlib import Path
 
 from procs.document.system import Process
 from procs.manifest import proc
+from procs.supervisor.forking import ENVIRON, Forked, Template
+from procs.supervisor.template import ROOT
 from shm.control_page import ControlPage
 
-ROOT = Path(__file__).resolve().parents[2]
 HANDOVER = Path(__file__).with_name("handover.py")
 
 
 @dataclass(slots=True)
 class OsProcess:
-    """The process of one instance, or none. Nobody is ever forked off the supervisor's memory: it is started anew.
+    """The process of one instance, or none. What drives the robot is forked off the template, where it can be had.
 
-    It is given `sockets` at which it listens; they stay ours.
+    It is given `sockets` at which it listens; they stay ours. Its output goes to the file `log`.
     """
 
     system: str
     row: Process
     page: ControlPage
     log: Path
+    template: Template
     sockets: Sequence[socket.socket] = ()
-    popen: subprocess.Popen[bytes] | None = None
+    popen: subprocess.Popen[bytes] | Forked | None = None
 
     @property
     def pid(self) -> int:
@@ -47,13 +49,14 @@ class OsProcess:
         """Start one; OSError when there can be none."""
         self.page.show("CREATED")
         command = [sys.executable, "-m", proc(self.row.kind).door, "--system", self.system, "--name", self.row.name]
-        environ = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # no thread pools in control code
+        environ = dict(ENVIRON)
         given = [each.fileno() for each in self.sockets]
         if given:
             command = [sys.executable, "-I", "-S", str(HANDOVER), ",".join(map(str, given)), *command]
             environ |= {"LISTEN_FDS": str(len(given)), "LISTEN_FDNAMES": ":".join([self.row.name] * len(given))}
         with self.log.open("ab") as log:
-            self.popen = subprocess.Popen(
+            forked = self.template.fork(command, log.fileno()) if proc(self.row.kind).realtime else None
+            self.popen = forked or subprocess.Popen(
                 command, cwd=ROOT, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True,
                 env={**os.environ, **environ}, pass_fds=given,
             )

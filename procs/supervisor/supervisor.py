@@ -25,6 +25,7 @@ from procs.supervisor.clearing import Clearings
 from procs.supervisor.cores import core_time_ns
 from procs.supervisor.demand import Demand
 from procs.supervisor.dependencies import missing, waves
+from procs.supervisor.forking import Template, reap_orphans
 from procs.supervisor.gui_token import gui_token
 from procs.supervisor.judge import HUNG, LATE, Judge, JudgedProcess
 from procs.supervisor.listening import Listening
@@ -66,12 +67,13 @@ def highest_priority(rows: Sequence[Process]) -> int:
 class Supervisor:
     """One running system."""
 
-    def __init__(self, system: SystemConfig, awaits_holder: bool = False) -> None:
+    def __init__(self, system: SystemConfig, awaits_holder: bool = False, template: Template | None = None) -> None:
         """Make all shared memory; SegmentError when the name is taken or memory is full, AddressTaken.
 
         `awaits_holder`: simulated time stands at its beginning until somebody holds it back (shm/held_time.py).
         """
         self.system, self._awaits_holder = system, awaits_holder
+        self._template = template or Template()
         memory.trust(system.service_user)
         self.stopping = ""
         self.lost = False  # our processes have ended because we were held up
@@ -132,7 +134,7 @@ class Supervisor:
         path = folder / f"{row.name}.log"
         put_aside(path, self.system.logs.keep)
         page = self._pages[row.name] = ControlPage(self.system.name, row.name, write=True)
-        process = OsProcess(self.system.name, row, page, path, self._listening[row.name].sockets)
+        process = OsProcess(self.system.name, row, page, path, self._template, self._listening[row.name].sockets)
         return Child(row, process, core_ns=None if self.keeper is None else core_time_ns)
 
     def _demand(self, child: Child) -> Demand:
@@ -246,6 +248,7 @@ class Supervisor:
                 self._requests.take(command)
 
     def _watch(self) -> None:
+        reap_orphans([child.process.pid for child in self.children])
         for child in self.children:
             ending, name = child.look(), child.row.name
             if ending is not None:
@@ -330,6 +333,7 @@ class Supervisor:
     def close(self) -> None:
         """Remove all shared memory, then give addresses and the name back."""
         memory.remove_all(self.system.name)
+        self._template.close()
         self._held.close()
         self._systemd.close()
 

@@ -33,7 +33,7 @@ def processes(robot: Robot, instance: str) -> list[int]:
     """All that run for an instance, as the kernel lists them."""
     found = []
     for process in psutil.process_iter(["cmdline"]):
-        words = process.info["cmdline"] or []
+        words = [word for word in process.info["cmdline"] or [] if word]
         if words[-4:] == ["--system", robot.name, "--name", instance]:
             found.append(process.pid)
     return found

@@ -1,0 +1,114 @@
+"""The supervisor's side of the template (procs/supervisor/template.py): it starts one, and asks it for processes."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import json
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Collection, Sequence
+from typing import Final
+
+from procs.realtime import keep_with
+from procs.supervisor import template
+from procs.supervisor.template import READY, ROOT
+
+PR_SET_CHILD_SUBREAPER: Final = 36
+IMPORT_S: Final = 20.0  # how long the template may import before the first process of a system begins
+REPLY_S: Final = 0.3  # how long it may take for one process
+ENVIRON: Final = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # no thread pools in control code
+PADDING: Final = 300  # bytes for the command lines of processes, beside those of the template's own
+
+
+class Forked:
+    """A process that the template has forked off for us: of a Popen what is used here."""
+
+    def __init__(self, pid: int) -> None:
+        """`pid`: that of a child of ours."""
+        self.pid, self.returncode = pid, None if pid else 0
+
+    def poll(self) -> int | None:
+        """Its exit code when it has ended, negative a signal."""
+        if self.returncode is None:
+            found, status = os.waitpid(self.pid, os.WNOHANG)
+            self.returncode = os.waitstatus_to_exitcode(status) if found else None
+        return self.returncode
+
+    def send_signal(self, number: int) -> None:
+        """Send it a signal, unless it has ended."""
+        if self.poll() is None:
+            os.kill(self.pid, number)
+
+    def kill(self) -> None:
+        """SIGKILL."""
+        self.send_signal(signal.SIGKILL)
+
+
+def reap_orphans(known: Collection[int]) -> None:
+    """Collect a process that has ended and is none of the known ones: a child that one of them left behind."""
+    with contextlib.suppress(ChildProcessError):
+        found = os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOHANG | os.WNOWAIT)
+        if found is not None and found.si_pid not in known:
+            os.waitpid(found.si_pid, 0)
+
+
+class Template:
+    """The template of one system, from `start`, or the first `fork`, to `close`."""
+
+    def __init__(self) -> None:
+        """Nothing runs yet."""
+        self._popen: subprocess.Popen[bytes] | None = None
+        self._is_ready, self._waits_s = False, IMPORT_S
+
+    def start(self) -> subprocess.Popen[bytes]:
+        """It begins to import. From now on this process adopts its orphans."""
+        _adopt_orphans(True)
+        self._ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        with theirs:
+            command = [sys.executable, "-m", template.__name__, str(theirs.fileno()), " " * PADDING]
+            self._popen = subprocess.Popen(command, cwd=ROOT, stdin=subprocess.DEVNULL, pass_fds=[theirs.fileno()],
+                                           env={**os.environ, **ENVIRON}, start_new_session=True)
+        return self._popen
+
+    def fork(self, words: Sequence[str], output: int) -> Forked | None:
+        """A new process with this command line; None: the template cannot be asked now."""
+        running = self._popen or self.start()
+        with contextlib.suppress(OSError, ValueError):
+            self._is_ready = self._is_ready or self._reply(self._waits_s) == READY
+            self._waits_s = 0.0  # later on nothing waits for imports
+            if self._is_ready:
+                keep_with(running.pid)
+                socket.send_fds(self._ours, [json.dumps(words).encode()], [output])
+                return Forked(int(self._reply(REPLY_S)))
+        return self._end() if self._is_ready or running.poll() is not None else None
+
+    def _reply(self, most_s: float) -> bytes:
+        if not select.select([self._ours], [], [], most_s)[0]:
+            raise TimeoutError
+        return self._ours.recv(len(READY) + 20)
+
+    def _end(self) -> Forked | None:
+        """End it, so that the next request starts another one. It may have forked in its last moment."""
+        late = None
+        if self._popen is not None:
+            self._popen.kill()
+            self._popen.wait()
+            with contextlib.suppress(OSError, ValueError):
+                late = Forked(int(self._reply(0.0)))
+            self._ours.close()
+        self._popen, self._is_ready = None, False
+        return late
+
+    def close(self) -> None:
+        """Nothing of it is left."""
+        self._end()
+        _adopt_orphans(False)
+
+
+def _adopt_orphans(do: bool) -> None:
+    ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, int(do), 0, 0, 0)

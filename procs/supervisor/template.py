@@ -1,0 +1,118 @@
+"""The template: a process that has imported the loops of all kinds, opened nothing, and forks off those that run.
+
+    python -m procs.supervisor.template SOCKET PADDING
+
+A fresh interpreter imports for 0.3 s of a core before it can begin, and shares none of its memory. A fork of the
+template begins in milliseconds and shares what was imported. Each request on the socket is one process: its command
+line, and a descriptor for its output. The reply is its process id.
+
+Each process is forked twice. The one between ends at once, so that the supervisor, which adopts orphans, becomes the
+parent. When source files have changed since they were imported, or the supervisor is gone, the template ends.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import gc
+import importlib
+import json
+import os
+import socket
+import sys
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Final
+
+from shm.clock import pause
+
+READY: Final = b"ready"
+MOST: Final = 1 << 16  # bytes of a request
+ROOT: Final = Path(__file__).resolve().parents[2]
+OURS: Final = tuple(str(ROOT / folder) for folder in ("procs", "shm"))
+ARGUMENTS_AT: Final = 47  # in /proc/self/stat: first and last address of the command line, counted from 0
+
+
+def main() -> None:
+    """Serve until the supervisor has gone; in each process that was forked off, what its module's `main` does."""
+    asking = socket.socket(fileno=int(sys.argv[1]))
+    for row in importlib.import_module("procs.manifest").PROCS:
+        if row.realtime:
+            importlib.import_module(row.module)
+    gc.collect()
+    gc.freeze()  # a collection in a forked process would touch, and so copy, all of it
+    module = _serve(asking, _stamps(_sources()))
+    if module:
+        sys.modules[module].main()
+
+
+def _serve(asking: socket.socket, stamps: dict[str, int]) -> str:
+    """Empty: this is the template, and it ends. Else this is a new process, of this module."""
+    supervisor = os.getppid()
+    with contextlib.suppress(OSError):  # its supervisor has ended meanwhile
+        asking.send(READY)
+    while True:
+        request, given, _, _ = socket.recv_fds(asking, MOST, 1)
+        if not request or stamps != _stamps(stamps):
+            return ""
+        child = _fork(supervisor)
+        if not child:
+            asking.close()
+            return _become(json.loads(request), given[0])
+        os.close(given[0])
+        asking.send(str(child).encode())
+
+
+def _sources() -> Iterator[str]:
+    """The files of ours that are imported."""
+    for module in tuple(sys.modules.values()):
+        file = getattr(module, "__file__", None) or ""
+        if file.startswith(OURS):
+            yield file
+
+
+def _stamps(files: Iterable[str]) -> dict[str, int]:
+    """When each file was changed, ns; 0: it is gone."""
+    return {file: Path(file).stat().st_mtime_ns if Path(file).exists() else 0 for file in files}
+
+
+def _fork(supervisor: int) -> int:
+    """The id of a new process whose parent is the supervisor, 0 in that process."""
+    reading, writing = os.pipe()
+    between = os.fork()
+    if between:
+        os.waitpid(between, 0)
+        child = int(os.read(reading, 20))
+    else:
+        child = os.fork()
+        if child:
+            os.write(writing, str(child).encode())
+            os._exit(0)
+        while os.getppid() != supervisor and os.getppid() != 1:
+            pause(0.0001)
+    os.close(reading)
+    os.close(writing)
+    return child
+
+
+def _become(words: list[str], output: int) -> str:
+    """The new process shows its own command line, has its own session and output."""
+    os.setsid()
+    os.dup2(output, 1)
+    os.dup2(output, 2)
+    os.close(output)
+    sys.argv = words[2:]  # after "python -m"
+    _show(words)
+    return words[2]
+
+
+def _show(words: list[str]) -> None:
+    """Write a command line for `ps`, and for who looks for our processes, over that of the template."""
+    fields = Path("/proc/self/stat").read_text().rpartition(")")[2].split()
+    begin, end = (int(fields[k - 2]) for k in (ARGUMENTS_AT, ARGUMENTS_AT + 1))
+    shown = "\0".join(words).encode()[: end - begin - 1]
+    ctypes.memmove(begin, shown.ljust(end - begin, b"\0"), end - begin)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,118 @@
+"""The template forks processes that become children of its supervisor, and is replaced when it cannot."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import psutil
+import pytest
+
+from procs.supervisor import template as forked_off
+from procs.supervisor.forking import Forked, Template, reap_orphans
+from tests.conftest import World
+
+pytestmark = pytest.mark.slow
+NO_SYSTEM = 3
+Fork = Callable[[], Forked | None]
+
+
+@pytest.fixture
+def template() -> Iterator[Template]:
+    made = Template()
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def fork(template: Template, world: World, tmp_path: Path) -> Fork:
+    """Begins a console of a system that does not exist."""
+    words = [sys.executable, "-m", "procs.console.loop", "--system", world.name, "--name", "console"]
+
+    def do() -> Forked | None:
+        with (tmp_path / "output").open("ab") as output:
+            return template.fork(words, output.fileno())
+
+    return do
+
+
+def ended(process: Forked | None, world: World) -> int | None:
+    assert process is not None
+    world.until(lambda: process.poll() is not None, "it ends")
+    return process.returncode
+
+
+def template_of(template: Template) -> psutil.Process:
+    rows = [row for row in psutil.Process().children() if forked_off.__name__ in row.cmdline()]
+    assert len(rows) == 1
+    return rows[0]
+
+
+def test_a_forked_process_is_a_child_with_a_command_line_output_and_exit_code_of_its_own(
+    fork: Fork, template: Template, world: World, tmp_path: Path
+) -> None:
+    process = fork()
+    assert process is not None
+    row = psutil.Process(process.pid)
+    assert row.ppid() == os.getpid()
+    assert ended(process, world) == NO_SYSTEM
+    assert world.name in (tmp_path / "output").read_text()
+
+
+def test_its_command_line_is_that_of_a_fresh_interpreter(fork: Fork, world: World, tmp_path: Path) -> None:
+    code = ("import os,sys; from pathlib import Path; from procs.supervisor import template\n"
+            "template._show([sys.executable, '-m', 'procs.arm.loop', '--system', 'a b', '--name', 'PSM1'])\n"
+            "print(Path('/proc/self/cmdline').read_bytes().rstrip(b'\\0').split(b'\\0')[1:])")
+    shown = subprocess.run([sys.executable, "-c", code, " " * 300], capture_output=True, text=True, check=True)
+    assert shown.stdout.strip() == "[b'-m', b'procs.arm.loop', b'--system', b'a b', b'--name', b'PSM1']"
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_template_that_is_killed_or_stopped_is_replaced(
+    number: signal.Signals, fork: Fork, template: Template, world: World
+) -> None:
+    assert ended(fork(), world) == NO_SYSTEM
+    old = template_of(template)
+    old.send_signal(number)
+    if number == signal.SIGKILL:
+        world.until(lambda: old.status() == psutil.STATUS_ZOMBIE, "it is dead")
+    assert fork() is None
+    found: list[Forked] = []
+    world.until(lambda: found.extend(filter(None, [fork()])) or found, "the next template answers")
+    assert ended(found[0], world) == NO_SYSTEM
+    assert template_of(template).pid != old.pid
+
+
+def test_changed_sources_are_not_forked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    source = tmp_path / "module.py"
+    source.write_text("")
+    monkeypatch.setattr(forked_off, "OURS", str(tmp_path))
+    monkeypatch.setitem(sys.modules, "module", type("Module", (), {"__file__": str(source)}))
+    before = forked_off._stamps(forked_off._sources())
+    assert before == forked_off._stamps(before) != {}
+    os.utime(source, ns=(1, 1))
+    assert before != forked_off._stamps(before)
+
+
+def test_a_template_ends_with_its_supervisor(world: World) -> None:
+    code = ("import os, signal, sys; from procs.supervisor.forking import Template\n"
+            "template = Template(); template.start(); print(template._popen.pid, flush=True); sys.stdin.read()\n")
+    child = world.start(code)
+    assert child.stdout is not None
+    row = psutil.Process(int(child.stdout.readline()))
+    world.kill(child)
+    world.until(lambda: not row.is_running() or row.status() == psutil.STATUS_ZOMBIE, "the template ends")
+
+
+def test_a_process_that_a_dead_child_left_behind_is_collected_when_it_ends(template: Template, world: World) -> None:
+    template.start()
+    leaves = subprocess.run(["sh", "-c", "sleep 0.2 & echo $!"], capture_output=True, text=True, check=True)
+    left = psutil.Process(int(leaves.stdout))
+    assert left.ppid() == os.getpid()
+    world.until(lambda: left.status() == psutil.STATUS_ZOMBIE, "it ends")
+    reap_orphans([])
+    assert not left.is_running()
