@@ -18,11 +18,13 @@ from typing import Protocol
 import numpy as np
 
 from procs.arm_types import ARM_TYPES
+from procs.manifest import proc
+from procs.teleop.motion_check import STEP_M, STEP_RAD
 from shm.clock import monotonic_ns, pause
 from tests.soak import puppets
 from tests.soak.diary import Asking, Diary
 from tests.soak.judge import Attempt
-from tests.soak.motion import bounds
+from tests.soak.motion import WINDOW, bounds
 from tests.soak.person import CONSOLE, MASTER, ROBOTS, SLAVE, TELEOP, TROUBLES, StormPerson
 from tests.soak.system import System, wait_for
 from tools.arms import HOMED
@@ -36,6 +38,9 @@ RENEWED_S = 0.1
 SETTLING_S = 0.15  # a joint that was pushed at its limit of speed swings out when the arm holds
 SETTLING_NS = round(SETTLING_S * 1e9)
 WRONG_NS = 150_000_000  # goals that are wrong and still followed, within the bounds of streams
+WINDOW_S = WINDOW * proc("boards").period_s
+SMALL_JUMP = 300  # counts: a hand might have moved so far, and the slave follows
+FOLLOWED_STEP = STEP_M / WINDOW_S, STEP_RAD / WINDOW_S  # m/s, rad/s: the largest such step within one window
 STEPS_M = 0.003, 0.03  # of base frames: one that is followed, one that ends streams
 ENDING_S = 0.2  # that a program takes to end
 INTRUSION_S, INTRUSION_RAD_S, FAR_RAD = 0.5, 0.1, 0.8
@@ -196,15 +201,17 @@ class Others:
 
     def jump(self) -> str:
         """An encoder of the master jumps, and back; held, the master jumps with it, which nobody promises against."""
-        axis, counts = self.chance.randint(0, 6), self.chance.choice((300, 3000, 20000))
+        axis, counts = self.chance.randint(0, 6), self.chance.choice((SMALL_JUMP, 3000, 20000))
         words = f"encoder_jump {axis} {counts} {MASTER}"
         self.diary.note("event", words)
         asking = self.diary.ask(MASTER, words, (100.0,) * 7, voidable=False)
+        followed = [self.diary.ask(SLAVE, words, tip=FOLLOWED_STEP, voidable=False)] if counts == SMALL_JUMP else []
         for sign in (1.0, -1.0):
             self.diary.lose((MASTER,), words)
             refused = self.person.report("boards", "encoder_jump", (axis, sign * counts), MASTER)
             pause(self.chance.uniform(0.1, 0.5))
-        asking.close(SETTLING_NS)
+        for each in (asking, *followed):
+            each.close(SETTLING_NS)
         return f"{words} ({refused})" if refused else words
 
 
