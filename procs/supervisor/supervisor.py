@@ -47,6 +47,7 @@ from shm.segment import Make
 from shm.subscriptions import Subscriptions
 
 BEAT_S: Final = 0.02
+QUICK_BEAT_S: Final = 0.002  # while it starts and stops: each process waits for those that it needs
 SIMULATED_LOST: Final = 10.0  # times `supervisor_lost_s`: nothing is in danger, and the machine may be busy
 GONE_S: Final = 5.0  # more than that nobody takes who was killed
 log = logging.getLogger("supervisor")
@@ -218,14 +219,15 @@ class Supervisor:
 
     def let_time_pass(self) -> None:
         """One beat's worth of real time. In simulated time say who takes part: whoever runs."""
+        beat_s = BEAT_S if self.page.state == "RUNNING" else QUICK_BEAT_S
         if self.keeper is None:
-            pause(BEAT_S)
+            pause(beat_s)
             return
         if self._awaits_holder and self.page.state == "RUNNING" and self.keeper.holder.is_taken(0):
             self._awaits_holder = False
             self.keeper.hold(False)
         self.keeper.admit([child.row.name for child in self.children if child.process.ready])
-        self.keeper.let_pass(BEAT_S)
+        self.keeper.let_pass(beat_s)
 
     def run(self, seconds: float | None) -> None:
         """Watch until asked to stop, or for so many seconds of real time."""

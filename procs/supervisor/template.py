@@ -20,9 +20,10 @@ import json
 import os
 import socket
 import sys
+import traceback
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Final
+from typing import Final, NoReturn
 
 from shm.clock import pause
 
@@ -43,7 +44,26 @@ def main() -> None:
     gc.freeze()  # a collection in a forked process would touch, and so copy, all of it
     module = _serve(asking, _stamps(_sources()))
     if module:
+        _end(_run(module))
+
+
+def _run(module: str) -> int:
+    """The exit code of the process whose `main` this module has."""
+    try:
         sys.modules[module].main()
+    except SystemExit as end:
+        return end.code if isinstance(end.code, int) else int(end.code is not None)
+    except BaseException:
+        traceback.print_exc()
+        return 1
+    return 0
+
+
+def _end(code: int) -> NoReturn:
+    """At once: taking all modules apart would copy them first, which the kernel only has to let go of."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)
 
 
 def _serve(asking: socket.socket, stamps: dict[str, int]) -> str:
