@@ -83,30 +83,35 @@ class Template:
             self._waits_s = 0.0  # later on nothing waits for imports
             if self._is_ready:
                 keep_with(running.pid)
-                socket.send_fds(self._ours, [json.dumps(words).encode()], [output])
-                return Forked(int(self._reply(REPLY_S)))
-        return self._end() if self._is_ready or running.poll() is not None else None
+                return self._ask(json.dumps(words).encode(), output)
+        if self._is_ready or running.poll() is not None:
+            self.close()
+        return None
+
+    def _ask(self, request: bytes, output: int) -> Forked:
+        """OSError when there is no reply in time: then no process begins."""
+        waiting, begin = os.pipe()
+        try:
+            socket.send_fds(self._ours, [request], [output, waiting])
+            child = int(self._reply(REPLY_S))
+            os.write(begin, b"b")
+        finally:
+            os.close(waiting)
+            os.close(begin)
+        return Forked(child)
 
     def _reply(self, most_s: float) -> bytes:
         if not select.select([self._ours], [], [], most_s)[0]:
             raise TimeoutError
         return self._ours.recv(len(READY) + 20)
 
-    def _end(self) -> Forked | None:
-        """End it, so that the next request starts another one. It may have forked in its last moment."""
-        late = None
+    def close(self) -> None:
+        """Nothing of it is left; the next request starts another one."""
         if self._popen is not None:
             self._popen.kill()
             self._popen.wait()
-            with contextlib.suppress(OSError, ValueError):
-                late = Forked(int(self._reply(0.0)))
             self._ours.close()
         self._popen, self._is_ready = None, False
-        return late
-
-    def close(self) -> None:
-        """Nothing of it is left."""
-        self._end()
         _adopt_orphans(False)
 
 

@@ -4,7 +4,7 @@
 
 A fresh interpreter imports for 0.3 s of a core before it can begin, and shares none of its memory. A fork of the
 template begins in milliseconds and shares what was imported. Each request on the socket is one process: its command
-line, and a descriptor for its output. The reply is its process id.
+line, a descriptor for its output and one that says when it may begin. The reply is its process id.
 
 Each process is forked twice. The one between ends at once, so that the supervisor, which adopts orphans, becomes the
 parent. When source files have changed since they were imported, or the supervisor is gone, the template ends.
@@ -24,8 +24,6 @@ import traceback
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Final, NoReturn
-
-from shm.clock import pause
 
 READY: Final = b"ready"
 MOST: Final = 1 << 16  # bytes of a request
@@ -68,18 +66,18 @@ def _end(code: int) -> NoReturn:
 
 def _serve(asking: socket.socket, stamps: dict[str, int]) -> str:
     """Empty: this is the template, and it ends. Else this is a new process, of this module."""
-    supervisor = os.getppid()
     with contextlib.suppress(OSError):  # its supervisor has ended meanwhile
         asking.send(READY)
     while True:
-        request, given, _, _ = socket.recv_fds(asking, MOST, 1)
+        request, given, _, _ = socket.recv_fds(asking, MOST, 2)
         if not request or stamps != _stamps(stamps):
             return ""
-        child = _fork(supervisor)
+        child = _fork()
         if not child:
             asking.close()
-            return _become(json.loads(request), given[0])
-        os.close(given[0])
+            return _become(json.loads(request), *given)
+        for each in given:
+            os.close(each)
         asking.send(str(child).encode())
 
 
@@ -96,8 +94,8 @@ def _stamps(files: Iterable[str]) -> dict[str, int]:
     return {file: Path(file).stat().st_mtime_ns if Path(file).exists() else 0 for file in files}
 
 
-def _fork(supervisor: int) -> int:
-    """The id of a new process whose parent is the supervisor, 0 in that process."""
+def _fork() -> int:
+    """The id of a new process without a parent, which the supervisor has adopted; 0 in that process."""
     reading, writing = os.pipe()
     between = os.fork()
     if between:
@@ -108,15 +106,16 @@ def _fork(supervisor: int) -> int:
         if child:
             os.write(writing, str(child).encode())
             os._exit(0)
-        while os.getppid() != supervisor and os.getppid() != 1:
-            pause(0.0001)
     os.close(reading)
     os.close(writing)
     return child
 
 
-def _become(words: list[str], output: int) -> str:
-    """The new process shows its own command line, has its own session and output."""
+def _become(words: list[str], output: int, begin: int) -> str:
+    """The new process shows its own command line, has its own session and output, and begins when it may."""
+    if not os.read(begin, 1):  # the supervisor has not heard of us in time
+        _end(0)
+    os.close(begin)
     os.setsid()
     os.dup2(output, 1)
     os.dup2(output, 2)

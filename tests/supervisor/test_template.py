@@ -40,14 +40,21 @@ def fork(template: Template, world: World, tmp_path: Path) -> Fork:
     return do
 
 
-def ended(process: Forked | None, world: World) -> int | None:
-    assert process is not None
+def forked(fork: Fork, world: World) -> Forked:
+    """A process of the template, once that has imported everything and has a core to answer on."""
+    found: list[Forked] = []
+    world.until(lambda: found.extend(filter(None, [fork()])) or found, "the template answers")
+    return found[0]
+
+
+def ended(process: Forked, world: World) -> int | None:
     world.until(lambda: process.poll() is not None, "it ends")
     return process.returncode
 
 
 def template_of(template: Template) -> psutil.Process:
-    rows = [row for row in psutil.Process().children() if forked_off.__name__ in row.cmdline()]
+    rows = [row for row in psutil.Process().children()
+            if row.status() != psutil.STATUS_ZOMBIE and forked_off.__name__ in row.cmdline()]
     assert len(rows) == 1
     return rows[0]
 
@@ -55,8 +62,7 @@ def template_of(template: Template) -> psutil.Process:
 def test_a_forked_process_is_a_child_with_a_command_line_output_and_exit_code_of_its_own(
     fork: Fork, template: Template, world: World, tmp_path: Path
 ) -> None:
-    process = fork()
-    assert process is not None
+    process = forked(fork, world)
     row = psutil.Process(process.pid)
     assert row.ppid() == os.getpid()
     assert ended(process, world) == NO_SYSTEM
@@ -75,15 +81,13 @@ def test_its_command_line_is_that_of_a_fresh_interpreter(fork: Fork, world: Worl
 def test_a_template_that_is_killed_or_stopped_is_replaced(
     number: signal.Signals, fork: Fork, template: Template, world: World
 ) -> None:
-    assert ended(fork(), world) == NO_SYSTEM
+    assert ended(forked(fork, world), world) == NO_SYSTEM
     old = template_of(template)
     old.send_signal(number)
     if number == signal.SIGKILL:
         world.until(lambda: old.status() == psutil.STATUS_ZOMBIE, "it is dead")
     assert fork() is None
-    found: list[Forked] = []
-    world.until(lambda: found.extend(filter(None, [fork()])) or found, "the next template answers")
-    assert ended(found[0], world) == NO_SYSTEM
+    assert ended(forked(fork, world), world) == NO_SYSTEM
     assert template_of(template).pid != old.pid
 
 
@@ -114,5 +118,4 @@ def test_a_process_that_a_dead_child_left_behind_is_collected_when_it_ends(templ
     left = psutil.Process(int(leaves.stdout))
     assert left.ppid() == os.getpid()
     world.until(lambda: left.status() == psutil.STATUS_ZOMBIE, "it ends")
-    reap_orphans([])
-    assert not left.is_running()
+    world.until(lambda: reap_orphans([]) or not left.is_running(), "it is collected")
