@@ -17,12 +17,13 @@ from typing import Final
 from procs.realtime import keep_with
 from procs.supervisor import template
 from procs.supervisor.template import READY, ROOT
+from shm.clock import monotonic_ns
 
 PR_SET_CHILD_SUBREAPER: Final = 36
-IMPORT_S: Final = 20.0  # how long the template may import before the first process of a system begins
+IMPORT_NS: Final = 20_000_000_000  # how long a start waits for the template to import
 REPLY_S: Final = 0.3  # how long it may take for one process
 ENVIRON: Final = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # no thread pools in control code
-PADDING: Final = 300  # bytes for the command lines of processes, beside those of the template's own
+PADDING: Final = 160  # bytes for the command lines of processes, with two names, beside those of the template
 
 
 class Forked:
@@ -63,7 +64,7 @@ class Template:
     def __init__(self) -> None:
         """Nothing runs yet."""
         self._popen: subprocess.Popen[bytes] | None = None
-        self._is_ready, self._waits_s = False, IMPORT_S
+        self._is_ready, self._latest_ns = False, 0
 
     def start(self) -> subprocess.Popen[bytes]:
         """It begins to import. From now on this process adopts its orphans."""
@@ -73,23 +74,29 @@ class Template:
             command = [sys.executable, "-m", template.__name__, str(theirs.fileno()), " " * PADDING]
             self._popen = subprocess.Popen(command, cwd=ROOT, stdin=subprocess.DEVNULL, pass_fds=[theirs.fileno()],
                                            env={**os.environ, **ENVIRON}, start_new_session=True)
+        self._latest_ns = monotonic_ns() + IMPORT_NS
         return self._popen
+
+    def has_imported(self) -> bool:
+        """It can be asked, or there is no use in waiting for it any longer."""
+        running = self._popen or self.start()
+        if not self._is_ready:
+            with contextlib.suppress(OSError):
+                self._is_ready = self._reply(0.0) == READY
+        return self._is_ready or running.poll() is not None or monotonic_ns() > self._latest_ns
 
     def fork(self, words: Sequence[str], output: int) -> Forked | None:
         """A new process with this command line; None: the template cannot be asked now."""
-        running = self._popen or self.start()
+        if not self.has_imported() or self._popen is None:
+            return None
         with contextlib.suppress(OSError, ValueError):
-            self._is_ready = self._is_ready or self._reply(self._waits_s) == READY
-            self._waits_s = 0.0  # later on nothing waits for imports
-            if self._is_ready:
-                keep_with(running.pid)
-                return self._ask(json.dumps(words).encode(), output)
-        if self._is_ready or running.poll() is not None:
-            self.close()
+            return self._ask(json.dumps(words).encode(), output, self._popen.pid)
+        self.close()
         return None
 
-    def _ask(self, request: bytes, output: int) -> Forked:
+    def _ask(self, request: bytes, output: int, pid: int) -> Forked:
         """OSError when there is no reply in time: then no process begins."""
+        keep_with(pid)
         waiting, begin = os.pipe()
         try:
             socket.send_fds(self._ours, [request], [output, waiting])

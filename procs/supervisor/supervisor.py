@@ -167,6 +167,8 @@ class Supervisor:
     def start_all(self) -> None:
         """Start in order, each after those it needs are up; SetupFailed says what did not come up."""
         self.page.show("STARTING")
+        if any(proc(row.kind).realtime for row in self._rows):
+            self._step_until(self._template.has_imported, lambda: bool(self.stopping))
         for wave in waves(self._rows):
             children = [child for child in self.children if child.row in wave and child.row.start != ON_DEMAND]
             for child in children:
