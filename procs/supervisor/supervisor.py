@@ -168,7 +168,9 @@ class Supervisor:
         """Start in order, each after those it needs are up; SetupFailed says what did not come up."""
         self.page.show("STARTING")
         if any(proc(row.kind).realtime for row in self._rows):
-            self._step_until(self._template.has_imported, lambda: bool(self.stopping))
+            while not (self.stopping or self._template.has_imported()):
+                self.let_time_pass()
+                self.beat()
         for wave in waves(self._rows):
             children = [child for child in self.children if child.row in wave and child.row.start != ON_DEMAND]
             for child in children:

@@ -19,17 +19,18 @@ class Asking:
     """Something that was asked for and goes on until `close`.
 
     `voidable`: it is over when the person or a fault ends it; a process that is held up ends it too, unless it is a
-    `stream`, of a program that asks again and again.
+    `stream`, of a program that asks again and again. What was asked for may last `settling_ns` longer than the asking.
     """
 
     ask: Ask
     voidable: bool
     stream: bool
+    settling_ns: int = 0
     end_ns: int = OPEN
 
-    def close(self, in_ns: int = 0) -> None:
+    def close(self, in_ns: int | None = None) -> None:
         """It is over, now or a bit later; nothing where it is already."""
-        self.end_ns = min(self.end_ns, monotonic_ns() + in_ns)
+        self.end_ns = min(self.end_ns, monotonic_ns() + (self.settling_ns if in_ns is None else in_ns))
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,11 +61,11 @@ class Diary:
         self.entries.append(Entry(monotonic_ns(), kind, words))
 
     def ask(self, robot: str, mode: str, joints: Sequence[float] = (), *, leader: str = "", scale: float = 0.0,
-            tip: Sequence[float] = (), exact: bool = False, voidable: bool = True, stream: bool = False
-            ) -> Asking:
+            tip: Sequence[float] = (), exact: bool = False, voidable: bool = True, stream: bool = False,
+            settling_ns: int = 0) -> Asking:
         """Motion is asked for from now on; see Asking."""
         ask = Ask(robot, mode, monotonic_ns(), OPEN, tuple(joints), leader, scale, tuple(tip), exact)
-        self.askings.append(asking := Asking(ask, voidable, stream))
+        self.askings.append(asking := Asking(ask, voidable, stream, settling_ns))
         return asking
 
     def command(self, robots: Sequence[str], words: str) -> None:

@@ -100,7 +100,8 @@ class Puppet:
     def _ask(self) -> Asking:
         pushes = self.kind in PUSHES
         joints, tip = (SPEEDS[SLAVE], ()) if pushes else puppets.asked(self.kind)
-        return self._diary.ask(SLAVE, self.kind, joints, tip=tip, exact=pushes, stream=self.kind != "move")
+        return self._diary.ask(SLAVE, self.kind, joints, tip=tip, exact=pushes, stream=self.kind != "move",
+                               settling_ns=SETTLING_NS if pushes else 0)
 
     @property
     def printed(self) -> str:
@@ -120,7 +121,7 @@ class Puppet:
         self.popen.kill()
         self.popen.wait()
         if self.kind != "move":
-            self._asking.close(LASTS_NS if self.kind in PUSHES else 0)
+            self._asking.close(LASTS_NS if self.kind in PUSHES else None)
 
     def hold_up(self, length_s: float) -> None:
         """SIGSTOP, and SIGCONT later. Efforts and poses that are not renewed are over soon.
@@ -131,7 +132,7 @@ class Puppet:
         pause(min(length_s, RENEWED_S))
         is_over = length_s > RENEWED_S and self.kind in ("pose", *PUSHES)
         if is_over:
-            self._asking.close(SETTLING_NS if self.kind in PUSHES else 0)
+            self._asking.close()
         pause(max(0.0, length_s - RENEWED_S))
         if is_over and self.kind in PUSHES:
             self._ask().close(LASTS_NS)

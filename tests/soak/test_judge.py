@@ -228,6 +228,15 @@ def test_the_diary_ends_what_a_fault_ends_but_not_a_hand() -> None:
     assert [ask.end_ns < never for ask in diary.asks()] == [True, True, False, True]
 
 
+def test_a_joint_that_was_pushed_may_swing_out_when_a_stop_ends_the_push() -> None:
+    diary = Diary()
+    diary.ask("PSM1", "push", (1.0,), stream=True, settling_ns=150 * MS)
+    diary.ask("PSM1", "stream", (1.0,), stream=True)
+    diary.stop(["PSM1"], "hold")
+    push, stream = diary.asks()
+    assert 149 * MS < push.end_ns - stream.end_ns < 151 * MS
+
+
 # -- setpoints, stops, wrong numbers, lifts, clients that may not power ------------------------------------------------
 
 SPEED = np.full(7, 2.0)
