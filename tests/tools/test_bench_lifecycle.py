@@ -15,6 +15,6 @@ def test_processes_come_and_go_and_nothing_is_left(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(lifecycle, "TRIES", 2)
     figures = lifecycle.run()["figures"]
     assert set(figures) == {"up_s", "up_to_homed_s", "first_subscription_to_running_s", "last_left_to_stopped_s",
-                            "restart_s", "down_s"}
+                            "restart_s", "down_s", "full_up_s", "full_down_s", "full_pss_mb"}
     assert 0.0 < figures["up_s"] < figures["up_to_homed_s"] and all(seconds > 0.0 for seconds in figures.values())
     assert not names_of(f"bench-lifecycle-{os.getpid()}")

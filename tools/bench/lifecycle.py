@@ -4,7 +4,9 @@ A PSM on emulated boards, and beside it a process that runs on demand. `up_s` is
 setup, `up_to_homed_s` until the arm is homed as well; both count from before the supervisor is started. Medians of some
 tries: `first_subscription_to_running_s` is from a subscription to the first record of the process that was started for
 it, `last_left_to_stopped_s` from the end of that until there is no process (it does not linger); `restart_s` is the
-arm's. `down_s` is from homed, powered, to nothing left. All are seconds of real time; the system's own are paced.
+arm's. `down_s` is from homed, powered, to nothing left. `full_up_s` and `full_down_s` are those of the full KINEMATIC
+robot, and `full_pss_mb` is its memory, what processes share counted once. All seconds are of real time; the systems'
+own are paced.
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ from shm.clock import monotonic_ns, pause
 from shm.control_page import ControlPage
 from shm.subscriptions import Subscriber
 from tools.arms import HOMED, bring, silent
+from tools.bench.system import FULL
 from tools.cleanup import own_folder
 from tools.errors import Problem
 from tools.printing import note
@@ -60,11 +63,23 @@ def run() -> dict[str, Any]:
             figures = {"up_s": up_s, "up_to_homed_s": _seconds(begin), **_on_demand(name), "restart_s": _restarts(name)}
             begin = monotonic_ns()
         figures["down_s"] = _seconds(begin)
+    figures |= _full_robot(f"{name}-full")
     return {
         "bench": "lifecycle", "figures": figures,
         "conditions": {"tries": TRIES, "cores": len(psutil.Process().cpu_affinity() or []), "load": os.getloadavg()[0],
                        "kernel": platform.release(), "python": platform.python_version()},
     }
+
+
+def _full_robot(system: str) -> dict[str, float]:
+    """Start and stop it, nothing moves."""
+    begin = monotonic_ns()
+    with up_meanwhile(StartRequest(FULL, system)) as background:
+        up_s = _seconds(begin)
+        supervisor = psutil.Process(background.popen.pid)
+        pss = sum(each.memory_full_info().pss for each in (supervisor, *supervisor.children(recursive=True)))
+        begin = monotonic_ns()
+    return {"full_up_s": up_s, "full_down_s": _seconds(begin), "full_pss_mb": pss * 1e-6}
 
 
 def _on_demand(system: str) -> dict[str, float]:
