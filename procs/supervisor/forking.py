@@ -90,7 +90,7 @@ class Template:
         if not self.has_imported() or self._popen is None:
             return None
         with contextlib.suppress(OSError, ValueError):
-            return self._ask(json.dumps(words).encode(), output, self._popen.pid)
+            return self._ask(json.dumps([words, _own_environ()]).encode(), output, self._popen.pid)
         self.close()
         return None
 
@@ -120,6 +120,11 @@ class Template:
             self._ours.close()
         self._popen, self._is_ready = None, False
         _adopt_orphans(False)
+
+
+def _own_environ() -> dict[str, str]:
+    """Our variables, some of which the supervisor has set since the template began."""
+    return {name: value for name, value in os.environ.items() if name.startswith("TROCAR_")}
 
 
 def _adopt_orphans(do: bool) -> None:

@@ -4,7 +4,8 @@
 
 A fresh interpreter imports for 0.3 s of a core before it can begin, and shares none of its memory. A fork of the
 template begins in milliseconds and shares what was imported. Each request on the socket is one process: its command
-line, a descriptor for its output and one that says when it may begin. The reply is its process id.
+line, what is new in its environment, a descriptor for its output and one that says when it may begin. The reply is its
+process id.
 
 Each process is forked twice. The one between ends at once, so that the supervisor, which adopts orphans, becomes the
 parent. When source files have changed since they were imported, or the supervisor is gone, the template ends.
@@ -75,7 +76,7 @@ def _serve(asking: socket.socket, stamps: dict[str, int]) -> str:
         child = _fork()
         if not child:
             asking.close()
-            return _become(json.loads(request), *given)
+            return _become(*json.loads(request), *given)
         for each in given:
             os.close(each)
         asking.send(str(child).encode())
@@ -111,12 +112,13 @@ def _fork() -> int:
     return child
 
 
-def _become(words: list[str], output: int, begin: int) -> str:
+def _become(words: list[str], environ: dict[str, str], output: int, begin: int) -> str:
     """The new process shows its own command line, has its own session and output, and begins when it may."""
     if not os.read(begin, 1):  # the supervisor has not heard of us in time
         _end(0)
     os.close(begin)
     os.setsid()
+    os.environ.update(environ)
     os.dup2(output, 1)
     os.dup2(output, 2)
     os.close(output)

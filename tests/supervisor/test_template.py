@@ -14,6 +14,7 @@ import pytest
 
 from procs.supervisor import template as forked_off
 from procs.supervisor.forking import Forked, Template, reap_orphans
+from shm.directory import publish_document
 from tests.conftest import World
 
 pytestmark = pytest.mark.slow
@@ -75,6 +76,18 @@ def test_its_command_line_is_that_of_a_fresh_interpreter(fork: Fork, world: Worl
             "print(Path('/proc/self/cmdline').read_bytes().rstrip(b'\\0').split(b'\\0')[1:])")
     shown = subprocess.run([sys.executable, "-c", code, " " * 300], capture_output=True, text=True, check=True)
     assert shown.stdout.strip() == "[b'-m', b'procs.arm.loop', b'--system', b'a b', b'--name', b'PSM1']"
+
+
+def test_it_has_the_environment_that_the_supervisor_has_now(
+    fork: Fork, template: Template, world: World, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ended(forked(fork, world), world)
+    publish_document(world.name, b"{}")  # there is something to attach to, so that it is looked at whose it is
+    monkeypatch.setenv("TROCAR_SERVICE_USER", "no-such-user")
+    ended(forked(fork, world), world)
+    monkeypatch.undo()
+    world.remove()
+    assert "no-such-user" in (tmp_path / "output").read_text()
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
