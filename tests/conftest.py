@@ -19,11 +19,13 @@ import pytest
 from hypothesis import settings
 
 from shm.segment import names_of, segment_name, unlink
+from tests import searches
 
 ROOT = Path(__file__).resolve().parent.parent
 SYSTEMS = ROOT / "tests" / "system"  # whole robots: on the wall clock nobody else may take their cores
 COUNTER = itertools.count()
 PATIENCE_S = 30.0
+SEARCHED: set[str] = set()
 
 settings.register_profile("trocar", deadline=None)  # a busy machine is no mistake
 settings.load_profile("trocar")
@@ -54,8 +56,20 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             item.add_marker("alone")
     left_out = [mark for mark in ("soak", "peers") if mark not in config.option.markexpr]
     items_left = [item for item in items if any(item.get_closest_marker(mark) for mark in left_out)]
+    items_left += searches.done(config, items)
     items[:] = [item for item in items if item not in items_left]
     config.hook.pytest_deselected(items=items_left)
+
+
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    """Which searches have passed."""
+    if report.when == "call" and report.passed and searches.MARK in report.keywords:
+        SEARCHED.add(report.nodeid)
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """They need not run again before something changes."""
+    searches.remember(session.config, SEARCHED)
 
 
 @pytest.fixture(scope="session")

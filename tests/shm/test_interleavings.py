@@ -173,6 +173,7 @@ def test_a_killed_writer_and_its_successor_harm_nobody() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.searches
 @pytest.mark.parametrize(("depth", "count", "verbs", "heir", "kill", "states"), [
     (3, 4, ("newest next last2 since",), 0, "", 70_000),
     pytest.param(2, 5, ("fresh next fresh next",), 0, "", 90_000, marks=pytest.mark.soak),

@@ -130,21 +130,25 @@ def test_two_who_wake_together_wait_for_each_other() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.searches
 def test_who_has_news_holds_time_until_it_was_heard() -> None:
     assert news(Real()).explore().states > 10_000
 
 
 @pytest.mark.slow
+@pytest.mark.searches
 def test_who_falls_asleep_hears_at_once_what_was_said_while_it_was_awake() -> None:
     assert news_for_who_is_awake(Real()).explore().states > 10_000
 
 
 @pytest.mark.slow
+@pytest.mark.searches
 def test_everybody_wakes_at_its_time() -> None:
     assert lockstep(Real(), {"A": (1, 2), "B": (2,)}).explore().states > 100_000
 
 
 @pytest.mark.slow
+@pytest.mark.searches
 def test_a_death_at_any_step_leaves_nobody_behind() -> None:
     assert lockstep(Real(), {"A": (1,), "B": (1,)}, kill="B").explore().states > 10_000
 
@@ -175,6 +179,7 @@ MUTANTS: dict[str, tuple[Callable[[Real], Explorer], tuple[Change, ...]]] = {  #
 
 
 @pytest.mark.slow
+@pytest.mark.searches
 @pytest.mark.parametrize("name", MUTANTS)
 def test_a_seeded_mutant_of_lock_step_is_caught(name: str) -> None:
     search, changes = MUTANTS[name]

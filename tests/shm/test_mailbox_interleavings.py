@@ -148,6 +148,7 @@ def test_every_command_runs_once_and_is_answered(verbs: str, rounds: int, change
 
 
 @pytest.mark.slow
+@pytest.mark.searches
 def test_a_killed_owner_leaves_nothing_run_twice_or_untold() -> None:
     assert mailbox(Real(), "send1 poll", kill="owner heir").explore().states > 10_000
     assert mailbox(Real(), "send1", kill="owner", begun=2).explore().states > 1_000
@@ -158,6 +159,7 @@ def test_an_heir_that_refuses_tells_so() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.searches
 def test_a_killed_client_leaves_no_half_command() -> None:
     assert mailbox(Real(), "send1", kill="client", second="send1").explore().states > 10_000
 
@@ -173,6 +175,7 @@ def test_merging_leaves_no_schedule_out() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.searches
 def test_each_of_two_clients_gets_its_own() -> None:
     real = Real(TWO_PLACES)
     programs = {"owner": owner(real, 1), "client": client(real, "send1"), "other": client(real, "send1", who=2000)}
@@ -190,6 +193,7 @@ def judge_two(outcome: Outcome) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.searches
 @pytest.mark.parametrize(("scenario", "states"), [
     pytest.param({"verbs": "send1 send1", "kill": "client", "second": "send1"}, 100_000, marks=pytest.mark.soak),
     ({"verbs": "send1", "kill": "owner client", "second": "send1"}, 100_000),
@@ -240,6 +244,7 @@ def test_a_seeded_mutant_of_the_mailbox_is_caught(name: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.searches
 def test_fenced_words_keep_a_weaker_memory_in_order() -> None:
     assert mailbox(Real(fenced=True), "send1 poll", model="weak").explore().states > 20_000
 

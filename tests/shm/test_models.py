@@ -130,12 +130,14 @@ def assert_proved(reported: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.searches
 @pytest.mark.parametrize(("model", "macros"), RIGHT, ids=ident)
 def test_no_interleaving_breaks_the_protocol(searched: Search, model: str, macros: str) -> None:
     assert_proved(searched(model, macros))
 
 
 @pytest.mark.slow
+@pytest.mark.searches
 @pytest.mark.parametrize(("model", "macros", "check"), MUTANTS, ids=[f"{m}-{ident(x)}" for m, x, _ in MUTANTS])
 def test_a_seeded_mutant_is_found(searched: Search, model: str, macros: str, check: str) -> None:
     reported = searched(model, macros)

@@ -79,6 +79,7 @@ def test_two_who_stop_at_once_are_both_heard() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.searches
 def test_two_who_stop_while_their_owner_looks_are_both_heard() -> None:
     assert two(Real()).explore().states > 50_000
 
@@ -88,11 +89,13 @@ def test_who_dies_in_the_place_for_stops_leaves_it_usable() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.searches
 def test_a_death_in_the_place_for_stops_does_not_keep_another_from_it() -> None:
     assert two(Real(), kill="one", rounds=0).explore().states > 50_000
 
 
 @pytest.mark.slow
+@pytest.mark.searches
 @pytest.mark.parametrize("refuses", [False, pytest.param(True, marks=pytest.mark.soak)])
 def test_an_owner_that_dies_runs_no_stop_twice(refuses: bool) -> None:
     assert two(Real(), kill="owner", heir=True, refuses=refuses).explore().states > 50_000
