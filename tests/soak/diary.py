@@ -102,6 +102,11 @@ class Diary:
         return [Intervention(robot, entry.stamp_ns, entry.words) for entry in self.entries
                 if entry.kind in ("event", "person") and entry.words not in words]
 
+    def deaths(self, robot: str) -> list[Intervention]:
+        """When the process of a robot was killed or stopped."""
+        return [Intervention(robot, entry.stamp_ns, entry.words) for entry in self.entries
+                if entry.kind == "event" and entry.words.startswith((f"kill -9 {robot}", f"SIGSTOP {robot} "))]
+
     def asks(self) -> list[Ask]:
         """All that was asked for, with its ends."""
         return [dataclasses.replace(asking.ask, end_ns=asking.end_ns) for asking in self.askings]

@@ -18,6 +18,7 @@ from tests.soak.motion import MIN_LEVER_M, Flags, Motion, MotionTruth, SetpointT
 Array = NDArray[np.float64]
 
 MORE = 1.2
+MORE_UNGUARDED, UNGUARDED_NS = 1.5, 80_000_000  # until io holds, 30 ms after the arm's last record
 SLACK_M_S = 0.005
 SLACK_RAD_S = SLACK_M_S / MIN_LEVER_M
 WRIST_M = 0.01  # a tip that turns on the spot swings its wrist so far behind it; what lags there shows at the tip
@@ -108,8 +109,13 @@ class Violation:
     what: str
 
 
-def too_fast(motion: Motion, asks: Iterable[Ask], motions: Sequence[Motion] = ()) -> list[Violation]:
-    """Where a robot went faster than asked while its amplifiers were on. `motions` are those of robots that lead."""
+def too_fast(motion: Motion, asks: Iterable[Ask], motions: Sequence[Motion] = (),
+             deaths: Iterable[Intervention] = ()) -> list[Violation]:
+    """Where a robot went faster than asked while its amplifiers were on.
+
+    `motions` are those of robots that lead. At `deaths` the arm's process was killed or stopped: until io holds, its
+    last efforts act, and nothing keeps a joint below its limit.
+    """
     stamps = motion.stamp_ns
     joints = np.zeros_like(motion.speed)
     exact = np.zeros(len(stamps), dtype=np.bool_)
@@ -135,7 +141,11 @@ def too_fast(motion: Motion, asks: Iterable[Ask], motions: Sequence[Motion] = ()
             joints[during] = np.maximum(joints[during], np.array(ask.joints))
     slack = np.where(exact, 0.0, SLACK_M_S)
     by_joint = motion.speed * motion.lever
-    most = MORE * joints * motion.lever + slack[:, None]
+    unguarded = np.zeros(len(stamps), dtype=np.bool_)
+    for death in deaths:
+        unguarded |= (stamps >= death.stamp_ns) & (stamps <= death.stamp_ns + UNGUARDED_NS)
+    more = np.where(exact & unguarded, MORE_UNGUARDED, MORE)
+    most = more[:, None] * joints * motion.lever + slack[:, None]
     over = np.where(leads[:, None], -np.inf, by_joint - most)
     worst = over.argmax(axis=1)
     rows = np.arange(len(stamps))

@@ -186,7 +186,7 @@ class Storm:
                 path, *(recorder.beside(path, f"{name}") for name in ("IO1.state", *SETPOINTS))))
             motions = [robot.motion(truth, document.emulation.period_s) for robot in robots]
             for robot, motion, arm in zip(robots, motions, arms, strict=True):
-                found += judge.too_fast(motion, asks, motions)
+                found += judge.too_fast(motion, asks, motions, diary.deaths(robot.name))
                 found += judge.powered_by_nobody(robot, truth, diary.commands, diary.losses)
                 found += judge.lost_by_numbers(robot, truth, io, diary.numbers, diary.done(robot.name, diary.numbers))
                 found += judge.unprotected(robot, truth, io, diary.attempts, diary.commands)

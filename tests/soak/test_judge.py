@@ -10,7 +10,7 @@ import pytest
 from procs.codes import TRACKING
 from procs.config import load_system
 from procs.document.system import SystemConfig
-from tests.soak.diary import Diary
+from tests.soak.diary import Diary, Entry
 from tests.soak.judge import (
     LAG_NS,
     Ask,
@@ -66,9 +66,9 @@ class JudgedWorld:
     def power(self, robot: str) -> Any:
         return self.truth["amp_on"][:, self.robots[robot].axes]
 
-    def too_fast(self, robot: str, *asks: Ask) -> list[Any]:
+    def too_fast(self, robot: str, *asks: Ask, deaths: Any = ()) -> list[Any]:
         motions = {name: each.motion(self.truth, 0.001) for name, each in self.robots.items()}
-        return too_fast(motions[robot], asks, list(motions.values()))
+        return too_fast(motions[robot], asks, list(motions.values()), deaths)
 
     def powered_by_nobody(self, robot: str, commands: Any = (), losses: Any = ()) -> list[Any]:
         return powered_by_nobody(self.robots[robot], self.truth, commands, losses)
@@ -131,6 +131,20 @@ def test_an_exact_limit_has_no_slack(world: JudgedWorld) -> None:
     joints = 0.0, 0.0, 0.05, 0.0, 0.0, 0.0, 0.0
     assert world.too_fast("PSM1", ask("PSM1", *joints)) == []
     assert len(world.too_fast("PSM1", ask("PSM1", *joints, exact=True))) == 1
+
+
+def test_efforts_of_a_dead_arm_may_act_until_io_holds(world: JudgedWorld) -> None:
+    diary = Diary()
+    diary.entries.append(Entry(EPOCH_NS + 500 * MS, "event", "kill -9 PSM1"))
+    diary.entries.append(Entry(EPOCH_NS + 500 * MS, "event", "kill -9 the client (wrench)"))
+    asked = ask("PSM1", 0.0, 0.0, 0.05, 0.0, 0.0, 0.0, 0.0, exact=True)
+    insertion = world.part("PSM1", INSERTION)
+    insertion[500:560] += 0.07e-3 * np.arange(60)
+    insertion[560:] += 0.07e-3 * 60
+    assert world.too_fast("PSM1", asked, deaths=diary.deaths("PSM1")) == []
+    assert len(world.too_fast("PSM1", asked, deaths=diary.deaths("MTMR"))) == 1
+    insertion[700:] += 0.07e-3 * np.arange(SECOND - 700)
+    assert len(world.too_fast("PSM1", asked, deaths=diary.deaths("PSM1"))) == 1
 
 
 def test_unpowered_motion_is_not_judged(world: JudgedWorld) -> None:
