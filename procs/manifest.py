@@ -138,9 +138,7 @@ PROCS: tuple[Proc, ...] = (
              for row in system.consoles],
          sizes=sizes.of_console, priority="above arms", woken=True, phase=0.05, budget_us=300),
     Proc("system", "procs.system.loop", 0.01, LATE_S, 3.0, "nothing moves differently; restart",
-         instances=lambda system: [ProcessInstance("system", after=tuple(
-             row.name for rows in (system.arms, system.carts, system.consoles) for row in rows))
-             ] if system.consoles else [],
+         instances=lambda system: [ProcessInstance("system")],
          sizes=sizes.of_system, priority="least", woken=True, phase=0.06, budget_us=500),
     Proc("socket_bridge", "procs.socket_bridge.loop", 0.01, 0.3, 3.0, "its clients are disconnected; restart",
          instances=lambda system: [ProcessInstance("socket_bridge", listen=system.socket.listen)]

@@ -52,7 +52,7 @@ def _with_files(home: Home, *files: Path) -> document.SystemConfig:
     bus = {"name": "bus", "port": "fw", "configuration_files": [str(file) for file in files]}
     loaded = home.load_made({"IOs": [bus]}, boards="emulated")
     assert loaded.system is not None and loaded.system.emulation is not None, [str(p) for p in loaded.errors]
-    assert [row.name for row in loaded.system.processes] == ["boards", "bus"]
+    assert [row.name for row in loaded.system.processes] == ["boards", "bus", "system"]
     assert loaded.system.emulated() is loaded.system, "io drives all there is"
     return loaded.system
 
@@ -121,7 +121,7 @@ def test_si_arms_are_driven_and_emulated(
 ) -> None:
     path = data(f"dvrk-site/jhu-daVinci-Si/system-{name}.json")
     system = load_system(path, search=[data("dvrk-share")], boards="emulated").system
-    assert system is not None and [row.name for row in system.processes] == ["boards", "IO1", name]
+    assert system is not None and [row.name for row in system.processes] == ["boards", "IO1", name, "system"]
     assert [pid.arm for pid in system.ios[0].pids] == [name]
     (arm,) = system.arms
     assert system.emulated() is system
@@ -248,7 +248,7 @@ def test_a_bus_without_boards_is_not_emulated(home: Home) -> None:
     assert system is not None and system.emulation is not None
     assert [(bus.io, len(bus.controllers)) for bus in system.emulation.buses] == [("one", 1)]
     nothing = home.load_made({"IOs": ios, "trocar": {"boards": "emulated"}}).system
-    assert nothing is not None and nothing.emulation is None and nothing.processes == ()
+    assert nothing is not None and nothing.emulation is None and [row.name for row in nothing.processes] == ["system"]
 
 
 def test_a_bus_may_have_any_name_without_ios(home: Home) -> None:
@@ -259,7 +259,7 @@ def test_a_bus_may_have_any_name_without_ios(home: Home) -> None:
     assert system.emulation is not None and system.ios == () and system.emulated() is system
     rows = [(bus.io, [c.board_id for c in bus.controllers]) for bus in system.emulation.buses]
     assert rows == [("left", [0, 5]), ("right", [0])]
-    assert [(row.name, row.kind) for row in system.processes] == [("boards", "boards")]
+    assert [(row.name, row.kind) for row in system.processes] == [("boards", "boards"), ("system", "system")]
     assert len({bus.address for bus in system.emulation.buses}) == 2
 
 

@@ -95,7 +95,8 @@ def test_boards_on_the_bench_start_alone(
     loaded = load_system(PROJECT_CONFIGS / f"systems/{name}.yaml")
     system = loaded.system
     assert loaded.warnings == () and system is not None and system.emulation is not None
-    assert [(row.name, row.kind, row.after) for row in system.processes] == [("boards", "boards", ())]
+    assert [(row.name, row.kind, row.after) for row in system.processes] == [
+        ("boards", "boards", ()), ("system", "system", ())]
     assert system.ios == () and system.arms == () and document.from_json(document.to_json(system)) == system
     (bus,) = system.emulation.buses
     assert (bus.address, bus.network, bus.testboard) == ("0.0.0.0", network, True)

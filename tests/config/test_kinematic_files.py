@@ -86,14 +86,15 @@ def test_si_arm_starts_without_its_brakes(home: Home) -> None:
     (home.path / "kinematic").symlink_to(stock.find("dvrk-share/kinematic"))
     system = home.load_made({"arms": [arm]}).system
     assert system is not None
-    assert [(row.name, row.kind) for row in system.processes] == [("io", "io"), ("PSM1", "arm")]
+    assert [(row.name, row.kind) for row in system.processes] == [("io", "io"), ("PSM1", "arm"), ("system", "system")]
 
 
 def test_real_and_kinematic_arms_stand_side_by_side(home: Home) -> None:
     system = home.load_made({"IOs": [BUS], "arms": [REAL, ARM], "trocar": {"boards": "emulated"}}).system
     assert system is not None and system.emulation is not None
     assert [(p.name, p.after) for p in system.processes] == [
-        ("boards", ()), ("IO1", ("boards",)), ("io", ()), ("PSM1", ("IO1",)), ("PSM2", ("io",))]
+        ("boards", ()), ("IO1", ("boards",)), ("io", ()), ("PSM1", ("IO1",)), ("PSM2", ("io",)),
+        ("system", ())]
     emulated = system.emulated()
     assert [io.name for io in emulated.ios] == ["IO1"] and [arm.name for arm in emulated.arms] == ["PSM1"]
     assert [bus.io for bus in system.emulation.buses] == ["IO1"]

@@ -145,7 +145,7 @@ def test_real_boards_keep_their_port(home: Home) -> None:
     system = home.load().system
     assert system is not None and system.emulation is None and system.notes == ()
     assert system.ios[0].port == "udp"
-    assert [row.name for row in system.processes] == ["IO1", "PSM1"] and system.process("IO1").after == ()
+    assert [row.name for row in system.processes] == ["IO1", "PSM1", "system"] and system.process("IO1").after == ()
 
 
 def test_command_line_decides_over_the_file(home: Home) -> None:

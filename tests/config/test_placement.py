@@ -45,7 +45,7 @@ def test_real_boards_on_the_wall_clock_place_everybody(home: Home) -> None:
     home.edit(SYSTEM, "boards: emulated", "processes: {PSM1: {cpu: 0}}")
     system = home.load(cores=FOUR).system
     assert system is not None
-    assert [(row.name, row.cpus) for row in system.processes] == [("IO1", (3,)), ("PSM1", (0,))]
+    assert [(row.name, row.cpus) for row in system.processes] == [("IO1", (3,)), ("PSM1", (0,)), ("system", (0,))]
     assert system.cpus == (0,)
     emulated = {"boards": "emulated", "sets": ["clock=wall"]}
     for options in ({"sets": ["placement=none"]}, {"boards": "emulated"}, emulated, {"cores": FOUR[:2]}, {"cores": ()}):
@@ -57,4 +57,4 @@ def test_a_core_that_the_file_gives_to_io_is_left_to_it(home: Home) -> None:
     home.edit(SYSTEM, "boards: emulated", "io: {cpu: 1}")
     system = home.load(cores=FOUR).system
     assert system is not None
-    assert [row.cpus for row in system.processes] == [(1,), (2, 3)] and system.cpus == (0,)
+    assert [row.cpus for row in system.processes] == [(1,), (2, 3), (0,)] and system.cpus == (0,)

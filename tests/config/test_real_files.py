@@ -58,6 +58,7 @@ def test_site_system_loads_with_emulated_boards() -> None:
         ("boards", "boards", ()),
         ("IO1", "io", ("boards",)),
         ("PSM1", "arm", ("IO1",)),
+        ("system", "system", ()),
     ]
     assert {path: hashlib.sha256(path.read_bytes()).hexdigest() for path in folder.iterdir()} == before
 
@@ -120,7 +121,7 @@ def test_arms_of_every_kind_start() -> None:
         loaded = load_system(path, search=[stock.find("dvrk-share")], boards="emulated")
         assert loaded.errors == () and loaded.system is not None
         assert [(row.name, row.kind) for row in loaded.system.processes] == [
-            ("boards", "boards"), ("IO1", "io"), (arm, "arm")]
+            ("boards", "boards"), ("IO1", "io"), (arm, "arm"), ("system", "system")]
         assert not any(note.startswith("not started yet") for note in loaded.system.notes)
 
 

@@ -34,6 +34,19 @@ def there(robot: Robot, arm: str, goal: tuple[float, ...]) -> bool:
     return bool(np.abs(np.array(position) - goal).max() < 1e-12)
 
 
+def test_a_system_of_one_arm_is_homed_as_a_whole_and_its_arm_stopped_alone(robot: Robot, tmp_path: Path) -> None:
+    arm = {"name": "PSM1", "type": "PSM", "simulation": "KINEMATIC", "arm_file": "arms/PSM1-demo.yaml"}
+    file = tmp_path / "system-PSM1.json"
+    file.write_text(json.dumps({"$id": "dvrk-system.schema.json", "$version": "1", "arms": [arm]}))
+    robot.up(file)
+    robot.trocar("send", "system", "home", "--wait")
+    assert echo(robot, "system/state")["arm_homed"] == [True]
+    assert "depends on it" not in robot.trocar("stop", "PSM1", code=2)
+    robot.trocar("stop", "PSM1", "--yes")
+    assert robot.state("system") == "RUNNING"
+    assert "PSM1" in robot.trocar("send", "system", "home", "--wait", code=1)
+
+
 def test_kinematic_arm_is_powered_homed_moved_and_shown_as_such(robot: Robot) -> None:
     robot.up(KINEMATIC)
     assert "PSM1 is KINEMATIC" in robot.output()
@@ -42,9 +55,8 @@ def test_kinematic_arm_is_powered_homed_moved_and_shown_as_such(robot: Robot) ->
     robot.trocar("send", "PSM1", "move_jp", *map(str, PLACE))
     wait_for(lambda: there(robot, "PSM1", PLACE), 60, "the move")
     rows = {row["name"]: row for row in json.loads(robot.trocar("status", "--json"))["processes"]}
-    assert set(rows) == {"supervisor", "io", "PSM1"}
     assert {name: row["simulation"] for name, row in rows.items()} == {
-        "supervisor": "", "io": "KINEMATIC", "PSM1": "KINEMATIC"}
+        "supervisor": "", "io": "KINEMATIC", "PSM1": "KINEMATIC", "system": ""}
     listed = [json.loads(line) for line in robot.trocar("list", "--json").splitlines()]
     assert {"io/PSM1/measured_js", "PSM1/measured_cp"} <= {row["topic"] for row in listed}
     assert {row["simulation"] for row in listed if row["topic"].startswith(("io/", "PSM1/state"))} == {"KINEMATIC"}
