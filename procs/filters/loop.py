@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
-from procs.document.system import SystemConfig
+from procs.document.system import WALL, SystemConfig
 from procs.filters.hosted import HostedFilter, filter_in
 from procs.manifest import hung_s
 from procs.user_life import live
@@ -18,7 +18,8 @@ class FiltersLoop(OwnProcess):
 
     def setup(self) -> None:
         """See OwnProcess; none of them keeps the others from beginning."""
-        document, most_s = self.own.document, 0.5 * hung_s(self.own.row)
+        document = self.own.document
+        most_s = 0.5 * hung_s(self.own.row, simulated=document.clock != WALL)
         self.filters = tuple(
             HostedFilter(self.system, document.process(row.name), partial(filter_in, row.module), most_s)
             for row in document.users if row.host == self.name)

@@ -14,13 +14,10 @@ from typing import Final, Protocol
 from procs import lifecycle
 from procs.document.system import Process
 from procs.manifest import proc
-from procs.supervisor.cores import IDLE, counted_ns
-from procs.supervisor.judge import OWN_LATE_NS
 from shm.clock import monotonic_ns
 
 HEALTHY_NS: Final = 10_000_000_000
 SETUP_S: Final = 60.0
-SPARED: Final = 10.0  # times as long as it may take, and it is killed however busy the machine is
 
 
 class Running(Protocol):
@@ -69,12 +66,11 @@ class Ending:
 
 @dataclass(slots=True)
 class Child:
-    """One instance as the supervisor sees it; all times monotonic ns."""
+    """One instance as the supervisor sees it; all times are real, monotonic ns, whatever clock the system has."""
 
     row: Process
     process: Running
     now_ns: Callable[[], int] = monotonic_ns
-    core_ns: Callable[[int], int] | None = None  # of a process id, see cores.py: a busy machine is no danger
     state: str = lifecycle.STOPPED
     starts: int = 0  # how many processes it has had: the number of the one that runs
     restarts: int = 0  # of them by the policy for deaths
@@ -88,8 +84,6 @@ class Child:
     refused: str = ""  # why there is no process where there should be one
     is_wanted: bool = True  # if not, it may end by itself: that is no death
     is_done: bool = False  # it has done so
-    looked: tuple[int, int] = 0, IDLE  # when we looked last, and how long it had had a core
-    latest_ns: int = 0  # it is not spared any longer
 
     @property
     def is_up(self) -> bool:
@@ -117,8 +111,6 @@ class Child:
         """What became of it: how it ended, if it has. Kills who takes too long to begin or to end."""
         if self.kill_at_ns and self.state == lifecycle.RUNNING and self.process.ready:
             self.kill_at_ns = 0  # its setup has succeeded
-        if self.kill_at_ns and self.core_ns is not None:
-            self._spare(self.core_ns)
         if self.kill_at_ns and self.now_ns() >= self.kill_at_ns:
             begins = self.state == lifecycle.RUNNING
             self._kill(f"setup was not done within {SETUP_S:.0f} s, killed" if begins else
@@ -127,19 +119,6 @@ class Child:
         if code is None and not self.refused:
             return None
         return self._ended(code, pid)
-
-    def _allow(self, seconds: float) -> None:
-        """It may take so long to begin, or to end."""
-        now = self.now_ns()
-        self.kill_at_ns, self.looked = now + round(seconds * 1e9), (now, IDLE)
-        self.latest_ns = now + round(SPARED * seconds * 1e9)
-
-    def _spare(self, core_ns: Callable[[int], int]) -> None:
-        """Time does not count in which it waited for a core, or we did."""
-        now, (before, had) = self.now_ns(), self.looked
-        self.looked = now, core_ns(self.process.pid)
-        counted = counted_ns(had, self.looked[1], min(now - before, OWN_LATE_NS))
-        self.kill_at_ns = min(self.kill_at_ns + now - before - counted, self.latest_ns)
 
     def restart_when_due(self) -> bool:
         """Carry out a planned restart; True when a process was started."""
@@ -159,12 +138,12 @@ class Child:
         if done == lifecycle.BEGIN:
             self._begin()
         elif done == lifecycle.ASK:
-            self._allow(proc(self.row.kind).stop_s)
+            self.kill_at_ns = self.now_ns() + round(proc(self.row.kind).stop_s * 1e9)
             self.process.ask_to_end()
 
     def _begin(self) -> None:
         self.starts, self.begun_ns, self.is_done = self.starts + 1, self.now_ns(), False
-        self._allow(SETUP_S)
+        self.kill_at_ns = self.begun_ns + round(SETUP_S * 1e9)
         try:
             self.process.begin()
         except OSError as error:

@@ -1,19 +1,19 @@
 """Who has not beaten for too long: late ones are reported, hung ones are killed. Pure: all times come from outside.
 
-A process shows that it goes on by a mark that changes: its heartbeat, or, in lock-step, the time that it holds up. Its
-silence grows by our own beats, and only by those that we took in time: whatever held us up (the machine, somebody who
-stopped us) may have held up the others as well, so nobody is judged for it.
+A process shows that it goes on by a mark that changes: its heartbeat. Its silence is real time, whatever clock the
+system has. Of one of our own beats no more than a QUARTER of what is allowed counts: what stalled us may have stalled
+the others as well, and so each has some of our beats to show that it goes on. In a beat in which we were late ourselves
+no process is reported late.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Final
 
-from procs.supervisor.cores import IDLE, counted_ns
-
 OWN_LATE_NS: Final = 60_000_000  # three of our beats
+QUARTER: Final = 0.25
 CALM_NS: Final = 1_000_000_000  # late again within this: the same episode
 WAITING_BEATS: Final = 8  # who waits for time looks at it more often
 LATE, HUNG, RESUMED = "late", "hung", "resumed"
@@ -23,15 +23,13 @@ LATE, HUNG, RESUMED = "late", "hung", "resumed"
 class JudgedProcess:
     """One process that is to be judged in this beat: what it shows, and what is allowed, ns.
 
-    `core_ns` says how long it has had a core so far if it wants one (cores.IDLE: it wants none): only such time counts
-    as silence of who is to be spared on a busy machine. Nothing counts while who is in `waits_for` is silent, too.
+    Nothing counts while who is in `waits_for` is silent, too.
     """
 
     name: str
     mark: int
     late_ns: float
     hung_ns: float
-    core_ns: Callable[[], int] | None = None
     waits_for: str = ""
 
 
@@ -47,8 +45,7 @@ class Verdict:
 @dataclass(slots=True)
 class _Silence:
     mark: int
-    silent_ns: int = 0
-    core_ns: int = IDLE
+    silent_ns: float = 0.0
     quiet_beats: int = 0
     reported: bool = False
     calm_at_ns: int = 0
@@ -76,34 +73,26 @@ class Judge:
             if silence.mark != member.mark:
                 if silence.reported:
                     yield Verdict(member.name, RESUMED, silence.silent_ns * 1e-9)
-                silence.mark, silence.silent_ns, silence.reported = member.mark, 0, False
+                silence.mark, silence.silent_ns, silence.reported = member.mark, 0.0, False
                 silence.quiet_beats = 0
                 continue
             silence.quiet_beats += 1
-            if passed_ns <= OWN_LATE_NS and not _is_quiet(known.get(member.waits_for)):
-                silence.silent_ns += _counted(member, silence, passed_ns)
-                yield from _judged(now_ns, member, silence)
+            if not _is_quiet(known.get(member.waits_for)):
+                silence.silent_ns += min(passed_ns, member.hung_ns * QUARTER)
+                yield from _judged(now_ns, member, silence, we_are_late=passed_ns > OWN_LATE_NS)
 
 
 def _is_quiet(silence: _Silence | None) -> bool:
     return silence is not None and silence.quiet_beats >= WAITING_BEATS
 
 
-def _counted(member: JudgedProcess, silence: _Silence, passed_ns: int) -> int:
-    """How much of the time since the last beat counts."""
-    if member.core_ns is None:
-        return passed_ns
-    before, silence.core_ns = silence.core_ns, member.core_ns()
-    return counted_ns(before, silence.core_ns, passed_ns)
-
-
-def _judged(now_ns: int, member: JudgedProcess, silence: _Silence) -> Iterator[Verdict]:
+def _judged(now_ns: int, member: JudgedProcess, silence: _Silence, *, we_are_late: bool) -> Iterator[Verdict]:
     silent_s = silence.silent_ns * 1e-9
-    if silence.silent_ns > member.late_ns:
+    if silence.silent_ns > member.late_ns and not we_are_late:
         if not silence.reported and now_ns >= silence.calm_at_ns:
             silence.reported = True
             yield Verdict(member.name, LATE, silent_s)
         silence.calm_at_ns = now_ns + CALM_NS
     if silence.silent_ns > member.hung_ns:
-        silence.silent_ns, silence.reported = 0, False
+        silence.silent_ns, silence.reported = 0.0, False
         yield Verdict(member.name, HUNG, silent_s)

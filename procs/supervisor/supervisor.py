@@ -22,7 +22,6 @@ from procs.realtime import in_words, lacking, realtime, step_back
 from procs.supervisor import memory
 from procs.supervisor.children import Child, Ending
 from procs.supervisor.clearing import Clearings
-from procs.supervisor.cores import core_time_ns
 from procs.supervisor.demand import Demand
 from procs.supervisor.dependencies import missing, waves
 from procs.supervisor.forking import Template, reap_orphans
@@ -136,7 +135,7 @@ class Supervisor:
         put_aside(path, self.system.logs.keep)
         page = self._pages[row.name] = ControlPage(self.system.name, row.name, write=True)
         process = OsProcess(self.system.name, row, page, path, self._template, self._listening[row.name].sockets)
-        return Child(row, process, core_ns=None if self.keeper is None else core_time_ns)
+        return Child(row, process)
 
     def _demand(self, child: Child) -> Demand:
         subscriptions, children = Subscriptions(self._pages[child.row.name]), {c.row.name: c for c in self.children}
@@ -297,14 +296,11 @@ class Supervisor:
         for child in self.children:
             if not child.is_up or self.stopping or self.page.state != "RUNNING":
                 continue
-            name, hung_ns = child.row.name, hung_s(child.row) * 1e9
-            mark = int(self._pages[name].get("heartbeat_ns"))
-            if keeper is None:
-                yield JudgedProcess(name, mark, late_s(child.row) * 1e9, hung_ns)
-            else:
-                server = keeper.table.server if name in keeper.table.asking else ""
-                core_ns = partial(core_time_ns, child.process.pid)
-                yield JudgedProcess(name, mark, math.inf, hung_ns, core_ns, server)
+            name, row = child.row.name, child.row
+            late_ns = math.inf if keeper is not None else late_s(row) * 1e9
+            server = keeper.table.server if keeper is not None and name in keeper.table.asking else ""
+            mark, hung_ns = int(self._pages[name].get("heartbeat_ns")), hung_s(row, simulated=keeper is not None) * 1e9
+            yield JudgedProcess(name, mark, late_ns, hung_ns, server)
 
     def _show(self) -> None:
         """Publish who is in which state, when that has changed."""

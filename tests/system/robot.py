@@ -60,11 +60,7 @@ class Robot:
         """`trocar up FILE …` with our clock unless options name another one, and wait until everything runs."""
         if "--clock" not in options and not any(option.startswith("clock=") for option in options):
             options = (*options, "--clock", self.clock)
-        command = [sys.executable, "-m", "tools", "up", str(file), "--system", self.name, *options]
-        with (self.logs / "supervisor.txt").open("a") as out:
-            self.supervisor = subprocess.Popen(
-                command, cwd=self.root, env=self.environment, stdout=out, stderr=out, text=True
-            )
+        self.supervisor = self.popen("up", str(file), "--system", self.name, *options)
         if wait:
             wait_for(self.is_up, UP_S, f"system up; supervisor said:\n{self.output()}")
             self.pids |= {self.pid(i) for i in directory.instances(self.name)} - {0}  # who has begun
@@ -132,6 +128,12 @@ class Robot:
             except SystemExit as end:
                 code = int(end.code or 0)
         return subprocess.CompletedProcess(words, code, out.getvalue(), err.getvalue())
+
+    def popen(self, *words: str) -> subprocess.Popen[str]:
+        """Begin a verb in a process of its own; what it and the system print is `output`."""
+        with (self.logs / "supervisor.txt").open("a") as out:
+            return subprocess.Popen([sys.executable, "-m", "tools", *words], cwd=self.root, env=self.environment,
+                                    stdout=out, stderr=out, text=True)
 
     def home(self, *arms: str, timeout: float = 120.0) -> None:
         """`trocar home`; asked for again where a busy machine held somebody up meanwhile."""

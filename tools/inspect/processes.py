@@ -16,9 +16,9 @@ from tools.inspect.endings import PastProcess, endings
 from tools.printing import number, plain
 from tools.systems import alive, is_simulated
 
+DEAD, FAILED, SILENT, STALLED = "dead", "failed", "silent", "stalled"  # problems
 LOOK_AGAIN_S = 0.02
 TRIES = 5
-SIMULATED_STALLED = 10.0  # times as long as on the wall clock
 ALL = 1 << 16  # records: more than any ring has
 SHOWN_OF_OTHERS = {"CREATED": "NOT ATTACHED", "RUNNING": "ATTACHED", "STOPPED": "DETACHED"}
 COLUMNS = ("process", "state", "pid", "Hz", "p99 ms", "work ms", "missed", "restarts", "problem")
@@ -153,11 +153,11 @@ def _life(name: str, page: ControlPage, ledger: dict[str, Any], simulated: bool,
 
 def _problem(row: Process, state: str, lives_on: bool, page: ControlPage, simulated: bool) -> str:
     if state == "FAILED":
-        return f"failed: {plain(page.get('error'))}"
+        return f"{FAILED}: {plain(page.get('error'))}"
     if not lives_on:
-        return "dead" if state in ("STARTING", "RUNNING", "STOPPING") else ""
+        return DEAD if state in ("STARTING", "RUNNING", "STOPPING") else ""
     if state == "RUNNING" and _stalled(row, page, simulated):
-        return "silent" if row.kind in THIRD_PARTY else "stalled"
+        return SILENT if row.kind in THIRD_PARTY else STALLED
     return str(plain(page.get("error"))) if state == "RUNNING" else ""
 
 
@@ -165,7 +165,7 @@ def _stalled(row: Process, page: ControlPage, simulated: bool) -> bool:
     """Silent for longer than is allowed, and still so when looked at again: one late cycle is no stall."""
     try:
         # In simulated time nobody is late, all wait for whoever has no core, and the supervisor kills whoever hangs.
-        late_ns = (SIMULATED_STALLED * hung_s(row) if simulated else late_s(row)) * 1e9
+        late_ns = (hung_s(row, simulated=True) if simulated else late_s(row)) * 1e9
     except KeyError:
         return False
     beat = int(page.get("heartbeat_ns"))
