@@ -79,7 +79,7 @@ POWER_FAULT: Final = Code(
     "check the controllers' supply", 11, POWER_OFF)
 WATCHDOG: Final = Code(
     "watchdog", ERROR, "io", "a controller's watchdog has cut the amplifiers",
-    "power on and home; if it returns, see the missed deadlines in trocar status", 12, POWER_OFF)
+    "power on and home; if it returns, the computer is too slow or too busy: trocar doctor", 12, POWER_OFF)
 AMPLIFIER: Final = Code(
     "amplifier", ERROR, "io, arm", "an amplifier is off although it should be on",
     "check the motor cable; a short circuit or overheating makes an amplifier fail", 13, POWER_OFF)
@@ -91,7 +91,7 @@ NOT_FINITE: Final = Code(
     "a program sent NaN or infinity; nothing of it reached the motors", 15, STOP)
 ARM_LOST: Final = Code(
     "arm-lost", ERROR, "io", "the arm's process has sent no setpoints for too long; holding",
-    "see why the arm's process does not come back (trocar status); power off if in doubt", 16, NOTHING, "s")
+    "if it does not come back by itself: trocar start NAME; power off if in doubt", 16, NOTHING, "s")
 ARM_LOST_POWER_OFF: Final = Code(
     "arm-lost-power-off", ERROR, "io", "the arm's process stayed away; power was switched off",
     "restart the arm, power on and home", 17, POWER_OFF, "s")
@@ -100,7 +100,7 @@ BIAS_FAILED: Final = Code(
     "try again; if it returns, look at the potentiometers' values", 18, NOTHING, JOINT, "set to")
 SHARED_BOARD: Final = Code(
     "shared-board", ERROR, "io", "another robot on the same controller had a fault; power was switched off",
-    "see the other robot's fault", 19, POWER_OFF)
+    "remove the cause of the other robot's fault, then trocar home NAME", 19, POWER_OFF)
 POT_MISSING: Final = Code(
     "pot-missing", ERROR, "io", "a potentiometer reads where its table has no position; relays were opened",
     "check that the table belongs to this arm, and the arm's cable; move the joint by hand and try again", 20, CUT)
@@ -116,11 +116,11 @@ CALIBRATION_MOTORS: Final = Code(
     23, NOTHING)
 PERIOD: Final = Code(
     "period", ERROR, "io", "the I/O loop took more than twice its period on average over a second",
-    "the computer is too slow or too busy: see trocar status, docs/operating.md (real time), io.period_s",
+    "the computer is too slow or too busy: trocar doctor, docs/operating.md (real time), io.period_s",
     24, STOP, "s")
 PERIOD_LONG: Final = Code(
     "period-long", WARNING, "io", "an I/O cycle works longer than its period on average over a second",
-    "the computer is too slow or too busy: see trocar status, docs/operating.md (real time), io.period_s",
+    "the computer is too slow or too busy: trocar doctor, docs/operating.md (real time), io.period_s",
     25, NOTHING, "s")
 FOREIGN_DATAGRAMS: Final = Code(
     "foreign-datagrams", WARNING, "io", f"datagrams from {SENDER} are ignored: no controller is there",
@@ -145,7 +145,7 @@ HELD_UP: Final = Code(
 # supervisor
 PROCESS_ENDED: Final = Code(
     "process-ended", WARNING, "supervisor", "a process ended by itself",
-    "trocar status says how and whether it is back, trocar logs NAME why")
+    "where it is not restarted: trocar start NAME; trocar logs NAME may say why it ended")
 PROCESS_KILLED: Final = Code(
     "process-killed", WARNING, "supervisor", "a process that was asked to end did not, and was killed",
     "an io that is killed leaves switching off to the boards' watchdog; trocar logs NAME may say why")
@@ -161,22 +161,22 @@ BOARDS_LATE: Final = Code(
 # arm: what makes it go FAULT
 IO_TIMEOUT: Final = Code(
     "io-timeout", ERROR, "arm", "io does not answer",
-    "trocar status says whether io is back")
+    "if io does not come back by itself: trocar start IO; then trocar home NAME")
 IO_RESTARTED: Final = Code(
     "io-restarted", ERROR, "arm", "io was restarted",
-    "trocar logs IO says why it ended")
+    "trocar home NAME; trocar logs IO may say why it ended")
 IO_FAULT: Final = Code(
     "io-fault", ERROR, "arm", "io reports a fault whose number is not known here",
     "start all parts from the same version")
 PID_OFF: Final = Code(
     "pid-off", ERROR, "arm", "the joint controller was switched off, or off and on again, by somebody else",
-    "trocar logs IO --commands says by whom")
+    "trocar home NAME; trocar logs IO --commands says by whom")
 BIAS_CHANGED: Final = Code(
     "bias-changed", ERROR, "arm", "the encoders were set anew while the joint controller was on",
-    "trocar logs IO --commands says by whom")
+    "trocar home NAME; trocar logs IO --commands says by whom")
 IO_SWITCH: Final = Code(
     "io-switch", ERROR, "arm", "io did not do what it was asked for in time",
-    "see trocar logs IO")
+    "trocar home NAME; if it returns, trocar logs IO says what io lacks")
 BIAS_TIMEOUT: Final = Code(
     "bias-timeout", ERROR, "arm", "the encoders were not set from the potentiometers in time",
     "look at the potentiometers' values")
@@ -265,7 +265,7 @@ ENDOSCOPE_TYPE: Final = Code(
     "give one of those that are allowed")
 CPU_OVERLOAD: Final = Code(
     "cpu-overload", WARNING, "arm", "the machine is short of time: the arm works in every second or third period only",
-    "the computer is too slow or too busy: see trocar status, docs/operating.md (real time)")
+    "the computer is too slow or too busy: trocar doctor, docs/operating.md (real time)")
 
 # setup joints
 SUJ_FAULT: Final = Code(
@@ -300,10 +300,10 @@ FAULT_SINCE: Final = Code(
     "trocar send console teleop_enable 1")
 ARM_ERROR: Final = Code(
     "arm-error", ERROR, "teleop", "one of its arms reported an error; following has stopped",
-    "see the arm's error")
+    "do what the arm's error says, then enable teleoperation again")
 ARM_TIMEOUT: Final = Code(
     "arm-timeout", ERROR, "teleop", "one of its arms is silent; following has stopped",
-    "trocar status says whether the arm is back; then show presence again")
+    "if the arm does not come back by itself: trocar start NAME; then show presence again")
 ARM_RESTARTED: Final = Code(
     "arm-restarted", ERROR, "teleop", "one of its arms was started again; following has stopped",
     "show presence again; trocar logs NAME says why the arm ended")
@@ -346,7 +346,7 @@ TOOL_CHANGED: Final = Code(
     "enable teleoperation again")
 OPERATOR_TIMEOUT: Final = Code(
     "operator-timeout", ERROR, "teleop", "the console went silent while the camera was moved; following has stopped",
-    "trocar status says whether the console is back; press the pedal again")
+    "press the pedal again; if the console does not come back by itself: trocar start console")
 OPERATOR_ABSENT: Final = Code(
     "operator-absent", WARNING, "teleop", "nobody is seen at the console; following has stopped",
     "show presence again: pedal or head sensor")
@@ -363,7 +363,7 @@ HEAD_SENSOR: Final = Code(
     "where it went: check its cable, and who may read it")
 TELEOP_REFUSED: Final = Code(
     "teleop-refused", WARNING, "console", "a teleoperation refused what the console asked of it",
-    "see the teleoperation's reason in trocar status")
+    "do what the teleoperation's reason in trocar status asks for")
 SYSTEM_INCOMPLETE: Final = Code(
     "system-incomplete", ERROR, "system", "the system's power_on, home or power_off did not succeed for all arms",
     "trocar status says what to do first")
@@ -380,7 +380,7 @@ THIRD_PARTY_ERROR: Final = Code(
 # processes of users' own
 USER_ERROR: Final = Code(
     "user-error", ERROR, "user", "a process of a user's own reports that something is wrong with it",
-    "see what it says, and its log: trocar logs NAME")
+    "remove what it names; if it does not resume by itself: trocar restart NAME")
 
 USER_SLOW: Final = Code(
     "user-slow", WARNING, "filters", "a filter took longer than its period, and the others of its process waited",

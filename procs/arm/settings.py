@@ -66,7 +66,9 @@ class Settings:
     def _use_gravity_compensation(self, request: Request) -> None:
         gravity, wanted = self._control.gravity, switch(request)
         if wanted and not gravity.known:
-            raise self._control.refusal(codes.COMMAND_REFUSED, request.name, "this arm has no gravity model")
+            why = ("this arm has no gravity model; its arm file names one: gravity_compensation of a master, "
+                   "kinematic_gc of others")
+            raise self._control.refusal(codes.COMMAND_REFUSED, request.name, why)
         gravity.used = wanted
 
     # questions; the answer is a JSON list of numbers

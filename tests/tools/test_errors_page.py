@@ -44,6 +44,16 @@ def test_every_code_has_its_cause_and_remedy() -> None:
     assert all(f"| {row.number} | `{row.code}` |" in text for row in FAULTS)
 
 
+def test_no_remedy_is_the_command_that_shows_it() -> None:
+    """Logs of a process show what it reports, `trocar status` what arms and teleoperations do."""
+    for row in CODES:
+        owners = set(row.owner.split(", "))
+        if not owners <= {"supervisor", "teleop"}:  # NAME is another one there
+            assert "trocar logs NAME" not in row.remedy, row.code
+        if owners & {"io", "arm", "suj", "teleop"}:
+            assert "trocar status" not in row.remedy, row.code
+
+
 def test_codes_are_unique_and_their_owners_are_kinds() -> None:
     assert len({row.code for row in CODES}) == len(CODES) == len(NAMES)
     kinds = {row.kind for row in PROCS} | {"any"}

@@ -95,12 +95,23 @@ def fault(name: str, code: str, stamp_ns: int) -> Standing:
         "code": code, "hint": "", "monotonic_ns": stamp_ns})
 
 
-def process(name: str, problem: str = "") -> ProcessStatus:
-    return ProcessStatus(name, "arm", "RUNNING", 1, None, None, None, 0, 0, 0, 0, 0, "", "", None, problem, {})
+def process(name: str, problem: str = "", kind: str = "arm", lifecycle: str = "RUNNING") -> ProcessStatus:
+    return ProcessStatus(name, kind, "RUNNING", 1, None, None, None, 0, 0, 0, 0, 0, "", "", None, problem, {},
+                         lifecycle=lifecycle)
 
 
 @pytest.mark.parametrize(("processes", "found", "first"), [
-    ([process("IO1", "dead"), process("PSM1")], [fault("PSM1", "io-timeout", 5)], "IO1 is dead: trocar logs IO1"),
+    ([process("IO1", "dead"), process("PSM1")], [fault("PSM1", "io-timeout", 5)],
+     "IO1 is dead: trocar start IO1; trocar logs IO1 may say why"),
+    ([process("supervisor", "dead", "supervisor")], [], "supervisor is dead: trocar up FILE starts the system again"),
+    ([process("supervisor", "stalled", "supervisor")], [],
+     "supervisor is stalled: trocar down; then trocar up FILE starts the system again"),
+    ([process("mine", "stalled", "user")], [], "mine is stalled: trocar restart mine"),
+    ([process("mine", "failed: no sensor", "user")], [],
+     "mine is failed: no sensor: trocar start mine; trocar logs mine may say why"),
+    ([process("mine", "no sensor", "user")], [], "mine is no sensor: trocar logs mine"),
+    ([process("theirs", "dead", "third_party", "")], [],
+     "theirs is dead: it is a third-party program; start it again"),
     ([], [fault("PSM1", "shared-board", 1), fault("PSM2", "amplifier", 2)],
      "PSM2: amplifier. Then: trocar home PSM2 PSM1"),
     ([], [fault("PSM1", "power-lost", 3), fault("PSM2", "watchdog", 2)], "PSM2: watchdog. Then: trocar home PSM2 PSM1"),

@@ -11,8 +11,9 @@ from procs.codes import SHARED_BOARD
 from shm import directory
 from shm.ring import RingReader
 from shm.segment import SegmentError
-from tools.inspect.processes import ProcessStatus
+from tools.inspect.processes import DEAD, FAILED, SILENT, STALLED, ProcessStatus
 from tools.printing import plain
+from tools.running import SUPERVISOR
 
 FAULT = "FAULT"
 FAULT_KEYS = ("code", "component", "axis", "board", "value", "limit", "text", "hint", "monotonic_ns", "local_ns")
@@ -115,7 +116,7 @@ def first_thing(processes: Sequence[ProcessStatus], found: Sequence[Standing]) -
     for process in processes:
         if process.problem:
             more = f" ({process.exit_reason})" if process.exit_reason else ""
-            return f"{process.name} is {process.problem}{more}: trocar logs {process.name}"
+            return f"{process.name} is {process.problem}{more}: {_help(process)}"
     faults = sorted((one for one in found if one.is_fault), key=_cause_first)
     if faults:
         one = faults[0]
@@ -125,6 +126,19 @@ def first_thing(processes: Sequence[ProcessStatus], found: Sequence[Standing]) -
         return f"{what}{hint}. Then: trocar home {names}"
     waiting = next((one for one in found if one.person), None)
     return f"{waiting.name} waits: {waiting.reason}" if waiting is not None else ""
+
+
+def _help(process: ProcessStatus) -> str:
+    """What a person types for a process that has a problem."""
+    name, problem = process.name, process.problem
+    is_dead = problem == DEAD or problem.startswith(FAILED)
+    if process.kind == SUPERVISOR:
+        return f"{'' if is_dead else 'trocar down; then '}trocar up FILE starts the system again"
+    if problem in (SILENT, DEAD) and not process.lifecycle:
+        return "it is a third-party program; start it again"
+    if is_dead:
+        return f"trocar start {name}; trocar logs {name} may say why"
+    return f"trocar restart {name}" if problem == STALLED else f"trocar logs {name}"
 
 
 def _cause_first(one: Standing) -> tuple[bool, int]:
