@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from procs.document.system import from_json
 from shm import directory
+from shm.client import MailboxFull
 from shm.clock import pause
 from shm.system_time import Patience
 from tools.errors import Problem
@@ -20,8 +22,9 @@ Array = NDArray[np.float64]
 PINCH = 0.8  # rad; teleoperations want to see 40° of it
 FIRMLY = (500.0, 1.5)  # N/m, N·m/rad of a hand that guides
 BEATS_S = 0.01
-ALIGNED_S = 20.0
-PINCHED_S = 5.0
+FOLLOWS_S = 25.0
+PINCHED_NS = 1_000_000_000
+WAITS_FOR_PINCH = "waiting: pinch or twist"
 
 
 def figure_eight(angle: float, size_m: float) -> Array:
@@ -30,7 +33,11 @@ def figure_eight(angle: float, size_m: float) -> Array:
 
 
 class Hand:
-    """A hand at the master of a teleoperation; a context manager that lets go."""
+    """A hand at the master of a teleoperation; a context manager that lets go.
+
+    It works on one operator's command that enables teleoperation. When following ends by anything but the clutch, or a
+    fault comes, it lets go and leaves the pedals, and does nothing more until such a command is given anew.
+    """
 
     def __init__(self, system: str, seat: OperatorSim, teleop: SimTeleop) -> None:
         document = from_json(directory.document(system))
@@ -41,6 +48,12 @@ class Hand:
         self._pedals = [wired.name for wired in row.operator_present]
         self._boards = Remote(system, "boards")
         self._seen = SeenRecord(system, self.master, "arm")
+        self._asked = 0
+        """Number of the command it works on."""
+        self._at_work = self._has_followed = self._at_pedals = self._holds = False
+        self._opened: float | None = None
+        """The gripper's angle before it was pinched; None: it is not."""
+        self._pinch_ns = 0
         self.place = np.zeros(7)
 
     def begin(self) -> None:
@@ -49,47 +62,80 @@ class Hand:
         Problem says what it waits for instead.
         """
         self._seat.ask("teleop_enable", 1)
-        for pedal in self._pedals:
-            self._boards.ask("press", (1.0,), pedal)
-        self._until("pinch or twist", ALIGNED_S)
-        angle = float(self._seen.value("gripper_position"))
-        self._boards.ask("set_position", (angle - PINCH,), self._gripper)
-        self._until("", PINCHED_S)
-        self._boards.ask("set_position", (angle,), self._gripper)
+        with Patience(self._system, FOLLOWS_S) as patience:
+            while not self.follows():
+                if patience.is_over:
+                    raise Problem(f"after {FOLLOWS_S:g} s {self._teleop.reported}")
+                pause(BEATS_S)
+
+    def follows(self) -> bool:
+        """Do what following waits for, once a beat: the pedals, a pinch; returns whether it follows."""
+        follows = self._look()
+        at_work = self._at_work
+        if at_work is not self._at_pedals:
+            pressed = all(self._post("press", (float(at_work),), pedal) for pedal in self._pedals)
+            self._at_pedals = at_work if pressed else self._at_pedals
+        pinches = at_work and not follows and str(self._teleop.value("reason")).startswith(WAITS_FOR_PINCH)
+        if self._teleop.ring.stamp_ns >= self._pinch_ns if pinches else self._opened is not None:
+            self._toggle()
+        return follows
+
+    def _look(self) -> bool:
+        """Whether there is a command to work on; returns whether it follows by it."""
+        console, follows = self._seat.console, self._teleop.is_following
+        asked = int(console.value("origin")) if console.value("teleop_enabled") else 0
+        if asked != self._asked:
+            self._asked, self._at_work, self._has_followed = asked, asked != 0, False
+        self._has_followed |= follows
+        # behind a clutch the teleoperation still knows that the master is in a hand
+        self._at_work &= follows or not self._has_followed or bool(self._teleop.value("operator_active"))
+        return follows and self._at_work
+
+    def _toggle(self) -> None:
+        """Pinch the gripper, or open it again."""
+        angle = float(self._seen.value("gripper_position")) - PINCH if self._opened is None else self._opened
+        if self._post("set_position", (angle,), self._gripper):
+            self._opened = angle + PINCH if self._opened is None else None
+            self._pinch_ns = self._teleop.ring.stamp_ns + PINCHED_NS
+
+    def holds(self) -> bool:
+        """Hold the tip while it follows, let go of it while it does not; True: it was held before, too."""
+        follows, held = self.follows(), self._holds
+        if follows and not held:
+            self.take()
+        elif held and not follows:
+            self._holds = not self._post("release_tip", (), self.master)
+        return held and self._holds
 
     def take(self) -> None:
         """Hold the tip firmly where it is."""
         self.place = np.array(self._seen.value("local_measured_cp"))
-        self._boards.ask("pull_tip", (*self.place, *FIRMLY), self.master)
+        self._holds = self._post("pull_tip", (*self.place, *FIRMLY), self.master)
 
     def draw(self, offset: Array) -> None:
         """Pull the tip to `offset` (3,) m, in the axes of the master's base, from where it was taken."""
         pose = self.place.copy()
         pose[:3] += offset
-        self._boards.replies()
-        self._boards.post("pull_tip", pose, self.master)
+        self._post("pull_tip", pose, self.master)
 
     def nudge(self, actuators: Array) -> None:
         """Put the master's actuators (7,) somewhere at once."""
+        self._post("set_position", actuators, self.master)
+
+    def _post(self, command: str, values: Sequence[float] | Array, text: str) -> bool:
+        """False: the boards, which may just be started again, have no room for it; it is tried again a beat later."""
         self._boards.replies()
-        self._boards.post("set_position", actuators, self.master)
-
-    def _until(self, reason: str, seconds: float) -> None:
-        """Until that alone is waited for; "": until it follows."""
-        with Patience(self._system, seconds) as patience:
-            while not (self._teleop.is_following if not reason else self._is_next(reason)):
-                if patience.is_over:
-                    raise Problem(f"after {seconds:g} s {self._teleop.reported}")
-                pause(BEATS_S)
-
-    def _is_next(self, reason: str) -> bool:
-        return self._teleop.is_following or str(self._teleop.value("reason")).startswith(f"waiting: {reason}")
+        try:
+            self._boards.post(command, values, text)
+        except MailboxFull:
+            return False
+        return True
 
     def close(self) -> None:
         """Let go, leave the pedals."""
-        self._boards.post("release_tip", (), self.master)
+        self._post("release_tip", (), self.master)
         for pedal in self._pedals:
-            self._boards.post("press", (0.0,), pedal)
+            self._post("press", (0.0,), pedal)
         self._boards.close()
         self._seen.ring.close()
 

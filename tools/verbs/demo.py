@@ -56,7 +56,8 @@ def demo(
     system: Annotated[str, typer.Option("--system", envvar="TROCAR_SYSTEM", metavar="NAME", help="Its name.")] = NAME,
 ) -> int:
     """Start emulated boards, home a master and a PSM, draw on the master: the PSM follows. No hardware; Ctrl-C ends it.
-    It prints the address of its web console, in which it is seen.
+    It prints the address of its web console, in which it is seen. After a fault: trocar home, and trocar send console
+    teleop_enable 1; until then the hand does not touch the master.
 
     Seconds are those of the system: a busy machine takes longer, but all ends after 5 times as long and a minute,
     with exit code 1 where they were not over by then.
@@ -115,7 +116,6 @@ def _operate(system: str, begin: int, seconds: float, end: int | None) -> dict[s
         hand = stack.enter_context(Hand(system, seat, teleop))
         hand.begin()
         note(f"following after {_since(begin):.1f} s")
-        hand.take()
         io = arm_document(system, teleop.slave).io
         run, trace = HealthWatch(system, io), Trace(system, teleop.name, teleop.slave, io)
         stack.callback(run.close)
@@ -134,8 +134,12 @@ def _operate(system: str, begin: int, seconds: float, end: int | None) -> dict[s
 
 def _draw(hand: Hand, teleop: SimTeleop, watched: tuple[HealthWatch, Trace], seconds: float, skipped: list[int],
           time: SystemTime, end: int | None, show: Callable[[str], None]) -> None:
-    """Draw eights for so long (0: until Ctrl-C); `skipped[0]` counts poses that came too late. Problem at `end`."""
+    """Draw eights for so long (0: until Ctrl-C); `skipped[0]` counts poses that came too late. Problem at `end`.
+
+    What is let go of meanwhile is drawn anew from where it is taken again.
+    """
     run, trace = watched
+    taken = 0
     count = round(seconds * RATE_HZ) if seconds else None
     with contextlib.suppress(KeyboardInterrupt):
         for k in beats(RATE_HZ, count, skipped, time=time):
@@ -143,13 +147,16 @@ def _draw(hand: Hand, teleop: SimTeleop, watched: tuple[HealthWatch, Trace], sec
                 trace.collect()
                 raise Problem(f"ended after {k / RATE_HZ:.1f} of {seconds:g} s: this machine is busy "
                               f"({speed_in_words(time)})")
-            passed_s = k / RATE_HZ
-            size = SIZE_M * min(1.0, passed_s / RAMP_S)
-            hand.draw(figure_eight(2.0 * math.pi * passed_s / TURN_S, size))
+            if hand.holds():
+                passed_s = (k - taken) / RATE_HZ
+                size = SIZE_M * min(1.0, passed_s / RAMP_S)
+                hand.draw(figure_eight(2.0 * math.pi * passed_s / TURN_S, size))
+            else:
+                taken = k
             run.collect()
             if k % LINE_EVERY == 0:
                 trace.collect()
-                so_far = f"{passed_s:.0f} s" + (f" of {seconds:g} s" if seconds else "")
+                so_far = f"{k / RATE_HZ:.0f} s" + (f" of {seconds:g} s" if seconds else "")
                 show(f"{so_far}  {_status(run, teleop, time)}")
     trace.collect()
 
@@ -159,9 +166,9 @@ def _status(run: HealthWatch, teleop: SimTeleop, time: SystemTime) -> str:
     rate, missed = (process.rate_hz, process.missed) if process is not None else (None, 0)
     goal = [x * 1e3 for x in teleop.value("goal_cp")[:3] if x is not None]
     where = " ".join(f"{x:+7.2f}" for x in goal)
-    does = "follows" if teleop.is_following else teleop.reported
+    does = f"{teleop.slave} follows {teleop.masters[0]}" if teleop.is_following else teleop.reported
     speed = f", {time.clock} {time.speed:.2f}" if time.simulated else ""
-    return (f"{teleop.slave} {does} {teleop.masters[0]}  goal {where} mm  io {number(rate, '.0f')} Hz, {missed} missed"
+    return (f"{does}  goal {where} mm  io {number(rate, '.0f')} Hz, {missed} missed"
             f"{speed}")
 
 

@@ -1,0 +1,152 @@
+"""The demo's hand at a whole system in this process: it lets go by a fault, and works again when it is asked to.
+
+Each row breaks what docs/operating.md says that may break while the slave follows, and hands mend it. The remedy of
+that page is homing, then teleoperation.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import pytest
+
+from procs.host.host import Host
+from shm.client import Client
+from tests.host.hosted import document
+from tools.examples.hand import Hand, figure_eight
+from tools.examples.operator_sim import OperatorSim
+from tools.systems import ROOT
+
+BEAT_S, LONG_S = 0.01, 60.0
+HEADINGS = ("faults of a robot", "faults of boards and buses", "faults on the way")
+
+
+@dataclass(frozen=True)
+class Broken:
+    """Orders to boards; what mends it; whether following ends by it."""
+
+    breaks: tuple[str, ...]
+    mends: tuple[str, ...] = ()
+    ends: bool = True
+
+
+def switched(order: str) -> Broken:
+    """What a 1 breaks and a 0 mends."""
+    return Broken((f"{order} 1",), (f"{order} 0",))
+
+
+FAULTS = (
+    switched("emergency_stop"), switched("power_loss MTMR"), switched("amp_fault MTMR 2"), switched("amp_fault PSM1 3"),
+    Broken(("encoder_jump MTMR 3 -40000",)), Broken(("encoder_jump PSM1 3 -40000",)),
+    Broken(("current_error MTMR 3 0.6",), ("current_error MTMR 3 0",)),
+    Broken(("pot_drift MTMR 2 0.5",), ("pot_drift MTMR 2 0 0",)), switched("pot_dead PSM1 1"),
+    Broken(("encoder_scale PSM1 1 1.25",), ("encoder_scale PSM1 1 1",), ends=False),
+    Broken(("swap_motors PSM1 3 4",), ("swap_motors PSM1 3 4",)),
+    Broken(("jam PSM1 0 1",), ("jam PSM1 0 0",), ends=False),
+    Broken(("unplug_board 7 IO1",), ("plug_board 7 IO1",)), Broken(("unplug_board 3 IO1",), ("plug_board 3 IO1",)),
+    Broken(("temperature 7 66.5 31 IO1",), ("temperature 7 31 31 IO1",)),
+    Broken(("bus_reset IO1", "drop_block 7 5 IO1", "spoil_sequence 7 5 IO1"), ends=False),
+    Broken(("delay_replies 3 0.01 IO1", "duplicate_replies 3 IO1", "drop_replies 3 IO1", "corrupt_tl 3 IO1",
+            "reply_rate lost 0.02", "packet_loss 0.001 IO1"), ("clear_packet_faults",), ends=False),
+    Broken(("lose_replies 100",), ("clear_packet_faults",)),
+    switched("press PSM1_arm_clutch"), switched("press clutch"),
+)
+
+
+def test_every_fault_that_can_be_ordered_is_tried() -> None:
+    text, listed = (ROOT / "docs" / "operating.md").read_text(encoding="utf-8"), set[str]()
+    for heading in HEADINGS:
+        table = text.partition(f"| {heading} |")[2].partition("\n\n")[0]
+        listed |= set(re.findall(r"^\| `trocar send boards (\w+)", table, re.MULTILINE))
+    tried = {order.split()[0] for fault in FAULTS for order in (*fault.breaks, *fault.mends)}
+    assert len(listed) > 15 and listed <= tried, listed - tried
+
+
+class HostedDemo:
+    """The demo's system with its hand, which draws an eight while the slave follows."""
+
+    def __init__(self, host: Host) -> None:
+        self.host, self.seat = host, OperatorSim(host.name, "console")
+        self.teleop = self.seat.teleops[0]
+        self.hand = Hand(host.name, self.seat, self.teleop)
+        self.clients = {name: host.client(name) for name in ("boards", "console", "system")}
+        self._beats = 0
+
+    def beat(self) -> None:
+        """What `trocar demo` does a hundred times a second."""
+        self.host.run(BEAT_S)
+        self._beats += 1
+        if self.hand.holds():
+            self.hand.draw(figure_eight(math.pi * self._beats * BEAT_S / 4.0, 0.03))
+        else:
+            self._beats = 0
+
+    def until(self, condition: Callable[[], bool], what: str) -> None:
+        """Go on until that is so."""
+        for _ in range(round(LONG_S / BEAT_S)):
+            if condition():
+                return
+            self.beat()
+        pytest.fail(f"did not happen within {LONG_S} s: {what}; {self.teleop.reported}")
+
+    def passes(self, seconds: float) -> None:
+        """So long."""
+        for _ in range(round(seconds / BEAT_S)):
+            self.beat()
+
+    def asks(self, name: str, command: str, *values: float, text: str = "") -> None:
+        """A command, carried out to its end."""
+        client: Client = self.clients[name]
+        number, ended = client.send(command, values, text), list[str]()
+
+        def is_over() -> bool:
+            ended.extend(f"{reply.outcome} {reply.text}".strip() for reply in client.poll()
+                         if reply.id == number and reply.outcome != "accepted")
+            return bool(ended)
+
+        self.until(is_over, f"an answer to {command}")
+        assert ended[0].startswith("done"), f"{name} {command}: {ended}"
+
+    def order(self, order: str) -> None:
+        """Hands and accidents, as they are typed."""
+        word, *rest = order.split()
+        numbers = [float(each) for each in rest if re.fullmatch(r"-?[\d.]+", each)]
+        self.asks("boards", word, *numbers, text=" ".join(each for each in rest if not re.fullmatch(r"-?[\d.]+", each)))
+
+    def recover(self) -> None:
+        """An operator's two commands."""
+        self.asks("system", "home")
+        self.asks("console", "teleop_enable", 1.0)
+        self.until(lambda: self.teleop.is_following, "it follows again")
+
+
+@pytest.fixture(scope="module")
+def demo() -> Iterator[HostedDemo]:
+    """One for all rows, each of which leaves it following."""
+    with Host(document("demo-teleop.yaml", "emulated"), history=32) as host:
+        host.run(0.1)
+        made = HostedDemo(host)
+        made.recover()
+        yield made
+        made.hand.close()
+        made.seat.__exit__()
+
+
+@pytest.mark.slow
+@pytest.mark.simulated
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: ", ".join(fault.breaks)[:40])
+def test_what_breaks_while_the_demo_follows_is_recovered_by_an_operator(demo: HostedDemo, fault: Broken) -> None:
+    demo.passes(1.0)
+    assert demo.teleop.is_following, demo.teleop.reported
+    for order in fault.breaks:
+        demo.order(order)
+    if fault.ends:
+        demo.until(lambda: not demo.teleop.is_following, "following ends")
+    demo.passes(1.0)
+    for order in fault.mends:
+        demo.order(order)
+    demo.passes(1.0)
+    demo.recover()
