@@ -229,5 +229,6 @@ def state_as_event(system: str, state: TopicEntry) -> dict[str, Any] | None:
             if source.newest():
                 record = source.as_dict()
                 known = {key: record[key] for key in ("stamp_ns", "sequence", *OPERATING_STATE)}
-                return known | {"event": "operating_state", "severity": 0, "monotonic_ns": 0, "local_ns": 0}
+                return known | {"event": "operating_state", "component": "", "severity": 0, "monotonic_ns": 0,
+                                "local_ns": 0}
     return None

@@ -15,6 +15,7 @@ import numpy as np
 from procs.crtk.calls import Calls, CommandOwner
 from procs.crtk.held import HeldDown
 from procs.crtk.messages import MAX_BYTES, Message, WrongMessage, parsed, said
+from procs.crtk.plain import plain
 from procs.document.bridges import Rights
 from procs.gui.control import BrowserControl
 from procs.gui.messages import OPS
@@ -188,7 +189,7 @@ class Browser:
         if len(pose) not in (0, POSE):
             raise WrongMessage(f"a pose has {POSE} numbers: x y z and a quaternion x y z w")
         found = arm.reaching(pose) if len(pose) else arm.at(np.array(asked.parts["position"]))
-        self._say("reply", asked.id, outcome="done", text=json.dumps(found))
+        self._say("reply", asked.id, outcome="done", text=json.dumps(plain(found)))
 
     def _jog(self, asked: Message, now_ns: int) -> None:
         """Joint velocities for a motion of the tip; the arm ends it 0.1 s after the last one."""

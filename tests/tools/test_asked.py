@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import json
+import math
 import time
 from collections.abc import Iterator
 
 import pytest
+from typer.testing import CliRunner
 
 from shm.audit import Audit
 from shm.client import Client, LoopClient
@@ -15,6 +18,7 @@ from shm.mailbox import Mailbox
 from shm.mailbox_map import create_mailbox
 from shm.origins import Origin
 from tests.conftest import World
+from tools import cli
 from tools.errors import Problem
 from tools.inspect.asked import in_words, rows_of
 
@@ -68,5 +72,24 @@ def test_streams_of_an_arm_and_its_jaw_side_by_side_are_told_once_each(system: s
             command.done("")
     assert [row["command"] for row in rows_of(system, None, 20)] == [
         "servo_jp", "jaw/servo_jp", "hold", "servo_jp", "jaw/servo_jp"]
+    for part in (person, owner, ring):
+        part.close()
+
+
+@pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf])
+def test_numbers_that_are_none_hide_nothing_that_came_after(system: str, number: float) -> None:
+    ring = writer(system, "PSM1", "audit", "arm")
+    owner = Mailbox(system, "PSM1", "arm", guard=NoFaults(), audit=Audit(ring, time.monotonic_ns))
+    person = Client(system, "PSM1")
+    for values in ((number, 0.5), (0.1, 0.2)):
+        person.send("servo_jp", values)
+        for command in owner.drain():
+            command.refuse(f"it has {values[0]}")
+    shown = [CliRunner().invoke(cli.build("logs"), ["logs", "--commands", *more, "--system", system])
+             for more in ((), ("--json",))]
+    assert [result.exit_code for result in shown] == [0, 0], [result.exception for result in shown]
+    first, second = shown[0].stdout.splitlines()
+    assert "servo_jp – 0.5: refused" in first and "servo_jp 0.1 0.2: refused" in second
+    assert [json.loads(line)["values"] for line in shown[1].stdout.splitlines()] == [[None, 0.5], [0.1, 0.2]]
     for part in (person, owner, ring):
         part.close()

@@ -7,7 +7,7 @@ from typing import Any
 from shm import directory
 from tools.errors import Problem
 from tools.inspect.messages import time_of_day
-from tools.printing import plain
+from tools.printing import number, plain
 
 AUDIT = "audit"
 
@@ -33,7 +33,7 @@ def _plain(row: Any) -> dict[str, Any]:
 def in_words(row: dict[str, Any]) -> str:
     """One line: when, who was asked, for what, the outcome, whose command that was."""
     values = (row.get("values") or ())[: row.get("count")]
-    words = (row["command"], row["text"], *(f"{value:.6g}" for value in values))
+    words = (row["command"], row["text"], *(number(value, ".6g") for value in values))
     asked = " ".join(filter(None, words))
     why = f" ({row['reason']})" if row["reason"] else ""
     whose = f"{row['program'] or 'a program'}, number {row['origin']:x}, generation {row['generation']}"
