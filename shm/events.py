@@ -48,7 +48,7 @@ class Events:
     """The writing end. Stamps increase strictly: clients compare them."""
 
     def __init__(self, ring: RingWriter, now_ns: Callable[[], int], log: Log | None = None) -> None:
-        """`now_ns` is the process's clock; `log` is given severity and whole text of every warning and error."""
+        """`now_ns` is the process's clock; `log` is given severity and whole text of every message."""
         self._ring, self._now_ns, self._log = ring, now_ns, log
         self._fields = {name: ring.field(name) for name in NAMES}
         self._room = {name: field.dtype.itemsize for name, field in self._fields.items()}
@@ -74,7 +74,7 @@ class Events:
                              ("monotonic_ns", monotonic_ns()), ("local_ns", local_ns())):
             fields[name][...] = number
         self._ring.publish(max(self._now_ns(), self._ring.stamp_ns + 1))
-        if severity >= WARNING and self._log is not None and not repeated:
+        if severity >= STATUS and self._log is not None and not repeated:
             self._log(severity, f"{text}; {hint}" if hint else text)
 
     def status(self, text: str, component: str = "") -> None:

@@ -15,11 +15,13 @@ from datetime import datetime
 from typing import TextIO
 
 from shm.clock import monotonic_ns
-from shm.events import ERROR, WARNING, Log
+from shm.events import ERROR, STATUS, WARNING, Log
 
 LINE = re.compile(r"(?P<local>\d{4}-\d\d-\d\d \d\d:\d\d:\d\d\.\d+) (?P<seconds>\d+\.\d+) "
                   r"(?P<level>[A-Z]+) (?P<text>.*)")
-LEVELS = {WARNING: logging.WARNING, ERROR: logging.ERROR}
+LEVELS = {STATUS: logging.INFO, WARNING: logging.WARNING, ERROR: logging.ERROR}
+STATUSES = 20
+"""Lines of status that a process writes in a second, at most; warnings and errors it always writes."""
 
 
 class Stamped(logging.Formatter):
@@ -53,7 +55,20 @@ def begin(stream: TextIO) -> None:
 
 def into(logger: logging.Logger) -> Log:
     """Where events are written besides their ring."""
-    return lambda severity, text: logger.log(LEVELS[severity], "%s", text)
+    begun_ns = count = 0
+
+    def write(severity: int, text: str) -> None:
+        nonlocal begun_ns, count
+        if severity == STATUS:
+            now_ns = monotonic_ns()
+            begun_ns, count = (begun_ns, count + 1) if now_ns - begun_ns < 1_000_000_000 else (now_ns, 1)
+            if count > STATUSES:
+                if count == STATUSES + 1:
+                    logger.info("more of this second is not written here; trocar echo %s/status", logger.name)
+                return
+        logger.log(LEVELS[severity], "%s", text)
+
+    return write
 
 
 @dataclass(frozen=True, slots=True)

@@ -259,8 +259,7 @@ class Supervisor:
             if ending is not None:
                 self._ended(child, ending)
             if not self.stopping and child.restart_when_due():
-                log.info("%s started again (pid %d)", name, child.process.pid)
-                self.events.status(f"{name} started again", name)
+                self.events.status(f"{name} started again (pid {child.process.pid})", name)
 
     def _ended(self, child: Child, ending: Ending) -> None:
         name = child.row.name
@@ -287,7 +286,6 @@ class Supervisor:
                 if self.keeper is not None and name == self.keeper.table.server:
                     self.judge.forget(self.keeper.table.asking)
             else:
-                log.info("%s resumes after %.2f s", name, seconds)
                 self.events.status(f"{name} resumes after {seconds:.2f} s", name)
 
     def _members(self) -> Iterator[JudgedProcess]:

@@ -83,10 +83,10 @@ def test_a_long_sentence_ends_with_a_whole_word_and_the_log_has_the_rest(ends: t
     events = Events(ends[0]._ring, lambda: 5000, lambda severity, text: logged.append((severity, text)))
     text = "PSM1: " + "blocked joint " * 40 + "end"
     events.report(codes.TRACKING, text, "PSM1")
-    events.status("nothing for the log", "PSM1")
+    events.status("HOMED", "PSM1")
     record = reader.last(2)[0]
     assert record["text"].decode().endswith(("blocked…", "joint…")) and len(record["text"]) <= 400
-    assert logged == [(ERROR, f"{text}; {codes.TRACKING.remedy}")]
+    assert sorted(logged) == [(STATUS, "PSM1: HOMED"), (ERROR, f"{text}; {codes.TRACKING.remedy}")]
 
 
 def test_a_sentence_names_once_whom_it_is_about(ends: tuple[Events, RingReader]) -> None:

@@ -9,8 +9,8 @@ import sys
 import pytest
 
 from shm.clock import monotonic_ns
-from shm.events import ERROR
-from shm.loglines import LogLine, Stamped, into, parsed
+from shm.events import ERROR, STATUS
+from shm.loglines import STATUSES, LogLine, Stamped, into, parsed
 
 
 @pytest.fixture
@@ -47,3 +47,21 @@ def test_a_traceback_follows_its_line(log: tuple[logging.Logger, io.StringIO]) -
     first, *rest = out.getvalue().splitlines()
     assert parsed(first).text == "ended by an error" and rest[-1] == "ValueError: no"
     assert parsed(rest[-1]) == LogLine("ValueError: no")
+
+
+def test_status_is_written_but_not_without_end(log: tuple[logging.Logger, io.StringIO],
+                                               monkeypatch: pytest.MonkeyPatch) -> None:
+    logger, out = log
+    now_ns = 5_000_000_000
+    monkeypatch.setattr("shm.loglines.monotonic_ns", lambda: now_ns)
+    write = into(logger)
+    for _ in range(3 * STATUSES):
+        write(STATUS, "PSM1: position limit: yaw")
+        write(ERROR, "PSM1: too far")
+    now_ns += 1_000_000_000
+    write(STATUS, "PSM1: HOMED")
+    lines = [parsed(line) for line in out.getvalue().splitlines()]
+    assert sum(line.text == "position limit: yaw" for line in lines) == STATUSES
+    assert sum(line.level == "ERROR" for line in lines) == 3 * STATUSES
+    assert sum("trocar echo PSM1/status" in line.text for line in lines) == 1
+    assert (lines[-1].level, lines[-1].text) == ("INFO", "HOMED")

@@ -8,8 +8,9 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
+import yaml
 
-from tests.system.robot import Robot, wait_for
+from tests.system.robot import ROOT, Robot, wait_for
 
 pytestmark = [pytest.mark.slow, pytest.mark.patient]
 TALKS = """
@@ -49,3 +50,26 @@ def test_what_a_process_writes_is_kept_within_bounds(robot: Robot, tmp_path: Pat
     wait_for(lambda: "it is all the same" in robot.trocar("logs", "talks", "-n", "1"), 60, "a line after a new file's")
     assert robot.state("talks") == "RUNNING"
     assert robot.down() == 0
+
+
+WARM = """
+import trocar
+
+class Warm(trocar.Process):
+    def setup(self):
+        self.status("the sensor is warm")
+"""
+
+
+def test_what_arms_and_processes_of_users_report_as_status_is_in_the_logs(robot: Robot, tmp_path: Path) -> None:
+    (tmp_path / "warm.py").write_text(WARM)
+    content = yaml.safe_load((ROOT / "configs" / "systems" / "kinematic.yaml").read_text())
+    content["trocar"] = {"processes": [{"name": "warm", "module": "warm.py"}]}
+    file = tmp_path / "lab.yaml"
+    file.write_text(yaml.safe_dump(content))
+    robot.up(file)
+    robot.home()
+    wait_for(lambda: "INFO  the sensor is warm" in robot.trocar("logs", "warm"), 60, "the line of the user's process")
+    assert "INFO  ENABLED" in robot.trocar("logs", "PSM1") and "INFO  HOMED" in robot.trocar("logs", "PSM1")
+    robot.down()
+    assert "warm  INFO  the sensor is warm" in robot.trocar("logs", "--system", robot.name), "also afterwards"
