@@ -150,6 +150,8 @@ RECORDER_STATE = Topic(
         Field("messages", "<u8", "", "messages in it"),
         Field("lost", "<u8", "", "records of it that are missing"),
         Field("fault_path", "S300", "", "file of the last fault that was kept since start, empty: there was none"),
+        Field("fault_first_ns", "<i8", "ns", "monotonic time of the first fault in it, 0: it was kept for a person"),
+        Field("fault_last_ns", "<i8", "ns", "monotonic time of the last one"),
         Field("problem", "S200", "", "what the disk says, empty: all is well"),
     ),
 )

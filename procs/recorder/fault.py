@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import errno
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
 
-from procs import codes
-from procs.crtk.plain import plain
 from procs.recorder.disk import Disk, DiskFile
-from procs.recorder.files import kept, remove
+from procs.recorder.files import remove, too_many
 from procs.recorder.sources import RecordedRing, SystemSources
 from procs.recorder.times import LocalTimes
+from procs.recorder.watch import SeenFault
 from procs.recordings import names
 from procs.recordings.chunks import Chunk
 from procs.recordings.copying import chunks_of
 from procs.recordings.writing import RecordingFile
 from shm.clock import monotonic_ns
-from shm.events import ERROR
 from shm.ring import RingReader
 
 AFTER_NS: Final = 300_000_000
@@ -29,49 +26,14 @@ QUIET_NS: Final = 2_000_000_000
 SLICE_NS: Final = 15_000_000
 SLICE: Final = 200
 CHUNK_BYTES: Final = 2 << 20
-IN_FAULT: Final = b"FAULT"
-POWERING_OFF: Final = frozenset(row.code.encode() for row in codes.FAULTS if row.action >= codes.POWER_OFF)
-
-
-@dataclass(frozen=True, slots=True)
-class SeenFault:
-    """Who, and why in words."""
-
-    instance: str
-    reason: str
-
-
-class FaultWatch:
-    """Sees the faults of a system: whoever goes to FAULT, and errors with which an io powers off."""
-
-    def __init__(self, sources: SystemSources) -> None:
-        """From now on."""
-        self._rings: list[tuple[RecordedRing, RingReader]] = [
-            (ring, ring.reader()) for ring in sources.rings.values() if ring.ring == "events"]
-
-    def look(self) -> list[SeenFault]:
-        """Those since the last look."""
-        return [fault for ring, reader in self._rings for fault in self._of(ring, reader)]
-
-    def _of(self, ring: RecordedRing, reader: RingReader) -> Iterator[SeenFault]:
-        while reader.next():
-            if reader.field("event").item() == b"operating_state" and reader.field("state").item() == IN_FAULT:
-                yield SeenFault(ring.instance, f"{ring.instance} is in FAULT")
-            elif int(reader.field("severity")[()]) == ERROR and reader.field("code").item() in POWERING_OFF:
-                yield SeenFault(ring.instance, str(plain(reader.field("text").item())))
-
-    def close(self) -> None:
-        """Unmap."""
-        for _, reader in self._rings:
-            reader.close()
 
 
 class FaultRecording:
     """One of them: `step` until it `is_taken`, then `finish`."""
 
     def __init__(self, first: SeenFault, sources: SystemSources, times: LocalTimes,
-                 begin_file: Callable[[str, str], DiskFile], since_ns: int = 0) -> None:
-        """`begin_file` opens the file for a name and a reason. `since_ns`: when it was seen (monotonic); 0: now."""
+                 begin_file: Callable[[FaultRecording], DiskFile], since_ns: int = 0) -> None:
+        """`begin_file` explains its faults and opens its file. `since_ns`: when it was seen (monotonic); 0: now."""
         self.faults = [first]
         self._sources, self._times, self._begin_file = sources, times, begin_file
         self._after_ns = (since_ns or times.monotonic_ns) + AFTER_NS
@@ -85,14 +47,30 @@ class FaultRecording:
 
     def add(self, fault: SeenFault) -> None:
         """Another one that belongs to it."""
-        if fault.reason not in [each.reason for each in self.faults]:
+        if fault not in self.faults:
             self.faults.append(fault)
 
     @property
     def reason(self) -> str:
         """All of them in words; errors first, which say why."""
-        reasons = [each.reason for each in self.faults]
+        reasons = dict.fromkeys(each.reason for each in self.faults)
         return "; ".join(sorted(reasons, key=lambda text: text.endswith("in FAULT")))[:400]
+
+    @property
+    def code(self) -> str:
+        """Of the error that came first; empty: none is known."""
+        return next((each.code for each in sorted(self.faults, key=lambda each: each.at_ns) if each.code), "")
+
+    @property
+    def is_first(self) -> bool:
+        """All was well before it."""
+        return any(each.is_first for each in self.faults)
+
+    @property
+    def span_ns(self) -> tuple[int, int]:
+        """When the first and the last of them were (monotonic); 0, 0: it is of no fault."""
+        found = [each.at_ns for each in self.faults if each.at_ns]
+        return min(found, default=0), max(found, default=0)
 
     @property
     def takes_more(self) -> bool:
@@ -113,7 +91,7 @@ class FaultRecording:
             first = {fault.instance for fault in self.faults}
             self._left = sorted(rings, key=lambda ring: (ring.depth_s, ring.instance not in first), reverse=True)
             self._left = [*(ring for ring in self._sources.rings.values() if ring.is_complete), *self._left]
-            self.file = self._begin_file(self.faults[0].instance, self.reason)
+            self.file = self._begin_file(self)
         end_ns = monotonic_ns() + SLICE_NS
         while monotonic_ns() < end_ns:
             if self._ring is None and not self._next_ring(self._left):
@@ -155,7 +133,7 @@ class FaultRecording:
     def finish(self, folder: Path, disk: Disk, before: Sequence[Path], keep: int, since_ns: int = 0) -> None:
         """The files of the black box go into it, from `since_ns` (time of day) on; then it is ended.
 
-        Those that are too many are removed.
+        Those that are too many are removed, this one never.
         """
         own = self.file
         if own is None:
@@ -171,7 +149,7 @@ class FaultRecording:
 
         own.do(copy)
         own.finish({"rings": str(self.lost)}, names.LOSSES)
-        disk.do(lambda: remove([file.path for file in kept(folder, names.FAULT)[:-keep]])())
+        disk.do(lambda: remove(too_many(folder, keep, own.path))())
 
     def close(self) -> None:
         """Unmap."""

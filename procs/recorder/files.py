@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from procs.recordings import names
+from procs.recordings.reading import RecordingError, open_recording
 
 NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,59}")
 
@@ -51,6 +52,24 @@ def too_old(files: list[KeptFile], now_ns: int, seconds: float, most_bytes: int)
     while left and sum(file.size for file in left) > most_bytes:
         gone.append(left.pop(0))
     return [file.path for file in gone]
+
+
+def too_many(folder: Path, most: int, newest: Path) -> list[Path]:
+    """Recordings of faults that go where so many stay, `newest` among them.
+
+    First those that came while something was not well yet: what it came of says the file before them.
+    """
+    files = [file.path for file in kept(folder, names.FAULT) if file.path != newest]
+    firsts = [path for path in files if _is_first(path)]
+    return [*(path for path in files if path not in firsts), *firsts][: max(0, len(files) + 1 - most)]
+
+
+def _is_first(path: Path) -> bool:
+    try:
+        with open_recording(path) as recording:
+            return bool(recording.metadata.get(names.SYSTEM, {}).get(names.FIRST))
+    except RecordingError:
+        return False
 
 
 def remove(paths: list[Path]) -> Callable[[], None]:

@@ -8,9 +8,10 @@ from typing import Final
 
 from procs.recorder.box import BlackBox
 from procs.recorder.disk import Disk, DiskFile
-from procs.recorder.fault import FaultRecording, SeenFault
+from procs.recorder.fault import FaultRecording
 from procs.recorder.sources import SystemSources
 from procs.recorder.times import LocalTimes
+from procs.recorder.watch import SeenFault
 from shm.clock import monotonic_ns, pause
 from shm.received import Received
 
@@ -29,8 +30,8 @@ class FaultKeeper:
     """
 
     def __init__(self, folder: Path, disk: Disk, sources: SystemSources, times: LocalTimes, box: BlackBox,
-                 begin_file: Callable[[str, str], DiskFile], told: Callable[[FaultRecording], None]) -> None:
-        """`begin_file` opens the file for a name and a reason."""
+                 begin_file: Callable[[FaultRecording], DiskFile], told: Callable[[FaultRecording], None]) -> None:
+        """`begin_file`: see FaultRecording."""
         self._folder, self._disk, self._sources, self._times, self._box = folder, disk, sources, times, box
         self._begin_file, self._told = begin_file, told
         self._now: FaultRecording | None = None
@@ -56,8 +57,8 @@ class FaultKeeper:
             self._now.add(fault)
             self._asked += [asked] if asked is not None else []
             return
-        if asked is None and fault in [each for each, _ in self._next]:
-            return
+        if fault.code and (fault.instance, fault.reason) in [(each.instance, each.reason) for each, _ in self._next]:
+            return  # the same error once more
         if len(self._next) >= MAX_QUEUE:
             raise ValueError(f"{MAX_QUEUE} wait to be kept already")
         self._next_ns = self._next_ns if self._next else self._times.monotonic_ns

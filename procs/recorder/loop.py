@@ -18,12 +18,13 @@ from procs.document.system import SystemConfig
 from procs.paths import recordings_folder
 from procs.recorder.box import BlackBox, BoxLimits
 from procs.recorder.disk import Disk, DiskFile, no_room_made
-from procs.recorder.fault import FaultRecording, FaultWatch, SeenFault
+from procs.recorder.fault import FaultRecording
 from procs.recorder.files import NAME, path_of
 from procs.recorder.keeping import ASKED, FaultKeeper
 from procs.recorder.named import NamedRecording, chosen
 from procs.recorder.sources import SystemSources
 from procs.recorder.times import LocalTimes
+from procs.recorder.watch import FaultWatch, SeenFault
 from procs.recordings import names
 from procs.recordings.chunks import COMPRESSIONS as METHODS
 from procs.recordings.facts import document_of, facts_of
@@ -31,7 +32,7 @@ from procs.recordings.writing import ChannelTable
 from procs.requests import has_left
 from procs.user_life import live
 from procs.user_process import OwnProcess
-from shm.layout import cut_text
+from shm.layout import cut_text, shorten
 from shm.received import Received
 
 TOLD_NS: Final = 60_000_000_000
@@ -55,7 +56,8 @@ class RecorderLoop(OwnProcess):
         """Who has to be there for the recording to go on: its command, and its process."""
         self._chosen: dict[tuple[int, int], list[str]] = {}
         self._problem, self._fault_path, self._named_path = "", "", ""
-        self._shown_ns = self._told_ns = self._dropped = 0
+        self._fault_span_ns, self._missing = (0, 0), ""
+        self._shown_ns = self._told_ns = self._dropped = self._dropped_before = 0
         document = self.own.document
         row = document.recorder or Recorder()
         self._folder = recordings_folder(os.environ, self.system, row.folder)
@@ -179,27 +181,33 @@ class RecorderLoop(OwnProcess):
     # files, and what goes wrong
 
     def _begin_file(self, path: Path, kind: str, name: str = "", reason: str = "",
-                    make_room: Callable[[], bool] = no_room_made) -> DiskFile:
-        return DiskFile(self._disk, path, self._table, facts_of(self.system, kind, name, reason), self._document,
-                        self._times.local_ns, make_room=make_room)
+                    make_room: Callable[[], bool] = no_room_made, **more: str) -> DiskFile:
+        return DiskFile(self._disk, path, self._table, facts_of(self.system, kind, name, reason, **more),
+                        self._document, self._times.local_ns, make_room=make_room)
 
-    def _begin_fault(self, who: str, why: str) -> DiskFile:
+    def _begin_fault(self, fault: FaultRecording) -> DiskFile:
         """What is of a fault counts more than the oldest of the black box."""
+        fault.faults = [self._watch.explained(each) for each in fault.faults]
+        who = fault.faults[0].instance
         path = path_of(self._folder, names.FAULT, self._times.local_ns, who)
-        return self._begin_file(path, names.FAULT, who, why, self._box.remove_oldest)
+        return self._begin_file(path, names.FAULT, who, fault.reason, self._box.remove_oldest,
+                                **{names.CODE: fault.code, names.FIRST: "yes" if fault.is_first else ""})
 
     def _tell_fault(self, fault: FaultRecording) -> None:
         file, who = fault.file, fault.faults[0].instance
         if file is None:
             return
         why = file.problem or "the disk is too slow"
+        is_fault = bool(fault.span_ns[1])  # else only a person wanted it, and is answered
+        self._missing = "" if file.is_complete else why if is_fault else self._missing
         if not (file.is_ended and file.size):
             self.own.events.report(codes.RECORDING_DROPPED, f"{fault.reason}: could not be kept: {why}", who,
                                    value=float(file.dropped))
         else:
-            self._fault_path = str(file.path)
+            if is_fault:
+                self._fault_path, self._fault_span_ns = str(file.path), fault.span_ns
             missing = "" if file.is_complete else f", not all of it: {why}"
-            self.own.events.report(codes.FAULT_RECORDED, f"{fault.reason}: kept in {self._fault_path}{missing}", who)
+            self.own.events.report(codes.FAULT_RECORDED, f"{fault.reason}: kept in {file.path}{missing}", who)
         self._show()
 
     @property
@@ -214,15 +222,28 @@ class RecorderLoop(OwnProcess):
         dropped = self._all_dropped
         if self._problem != self._disk.problem or dropped > self._dropped:
             self._tell(dropped)
+        self._show_loss(dropped > self._dropped_before)
+        self._dropped_before = dropped
         values = {"system_ns": times.system_ns, "monotonic_ns": times.monotonic_ns, "local_ns": times.local_ns,
                   "box_bytes": box.size, "box_messages": box.written, "dropped": dropped,
                   "waiting_bytes": self._disk.waiting, "problem": cut_text(self._problem, 200),
-                  "fault_path": cut_text(self._fault_path, 300), "path": cut_text(self._named_path, 300)}
+                  "fault_path": cut_text(self._fault_path, 300), "path": cut_text(self._named_path, 300),
+                  "fault_first_ns": self._fault_span_ns[0], "fault_last_ns": self._fault_span_ns[1]}
         values |= {"name": "" if named is None or named is ended else named.name}
         if named is not None:
             values |= {"passed_s": named.passed_s, "bytes": named.file.size, "messages": named.file.messages,
                        "lost": named.lost}
         self.publish("state", **values)
+
+    def _show_loss(self, loses: bool) -> None:
+        """What is missing, or will be, is a problem of this process until all is kept again."""
+        text = f"not all is recorded: {self._sources.problems[0]}" if self._sources.problems else ""
+        if self._missing:
+            text = f"the recording of the last fault is not complete: {self._missing}"
+        if loses or self._disk.problem:
+            why = self._disk.problem or "the disk is too slow"
+            text = f"what happens now is not recorded into {self._folder}: {why}"
+        self.own.page.field("error")[...] = shorten(text, 399)
 
     def _tell(self, dropped: int) -> None:
         """Once in a while, in words."""

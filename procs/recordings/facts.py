@@ -21,7 +21,7 @@ from shm.system_time import SystemTime
 JSON_GZIP: Final = "application/gzip"
 
 
-def facts_of(system: str, kind: str, name: str = "", reason: str = "") -> dict[str, Mapping[str, str]]:
+def facts_of(system: str, kind: str, name: str = "", reason: str = "", **more: str) -> dict[str, Mapping[str, str]]:
     """Metadata of a recording of this `kind` (procs/recordings/names.py), made now; its `clock` may be unknown, ""."""
     try:
         with SystemTime(system) as time:
@@ -29,7 +29,7 @@ def facts_of(system: str, kind: str, name: str = "", reason: str = "") -> dict[s
     except SegmentError:
         clock = ""
     return {names.SYSTEM: {
-        "format": names.FORMAT, "kind": kind, "name": name, "reason": reason, "system": system, "clock": clock,
+        "format": names.FORMAT, "kind": kind, "name": name, "reason": reason, "system": system, "clock": clock, **more,
         "trocar": VERSION, "python": platform.python_version(), "numpy": np.__version__, "kernel": platform.release(),
         "machine": platform.machine(), "host": platform.node()}}
 

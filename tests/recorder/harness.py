@@ -8,11 +8,12 @@ from typing import Any
 
 from procs.recorder.box import BlackBox, BoxLimits
 from procs.recorder.disk import Disk, DiskFile, no_room_made, open_new
-from procs.recorder.fault import FaultRecording, SeenFault
+from procs.recorder.fault import FaultRecording
 from procs.recorder.files import path_of
 from procs.recorder.named import NamedRecording, chosen
 from procs.recorder.sources import SystemSources
 from procs.recorder.times import LocalTimes
+from procs.recorder.watch import SeenFault
 from procs.recordings import names
 from procs.recordings.writing import ChannelTable
 from shm import directory
@@ -63,9 +64,10 @@ class RingsOfATest:
             self.state.publish(first + n * 1000)
             self.setpoint.publish(first + n * 1000)
 
-    def begin_file(self, path: Path, kind: str, make_room: Callable[[], bool] = no_room_made) -> DiskFile:
+    def begin_file(self, path: Path, kind: str, make_room: Callable[[], bool] = no_room_made, **more: str
+                   ) -> DiskFile:
         """As the recorder does."""
-        facts = {names.SYSTEM: {"format": names.FORMAT, "kind": kind, "system": self.system}}
+        facts = {names.SYSTEM: {"format": names.FORMAT, "kind": kind, "system": self.system, **more}}
         self.begun.append(DiskFile(self.disk, path, self.table, facts, (), self.times.local_ns, self.opened,
                                    make_room))
         return self.begun[-1]
@@ -82,10 +84,15 @@ class RingsOfATest:
         self._closing.append(made)
         return made
 
-    def fault(self, reason: str = "PSM1 is in FAULT") -> FaultRecording:
+    def begin_fault(self, fault: FaultRecording, make_room: Callable[[], bool] = no_room_made) -> DiskFile:
+        """The same for a fault's."""
+        path = path_of(self.folder, names.FAULT, self.times.local_ns, fault.faults[0].instance)
+        return self.begin_file(path, names.FAULT, make_room,
+                               **{names.CODE: fault.code, names.FIRST: "yes" if fault.is_first else ""})
+
+    def fault(self, reason: str = "PSM1 is in FAULT", *, is_first: bool = False) -> FaultRecording:
         """What is kept of a fault."""
-        return FaultRecording(SeenFault("PSM1", reason), self.sources, self.times, lambda who, why: self.begin_file(
-            path_of(self.folder, names.FAULT, self.times.local_ns, who), names.FAULT))
+        return FaultRecording(SeenFault("PSM1", reason, is_first=is_first), self.sources, self.times, self.begin_fault)
 
     def passes(self, seconds: float = 0.0) -> None:
         """So long after the beginning, for the recorder; how busy this machine is does not count."""

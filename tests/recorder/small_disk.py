@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from procs.recorder import box, loop
-from procs.recorder.fault import SeenFault
+from procs.recorder.watch import SeenFault
 from procs.recordings.reading import open_recording
 from shm import directory
 from shm.clock import monotonic_ns, pause
@@ -43,6 +43,7 @@ class SmallDiskRecorder:
             if self.state.newest():
                 shown = {name: self.state.field(name).item() for name in ("dropped", "box_messages", "messages")}
                 shown["problem"] = self.state.field("problem").item().decode()
+                shown["error"] = self.loop.error
                 if met(shown):
                     return shown
         raise TimeoutError("it did not come to that")
@@ -64,7 +65,7 @@ class SmallDiskRecorder:
     def fault(self) -> str:
         """The file that is shown after one; it is waited until something is said of it."""
         before = len(self.events.last(200))
-        self.loop._keeper.saw(SeenFault("PSM1", "PSM1 is in FAULT"))
+        self.loop._keeper.saw(SeenFault("PSM1", "PSM1 is in FAULT", monotonic_ns()))
         self.until(lambda shown: self.said("PSM1 is in FAULT:", before))
         self.state.newest()
         path: str = self.state.field("fault_path").item().decode()

@@ -2,38 +2,15 @@
 
 from __future__ import annotations
 
+import threading
+
 import pytest
 
-from procs import codes
-from procs.recorder.fault import FaultWatch, SeenFault
 from procs.recorder.files import kept
+from procs.recorder.watch import SeenFault
 from procs.recordings import names
 from procs.recordings.reading import open_recording
 from tests.recorder.harness import RingsOfATest
-
-
-@pytest.fixture
-def watch(rings: RingsOfATest):  # type: ignore[no-untyped-def]
-    found = FaultWatch(rings.sources)
-    yield found
-    found.close()
-
-
-def test_fault_and_errors_that_power_off_are_faults(rings: RingsOfATest, watch: FaultWatch) -> None:
-    rings.events.operating_state("ENABLED", "HOLD", True, False)
-    rings.events.report(codes.READ_MISSED, "a read failed", "PSM1")
-    assert watch.look() == []
-    rings.events.report(codes.TEMPERATURE, "amplifier 3 is too hot", "PSM1")
-    rings.events.operating_state("FAULT", "FAULT", False, False)
-    assert [fault.reason for fault in watch.look()] == ["PSM1: amplifier 3 is too hot", "PSM1 is in FAULT"]
-    assert watch.look() == []
-
-
-def test_a_fault_before_it_began_is_none(rings: RingsOfATest) -> None:
-    rings.events.operating_state("FAULT", "FAULT", False, False)
-    late = FaultWatch(rings.sources)
-    assert late.look() == []
-    late.close()
 
 
 def test_all_that_rings_have_and_the_box_before_is_kept(rings: RingsOfATest) -> None:
@@ -93,6 +70,27 @@ def test_so_many_are_kept_and_no_more(rings: RingsOfATest) -> None:
         fault.finish(rings.folder, rings.disk, [], 2)
     rings.written()
     assert len(kept(rings.folder, names.FAULT)) == 2
+
+
+def test_the_first_since_all_was_well_goes_last_and_the_newest_stays(rings: RingsOfATest) -> None:
+    names_of, firsts = list[str](), (False, True, False, False, False, True)
+    for n, is_first in enumerate(firsts):
+        rings.write(20)
+        rings.passes(10.0 * n)
+        rings.times.local_ns += n * 1_000_000_000
+        fault = rings.fault(is_first=is_first)
+        rings.times.monotonic_ns += 1_000_000_000
+        while not fault.step("zstd"):
+            pass
+        assert fault.file is not None
+        names_of.append(fault.file.path.name)
+        fault.finish(rings.folder, rings.disk, [], 3)
+        removed = threading.Event()
+        rings.disk.do(removed.set)
+        assert removed.wait(30.0)
+        left = {file.path.name for file in kept(rings.folder, names.FAULT)}
+        firsts_so_far = {name for name, first in zip(names_of, firsts, strict=False) if first}
+        assert {names_of[-1], *firsts_so_far} <= left and len(left) == min(n + 1, 3)
 
 
 def test_what_follows_soon_belongs_to_it(rings: RingsOfATest) -> None:

@@ -12,9 +12,10 @@ from typing import Any
 import pytest
 
 from procs.recorder import keeping
-from procs.recorder.fault import FaultRecording, SeenFault
+from procs.recorder.fault import FaultRecording
 from procs.recorder.files import kept, path_of
 from procs.recorder.keeping import ASKED, FaultKeeper
+from procs.recorder.watch import SeenFault
 from procs.recordings import names
 from procs.recordings.reading import open_recording
 from shm.clock import monotonic_ns
@@ -45,10 +46,9 @@ class Kept:
                                   self.told.append)
         self.at_s = 0.0
 
-    def _begin(self, who: str, why: str) -> Any:
+    def _begin(self, fault: FaultRecording) -> Any:
         self.rings.times.local_ns += 1_000_000  # names of files have ms
-        return self.rings.begin_file(path_of(self.rings.folder, names.FAULT, self.rings.times.local_ns, who),
-                                     names.FAULT, self.box.remove_oldest)
+        return self.rings.begin_fault(fault, self.box.remove_oldest)
 
     def saw(self, who: str, asked: Any = None) -> None:
         self.keeper.saw(SeenFault(who, f"{who} is in FAULT"), asked)

@@ -18,9 +18,8 @@ from shm.ring import RingReader
 from shm.segment import SegmentError
 from shm.system_time import SystemTime
 from tools.errors import Misuse, Problem, Refused
-from tools.inspect.fault_file import fault_path
 from tools.options import JsonOption, SystemOption
-from tools.printing import Say, emit, note, plain, progress, tell
+from tools.printing import Say, emit, note, number, plain, progress, tell
 from tools.remote import Remote
 from tools.systems import chosen_system
 
@@ -71,7 +70,7 @@ def record(
                 raise Refused(reply.text)
             return _ended(reply.text, _seen(state), as_json)
         if keep:
-            return _kept(remote, state, name, as_json)
+            return _kept(remote, name, as_json)
         for topic in topics or ():
             remote.ask("choose", text=topic)
         recorder = RecorderWatch(state, stack.enter_context(SystemTime(chosen)))
@@ -165,7 +164,7 @@ def _seen(state: RingReader) -> dict[str, Any]:
 
 
 def _in_words(found: dict[str, Any]) -> str:
-    return (f"{found['passed_s']:.0f} s, {found['bytes'] / 1e6:.1f} MB, {found['messages']} messages, "
+    return (f"{number(found['passed_s'], '.0f')} s, {found['bytes'] / 1e6:.1f} MB, {found['messages']} messages, "
             f"{found['lost']} lost")
 
 
@@ -180,10 +179,10 @@ def _ended(said: str, found: dict[str, Any], as_json: bool) -> int:
     return int(bool(found.get("lost")))
 
 
-def _kept(remote: Remote, state: RingReader, why: str, as_json: bool) -> int:
+def _kept(remote: Remote, why: str, as_json: bool) -> int:
     reply = remote.settled("keep", text=why, timeout=END_S)
     if reply.outcome != "done":
         raise Refused(reply.text)
-    path = fault_path(state)
+    path = reply.text.removeprefix("kept in ")
     emit({"path": path}) if as_json else tell(f"kept in {path}")
     return 0

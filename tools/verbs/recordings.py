@@ -18,7 +18,7 @@ from tools.systems import chosen_system
 
 SPANS = (names.BOX, names.NAMED)
 """Kinds that go from their time on; others have what was before, and of events and commands what was long before."""
-COLUMNS = ("file", "kind", "time", "seconds", "MB", "why")
+COLUMNS = ("file", "kind", "time", "seconds", "MB", "code", "why")
 
 
 def recordings(
@@ -29,7 +29,9 @@ def recordings(
 ) -> int:
     """List recordings: what the recorder keeps (box), what it kept of faults, with the reason, what you asked for.
 
-    Also after the system went down (then with --system). `logs`, `scope`, `compare`, `export` and `replay` read them.
+    Of a fault the code of the error that led to it, and what it said. Of those that are too many the first one since
+    all was well goes last. Also after the system went down (then with --system). `logs`, `scope`, `compare`, `export`
+    and `replay` read them.
 
     Example: trocar recordings fault
     """
@@ -47,7 +49,7 @@ def recordings(
     table(str(folder), COLUMNS, (
         (row["file"], row["kind"], f"{datetime.fromtimestamp(row['time_ns'] * 1e-9):%Y-%m-%d %H:%M:%S}",
          f"{(row['end_ns'] - row['time_ns']) * 1e-9:.1f}" if row["kind"] in SPANS else "–",
-         f"{row['bytes'] / 1e6:.1f}", row["reason"]) for row in rows), ("seconds", "MB"))
+         f"{row['bytes'] / 1e6:.1f}", row["code"], row["reason"]) for row in rows), ("seconds", "MB"))
     return 0
 
 
@@ -62,7 +64,8 @@ def described(folder: Path) -> list[dict[str, Any]]:
                               "time_ns": names.time_in(path.name) or recording.begin_ns,
                               "begin_ns": recording.begin_ns, "end_ns": recording.end_ns,
                               "seconds": (recording.end_ns - recording.begin_ns) * 1e-9, "bytes": path.stat().st_size,
-                              "reason": facts.get("reason", ""), "path": str(path)})
+                              "code": facts.get(names.CODE, ""), "reason": facts.get("reason", ""),
+                              "first": bool(facts.get(names.FIRST)), "path": str(path)})
         except (RecordingError, OSError):
             continue
     return sorted(found, key=lambda row: row["time_ns"], reverse=True)

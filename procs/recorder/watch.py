@@ -1,0 +1,129 @@
+"""Which faults there are, what each came of, and whether all was well before it: from the events of all processes."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Final
+
+from procs import codes
+from procs.crtk.plain import plain
+from procs.recorder.sources import RecordedRing, SystemSources
+from shm.events import ERROR
+from shm.ring import RingReader
+
+IN_FAULT: Final = b"FAULT"
+OFF: Final = b"DISABLED"
+FAULTED: Final = -1
+NOT_YET: Final = 0
+WELL_NS: Final = 2_000_000_000
+"""An arm that stays DISABLED for so long is well; on the way from FAULT to power it is DISABLED for a moment."""
+NEAR_NS: Final = 1_000_000_000
+"""An error and the FAULT that it led to are not further apart."""
+ERRORS: Final = 200
+POWERING_OFF: Final = frozenset(row.code.encode() for row in codes.FAULTS if row.action >= codes.POWER_OFF)
+
+
+@dataclass(frozen=True, slots=True)
+class SeenFault:
+    """Who, when (monotonic; 0: it is a person's wish), why in words, and the code of the error that led to it.
+
+    `is_first`: all was well before.
+    """
+
+    instance: str
+    reason: str
+    at_ns: int = 0
+    code: str = ""
+    is_first: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class _SeenError:
+    whose: tuple[str, str]
+    at_ns: int
+    code: str
+    text: str
+
+
+class FaultWatch:
+    """Sees the faults of a system: who goes to FAULT, and errors with which an io powers off."""
+
+    def __init__(self, sources: SystemSources) -> None:
+        """From now on; events of before say how things are now."""
+        self._rings: list[tuple[RecordedRing, RingReader]] = [
+            (ring, ring.reader()) for ring in sources.rings.values() if ring.ring == "events"]
+        self._states = {ring.instance: ring for ring in sources.rings.values() if ring.ring == "state"}
+        self._errors: deque[_SeenError] = deque(maxlen=ERRORS)
+        self._unwell: dict[str, int] = {}
+        """Who was in FAULT and is not well again: FAULTED, NOT_YET, or since when it is DISABLED."""
+        for ring, reader in self._rings:
+            now = reader.head
+            reader.rewind()
+            while reader.sequence < now and reader.next():
+                self._seen(ring.instance, reader)
+
+    def look(self) -> list[SeenFault]:
+        """Those since the last look; of who went to FAULT `explained` says why."""
+        return [fault for ring, reader in self._rings for fault in self._of(ring, reader)]
+
+    def _of(self, ring: RecordedRing, reader: RingReader) -> Iterator[SeenFault]:
+        while reader.next():
+            fault = self._seen(ring.instance, reader)
+            if fault is not None:
+                yield fault
+
+    def _seen(self, instance: str, event: RingReader) -> SeenFault | None:
+        """A fault, where the event that was read last is one."""
+        at_ns = int(event.field("monotonic_ns")[()])
+        if event.field("event").item() == b"operating_state":
+            return self._state(instance, event.field("state").item(), bool(event.field("is_homed")[()]), at_ns)
+        if int(event.field("severity")[()]) != ERROR:
+            return None
+        code, text, component = (str(plain(event.field(name).item())) for name in ("code", "text", "component"))
+        self._errors.append(_SeenError((instance, component), at_ns, code, text))
+        is_fault = event.field("code").item() in POWERING_OFF
+        return SeenFault(instance, text, at_ns, code, self._is_well(at_ns)) if is_fault else None
+
+    def _state(self, instance: str, state: bytes, is_homed: bool, at_ns: int) -> SeenFault | None:
+        """A fault where it was in another state before: in FAULT it says its state again to each command."""
+        if state == IN_FAULT:
+            if self._unwell.get(instance) == FAULTED:
+                return None
+            is_first = self._is_well(at_ns)
+            self._unwell[instance] = FAULTED
+            return SeenFault(instance, "", at_ns, "", is_first)
+        if is_homed:
+            self._unwell.pop(instance, None)
+        elif instance in self._unwell:
+            self._unwell[instance] = at_ns if state == OFF else NOT_YET
+        return None
+
+    def _is_well(self, at_ns: int) -> bool:
+        """Of all that went to FAULT each is homed again, or without power."""
+        self._unwell = {name: since for name, since in self._unwell.items() if not 0 < since <= at_ns - WELL_NS}
+        return not self._unwell
+
+    def explained(self, fault: SeenFault) -> SeenFault:
+        """With the error that led to FAULT, of itself or of its io; else with what its record says."""
+        if fault.reason:
+            return fault
+        near = sorted((error for error in self._errors if fault.instance in error.whose
+                       and abs(error.at_ns - fault.at_ns) <= NEAR_NS), key=lambda error: error.at_ns)
+        before = [error for error in near if error.at_ns <= fault.at_ns]
+        for error in (before[-1:] or near[:1]):
+            return replace(fault, reason=error.text, code=error.code)
+        said = self._reason(fault.instance)
+        return replace(fault, reason=f"{fault.instance}: {said}" if said else f"{fault.instance} is in FAULT")
+
+    def _reason(self, instance: str) -> str:
+        ring = self._states.get(instance)
+        if ring is None or "reason" not in (ring.sampler.dtype.names or ()) or not ring.sampler.newest():
+            return ""
+        return str(plain(ring.sampler.field("reason").item()))
+
+    def close(self) -> None:
+        """Unmap."""
+        for _, reader in self._rings:
+            reader.close()
