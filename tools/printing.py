@@ -117,3 +117,15 @@ def progress(what: str) -> Iterator[Say]:
 def number(value: float | None, form: str = ".1f") -> str:
     """A number for a table; a dash when there is none."""
     return "–" if value is None or not math.isfinite(value) else format(value, form)
+
+
+def span(seconds: float | None) -> str:
+    """A time as people read it: 0.3 s, 12 s, 4 min, 3 h."""
+    if seconds is None:
+        return "–"
+    if seconds < 9.95:
+        return f"{max(0.0, seconds):.1f} s"
+    for limit, unit, each in ((100.0, "s", 1.0), (6000.0, "min", 60.0), (172800.0, "h", 3600.0)):
+        if seconds < limit:
+            return f"{seconds / each:.0f} {unit}"
+    return f"{seconds / 86400.0:.0f} days"

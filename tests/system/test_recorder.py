@@ -8,6 +8,7 @@ import os
 import signal
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -163,6 +164,35 @@ def test_what_led_to_a_fault_is_kept_and_named(robot: Robot) -> None:
     with open_recording(files(robot, "box-*.mcap")[-1]) as recording:
         assert recording.is_whole
         assert names.LOSSES in recording.metadata
+
+
+def test_homings_that_fail_again_do_not_push_out_what_they_came_of(robot: Robot) -> None:
+    robot.up(ROOT / "configs" / "systems" / "demo.yaml", "--boards", "emulated", *ON, "--clock", "paced")
+    wait_for(lambda: is_up(robot), 60, "the recorder runs")
+    robot.trocar("set", "recorder.faults", "2")
+    robot.trocar("power-on")
+    robot.trocar("send", "boards", "emergency_stop", "1")
+    wait_for(lambda: "recorded: " in robot.trocar("status", code=None), 120, "status names the file")
+    first = named(robot)
+    for _ in range(3):
+        seen = {named(robot), ""}
+        assert robot.types("home", "--timeout", "20").returncode == 1, "the emergency stop is still pressed"
+        wait_for(partial(_names_another, robot, seen), 120, "status names the file of this fault, and no other")
+    rows = [json.loads(line) for line in robot.trocar("recordings", "fault", "--json").splitlines()]
+    assert [row["path"] for row in rows] == [named(robot), first]
+    assert [row["first"] for row in rows] == [False, True]
+    assert all(row["code"] and "is in FAULT" not in row["reason"] for row in rows), rows
+    assert rows[1]["code"] in robot.trocar("recordings", "fault")
+
+
+def _names_another(robot: Robot, seen: set[str]) -> bool:
+    return named(robot) not in seen
+
+
+def named(robot: Robot) -> str:
+    """The file that status names; empty: none."""
+    lines = robot.trocar("status", code=None).splitlines()
+    return next((line.split("recorded: ")[1] for line in lines if "recorded: " in line), "")
 
 
 def _is_whole(path: Path) -> bool:

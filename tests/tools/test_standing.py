@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import threading
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
 from typer.testing import CliRunner, Result
 
 from procs import codes
+from procs.document.process import Process
+from shm import directory
 from shm.clock import monotonic_ns, pause
+from shm.control_page import STATES
 from tests.tools.robot import ScriptedRobot, nothing_ages, robot
 from tools import cli
 from tools.arms import ArmBringUp
 from tools.inspect import standing
-from tools.inspect.processes import ProcessStatus
+from tools.inspect.processes import SENTENCES, ProcessStatus, _problem
+from tools.inspect.segments import PAGE_GONE
 from tools.inspect.standing import Standing, first_thing, next_step
 
 APP = cli.build()
@@ -60,6 +66,32 @@ def test_a_fault_is_told_with_axis_board_and_hint_and_is_exit_code_1(kinematic: 
     assert (row["fault"]["code"], row["fault"]["axis"], row["fault"]["board"]) == ("amplifier", 2, 6)
 
 
+def test_the_file_of_another_fault_is_not_named(world: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    nothing_ages(monkeypatch)
+    monkeypatch.setattr("tools.inspect.processes._stalled", lambda row, page, simulated: False)
+    made = ScriptedRobot(world.name, tmp_path)
+    recorder = directory.writer(world.name, "recorder", "state", "recorder")
+    try:
+        made.events.operating_state("FAULT", "FAULT", False, False)
+        before_ns = monotonic_ns()
+        for name, value in (("fault_first_ns", before_ns), ("fault_last_ns", before_ns), ("fault_path", b"/x/fault")):
+            recorder.field(name)[...] = value
+        made.show_arm(state="FAULT")
+        recorder.publish(before_ns)
+        assert "recorded" not in status(made).stdout
+        recorder.field("fault_first_ns")[...] = before_ns - 1_000_000_000_000
+        recorder.publish(before_ns)
+        assert "what led to it was recorded: /x/fault" in status(made).stdout
+        made.events.operating_state("FAULT", "FAULT", False, False)
+        assert "what led to it was recorded: /x/fault" in status(made).stdout, "it only said it again"
+        for state in ("ENABLED", "FAULT"):
+            made.events.operating_state(state, state, False, False)
+        assert "recorded" not in status(made).stdout, "this fault is another one"
+    finally:
+        recorder.close()
+        made.close()
+
+
 def test_what_a_person_has_to_do_for_an_arm_comes_first(kinematic: ScriptedRobot) -> None:
     kinematic.arm.field("reason")[...] = NAMED.encode()
     kinematic.show_arm(state="ENABLED")
@@ -72,6 +104,7 @@ def test_a_teleoperation_that_stopped_says_why_and_what_to_do(monkeypatch: pytes
     monkeypatch.setattr(standing, "_text", lambda _, field: shown[field])
     monkeypatch.setattr(standing, "_flag", lambda *_: False)
     error = {"text": "A_B: PSM1 has no jaw", "hint": codes.NO_JAW.remedy}
+    monkeypatch.setattr(standing, "_events", lambda *_: None)
     monkeypatch.setattr(standing, "_last_error", lambda *_: error)
     assert standing._teleop("s", process("A_B"), Any).reason == f"PSM1 has no jaw; {codes.NO_JAW.remedy}"
 
@@ -122,6 +155,60 @@ def test_the_cause_comes_before_what_follows_from_it(
     processes: list[ProcessStatus], found: list[Standing], first: str
 ) -> None:
     assert first_thing(processes, found) == first
+
+
+@pytest.mark.parametrize(("problem", "said"), [
+    ("dead", "force is dead"), ("stalled", "force is stalled"), ("silent", "force is silent"),
+    ("failed: OSError: no sensor", "force failed: OSError: no sensor"),
+    ("not running: exit code 1", "force is not running: exit code 1"),
+    ("nothing came for a second", "force: nothing came for a second"),
+    ("deadlines are missed", "force: deadlines are missed"),
+    (PAGE_GONE, "force: its control page is gone from shared memory"),
+])
+def test_each_problem_of_a_process_is_a_sentence(problem: str, said: str) -> None:
+    first = first_thing([process("force", problem)], [])
+    assert first.startswith(f"{said}: trocar ")
+    ended = dataclasses.replace(process("force", problem), exit_reason="killed by signal 9")
+    why = "" if problem.startswith(("failed", "not running")) else " (killed by signal 9)"
+    assert first_thing([ended], []).startswith(f"{said}{why}: trocar ")
+
+
+class SilentPage:
+    """A control page that shows an error, and no life."""
+
+    def get(self, name: str) -> Any:
+        return b"no sensor" if name == "error" else 0
+
+
+@pytest.mark.parametrize("state", STATES)
+@pytest.mark.parametrize("lives", [True, False])
+@pytest.mark.parametrize("kind", ["supervisor", "arm"])
+def test_each_state_of_a_process_has_its_words(state: str, lives: bool, kind: str) -> None:
+    page: Any = SilentPage()
+    problem = _problem(Process("force", kind, 0.0), state, lives, page, simulated=False, exit_reason="")
+    assert problem.partition(":")[0] in {"", "no sensor", *SENTENCES}
+    assert bool(problem) >= (kind == "supervisor" and not lives), "it is never well without one"
+
+
+@pytest.mark.parametrize(("rows", "first"), [
+    ([("PSM1", "CREATED", "RUNNING")], "PSM1 is not up yet; wait for it"),
+    ([("PSM1", "STARTING", "RUNNING"), ("ECM", "RESTARTING", "RESTARTING")], "PSM1, ECM are not up yet; wait for it"),
+    ([("PSM1", "STOPPED", "STOPPED"), ("MTM", "NOT ATTACHED", "")], ""),
+])
+def test_who_is_not_up_yet_is_waited_for(rows: list[tuple[str, str, str]], first: str) -> None:
+    assert first_thing([dataclasses.replace(process(name), state=state, lifecycle=lifecycle)
+                        for name, state, lifecycle in rows], []) == first
+
+
+@pytest.mark.parametrize(("reason", "said"), [
+    ("PSM1: amplifier", "PSM1: amplifier"), ("power was lost", "PSM1: power was lost"), ("", "PSM1 is in FAULT")])
+def test_a_fault_is_a_sentence_with_and_without_a_reason(reason: str, said: str) -> None:
+    assert first_thing([], [Standing("PSM1", "arm", "FAULT", False, reason)]) == f"{said}. Then: trocar home PSM1"
+
+
+def test_what_a_dead_process_left_says_how_old_it_is() -> None:
+    one = Standing("PSM1", "arm", "ENABLED HOMED", True, "", age_s=12.3)
+    assert standing.cells(one) == ("PSM1", "ENABLED HOMED, 12 s ago", "–", "")
 
 
 def test_no_next_step_while_some_arms_have_power() -> None:

@@ -1,25 +1,24 @@
-"""Where the recorder has put what it kept of the last fault."""
+"""Where the recorder has put what led to a fault."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from contextlib import closing
 
 from procs.document.recorder import NAME
 from shm import directory
-from shm.ring import RingReader
 from shm.segment import SegmentError
 from tools.printing import plain
 
 
-def fault_recording(system: str) -> str:
-    """The file of the last fault; empty: there is none, or no recorder."""
+def fault_recording(system: str, faults_ns: Iterable[int]) -> str:
+    """The file of one of these faults, which began then (monotonic); empty: there is none, or none yet."""
     try:
-        with closing(directory.reader(system, NAME, "state", often=False)) as state:
-            return fault_path(state)
+        with closing(directory.reader(system, NAME, "state", NAME, often=False)) as state:
+            if not state.newest():
+                return ""
+            first_ns, last_ns = (int(state.field(name)[()]) for name in ("fault_first_ns", "fault_last_ns"))
+            path = str(plain(state.field("fault_path").item()))
     except SegmentError:
         return ""
-
-
-def fault_path(state: RingReader) -> str:
-    """The same of the recorder's state."""
-    return str(plain(state.field("fault_path").item())) if state.newest() else ""
+    return path if any(first_ns <= at_ns <= last_ns for at_ns in faults_ns if at_ns) else ""

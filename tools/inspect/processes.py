@@ -11,18 +11,25 @@ from procs.manifest import THIRD_PARTY, hung_s, late_s
 from shm import directory
 from shm.clock import monotonic_ns, pause
 from shm.control_page import ControlPage
-from shm.segment import Segment, SegmentError, segment_name
+from shm.segment import Segment, SegmentError, names_of, segment_name
 from tools.inspect.endings import PastProcess, endings
+from tools.inspect.segments import PAGE_GONE, lost_of
 from tools.printing import number, plain
+from tools.running import SUPERVISOR
 from tools.systems import alive, is_simulated
 
-DEAD, FAILED, SILENT, STALLED = "dead", "failed", "silent", "stalled"  # problems
+DEAD, FAILED, NOT_RUNNING, SILENT, STALLED = "dead", "failed", "not running", "silent", "stalled"  # problems
 LOOK_AGAIN_S = 0.02
 TRIES = 5
 ALL = 1 << 16  # records: more than any ring has
 SHOWN_OF_OTHERS = {"CREATED": "NOT ATTACHED", "RUNNING": "ATTACHED", "STOPPED": "DETACHED"}
 COLUMNS = ("process", "state", "pid", "Hz", "p99 ms", "work ms", "missed", "restarts", "problem")
 RIGHT = ("pid", "Hz", "p99 ms", "work ms", "missed", "restarts")
+BEGINNING = ("CREATED", "STARTING", "RESTARTING")
+SENTENCES = {"dead": "{} is dead", "stalled": "{} is stalled", "silent": "{} is silent", "failed": "{} failed",
+             "not running": "{} is not running"}
+"""Of problems that are a word; all others are what a process says of itself."""
+SAYS_WHY = ("failed", "not running")
 ENDING = ("STOPPING", "RESTARTING")  # the process may not have heard of it yet
 COUNTS = ("cycles", "missed", "overruns", "pauses")
 STATISTICS = ("period", "work", "latency")
@@ -67,26 +74,54 @@ class ProcessStatus:
     """Addresses at which it is connected to; who connects starts it where it runs on demand."""
     computes: str = ""
     """`kernel`, or `numpy: ` and why, of processes that compute for many axes."""
+    lives: bool = True
+    """Its process is there; if not, all that is known of it is `silent_s` old."""
+
+    @property
+    def begins(self) -> bool:
+        """It is not up yet, but will be."""
+        return self.state in BEGINNING and self.lifecycle != "STOPPED" and bool(self.lifecycle or self.lives)
+
+    @property
+    def said(self) -> str:
+        """Its problem in a sentence; empty: it has none."""
+        word = self.problem.partition(":")[0]
+        said = SENTENCES.get(word, f"{{}}: {word}").format(self.name) + self.problem[len(word):] if word else ""
+        ended = f" ({self.exit_reason})" if self.exit_reason and word not in SAYS_WHY else ""
+        return f"{said}{ended}" if said else ""
 
 
 def statuses(system: str) -> list[ProcessStatus]:
-    """Every process of a system, the supervisor first."""
+    """Every process of a system, the supervisor first, also one whose control page is not there any more."""
     ledger, rows = _ledger(system), _rows(system)
     simulated = is_simulated(system)
+    there = names_of(system)
+    ours = [row.name for row in rows.values() if row.start != ELSEWHERE]
     found = []
-    for name in directory.instances(system):
+    for name in dict.fromkeys((SUPERVISOR, *directory.instances(system), *ours)):
+        reported = _reported(system, name)
+        known = {"kind": reported.get("kind") or (rows[name].kind if name in rows else ""), **ledger.get(name, {})}
         try:
             page = ControlPage(system, name)
-        except SegmentError:  # the system went down while we looked
+        except SegmentError as error:
+            lost = PAGE_GONE if (system, name, "control") not in there else str(error)
+            found.append(_without_page(name, known, lost))
             continue
         try:
-            reported = _reported(system, name)
-            process = _life(name, page, {"kind": reported.get("kind", ""), **ledger.get(name, {})}, simulated,
-                         rows.get(name))
+            lost = lost_of(page, [what for _, instance, what in there if instance == name])
+            process = _life(name, page, known, simulated, rows.get(name), lost)
             found.append(dataclasses.replace(process, simulation=str(reported.get("simulation", ""))))
         finally:
             page.close()
     return found
+
+
+def _without_page(name: str, known: dict[str, Any], lost: str) -> ProcessStatus:
+    return ProcessStatus(
+        name=name, kind=SUPERVISOR if name == SUPERVISOR else str(known["kind"]), state="UNKNOWN", pid=0, rate_hz=None,
+        period_p99_s=None, work_p99_s=None, cycles=0, missed=0, overruns=0, pauses=0,
+        restarts=int(known.get("restarts", 0)), exit_reason=str(known.get("exit_reason", "")), scheduling="",
+        silent_s=None, problem=lost, statistics={}, lives=False, endings=known.get("endings", ()))
 
 
 def _rows(system: str) -> dict[str, Process]:
@@ -109,7 +144,7 @@ def _reported(system: str, name: str) -> dict[str, Any]:
 def _ledger(system: str) -> dict[str, dict[str, Any]]:
     """What the supervisor wrote about each instance."""
     try:
-        reader = directory.reader(system, "supervisor", "state", "supervisor", often=False)
+        reader = directory.reader(system, SUPERVISOR, "state", SUPERVISOR, often=False)
     except SegmentError:
         return {}
     try:
@@ -125,10 +160,11 @@ def _ledger(system: str) -> dict[str, dict[str, Any]]:
             if row["instance"]}
 
 
-def _life(name: str, page: ControlPage, ledger: dict[str, Any], simulated: bool, row: Process | None) -> ProcessStatus:
-    kind = "supervisor" if name == "supervisor" else str(ledger.get("kind", ""))
+def _life(name: str, page: ControlPage, ledger: dict[str, Any], simulated: bool, row: Process | None, lost: str
+          ) -> ProcessStatus:
+    kind = SUPERVISOR if name == SUPERVISOR else str(ledger.get("kind", ""))
     state, lives_on = page.state, alive(page.segment.identity())
-    lifecycle = str(ledger.get("lifecycle", ""))
+    lifecycle, exit_reason = str(ledger.get("lifecycle", "")), str(ledger.get("exit_reason", ""))
     counts = {count: page.get(count) for count in COUNTS}
     statistics = {which: {part: float(page.get(f"{which}_{part}")) for part in PARTS} for which in STATISTICS}
     statistics = {which: parts for which, parts in statistics.items() if parts["max"] > 0.0 and lives_on}
@@ -142,20 +178,23 @@ def _life(name: str, page: ControlPage, ledger: dict[str, Any], simulated: bool,
         rate_hz=1.0 / period["avg"] if period and period["avg"] > 0.0 else None,
         period_p99_s=period["p99"] if period else None, work_p99_s=work["p99"] if work else None,
         **counts,
-        restarts=int(ledger.get("restarts", 0)), exit_reason=str(ledger.get("exit_reason", "")),
+        restarts=int(ledger.get("restarts", 0)), exit_reason=exit_reason,
         scheduling=str(plain(page.get("policy"))),
         silent_s=(monotonic_ns() - beat) * 1e-9 if beat else None,
         computes=str(plain(page.get("computes"))), lifecycle=lifecycle, endings=ledger.get("endings", ()),
         listen=row.listen if row is not None else (), cpus=row.cpus if row is not None else (),
-        problem=_problem(row or Process(name, kind, 0.0), state, lives_on, page, simulated), statistics=statistics,
+        problem=lost or _problem(row or Process(name, kind, 0.0), state, lives_on, page, simulated, exit_reason),
+        statistics=statistics, lives=lives_on,
     )
 
 
-def _problem(row: Process, state: str, lives_on: bool, page: ControlPage, simulated: bool) -> str:
+def _problem(row: Process, state: str, lives_on: bool, page: ControlPage, simulated: bool, exit_reason: str) -> str:
     if state == "FAILED":
         return f"{FAILED}: {plain(page.get('error'))}"
     if not lives_on:
-        return DEAD if state in ("STARTING", "RUNNING", "STOPPING") else ""
+        if state == "CREATED" and exit_reason:  # it ended before it could say anything
+            return f"{NOT_RUNNING}: {exit_reason}"
+        return DEAD if row.kind == SUPERVISOR or state in ("STARTING", "RUNNING", "STOPPING") else ""
     if state == "RUNNING" and _stalled(row, page, simulated):
         return SILENT if row.kind in THIRD_PARTY else STALLED
     return str(plain(page.get("error"))) if state == "RUNNING" else ""

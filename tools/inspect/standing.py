@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
+
+from numpy.typing import NDArray
 
 from procs.codes import SHARED_BOARD
 from shm import directory
 from shm.ring import RingReader
 from shm.segment import SegmentError
-from tools.inspect.processes import DEAD, FAILED, SILENT, STALLED, ProcessStatus
-from tools.printing import plain
+from tools.inspect.processes import DEAD, FAILED, NOT_RUNNING, SILENT, STALLED, ProcessStatus
+from tools.inspect.segments import GONE
+from tools.printing import plain, span
 from tools.running import SUPERVISOR
 
 FAULT = "FAULT"
@@ -34,6 +38,10 @@ class Standing:
     reason: str = ""
     person: bool = False
     fault: dict[str, Any] | None = None
+    since_ns: int = 0
+    """In FAULT: since when (monotonic); 0: nobody knows any more."""
+    age_s: float | None = None
+    """Its process is gone: so long ago it was as it says here, s."""
 
     @property
     def is_fault(self) -> bool:
@@ -55,7 +63,7 @@ def standings(system: str, processes: Sequence[ProcessStatus]) -> list[Standing]
                                                                                          "–")
                 finally:
                     reader.close()
-                found.append(one)
+                found.append(one if process.lives else dataclasses.replace(one, age_s=process.silent_s or 0.0))
     return found
 
 
@@ -70,18 +78,20 @@ def _flag(reader: RingReader, field: str) -> bool:
 def _arm(system: str, process: ProcessStatus, reader: RingReader) -> Standing:
     state, inner, reason = _text(reader, "state"), _text(reader, "sub_state"), _text(reader, "reason")
     shown = state if inner == state else f"{state} {inner}"
-    fault = _last_error(system, process) if state == FAULT else None
+    events = _events(system, process) if state == FAULT else None
     return Standing(process.name, process.kind, shown, _flag(reader, "is_homed"), reason, "trocar send" in reason,
-                    fault)
+                    _last_error(events), _fault_ns(events))
 
 
 def _third_party(system: str, process: ProcessStatus, reader: RingReader) -> Standing:
-    return Standing(process.name, process.kind, _text(reader, "state"), _flag(reader, "is_homed"))
+    state = _text(reader, "state")
+    return Standing(process.name, process.kind, state, _flag(reader, "is_homed"),
+                    since_ns=_fault_ns(_events(system, process)) if state == FAULT else 0)
 
 
 def _teleop(system: str, process: ProcessStatus, reader: RingReader) -> Standing:
     state = _text(reader, "state") + (", following" if _flag(reader, "following") else "")
-    reason, fault = _text(reader, "reason"), _last_error(system, process)
+    reason, fault = _text(reader, "reason"), _last_error(_events(system, process))
     if reason and fault and str(fault["text"]).endswith(reason):
         reason += f"; {fault['hint']}"
     return Standing(process.name, process.kind, state, None, reason)
@@ -100,43 +110,67 @@ def _console(system: str, process: ProcessStatus, reader: RingReader) -> Standin
     return Standing(process.name, process.kind, state, None, reason)
 
 
-def _last_error(system: str, process: ProcessStatus) -> dict[str, Any] | None:
-    """The newest error of an instance, as data."""
+def _events(system: str, process: ProcessStatus) -> NDArray[Any]:
+    """All events of an instance that there still are."""
     reader = directory.reader(system, process.name, "events", process.kind, often=False)
     try:
-        rows = reader.last(1 << 16)
-        errors = rows[rows["event"] == b"error"]
-        return {key: plain(errors[-1][key]) for key in FAULT_KEYS} if len(errors) else None
+        return reader.last(reader.depth)
     finally:
         reader.close()
+
+
+def _last_error(events: NDArray[Any] | None) -> dict[str, Any] | None:
+    """The newest error, as data."""
+    errors = events[events["event"] == b"error"] if events is not None else ()
+    return {key: plain(errors[-1][key]) for key in FAULT_KEYS} if len(errors) else None
+
+
+def _fault_ns(events: NDArray[Any] | None) -> int:
+    """When it went to FAULT; what it says there, to each command, is FAULT again."""
+    states = events[events["event"] == b"operating_state"] if events is not None else ()
+    since_ns = 0
+    for row in reversed(states):
+        if row["state"] != FAULT.encode():
+            break
+        since_ns = int(row["monotonic_ns"])
+    return since_ns
 
 
 def first_thing(processes: Sequence[ProcessStatus], found: Sequence[Standing]) -> str:
     """What a person does first, in a line; empty: all is well."""
     for process in processes:
         if process.problem:
-            more = f" ({process.exit_reason})" if process.exit_reason else ""
-            return f"{process.name} is {process.problem}{more}: {_help(process)}"
+            return f"{process.said}: {_help(process)}"
     faults = sorted((one for one in found if one.is_fault), key=_cause_first)
     if faults:
         one = faults[0]
         hint = f"; {one.fault['hint']}" if one.fault and one.fault["hint"] else ""
         names = " ".join(each.name for each in faults)
-        what = one.reason if one.name in one.reason else f"{one.name}: {one.reason or 'FAULT'}"
+        what = one.reason if one.name in one.reason else f"{one.name}: {one.reason}" if one.reason else (
+            f"{one.name} is in FAULT")
         return f"{what}{hint}. Then: trocar home {names}"
     waiting = next((one for one in found if one.person), None)
-    return f"{waiting.name} waits: {waiting.reason}" if waiting is not None else ""
+    if waiting is not None:
+        return f"{waiting.name} waits: {waiting.reason}"
+    begins = [process.name for process in processes if process.begins]
+    return f"{', '.join(begins)} {'is' if len(begins) == 1 else 'are'} not up yet; wait for it" if begins else ""
+
+
+def in_a_line(processes: Sequence[ProcessStatus], found: Sequence[Standing]) -> str:
+    """The last line of `status`: all well, and what may come next, or the first thing to do."""
+    first, then = first_thing(processes, found), next_step(found)
+    return f"first: {first}" if first else f"all well; next: {then}" if then else "all well"
 
 
 def _help(process: ProcessStatus) -> str:
     """What a person types for a process that has a problem."""
     name, problem = process.name, process.problem
     is_dead = problem == DEAD or problem.startswith(FAILED)
-    if process.kind == SUPERVISOR:
+    if process.kind == SUPERVISOR or problem.endswith(GONE):
         return f"{'' if is_dead else 'trocar down; then '}trocar up FILE starts the system again"
     if problem in (SILENT, DEAD) and not process.lifecycle:
         return "it is a third-party program; start it again"
-    if is_dead:
+    if is_dead or problem.startswith(NOT_RUNNING):
         return f"trocar start {name}; trocar logs {name} may say why"
     return f"trocar restart {name}" if problem == STALLED else f"trocar logs {name}"
 
@@ -157,6 +191,8 @@ def next_step(found: Sequence[Standing]) -> str:
 
 
 def cells(one: Standing) -> tuple[str, ...]:
-    """A row of a table with COLUMNS."""
+    """A row of a table with COLUMNS; what is of the past says how old it is, and is not homed for all that we know."""
+    if one.age_s is not None:
+        return one.name, f"{one.state}, {span(one.age_s)} ago", "–", one.reason
     homed = "–" if one.homed is None else "yes" if one.homed else "no"
     return one.name, one.state, homed, one.reason

@@ -17,7 +17,7 @@ from shm.ring import RingError
 from shm.segment import SegmentError
 from tools.errors import Problem
 from tools.inspect.messages import time_of_day
-from tools.inspector.overview import Overview, identity_of, overview, span
+from tools.inspector.overview import Overview, identity_of, overview
 from tools.inspector.pages.arms import ArmsPage
 from tools.inspector.pages.commands import CommandsPage
 from tools.inspector.pages.events import EventsPage
@@ -26,7 +26,7 @@ from tools.inspector.pages.palette import palette
 from tools.inspector.pages.processes import ProcessesPage
 from tools.inspector.pages.topics import TopicChosen, TopicsPage
 from tools.inspector.pages.values import ValuesPage
-from tools.printing import printable
+from tools.printing import printable, span
 
 PAGES: tuple[type[InspectorPage], ...] = (ProcessesPage, TopicsPage, ValuesPage, EventsPage, ArmsPage, CommandsPage)
 TICK_S = 0.1
@@ -183,7 +183,7 @@ class InspectorApp(App[None]):
             head.append(f"  FROZEN at {at}, {span(ago)} ago (f goes on)", f"bold {colours.warning}")
         head.append(f"  {seen.words}", colours.good if seen.lives else f"bold {colours.bad}")
         head.append(f"  clock {seen.clock}" if seen.lives else "")
-        head.append("\n" + ("first: " if not seen.first.startswith("all well") else "") + seen.first,
+        head.append("\n" + seen.first,
                     colours.good if seen.is_well else colours.warning)
         if self._problem:
             head.append(f"\n{self._problem}", colours.bad)

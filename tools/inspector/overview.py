@@ -11,7 +11,8 @@ from shm.control_page import ControlPage
 from shm.segment import SegmentError, path_of, segment_name
 from shm.system_time import SystemTime, speed_in_words
 from tools.inspect.processes import ProcessStatus, statuses
-from tools.inspect.standing import Standing, first_thing, next_step, standings
+from tools.inspect.standing import Standing, first_thing, in_a_line, standings
+from tools.printing import span
 from tools.running import SUPERVISOR
 from tools.systems import is_up
 
@@ -50,13 +51,10 @@ class Overview:
 
     @property
     def first(self) -> str:
-        """What to do first."""
+        """All well, or what to do first."""
         if self.supervisor == "gone":
-            return f"trocar up starts {self.system}"
-        if not self.lives:
-            return f"trocar down --system {self.system} clears what is left; then trocar up"
-        step = next_step(self.standings)
-        return first_thing(self.processes, self.standings) or (f"all well; next: {step}" if step else "all well")
+            return f"first: trocar up starts {self.system}"
+        return in_a_line(self.processes, self.standings)
 
     @property
     def is_well(self) -> bool:
@@ -98,15 +96,3 @@ def _silent_s(system: str) -> float | None:
 
 def _page(system: str) -> ControlPage:
     return ControlPage(system, SUPERVISOR)
-
-
-def span(seconds: float | None) -> str:
-    """A time as people read it: 0.3 s, 12 s, 4 min, 3 h."""
-    if seconds is None:
-        return "–"
-    if seconds < 9.95:
-        return f"{max(0.0, seconds):.1f} s"
-    for limit, unit, each in ((100.0, "s", 1.0), (6000.0, "min", 60.0), (172800.0, "h", 3600.0)):
-        if seconds < limit:
-            return f"{seconds / each:.0f} {unit}"
-    return f"{seconds / 86400.0:.0f} days"

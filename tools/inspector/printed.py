@@ -8,9 +8,8 @@ from rich.text import Text
 from tools.inspect import standing
 from tools.inspect.processes import COLUMNS, RIGHT, cells
 from tools.inspector.events import EventRow
-from tools.inspector.overview import span
 from tools.inspector.snapshot import Sight, snapshot
-from tools.printing import made_table, number, printable
+from tools.printing import made_table, number, printable, span
 
 EVENTS_SHOWN, COMMANDS_SHOWN = 8, 8
 
@@ -30,7 +29,7 @@ def _group(shot: Sight) -> Group:
     return Group(
         made_table(f"system {seen.system}, {seen.words}, clock {seen.clock}", standing.COLUMNS,
                    [standing.cells(one) for one in seen.standings]),
-        Text(printable(seen.first if seen.first.startswith("all well") else f"first: {seen.first}")),
+        Text(printable(seen.first)),
         made_table("events, newest first", ("at", "from", "event", "text"),
                    [(row.at, row.who, row.what, row.text) for row in _once_each(shot.events)]),
         made_table("", (*COLUMNS[:-1], "CPU %", "MB", COLUMNS[-1]),

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 from procs.usage import Usage
 from tools.inspect.processes import ProcessStatus, remarks
-from tools.inspector.overview import span
-from tools.printing import number
+from tools.printing import number, span
 
 
 @dataclass(frozen=True, slots=True)

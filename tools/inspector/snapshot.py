@@ -68,7 +68,7 @@ def document(system: str) -> dict[str, Any]:
     seen = shot.overview
     return {
         "system": system, "monotonic_ns": monotonic_ns(), "supervisor": seen.supervisor, "dead_s": seen.dead_s,
-        "clock": seen.clock, "first": seen.first,
+        "clock": seen.clock, "first": seen.first.removeprefix("first: "),
         "processes": [{**dataclasses.asdict(row.status), "cpu_percent": row.cpu_percent, "memory_mb": row.memory_mb}
                       for row in shot.processes],
         "standings": [dataclasses.asdict(one) for one in seen.standings],

@@ -9,7 +9,7 @@ from shm.system_time import WALL, SystemTime, speed_in_words
 from tools.inspect import standing
 from tools.inspect.fault_file import fault_recording
 from tools.inspect.processes import COLUMNS, RIGHT, cells, remarks, statuses
-from tools.inspect.standing import first_thing, next_step, standings
+from tools.inspect.standing import first_thing, in_a_line, standings
 from tools.options import JsonOption, SystemOption
 from tools.printing import emit, table, tell
 from tools.systems import chosen_system
@@ -28,7 +28,7 @@ def status(as_json: JsonOption = False, system: SystemOption = None) -> int:
     processes = statuses(name)
     found = standings(name, processes)
     first = first_thing(processes, found)
-    recorded = fault_recording(name) if any(one.is_fault for one in found) else ""
+    recorded = fault_recording(name, [one.since_ns for one in found]) if any(one.is_fault for one in found) else ""
     with SystemTime(name) as time:
         clock, speed, reported = time.clock, time.speed, speed_in_words(time)
     rights = lacking({process.name: process.scheduling for process in processes}) if clock == WALL else ""
@@ -47,9 +47,5 @@ def status(as_json: JsonOption = False, system: SystemOption = None) -> int:
         table("", standing.COLUMNS, [standing.cells(one) for one in found])
         if recorded:
             tell(f"what led to it was recorded: {recorded}")
-        tell(f"first: {first}" if first else _well(next_step(found)))
+        tell(in_a_line(processes, found))
     return 1 if any(process.problem for process in processes) or any(one.is_fault for one in found) else 0
-
-
-def _well(then: str) -> str:
-    return f"all well; next: {then}" if then else "all well"

@@ -24,9 +24,10 @@ from tools import cli
 from tools.inspect.processes import ProcessStatus, statuses
 from tools.inspector import arms, commands, events, overview, processes
 from tools.inspector.commands import AskedRow, under_way
-from tools.inspector.overview import identity_of, span
+from tools.inspector.overview import identity_of
 from tools.inspector.topics import TopicsData
 from tools.inspector.values import ValuesData, shown_value
+from tools.printing import span
 
 APP = cli.build()
 
@@ -52,7 +53,7 @@ def test_a_dead_supervisor_is_told_with_the_time_since(played: ScriptedRobot) ->
     played.pages["supervisor"].segment.view[64:68] = (1 << 22).to_bytes(4, "little")  # nobody has this pid
     seen = overview.overview(played.name)
     assert not seen.lives and re.fullmatch(r"supervisor dead for 1\d s: left in shared memory", seen.words)
-    assert seen.first.startswith(f"trocar down --system {played.name} clears what is left")
+    assert seen.first.startswith("first: supervisor is dead: trocar up")
 
 
 def test_a_system_that_is_gone_is_waited_for(world: World) -> None:

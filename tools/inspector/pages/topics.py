@@ -8,12 +8,11 @@ from textual.binding import Binding
 from textual.message import Message
 
 from procs.crtk.topics import TopicEntry
-from tools.inspector.overview import span
 from tools.inspector.pages.page import InspectorPage
 from tools.inspector.pages.table import Head, TableRow
 from tools.inspector.topics import TopicRow, TopicsData
 from tools.inspector.values import shown_entries
-from tools.printing import number
+from tools.printing import number, span
 
 if TYPE_CHECKING:
     from tools.inspector.overview import Overview

@@ -9,10 +9,10 @@ from textual.binding import Binding
 
 from procs.crtk.topics import TopicEntry
 from shm.segment import SegmentError
-from tools.inspector.overview import span
 from tools.inspector.pages.page import InspectorPage
 from tools.inspector.pages.table import Head, TableRow
 from tools.inspector.values import ValueRow, Values, ValuesData, open_values
+from tools.printing import span
 from tools.scope.drawing import sparkline
 
 if TYPE_CHECKING:
