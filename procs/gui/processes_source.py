@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from typing import Any, Final
 
+from procs.crtk.plain import plain
 from procs.document.system import SystemConfig
 from procs.usage import Usage
 from shm import directory
@@ -55,8 +56,8 @@ class ProcessesSource:
         row = {"name": name, "kind": self._kinds[name], "state": page.state, "pid": pid,
                "rate_hz": 1.0 / period_s if period_s > 0.0 else None,
                "period_p99_ms": float(page.get("period_p99")) * 1e3, "work_p99_ms": float(page.get("work_p99")) * 1e3,
-               "missed": int(page.get("missed")), "policy": bytes(page.field("policy").tobytes()).rstrip(
-                   b"\0").decode(errors="replace"),
+               "missed": int(page.get("missed")),
+               "error": plain(page.get("error")), "policy": plain(page.get("policy")),
                "silent_s": round((monotonic_ns() - beat) * 1e-9, 1) if beat else None, **said}
         if said.get("lifecycle") == "STOPPED":
             row |= {"state": "STOPPED", "rate_hz": None, "pid": 0, "silent_s": None}

@@ -216,7 +216,8 @@ class Teleop:
             return
         if silent or held:
             names = ", ".join(arm.name for arm in missing)
-            self.reason = f"waiting: {names} is {'silent' if silent else 'moved by hand'}"
+            be = "is" if len(missing) == 1 else "are"
+            self.reason = f"waiting: {names} {be} {'silent' if silent else 'moved by hand'}"
             return
         if self._recovering:
             self._miss_arm(missing[0])

@@ -93,6 +93,13 @@ def test_disable_stops_at_once(following: TeleopHarness) -> None:
     assert following.slave.words()[-1] == "end_stream" and following.master.words()[-1] == "end_stream"
 
 
+def test_two_silent_arms_are_named_as_two(following: TeleopHarness) -> None:
+    for arm in following.arms.values():
+        arm.alive = False
+    following.run(0.04)
+    assert following.text("reason") == "waiting: MTMR, PSM1 are silent"
+
+
 @pytest.mark.parametrize("which", ["MTMR", "PSM1"])
 def test_a_silent_arm_ends_following_until_presence_is_shown(following: TeleopHarness, which: str) -> None:
     following.arms[which].alive = False

@@ -20,7 +20,7 @@ def details(one: Standing) -> list[str]:
     """The error that led to a FAULT as it was reported, and what to do."""
     lines = [f"{one.name} ({one.kind}): {one.state}"]
     if one.reason:
-        lines.append(f"{'why' if one.is_fault else 'waits for'}: {one.reason}")
+        lines.append(f"{'why' if one.is_fault else 'waiting'}: {one.reason.removeprefix('waiting: ')}")
     fault = one.fault
     if fault is not None:
         where = [f"axis {fault['axis']}" if int(fault["axis"]) >= 0 else "",

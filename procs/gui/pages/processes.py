@@ -9,7 +9,7 @@ from procs.gui.pages.assets import script
 from procs.gui.pages.parts import Part, box
 
 COLUMNS: Final = ("process", "kind", "state", "Hz", "period p99 ms", "work p99 ms", "missed", "CPU %", "MB", "restarts",
-                  "last ended, or scheduling")
+                  "problem, last ended, or scheduling")
 
 
 def processes_page() -> None:

@@ -7,7 +7,7 @@ let chosen = location.hash.slice(1);
 // What stands in a row behind its name.
 const texts = (row) => [
   row.kind, row.state.toLowerCase(), shownOr(row.rate_hz, 0), shownOr(row.period_p99_ms, 2), shownOr(row.work_p99_ms, 2), String(row.missed),
-  row.cpu === null ? "–" : row.cpu.toFixed(0), shownOr(row.memory_mb, 0), String(row.restarts ?? 0), row.exit_reason || row.policy || "",
+  row.cpu === null ? "–" : row.cpu.toFixed(0), shownOr(row.memory_mb, 0), String(row.restarts ?? 0), row.error || row.exit_reason || row.policy || "",
 ];
 
 function made(row) {
@@ -23,7 +23,7 @@ function made(row) {
 function line(body, row) {
   let found = body.querySelector(`[data-name="${CSS.escape(row.name)}"]`);
   if (!found) body.append((found = made(row)));
-  found.className = row.state === "RUNNING" ? "" : row.state === "STOPPED" ? "quiet" : "bad";
+  found.className = row.state === "RUNNING" ? (row.error ? "bad" : "") : row.state === "STOPPED" ? "quiet" : "bad";
   found.classList.toggle("here", row.name === chosen);
   texts(row).forEach((text, i) => found.cells[i + 1].textContent !== text && (found.cells[i + 1].textContent = text));
 }
