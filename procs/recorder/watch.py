@@ -18,7 +18,7 @@ OFF: Final = b"DISABLED"
 FAULTED: Final = -1
 NOT_YET: Final = 0
 WELL_NS: Final = 2_000_000_000
-"""An arm that stays DISABLED for so long is well; on the way from FAULT to power it is DISABLED for a moment."""
+"""An arm that rests DISABLED for so long is well; on the way from FAULT to power it does so for a moment."""
 NEAR_NS: Final = 1_000_000_000
 """An error and the FAULT that it led to are not further apart."""
 ERRORS: Final = 200
@@ -78,7 +78,8 @@ class FaultWatch:
         """A fault, where the event that was read last is one."""
         at_ns = int(event.field("monotonic_ns")[()])
         if event.field("event").item() == b"operating_state":
-            return self._state(instance, event.field("state").item(), bool(event.field("is_homed")[()]), at_ns)
+            is_homed, is_busy = (bool(event.field(name)[()]) for name in ("is_homed", "is_busy"))
+            return self._state(instance, event.field("state").item(), is_homed, is_busy, at_ns)
         if int(event.field("severity")[()]) != ERROR:
             return None
         code, text, component = (str(plain(event.field(name).item())) for name in ("code", "text", "component"))
@@ -86,7 +87,7 @@ class FaultWatch:
         is_fault = event.field("code").item() in POWERING_OFF
         return SeenFault(instance, text, at_ns, code, self._is_well(at_ns)) if is_fault else None
 
-    def _state(self, instance: str, state: bytes, is_homed: bool, at_ns: int) -> SeenFault | None:
+    def _state(self, instance: str, state: bytes, is_homed: bool, is_busy: bool, at_ns: int) -> SeenFault | None:
         """A fault where it was in another state before: in FAULT it says its state again to each command."""
         if state == IN_FAULT:
             if self._unwell.get(instance) == FAULTED:
@@ -97,7 +98,7 @@ class FaultWatch:
         if is_homed:
             self._unwell.pop(instance, None)
         elif instance in self._unwell:
-            self._unwell[instance] = at_ns if state == OFF else NOT_YET
+            self._unwell[instance] = at_ns if state == OFF and not is_busy else NOT_YET  # busy: it gets power
         return None
 
     def _is_well(self, at_ns: int) -> bool:

@@ -17,11 +17,13 @@ def watch(rings: RingsOfATest) -> Iterator[FaultWatch]:
     yield found
     found.close()
 
+PUBLISHED = {"HOMED": "ENABLED", "HOMING": "ENABLED", "POWERING": "DISABLED"}
+
 
 def goes(rings: RingsOfATest, *states: str) -> None:
-    """The arm says these states, HOMED with its flag."""
+    """The arm says these states, as arms do."""
     for state in states:
-        rings.events.operating_state("ENABLED" if state == "HOMED" else state, state, state == "HOMED", False)
+        rings.events.operating_state(PUBLISHED.get(state, state), state, state == "HOMED", state in PUBLISHED)
 
 
 def test_fault_and_errors_that_power_off_are_faults(rings: RingsOfATest, watch: FaultWatch) -> None:
@@ -56,7 +58,7 @@ def test_who_leaves_fault_by_a_command_has_no_other_fault(rings: RingsOfATest, w
 def test_homings_that_fail_again_are_not_the_first(rings: RingsOfATest, watch: FaultWatch) -> None:
     goes(rings, "HOMED", "FAULT")
     for _ in range(3):
-        goes(rings, "FAULT", "DISABLED", "ENABLED", "FAULT")
+        goes(rings, "FAULT", "DISABLED", "POWERING", "HOMING", "FAULT")
     assert [fault.is_first for fault in watch.look()] == [True, False, False, False]
 
 
@@ -64,9 +66,9 @@ def test_who_stays_without_power_is_well(rings: RingsOfATest, watch: FaultWatch,
                                          monkeypatch: pytest.MonkeyPatch) -> None:
     at_ns = 1_000_000_000
     monkeypatch.setattr("shm.events.monotonic_ns", lambda: at_ns)
-    goes(rings, "FAULT", "DISABLED")
+    goes(rings, "FAULT", "DISABLED", "POWERING")
     at_ns += WELL_NS
-    goes(rings, "ENABLED", "FAULT")
+    goes(rings, "FAULT")
     assert [fault.is_first for fault in watch.look()] == [True, False], "it was on its way to power"
     goes(rings, "DISABLED")
     at_ns += WELL_NS

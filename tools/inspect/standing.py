@@ -121,7 +121,9 @@ def _events(system: str, process: ProcessStatus) -> NDArray[Any]:
 
 def _last_error(events: NDArray[Any] | None) -> dict[str, Any] | None:
     """The newest error, as data."""
-    errors = events[events["event"] == b"error"] if events is not None else ()
+    if events is None:
+        return None
+    errors = events[events["event"] == b"error"]
     return {key: plain(errors[-1][key]) for key in FAULT_KEYS} if len(errors) else None
 
 
