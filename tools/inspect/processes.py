@@ -26,10 +26,10 @@ SHOWN_OF_OTHERS = {"CREATED": "NOT ATTACHED", "RUNNING": "ATTACHED", "STOPPED": 
 COLUMNS = ("process", "state", "pid", "Hz", "p99 ms", "work ms", "missed", "restarts", "problem")
 RIGHT = ("pid", "Hz", "p99 ms", "work ms", "missed", "restarts")
 BEGINNING = ("CREATED", "STARTING", "RESTARTING")
-SENTENCES = {"dead": "{} is dead", "stalled": "{} is stalled", "silent": "{} is silent", "failed": "{} failed",
-             "not running": "{} is not running"}
+SENTENCES = {DEAD: "{} is dead", STALLED: "{} is stalled", SILENT: "{} is silent", FAILED: "{} failed",
+             NOT_RUNNING: "{} is not running"}
 """Of problems that are a word; all others are what a process says of itself."""
-SAYS_WHY = ("failed", "not running")
+SAYS_WHY = FAILED, NOT_RUNNING
 ENDING = ("STOPPING", "RESTARTING")  # the process may not have heard of it yet
 COUNTS = ("cycles", "missed", "overruns", "pauses")
 STATISTICS = ("period", "work", "latency")
