@@ -44,3 +44,20 @@ def ended_as_by_ctrl_c() -> Iterator[None]:
     finally:
         for number, handler in before:
             signal.signal(number, handler)
+
+
+def ctrl_c_ends() -> None:
+    """Ctrl-C ends this program without a traceback, until `ctrl_c_raises`; for the time in which modules are loaded."""
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+def ctrl_c_raises() -> None:
+    """Ctrl-C is a KeyboardInterrupt, as Python begins with it."""
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def ctrl_c_waits() -> None:
+    """Ctrl-C waits until the program that takes our place, the supervisor, listens to it."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])

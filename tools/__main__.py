@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from tools.cli import main
+from procs.ended_by import ctrl_c_ends
 
 if __name__ == "__main__":
+    ctrl_c_ends()
+
+    from tools.cli import main
+
     main()

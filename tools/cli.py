@@ -6,22 +6,24 @@ robot; the rows marked `moves` are those that may start, stop, power or move som
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import importlib
 import inspect
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from procs.ended_by import ctrl_c_ends, ctrl_c_raises
 from tools.errors import Misuse, Problem
 from tools.version import VERSION
 
-FINE, WRONG, MISUSED = 0, 1, 2
+FINE, WRONG, MISUSED, INTERRUPTED = 0, 1, 2, 130
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,36 +167,56 @@ def examples_of(verb: Verb) -> list[str]:
 
 
 def guarded(function: Callable[..., Any]) -> Callable[..., None]:
-    """The verb with its errors turned into one line and an exit code; the verb may return its exit code."""
+    """The verb with its errors, Ctrl-C among them, turned into one line and an exit code, which it may return."""
     @functools.wraps(function)
     def run(*arguments: Any, **named: Any) -> None:
-        try:
-            code = function(*arguments, **named)
-        except Misuse as error:
-            code = _reported(error, MISUSED)
-        except _something_wrong() as error:
-            code = _reported(error, WRONG)
-        except BrokenPipeError:  # the reader of our output has seen enough
-            sys.stdout = open(os.devnull, "w")  # noqa: SIM115, PTH123  # the interpreter flushes it at exit
-            code = FINE
-        raise typer.Exit(code or FINE)
+        code = FINE
+        with _readers_may_leave():
+            try:
+                code = function(*arguments, **named) or FINE
+            except BrokenPipeError:
+                raise
+            except Misuse as error:
+                code = _reported(error, MISUSED)
+            except _something_wrong() as error:
+                code = _reported(error, WRONG)
+            except KeyboardInterrupt:
+                code = _reported(KeyboardInterrupt("stopped by Ctrl-C"), INTERRUPTED)
+        raise typer.Exit(code)
 
     return run
 
 
+@contextlib.contextmanager
+def _readers_may_leave() -> Iterator[None]:
+    """A reader of our output may close it early, as `head -1` does: the rest of it goes nowhere, without an error."""
+    try:
+        with contextlib.suppress(BrokenPipeError):
+            yield
+    finally:
+        for stream in (sys.stdout, sys.stderr):
+            try:
+                stream.flush()
+            except BrokenPipeError:
+                os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())  # the interpreter flushes it again at exit
+
+
 def _something_wrong() -> tuple[type[Exception], ...]:
-    """What may be wrong with a robot; not every verb loads what these come from."""
+    """What may be wrong with a robot or this machine; not every verb loads what these come from."""
     from shm.client import MailboxFull
     from shm.ring import RingError
     from shm.segment import SegmentError
 
-    return Problem, SegmentError, RingError, MailboxFull, TimeoutError
+    return Problem, SegmentError, RingError, MailboxFull, OSError
 
 
-def _reported(error: Exception, code: int) -> int:
+def _reported(error: BaseException, code: int) -> int:
     from tools.printing import note
 
-    note(f"trocar: {error}")
+    if isinstance(error, OSError) and error.filename is not None:
+        note(f"trocar: {error.filename}: {error.strerror}")
+    else:
+        note(f"trocar: {error}")
     return code
 
 
@@ -208,4 +230,8 @@ def _verb_asked(arguments: Sequence[str]) -> str | None:
 def main() -> None:
     """The command `trocar`."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a verb computes nothing that threads of numpy are worth
-    build(_verb_asked(sys.argv[1:]))(prog_name="trocar")
+    ctrl_c_ends()
+    app = build(_verb_asked(sys.argv[1:]))
+    ctrl_c_raises()
+    with _readers_may_leave():
+        app(prog_name="trocar")

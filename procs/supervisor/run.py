@@ -45,6 +45,7 @@ def supervised(system: SystemConfig, awaits_holder: bool, template: Template) ->
 
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, hear)  # before there is anything to leave behind
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])  # what `trocar up` held back while modules were loaded
     supervisor = Supervisor(system, awaits_holder, template)
     made.append(supervisor)
     supervisor.stopping = asked[0] if asked else ""

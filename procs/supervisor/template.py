@@ -19,6 +19,7 @@ import gc
 import importlib
 import json
 import os
+import signal
 import socket
 import sys
 import traceback
@@ -35,6 +36,7 @@ ARGUMENTS_AT: Final = 47  # in /proc/self/stat: first and last address of the co
 
 def main() -> None:
     """Serve until the supervisor has gone; in each process that was forked off, what its module's `main` does."""
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])  # the supervisor holds it back until it listens to it
     asking = socket.socket(fileno=int(sys.argv[1]))
     for row in importlib.import_module("procs.manifest").PROCS:
         if row.realtime:

@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from procs.ended_by import ctrl_c_waits
 from tools.dumping import keep_left_over
 from tools.errors import Misuse
 from tools.options import ClockOption, JsonOption, clock_set
@@ -53,6 +54,7 @@ def up(
         keep_left_over(system, say)
     if not detach:
         sys.stdout.flush()
+        ctrl_c_waits()
         os.execve(sys.executable, request.command(), environment())
     with progress(f"starting {system}") as say:
         background = Background(request)
