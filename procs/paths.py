@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
@@ -18,6 +19,24 @@ def log_folder(environ: Mapping[str, str], system: str) -> Path:
     state = environ.get("XDG_STATE_HOME")
     root = Path(state) if state else Path(environ.get("HOME", "/tmp")) / ".local" / "state"
     return root / "trocar" / system
+
+
+class NoStateFolder(OSError):
+    """Logs and recordings have no place; the message says what to set."""
+
+
+def made_log_folder(environ: Mapping[str, str], system: str) -> Path:
+    """The same folder for a program that writes into it: it exists and takes files; NoStateFolder where it cannot."""
+    folder = log_folder(environ, system)
+    why = "no permission to write"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if os.access(folder, os.W_OK | os.X_OK):
+            return folder
+    except OSError as error:
+        why = error.strerror or str(error)
+    raise NoStateFolder(f"cannot keep logs and recordings in {folder}: {why}; "
+                        "set TROCAR_STATE to a folder that you can write")
 
 
 def token_file(environ: Mapping[str, str], system: str) -> Path:

@@ -22,7 +22,7 @@ from procs.listening import handed
 from procs.manifest import proc
 from procs.own_memory import OwnMemory
 from procs.pacing import Pacing
-from procs.paths import log_folder
+from procs.paths import NoStateFolder, log_folder, made_log_folder
 from procs.pauses import Pauses
 from procs.user_properties import Properties
 from procs.user_subscription import SLOWEST_NS, Subscription
@@ -298,7 +298,7 @@ class OwnProcess:
         refuse = request.fail if is_accepted else request.refuse
         try:
             answer = self._answer(request)
-        except ValueError as error:
+        except (ValueError, NoStateFolder) as error:
             refuse(str(error))
         except Exception as error:
             self.log.exception("%s ended by an error", request.name)
@@ -329,6 +329,7 @@ class OwnProcess:
         """A property was set from outside."""
 
     def _save_properties(self) -> str:
+        made_log_folder(os.environ, self.system)
         self.properties.save(self._saved)
         return str(self._saved)[-100:]
 

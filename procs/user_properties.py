@@ -60,7 +60,6 @@ class Properties(Mapping[str, Any]):
 
     def save(self, path: Path) -> None:
         """Keep them for the next start."""
-        path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(json.dumps(self._values))
 
     def load(self, path: Path, log: Logger) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from procs.crtk.plain import plain
+from procs.paths import log_folder, made_log_folder
 from procs.recordings import names
 from shm.clock import local_ns
 from shm.segment import names_of
@@ -81,6 +82,8 @@ def _status(system: str) -> tuple[list[tuple[str, str, bytes]], list[str]]:
 def dump_by_time(system: str, word: str, reason: str, say: Say) -> Dumped:
     """The same into a file among the system's recordings, WORD-TIME.mcap, or WORD-TIME-2.mcap where that is there."""
     folder, time = folder_of(system), names.utc(local_ns())
+    if folder.is_relative_to(log_folder(os.environ, system)):
+        made_log_folder(os.environ, system)
     for number in range(1, TRIES):
         with contextlib.suppress(FileIsThere):
             return dump(system, folder / f"{word}-{time}{f'-{number}' if number > 1 else ''}.mcap", reason, say)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from procs.log_files import put_aside
-from procs.paths import log_folder
+from procs.paths import made_log_folder
 from shm.clock import monotonic_ns, pause
 from shm.control_page import ControlPage
 from shm.segment import SegmentError
@@ -78,9 +78,7 @@ class Background:
         """Start it; returns at once. `tied`: when we die, however that happens, it ends and nothing of it is left."""
         refuse_taken(request.system)
         self.system = request.system
-        folder = log_folder(os.environ, request.system)
-        folder.mkdir(parents=True, exist_ok=True)
-        self.log = folder / "supervisor.log"
+        self.log = made_log_folder(os.environ, request.system) / "supervisor.log"
         put_aside(self.log)
         with self.log.open("ab") as log:  # it may be emptied under the supervisor
             self.popen = subprocess.Popen(request.command(), stdin=subprocess.DEVNULL, stdout=log, stderr=log,

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from procs.document.system import SystemConfig
-from procs.paths import token_file
+from procs.paths import made_log_folder, token_file
 
 BYTES: Final = 16
 
@@ -24,8 +24,8 @@ def gui_token(system: SystemConfig) -> Iterator[None]:
     if system.gui is None or not system.gui.makes_token:
         yield
         return
+    made_log_folder(os.environ, system.name)
     path = token_file(os.environ, system.name)
-    path.parent.mkdir(parents=True, exist_ok=True)
     path.unlink(missing_ok=True)  # of a supervisor that was killed
     with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600), "w") as file:
         file.write(f"{secrets.token_hex(BYTES)}\n")

@@ -15,6 +15,7 @@ from typing import Final
 
 from procs.config import load_system
 from procs.document.system import LOCKSTEP, PACED, WALL, SystemConfig, from_json
+from procs.paths import NoStateFolder
 from procs.realtime import cores
 from procs.supervisor.addresses import NoAddress, at_free_addresses, free_address
 from procs.supervisor.dependencies import Circle
@@ -104,7 +105,7 @@ def _run(system: SystemConfig, chosen: argparse.Namespace, template: Template) -
                 log.error("%s", error)
                 failed = True
             clean = supervisor.stop_all()
-    except (SegmentError, AddressTaken) as error:
+    except (SegmentError, AddressTaken, NoStateFolder) as error:
         log.error("%s", error)
         return 1
     return 1 if failed or not clean else 0

@@ -8,7 +8,6 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing
 from functools import partial
-from pathlib import Path
 from typing import Final
 
 from procs import codes, lifecycle
@@ -17,7 +16,7 @@ from procs.document.process import ELSEWHERE, ON_DEMAND
 from procs.document.system import WALL, Process, SystemConfig
 from procs.log_files import put_aside
 from procs.manifest import hung_s, late_s, proc
-from procs.paths import log_folder
+from procs.paths import made_log_folder
 from procs.realtime import in_words, lacking, realtime, step_back
 from procs.supervisor import memory
 from procs.supervisor.children import Child, Ending
@@ -80,11 +79,12 @@ class Supervisor:
         self.judge, self._beat_ns = Judge(), 0
         self._systemd = Notifier(os.environ)
         with ExitStack() as held:
+            self._folder = made_log_folder(os.environ, system.name)
             held.enter_context(memory.hold_name(system.name))
             held.enter_context(gui_token(system))
             self._listening = {row.name: held.enter_context(closing(Listening(row))) for row in system.processes}
             self._make(memory.maker(system.group))
-            self._log_keeper = held.enter_context(closing(LogKeeper(log_folder(os.environ, system.name), system.logs)))
+            self._log_keeper = held.enter_context(closing(LogKeeper(self._folder, system.logs)))
             self._held = held.pop_all()  # before, nobody had us yet to close us
 
     def _make(self, make: Make) -> None:
@@ -92,16 +92,14 @@ class Supervisor:
         left = memory.clear_left_over(system.name)
         if left:
             log.warning("cleared %d segments that a dead system left", left)
-        folder = log_folder(os.environ, system.name)
-        folder.mkdir(parents=True, exist_ok=True)
         self.size = memory.create_all(system, make)
         try:
-            self._begin(folder, make)
+            self._begin(make)
         except BaseException:
             memory.remove_all(system.name)
             raise
 
-    def _begin(self, folder: Path, make: Make) -> None:
+    def _begin(self, make: Make) -> None:
         """Take our places in the memory that is there now."""
         system = self.system
         self.page = ControlPage(system.name, "supervisor", write=True)
@@ -121,7 +119,7 @@ class Supervisor:
         self._state = self._writes("state")
         self._rows = tuple(row for row in system.processes if row.start != ELSEWHERE)  # those are ours
         self._pages: dict[str, ControlPage] = {}
-        self.children = [self._child(row, folder) for row in self._rows]
+        self.children = [self._child(row) for row in self._rows]
         self._demands = [self._demand(child) for child in self.children if child.row.start == ON_DEMAND]
         self._requests, self._clearings = Requests(self.children), Clearings(system)
         self._shown: list[tuple[str, int, int, str, bool]] = []
@@ -130,8 +128,8 @@ class Supervisor:
     def _writes(self, topic: str) -> RingWriter:
         return directory.writer(self.system.name, "supervisor", topic, "supervisor")
 
-    def _child(self, row: Process, folder: Path) -> Child:
-        path = folder / f"{row.name}.log"
+    def _child(self, row: Process) -> Child:
+        path = self._folder / f"{row.name}.log"
         put_aside(path, self.system.logs.keep)
         page = self._pages[row.name] = ControlPage(self.system.name, row.name, write=True)
         process = OsProcess(self.system.name, row, page, path, self._template, self._listening[row.name].sockets)
