@@ -25,7 +25,7 @@ HEADINGS = ("faults of a robot", "faults of boards and buses", "faults on the wa
 
 
 @dataclass(frozen=True)
-class Broken:
+class BrokenRun:
     """Orders to boards; what mends it; whether following ends by it."""
 
     breaks: tuple[str, ...]
@@ -33,25 +33,25 @@ class Broken:
     ends: bool = True
 
 
-def switched(order: str) -> Broken:
+def switched(order: str) -> BrokenRun:
     """What a 1 breaks and a 0 mends."""
-    return Broken((f"{order} 1",), (f"{order} 0",))
+    return BrokenRun((f"{order} 1",), (f"{order} 0",))
 
 
 FAULTS = (
     switched("emergency_stop"), switched("power_loss MTMR"), switched("amp_fault MTMR 2"), switched("amp_fault PSM1 3"),
-    Broken(("encoder_jump MTMR 3 -40000",)), Broken(("encoder_jump PSM1 3 -40000",)),
-    Broken(("current_error MTMR 3 0.6",), ("current_error MTMR 3 0",)),
-    Broken(("pot_drift MTMR 2 0.5",), ("pot_drift MTMR 2 0 0",)), switched("pot_dead PSM1 1"),
-    Broken(("encoder_scale PSM1 1 1.25",), ("encoder_scale PSM1 1 1",), ends=False),
-    Broken(("swap_motors PSM1 3 4",), ("swap_motors PSM1 3 4",)),
-    Broken(("jam PSM1 0 1",), ("jam PSM1 0 0",), ends=False),
-    Broken(("unplug_board 7 IO1",), ("plug_board 7 IO1",)), Broken(("unplug_board 3 IO1",), ("plug_board 3 IO1",)),
-    Broken(("temperature 7 66.5 31 IO1",), ("temperature 7 31 31 IO1",)),
-    Broken(("bus_reset IO1", "drop_block 7 5 IO1", "spoil_sequence 7 5 IO1"), ends=False),
-    Broken(("delay_replies 3 0.01 IO1", "duplicate_replies 3 IO1", "drop_replies 3 IO1", "corrupt_tl 3 IO1",
+    BrokenRun(("encoder_jump MTMR 3 -40000",)), BrokenRun(("encoder_jump PSM1 3 -40000",)),
+    BrokenRun(("current_error MTMR 3 0.6",), ("current_error MTMR 3 0",)),
+    BrokenRun(("pot_drift MTMR 2 0.5",), ("pot_drift MTMR 2 0 0",)), switched("pot_dead PSM1 1"),
+    BrokenRun(("encoder_scale PSM1 1 1.25",), ("encoder_scale PSM1 1 1",), ends=False),
+    BrokenRun(("swap_motors PSM1 3 4",), ("swap_motors PSM1 3 4",)),
+    BrokenRun(("jam PSM1 0 1",), ("jam PSM1 0 0",), ends=False),
+    BrokenRun(("unplug_board 7 IO1",), ("plug_board 7 IO1",)), BrokenRun(("unplug_board 3 IO1",), ("plug_board 3 IO1",)),
+    BrokenRun(("temperature 7 66.5 31 IO1",), ("temperature 7 31 31 IO1",)),
+    BrokenRun(("bus_reset IO1", "drop_block 7 5 IO1", "spoil_sequence 7 5 IO1"), ends=False),
+    BrokenRun(("delay_replies 3 0.01 IO1", "duplicate_replies 3 IO1", "drop_replies 3 IO1", "corrupt_tl 3 IO1",
             "reply_rate lost 0.02", "packet_loss 0.001 IO1"), ("clear_packet_faults",), ends=False),
-    Broken(("lose_replies 100",), ("clear_packet_faults",)),
+    BrokenRun(("lose_replies 100",), ("clear_packet_faults",)),
     switched("press PSM1_arm_clutch"), switched("press clutch"),
 )
 
@@ -138,7 +138,7 @@ def demo() -> Iterator[HostedDemo]:
 @pytest.mark.slow
 @pytest.mark.simulated
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: ", ".join(fault.breaks)[:40])
-def test_what_breaks_while_the_demo_follows_is_recovered_by_an_operator(demo: HostedDemo, fault: Broken) -> None:
+def test_what_breaks_while_the_demo_follows_is_recovered_by_an_operator(demo: HostedDemo, fault: BrokenRun) -> None:
     demo.passes(1.0)
     assert demo.teleop.is_following, demo.teleop.reported
     for order in fault.breaks:
