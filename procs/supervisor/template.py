@@ -69,19 +69,20 @@ def _end(code: int) -> NoReturn:
 
 def _serve(asking: socket.socket, stamps: dict[str, int]) -> str:
     """Empty: this is the template, and it ends. Else this is a new process, of this module."""
-    with contextlib.suppress(OSError):  # its supervisor has ended meanwhile
+    with contextlib.suppress(OSError):  # the supervisor has ended
         asking.send(READY)
-    while True:
-        request, given, _, _ = socket.recv_fds(asking, MOST, 2)
-        if not request or stamps != _stamps(stamps):
-            return ""
-        child = _fork()
-        if not child:
-            asking.close()
-            return _become(*json.loads(request), *given)
-        for each in given:
-            os.close(each)
-        asking.send(str(child).encode())
+        while True:
+            request, given, _, _ = socket.recv_fds(asking, MOST, 2)
+            if not request or stamps != _stamps(stamps):
+                return ""
+            child = _fork()
+            if not child:
+                asking.close()
+                return _become(*json.loads(request), *given)
+            for each in given:
+                os.close(each)
+            asking.send(str(child).encode())
+    return ""
 
 
 def _sources() -> Iterator[str]:

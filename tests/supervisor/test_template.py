@@ -125,6 +125,14 @@ def test_a_template_ends_with_its_supervisor(world: World) -> None:
     world.until(lambda: not row.is_running() or row.status() == psutil.STATUS_ZOMBIE, "the template ends")
 
 
+def test_a_template_whose_supervisor_ended_while_it_imported_says_nothing(world: World) -> None:
+    code = ("import select; from procs.supervisor.forking import Template\n"
+            "template = Template(); template.start()\n"
+            "while not select.select([template._ours], [], [], 1.0)[0]: pass")
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stderr == ""
+
+
 def test_a_process_that_a_dead_child_left_behind_is_collected_when_it_ends(template: Template, world: World) -> None:
     template.start()
     leaves = subprocess.run(["sh", "-c", "sleep 0.2 & echo $!"], capture_output=True, text=True, check=True)
