@@ -9,17 +9,21 @@ from __future__ import annotations
 import contextlib
 import json
 import math
+import os
 import select
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any
+from typing import Any, TextIO
 
 from procs.crtk.plain import plain as plain
 from shm.clock import monotonic_ns
+from tools.tables import table_lines, wrapped
 
-SLOW_NS = 2_000_000_000
+SLOW_NS, NOW_AND_THEN_NS = 2_000_000_000, 5_000_000_000
 Say = Callable[[str, float | None], None]
 REPLACED = "\ufffd"
+PIPED = 120
+"""Columns where there is no terminal."""
 
 
 def printable(text: str, keep: str = "\n\t") -> str:
@@ -50,41 +54,66 @@ def emit(row: Any) -> None:
           flush=True)
 
 
+def width(stream: TextIO | None = None) -> int:
+    """Columns of the terminal that our output, or another `stream`, goes to, or what `COLUMNS` says; a pipe: PIPED."""
+    given = os.environ.get("COLUMNS", "")
+    if given.isdecimal():
+        return max(int(given), 1)
+    with contextlib.suppress(OSError, ValueError):  # no terminal, no file
+        return os.get_terminal_size((stream or sys.stdout).fileno()).columns or PIPED
+    return PIPED
+
+
+def page(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], right: Sequence[str] = ()) -> str:
+    """A table for eyes, as wide as the terminal; the columns named in `right` are flush right."""
+    within = width()
+    cells = [[printable(cell) for cell in row] for row in rows]
+    lines = wrapped(printable(title), within) if title else []
+    return "\n".join(lines + table_lines(columns, cells, right, within))
+
+
 def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], right: Sequence[str] = ()) -> None:
-    """A table for eyes; the columns named in `right` are flush right."""
-    from rich.console import Console
-
-    class OurConsole(Console):
-        """One that lets others hear that nobody reads; rich's own ends the program, as if something was wrong."""
-
-        def on_broken_pipe(self) -> None:
-            raise BrokenPipeError("nobody reads the output")
-
-    console = OurConsole(highlight=False, soft_wrap=False)
-    if not console.is_terminal:  # a pipe has no width of its own: nothing is cut
-        console = OurConsole(highlight=False, width=240)
-    console.print(made_table(title, columns, rows, right))
-
-
-def made_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], right: Sequence[str] = ()) -> Any:
-    """The same table as a rich object, for live displays."""
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Table
-    from rich.text import Text
-
-    made = Table(title=Text(printable(title), "table.title") if title else None, box=SIMPLE_HEAD, title_justify="left",
-                 pad_edge=False, collapse_padding=True)
-    for column in columns:
-        whole = column in right or column == columns[0]
-        made.add_column(column, justify="right" if column in right else "left", no_wrap=whole)
-    for row in rows:
-        made.add_row(*(Text(printable(cell)) for cell in row))
-    return made
+    """The same on our output."""
+    print(page(title, columns, rows, right), flush=True)
 
 
 def note(text: str) -> None:
     """A line for a person, on the error stream: it never mixes with data."""
     print(printable(text), file=sys.stderr, flush=True)
+
+
+class LiveLine:
+    """A line on a terminal's error stream that is written over again and again; elsewhere a line now and then."""
+
+    def __init__(self) -> None:
+        self._is_terminal, self._next_ns = sys.stderr.isatty(), 0
+
+    def show(self, parts: Sequence[str]) -> None:
+        """The parts for which there is room, each whole, those that come first before others."""
+        if self._is_terminal:
+            text = printable(fitting(parts, width(sys.stderr) - 1), "")
+            print(f"\r\033[K{text}", end="", file=sys.stderr, flush=True)
+        elif monotonic_ns() >= self._next_ns:
+            self._next_ns = monotonic_ns() + NOW_AND_THEN_NS
+            note("  ".join(parts))
+
+    def report(self, text: str) -> None:
+        """Something that stays on the screen."""
+        print("\r\033[K" if self._is_terminal else "", end="", file=sys.stderr)
+        note("\n".join(wrapped(text, width(sys.stderr))))
+
+    def close(self) -> None:
+        """The next line is another one."""
+        print("\n" if self._is_terminal else "", end="", file=sys.stderr, flush=True)
+
+
+def fitting(parts: Iterable[str], within: int) -> str:
+    """One line of at most `within` letters: those parts for which there is room after the ones before them."""
+    line = ""
+    for part in parts:
+        longer = f"{line}  {part}" if line else part
+        line = longer if len(longer) <= within else line
+    return line
 
 
 @contextlib.contextmanager

@@ -71,10 +71,11 @@ def test_what_did_not_change_stays_as_it_was_written(tmp_path: Path) -> None:
     content = {"$id": "saw-controllers-pid.schema.json", "$version": "1", "who": "us", "pid": [row]}
     file.write_text(json.dumps(content))
     saved = save_as(in_use(file), tmp_path / "new.json", force=False)
-    assert saved.changed == 0 and saved.notes == []
+    assert saved.changed == [] and saved.notes == []
     assert json.loads((tmp_path / "new.json").read_text()) == content
     tuned = (changed(rows_of(file)[0], ["d_gain"], [0.3], running=False),)
-    save_as(in_use(file, tuned), tmp_path / "newer.json", force=False)
+    saved = save_as(in_use(file, tuned), tmp_path / "newer.json", force=False)
+    assert saved.changed == ["0 a d_gain"], "named as pid show names it"
     row["d_gain"] = 0.3
     assert json.loads((tmp_path / "newer.json").read_text()) == content
 

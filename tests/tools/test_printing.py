@@ -105,7 +105,7 @@ def test_a_table_that_nobody_reads_does_not_end_the_program(monkeypatch: pytest.
     output = os.fdopen(writing, "w")
     with monkeypatch.context() as patched:
         patched.setattr(sys, "stdout", output)
-        with pytest.raises(BrokenPipeError, match="nobody reads"):  # with which a verb's exit code is 0
+        with pytest.raises(BrokenPipeError):  # with which a verb's exit code is 0
             printing.table("", ("name",), [("PSM1",)])
     with contextlib.suppress(BrokenPipeError):
         output.close()

@@ -2,43 +2,34 @@
 
 from __future__ import annotations
 
-from rich.console import Console, Group
-from rich.text import Text
-
 from tools.inspect import standing
 from tools.inspect.processes import COLUMNS, RIGHT, cells
 from tools.inspector.events import EventRow
-from tools.inspector.snapshot import Sight, snapshot
-from tools.printing import made_table, number, printable, span
+from tools.inspector.snapshot import snapshot
+from tools.printing import number, span, table, tell
 
 EVENTS_SHOWN, COMMANDS_SHOWN = 8, 8
 
 
-def print_once(system: str, *, is_terminal: bool) -> None:
-    """All of a system; a pipe has no width of its own: nothing is cut."""
-    console = Console(highlight=False) if is_terminal else Console(highlight=False, width=240)
-    console.print(_group(snapshot(system)))
-
-
-def _group(shot: Sight) -> Group:
+def print_once(system: str) -> None:
+    """All of a system."""
+    shot = snapshot(system)
     seen = shot.overview
     rates = [(row.name, number(row.nominal_hz, "g") if row.nominal_hz else "on events", number(row.hz, ".1f"),
               number(row.max_ms, ".2f"), span(row.age_s), row.problem) for row in shot.topics]
     asked = [tuple(row.cells[:3] + ["under way"] + row.cells[4:]) for row in reversed(shot.under_way)]
     asked += [tuple(row.cells) for row in list(reversed(shot.commands))[:COMMANDS_SHOWN]]
-    return Group(
-        made_table(f"system {seen.system}, {seen.words}, clock {seen.clock}", standing.COLUMNS,
-                   [standing.cells(one) for one in seen.standings]),
-        Text(printable(seen.first)),
-        made_table("events, newest first", ("at", "from", "event", "text"),
-                   [(row.at, row.who, row.what, row.text) for row in _once_each(shot.events)]),
-        made_table("", (*COLUMNS[:-1], "CPU %", "MB", COLUMNS[-1]),
-                   [(*cells(row.status)[:-1], number(row.cpu_percent), number(row.memory_mb, ".0f"), row.status.problem)
-                    for row in shot.processes], (*RIGHT, "CPU %", "MB")),
-        made_table("topics", ("topic", "declared", "Hz", "longest ms", "age", "problem"), rates,
-                   ("declared", "Hz", "longest ms", "age")),
-        made_table("commands, newest first", ("at", "asked", "for", "outcome", "whose", "reason"), asked),
-    )
+    table(f"system {seen.system}, {seen.words}, clock {seen.clock}", standing.COLUMNS,
+          [standing.cells(one) for one in seen.standings])
+    tell(seen.first)
+    table("events, newest first", ("at", "from", "event", "text"),
+          [(row.at, row.who, row.what, row.text) for row in _once_each(shot.events)])
+    table("", (*COLUMNS[:-1], "CPU %", "MB", COLUMNS[-1]),
+          [(*cells(row.status)[:-1], number(row.cpu_percent), number(row.memory_mb, ".0f"), row.status.problem)
+           for row in shot.processes], (*RIGHT, "CPU %", "MB"))
+    table("topics", ("topic", "declared", "Hz", "longest ms", "age", "problem"), rates,
+          ("declared", "Hz", "longest ms", "age"))
+    table("commands, newest first", ("at", "asked", "for", "outcome", "whose", "reason"), asked)
 
 
 def _once_each(events: list[EventRow]) -> list[EventRow]:

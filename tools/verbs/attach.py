@@ -41,7 +41,7 @@ def attach(
     elif once or not all(stream.isatty() for stream in (sys.stdin, sys.stdout, sys.stderr)):  # it draws on the last
         from tools.inspector.printed import print_once
 
-        print_once(name, is_terminal=sys.stdout.isatty())
+        print_once(name)
     else:
         from tools.inspector.app import InspectorApp
 

@@ -15,7 +15,7 @@ from tools.bus_client import BusClient, FoundBoard, shared_id
 from tools.errors import Misuse, Problem
 from tools.inspect import register_names, samples, serials
 from tools.options import JsonOption
-from tools.printing import emit, made_table, note, number, printable, table, tell
+from tools.printing import emit, note, number, page, table, tell
 
 PERIOD_S: Final = 0.1  # of the live view
 MAX_REGISTERS: Final = 1024
@@ -237,8 +237,6 @@ class Watching:
 
 
 def _stream(desk: BusClient, board: FoundBoard, *, once: bool, as_json: bool) -> None:
-    from rich.console import Console
-
     watching = Watching(desk, board)
     with contextlib.suppress(KeyboardInterrupt):
         while True:
@@ -246,8 +244,7 @@ def _stream(desk: BusClient, board: FoundBoard, *, once: bool, as_json: bool) ->
             if as_json:
                 emit(sample.as_dict())
             else:
-                console = Console(highlight=False) if sys.stdout.isatty() else Console(highlight=False, width=240)
-                console.print(_page(sample, ""))
+                tell(_page(sample, ""))
             if once:
                 return
             pause(PERIOD_S)
@@ -256,6 +253,7 @@ def _stream(desk: BusClient, board: FoundBoard, *, once: bool, as_json: bool) ->
 def _live(desk: BusClient, board: FoundBoard) -> None:
     from rich.console import Console
     from rich.live import Live
+    from rich.text import Text
 
     from tools.keys import keys
 
@@ -265,14 +263,11 @@ def _live(desk: BusClient, board: FoundBoard) -> None:
             Live(console=console, screen=console.is_terminal, auto_refresh=False) as live:
         while pressed() not in ("q", "Q"):
             begin = monotonic_ns()
-            live.update(_page(watching.sample(), " (q leaves)"), refresh=True)
+            live.update(Text(_page(watching.sample(), " (q leaves)")), refresh=True)
             pause(max(0.0, PERIOD_S - (monotonic_ns() - begin) * 1e-9 - 0.05))  # `pressed` waits 0.05 s itself
 
 
-def _page(sample: samples.BoardSample, hint: str) -> Any:
-    from rich.console import Group
-    from rich.text import Text
-
+def _page(sample: samples.BoardSample, hint: str) -> str:
     degrees = [number(t) for t in sample.celsius]
     facts = [("status", f"0x{sample.status:08X}  {', '.join(sample.words)}"),
              ("watchdog", register_names.watchdog_text(sample.watchdog)),
@@ -283,9 +278,8 @@ def _page(sample: samples.BoardSample, hint: str) -> Any:
     cells = [(str(axis.axis), _bits(axis.pot_bits), _bits(axis.current_bits),
               _bits(axis.encoder_counts) + (" !" if axis.overflow else ""), number(axis.velocity_counts_s),
               axis.amplifier, axis.inputs) for axis in sample.axes]
-    return Group(Text(printable(sample.board.title + hint)), made_table("", ("", "now"), facts),
-                 made_table("", columns, cells, right=columns[:5]),
-                 Text("pot and current in bits; ! overflow; inputs: - + h are high limit and home pins"))
+    return "\n".join((page(sample.board.title + hint, ("", "now"), facts), page("", columns, cells, columns[:5]),
+                      "pot and current in bits; ! overflow; inputs: - + h are high limit and home pins"))
 
 
 def _bits(value: int | None) -> str:

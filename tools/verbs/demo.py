@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import contextlib
 import math
-import sys
-from collections.abc import Callable, Iterator
 from typing import Annotated, Any
 
 import typer
@@ -23,10 +21,11 @@ from tools.following import beats
 from tools.free_port import reserved_port
 from tools.inspect.health import HealthWatch
 from tools.inspect.processes import statuses
+from tools.inspect.standing import first_thing, standings
 from tools.inspect.tracing import Trace
 from tools.inspect.watch import arm_document
 from tools.options import ClockOption, JsonOption, clock_set
-from tools.printing import emit, note, number, printable, progress, table, tell
+from tools.printing import LiveLine, emit, note, number, progress, table, tell
 from tools.supervising import START_S, StartRequest, up_meanwhile
 from tools.systems import ROOT
 from tools.web_address import web_addresses
@@ -40,7 +39,6 @@ RATE_HZ = 100.0  # poses of the hand
 RAMP_S = 1.0  # the drawing starts slowly
 LINE_EVERY = 50
 SLOWEST, AROUND_S = 5.0, 60.0  # real time: so many times what was asked for, and for all else
-REPORT_S = 5.0  # between two lines where there is no terminal
 # What is good: well within what a surgeon's hand notices, and far from what a loop with a fault in it shows.
 # Latencies: 4 and 10 periods of the system's loops.
 MOST = {"error_mm_rms": 2.0, "error_deg_rms": 3.0, "latency_ms_p50": 8.0, "latency_ms_p99": 20.0}
@@ -48,19 +46,20 @@ UNITS = {"mm": "mm", "deg": "°", "ms": "ms"}
 
 
 def demo(
-    seconds: Annotated[float, typer.Option("--for", min=0.0, help="Follow so many seconds; 0: until Ctrl-C.")] = 0.0,
+    seconds: Annotated[float, typer.Option("--for", min=0.0, help="Seconds to follow; 0: until Ctrl-C.")] = 0.0,
     clock: ClockOption = "",
-    listen: Annotated[str, typer.Option("--listen", metavar="ADDRESS", help="Of its web console, as 0.0.0.0:8080: "
-                                        "browsers on other machines need the token that is printed.")] = "",
+    listen: Annotated[str, typer.Option(
+        "--listen", metavar="ADDRESS", help="Address of the web console, e.g. 0.0.0.0:8080; browsers on other machines "
+        "need the token that is printed.")] = "",
     as_json: JsonOption = False,
     system: Annotated[str, typer.Option("--system", envvar="TROCAR_SYSTEM", metavar="NAME", help="Its name.")] = NAME,
 ) -> int:
-    """Start emulated boards, home a master and a PSM, draw on the master: the PSM follows. No hardware; Ctrl-C ends it.
-    It prints the address of its web console, in which it is seen. After a fault: trocar home, and trocar send console
-    teleop_enable 1; until then the hand does not touch the master.
+    """Start emulated boards, home a master and a PSM, and draw on the master: the PSM follows. No hardware is needed;
+    Ctrl-C ends it. The web console, whose address is printed, shows the arms. After a fault: trocar home, and trocar
+    send console teleop_enable 1; until then the hand does not touch the master.
 
-    Seconds are those of the system: a busy machine takes longer, but all ends after 5 times as long and a minute,
-    with exit code 1 where they were not over by then.
+    Seconds are in the system's time: a busy machine takes longer. After 5 times as long and a minute the demo ends in
+    any case, with exit code 1.
 
     Example: trocar demo --for 10
     """
@@ -121,9 +120,9 @@ def _operate(system: str, begin: int, seconds: float, end: int | None) -> dict[s
         stack.callback(run.close)
         stack.callback(trace.close)
         skipped, drawing, drawing_ns = [0], monotonic_ns(), time.now_ns()
-        with _line() as show:
+        with contextlib.closing(LiveLine()) as line:
             try:
-                _draw(hand, teleop, (run, trace), seconds, skipped, time, end, show)
+                _draw(hand, teleop, (run, trace), seconds, skipped, time, end, line)
             except Problem as problem:  # it goes into the summary
                 run.errors.append(str(problem))
         speed = (time.now_ns() - drawing_ns) * 1e-9 / _since(drawing)
@@ -133,14 +132,14 @@ def _operate(system: str, begin: int, seconds: float, end: int | None) -> dict[s
 
 
 def _draw(hand: Hand, teleop: SimTeleop, watched: tuple[HealthWatch, Trace], seconds: float, skipped: list[int],
-          time: SystemTime, end: int | None, show: Callable[[str], None]) -> None:
+          time: SystemTime, end: int | None, line: LiveLine) -> None:
     """Draw eights for so long (0: until Ctrl-C); `skipped[0]` counts poses that came too late. Problem at `end`.
 
     What is let go of meanwhile is drawn anew from where it is taken again.
     """
     run, trace = watched
     taken = 0
-    count = round(seconds * RATE_HZ) if seconds else None
+    count, reported = round(seconds * RATE_HZ) if seconds else None, ""
     with contextlib.suppress(KeyboardInterrupt):
         for k in beats(RATE_HZ, count, skipped, time=time):
             if end is not None and monotonic_ns() >= end:
@@ -157,38 +156,27 @@ def _draw(hand: Hand, teleop: SimTeleop, watched: tuple[HealthWatch, Trace], sec
             if k % LINE_EVERY == 0:
                 trace.collect()
                 so_far = f"{k / RATE_HZ:.0f} s" + (f" of {seconds:g} s" if seconds else "")
-                show(f"{so_far}  {_status(run, teleop, time)}")
+                parts, fault = _state(run.system, teleop, time)
+                if fault and fault != reported:
+                    line.report(fault)
+                reported = fault
+                line.show([so_far, *parts])
     trace.collect()
 
 
-def _status(run: HealthWatch, teleop: SimTeleop, time: SystemTime) -> str:
-    process = next((process for process in statuses(run.system) if process.kind == "io"), None)
-    rate, missed = (process.rate_hz, process.missed) if process is not None else (None, 0)
-    goal = [x * 1e3 for x in teleop.value("goal_cp")[:3] if x is not None]
-    where = " ".join(f"{x:+7.2f}" for x in goal)
-    does = f"{teleop.slave} follows {teleop.masters[0]}" if teleop.is_following else teleop.reported
-    speed = f", {time.clock} {time.speed:.2f}" if time.simulated else ""
-    return (f"{does}  goal {where} mm  io {number(rate, '.0f')} Hz, {missed} missed"
-            f"{speed}")
-
-
-@contextlib.contextmanager
-def _line() -> Iterator[Callable[[str], None]]:
-    """One line that is written over again and again; where there is no terminal, a line now and then."""
-    if not sys.stderr.isatty():
-        next_ns = [0]
-
-        def now_and_then(text: str) -> None:
-            if monotonic_ns() >= next_ns[0]:
-                next_ns[0] = monotonic_ns() + round(REPORT_S * 1e9)
-                note(text)
-
-        yield now_and_then
-        return
-    try:
-        yield lambda text: print(f"\r\033[K{printable(text, '')}", end="", file=sys.stderr, flush=True)
-    finally:
-        print(file=sys.stderr)
+def _state(system: str, teleop: SimTeleop, time: SystemTime) -> tuple[list[str], str]:
+    """What a line shows, the most important first, and a sentence about what is in FAULT; empty: nothing is."""
+    processes = statuses(system)
+    found = standings(system, processes)
+    faults = [one.name for one in found if one.is_fault]
+    io = next((process for process in processes if process.kind == "io"), None)
+    rate, missed = (io.rate_hz, io.missed) if io is not None else (None, 0)
+    goal = " ".join(f"{x * 1e3:+7.2f}" for x in teleop.value("goal_cp")[:3] if x is not None)
+    parts = [f"FAULT: {' '.join(faults)}"] if faults else []
+    parts += [f"{teleop.slave} follows {teleop.masters[0]}" if teleop.is_following else teleop.reported]
+    parts += [f"io {number(rate, '.0f')} Hz, {missed} missed", f"goal {goal} mm"]
+    parts += [f"{time.clock} {time.speed:.2f}"] if time.simulated else []
+    return parts, first_thing(processes, found) if faults else ""
 
 
 def _summary(run: HealthWatch, trace: Trace, reported: str) -> dict[str, Any]:

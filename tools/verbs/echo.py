@@ -21,8 +21,9 @@ from tools.errors import Misuse, Problem
 from tools.inspect.enumerations import in_words
 from tools.inspect.messages import line
 from tools.options import JsonOption, SystemOption
-from tools.printing import emit, need_reader, note, tell
+from tools.printing import emit, need_reader, note, table, tell, width
 from tools.systems import chosen_system
+from tools.tables import wrapped
 
 POLL_S = 0.005
 FIRST_S = 2.0  # to wait for the first record, and with --count for each one
@@ -33,18 +34,19 @@ HISTORY = 100  # events shown of those from before
 def echo(
     topic: Annotated[str, typer.Argument(
         metavar="TOPIC", help="INSTANCE/NAME, as in trocar list, or a field: PSM1/state.position[0].")],
-    once: Annotated[bool, typer.Option("--once", help="Print the newest and leave.")] = False,
-    count: Annotated[int, typer.Option("-n", "--count", min=0, help="Leave after so many; 0: go on.")] = 0,
-    rate: Annotated[float, typer.Option("--rate", min=0.0, help="At most so many a second; 0: every record.")] = 10.0,
+    once: Annotated[bool, typer.Option("--once", help="Print the newest record and exit.")] = False,
+    count: Annotated[int, typer.Option("-n", "--count", min=0, help="Exit after this many; 0: never.")] = 0,
+    rate: Annotated[float, typer.Option("--rate", min=0.0, help="Records a second at most; 0: every record.")] = 10.0,
     timeout: Annotated[float | None, typer.Option(
-        "--timeout", min=0.0, help="Leave when nothing came for so many seconds.")] = None,
-    csv: Annotated[str, typer.Option("--csv", metavar="FILE", help="As CSV, a row a record; -: on the output.")] = "",
+        "--timeout", min=0.0, help="Exit when nothing came for this many seconds.")] = None,
+    csv: Annotated[str, typer.Option(
+        "--csv", metavar="FILE", help="Write CSV, one row for each record; -: to the output.")] = "",
     as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:
-    """Print the values of a topic: a whole record, a CRTK view, a field of these, or events with those from before.
+    """Print the values of a topic: a whole record, a CRTK view, a field of either, or events, earlier ones first.
 
-    What is computed on demand is wanted while this runs, and empty (null) where it is not to be had.
+    Values that are computed on demand are requested while this runs; those that are not available are empty (null).
 
     Events are lines with the time of day. Exit code 1: nothing came in time.
 
@@ -205,7 +207,8 @@ def _show_field(source: OpenTopic, path: FieldPath, cells: FieldCells, as_json: 
         return
     shown = _text(in_words(cells.field, value))
     unit = f"  {cells.field.unit}" if cells.field.unit and value is not None else ""
-    tell(f"{source.stamp_ns * 1e-9:.6f}  {shown}{unit}" + (f"  problem: {problem}" if problem else ""), flush=True)
+    text = f"{source.stamp_ns * 1e-9:.6f}  {shown}{unit}" + (f"  problem: {problem}" if problem else "")
+    tell("\n".join(wrapped(text, width(), "    ")), flush=True)
 
 
 def _show(source: OpenTopic, row: dict[str, Any], as_json: bool) -> None:
@@ -215,15 +218,14 @@ def _show(source: OpenTopic, row: dict[str, Any], as_json: bool) -> None:
         return
     fields = {field.name: field for field in source.entry.fields}
     parts = dict(source.entry.view.fields) if source.entry.view is not None else {}
-    tell(f"{source.entry.name}  sequence {row['sequence']}  age {source.age_s * 1e3:.1f} ms")
-    if problem:
-        tell(f"  problem: {problem}")
+    rows = []
     for key, value in row.items():
         if key not in ("stamp_ns", "sequence"):
             field = fields.get(parts.get(key, key))
-            unit = field.unit if field is not None else ""
             shown = _text(in_words(field, value) if field is not None else value)
-            tell(f"  {key:<22} {shown}" + (f"  {unit}" if unit and value is not None else ""))
+            rows.append((key, shown, field.unit if field is not None and value is not None else ""))
+    title = f"{source.entry.name}  sequence {row['sequence']}  age {source.age_s * 1e3:.1f} ms"
+    table(title + (f"\nproblem: {problem}" if problem else ""), ("field", "value", "unit"), rows)
 
 
 def _text(value: Any) -> str:
@@ -234,7 +236,5 @@ def _text(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.6g}"
     if isinstance(value, list):
-        if value and isinstance(value[0], list):
-            return "\n".join(["", *(" " * 4 + _text(row) for row in value)])
-        return " ".join(_text(item) for item in value)
+        return ("\n" if value and isinstance(value[0], list) else " ").join(_text(item) for item in value)
     return str(value)

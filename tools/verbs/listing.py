@@ -43,10 +43,12 @@ def list_topics(
         for entry in entries:
             rate = f", nominal {entry.rate_hz:g} Hz" if entry.rate_hz else ""
             rate += f", {entry.simulation}" if entry.simulation else ""
-            tell(f"{entry.name}  ({entry.kind}{rate})" + (f"  {entry.problem}" if entry.problem else ""))
-            if entry.kind != "event":
-                for f in entry.fields:
-                    tell(f"    {f.name:<22} {f.dtype:<10} {f.unit:<12} {f.text}")
+            title = f"{entry.name}  ({entry.kind}{rate})" + (f"  {entry.problem}" if entry.problem else "")
+            if entry.kind == "event":
+                tell(f"{title}\n")
+            else:
+                table(title, ("field", "type", "unit", "meaning"),
+                      [(f.name, f.dtype, f.unit, f.text) for f in entry.fields])
     else:
         rows = [(e.name, f"{e.kind} {e.simulation}".rstrip(), number(e.rate_hz or None, "g"), _names(e), e.problem)
                 for e in entries]
@@ -69,9 +71,9 @@ def _described(entry: TopicEntry) -> dict[str, Any]:
 
 def hz(
     topics: Annotated[list[str] | None, typer.Argument(
-        metavar="[TOPICS]...", help="Topics, or fields of topics; none: every record.")] = None,
-    window: Annotated[float, typer.Option("--window", min=0.05, help="Seconds to count.")] = WINDOW_S,
-    csv: Annotated[str, typer.Option("--csv", metavar="FILE", help="As CSV; -: on the output.")] = "",
+        metavar="[TOPICS]...", help="Topics, or fields of topics; default: every record.")] = None,
+    window: Annotated[float, typer.Option("--window", min=0.05, help="Measure for this many seconds.")] = WINDOW_S,
+    csv: Annotated[str, typer.Option("--csv", metavar="FILE", help="Write CSV; -: to the output.")] = "",
     as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:

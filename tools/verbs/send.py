@@ -24,16 +24,16 @@ FORMER: Final = {
 
 def send(
     component: Annotated[str, typer.Argument(metavar="COMPONENT", help="Instance: PSM1, IO1, boards, supervisor…")],
-    command: Annotated[str, typer.Argument(metavar="[COMMAND]", help="Command; without one, all there are.")] = "",
+    command: Annotated[str, typer.Argument(metavar="[COMMAND]", help="Command; default: list all commands.")] = "",
     arguments: Annotated[list[str] | None, typer.Argument(metavar="[ARGS]...", help="Numbers and text.")] = None,
-    wait: Annotated[bool, typer.Option("--wait", help="Until it is done, not only accepted.")] = False,
+    wait: Annotated[bool, typer.Option("--wait", help="Wait for completion.")] = False,
     timeout: Annotated[float, typer.Option("--timeout", min=0.0, help="Seconds to wait for an answer.")] = 0.0,
     as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:
-    """Send a command and print the answer. Numbers are in rad, m, s, N; text goes to commands that take text.
+    """Send a command and print the reply. Numbers are in rad, m, s and N; some commands also take text.
 
-    Without a command: list what the component can be asked. An effort or a wrench that is sent once lasts 0.1 s
+    Without a command: list the commands of the component. An effort or a wrench that is sent once lasts 0.1 s
     (arm.effort_timeout_s); zeros last.
 
     Example: trocar send PSM1 move_jp 0 0 0.12 0 0 0 --wait
@@ -84,8 +84,8 @@ def _listed(component: str, rows: list[dict[str, Any]], as_json: bool) -> int:
         for row in rows:
             emit({"component": component, **row})
     else:
-        columns = ("command", "text", "numbers", "")
-        table("", columns, [[str(row.get(key, "")) for key in ("name", "text", "values", "doc")] for row in rows])
+        cells = [(str(row["name"]), _takes(row).replace("|", " | "), str(row.get("doc", ""))) for row in rows]
+        table("", ("command", "takes", "meaning"), cells)
     return 0
 
 
@@ -99,12 +99,16 @@ def parsed(row: dict[str, Any], words: list[str]) -> tuple[list[float], str]:
             texts.append(word)
         else:
             values.append(number)
-    takes = " ".join(part for part in (str(row.get("values", "")), str(row.get("text", ""))) if part) or "nothing"
     if texts and not takes_text:
-        raise Misuse(f"{row['name']} takes {takes}, got {' '.join(texts)!r}")
+        raise Misuse(f"{row['name']} takes {_takes(row) or 'nothing'}, got {' '.join(texts)!r}")
     if why := row_of(row).objection(values):
         raise Misuse(f"{row['name']}: {why}")
     return values, " ".join(texts)
+
+
+def _takes(row: dict[str, Any]) -> str:
+    """The numbers and the text of a command, as its row names them."""
+    return " ".join(part for part in (str(row.get("values", "")), str(row.get("text", ""))) if part)
 
 
 def _number(word: str) -> float | None:
