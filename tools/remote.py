@@ -7,6 +7,7 @@ who has none, may answer late in simulated time.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from shm.client import Client, MailboxFull, Reply
@@ -17,6 +18,7 @@ from shm.segment import SegmentError
 from shm.system_time import SystemTime
 from tools.deadline import Deadline
 from tools.errors import Problem, Refused
+from tools.inspect.messages import in_full
 
 POLL_S = 0.001
 KEPT = 1000
@@ -27,7 +29,7 @@ class Remote:
 
     def __init__(self, system: str, instance: str) -> None:
         """Attach; SegmentError when there is no such component."""
-        self.instance = instance
+        self.instance, self._system = instance, system
         self._client = Client(system, instance)
         self._time = SystemTime(system)
         self._inbox: dict[int, list[Reply]] = {}
@@ -62,7 +64,8 @@ class Remote:
 
     def _fetch(self) -> None:
         for reply in self._client.poll():
-            self._inbox.setdefault(reply.id, []).append(reply)
+            whole = replace(reply, text=in_full(self._system, self.instance, reply.text))
+            self._inbox.setdefault(reply.id, []).append(whole)
         while len(self._inbox) > KEPT:  # answers nobody asks for
             del self._inbox[next(iter(self._inbox))]
 

@@ -7,6 +7,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,8 @@ OPERATING_STATE = ("state", "sub_state", "is_homed", "is_busy")
 MESSAGE = ("severity", "code", "component", "axis", "board", "value", "limit", "text", "hint")
 STAMPS = ("stamp_ns", "sequence", "monotonic_ns", "local_ns")
 JS = ("position", "velocity", "effort")
+NEEDED_FIRST = ("valid", "cartesian_valid", "reference_valid")
+"""Flags of arms: each needs the ones before it."""
 
 
 class OpenTopic:
@@ -129,6 +132,22 @@ class OpenTopic:
         """Whether the values of the record may be used."""
         flag = self._fields.get(self.entry.view.where if self.entry.view else "valid")
         return True if flag is None else bool(flag[self.entry.row] if self.entry.row >= 0 else flag[()])
+
+    @property
+    def why_invalid(self) -> str:
+        """What the values need to be valid, and what the instance says of itself; empty: they are valid."""
+        if self.valid:
+            return ""
+        flag = (self.entry.view.where if self.entry.view else "") or "valid"
+        chain = NEEDED_FIRST[: NEEDED_FIRST.index(flag) + 1] if flag in NEEDED_FIRST else (flag,)
+        false = next(name for name in chain if name in self._fields and (name == flag or not self._fields[name].all()))
+        texts = {row["name"]: str(row["text"]) for row in json.loads(self._reader.schema.text)["fields"]}
+        meaning = texts[false].partition("; false:")[0]
+        reported = [f"needed: {meaning.partition(': ')[2] or meaning}"]
+        for name, words in (("state", f"{self.entry.instance} is "), ("reason", "")):
+            if name in self._fields and (text := str(plain(self._fields[name].item()))):
+                reported.append(words + text)
+        return "; ".join(reported)
 
     @property
     def is_computed(self) -> bool:

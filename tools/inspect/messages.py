@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
 from datetime import datetime
-from typing import Any
+from typing import Any, Final
 
+from shm import directory
 from shm.events import SEVERITIES, STATUS
-from tools.printing import number
+from shm.segment import SegmentError
+from tools.printing import number, plain
+
+MORE: Final = "…"
+ALL: Final = 1 << 16  # records: more than any ring has
 
 
 def time_of_day(local_ns: int) -> str:
@@ -37,6 +43,21 @@ def text_of(row: Mapping[str, Any]) -> str:
         return ", ".join([f"{who}{row['state']}{inner}", *flags])
     value = "" if row["value"] is None else number(float(row["value"]), "g")
     return " ".join(part for part in (str(row["component"]), str(row["text"]), value) if part)
+
+
+def in_full(system: str, instance: str, text: str) -> str:
+    """An answer or a reason that had too little room, and ends with "…": whole, as an event of its instance has it."""
+    if not text.endswith(MORE):
+        return text
+    with contextlib.suppress(SegmentError):
+        reader = directory.reader(system, instance, "events", often=False)
+        try:
+            found = [text_of({name: plain(row[name]) for name in row.dtype.names}) for row in reader.last(ALL)]
+        finally:
+            reader.close()
+        begin = text.removesuffix(MORE)
+        return next((each[each.index(begin):] for each in reversed(found) if begin in each), text)
+    return text
 
 
 def line(row: Mapping[str, Any]) -> str:

@@ -14,6 +14,7 @@ from procs.codes import SHARED_BOARD
 from shm import directory
 from shm.ring import RingReader
 from shm.segment import SegmentError
+from tools.inspect.messages import in_full
 from tools.inspect.processes import DEAD, FAILED, NOT_RUNNING, SILENT, STALLED, ProcessStatus
 from tools.inspect.segments import GONE
 from tools.printing import plain, span
@@ -76,7 +77,8 @@ def _flag(reader: RingReader, field: str) -> bool:
 
 
 def _arm(system: str, process: ProcessStatus, reader: RingReader) -> Standing:
-    state, inner, reason = _text(reader, "state"), _text(reader, "sub_state"), _text(reader, "reason")
+    state, inner = _text(reader, "state"), _text(reader, "sub_state")
+    reason = in_full(system, process.name, _text(reader, "reason"))
     shown = state if inner == state else f"{state} {inner}"
     events = _events(system, process) if state == FAULT else None
     return Standing(process.name, process.kind, shown, _flag(reader, "is_homed"), reason, "trocar send" in reason,
@@ -91,7 +93,8 @@ def _third_party(system: str, process: ProcessStatus, reader: RingReader) -> Sta
 
 def _teleop(system: str, process: ProcessStatus, reader: RingReader) -> Standing:
     state = _text(reader, "state") + (", following" if _flag(reader, "following") else "")
-    reason, fault = _text(reader, "reason"), _last_error(_events(system, process))
+    reason = in_full(system, process.name, _text(reader, "reason"))
+    fault = _last_error(_events(system, process))
     if reason and fault and str(fault["text"]).endswith(reason):
         reason += f"; {fault['hint']}"
     return Standing(process.name, process.kind, state, None, reason)

@@ -223,6 +223,7 @@ def _show(source: OpenTopic, row: dict[str, Any], as_json: bool) -> None:
         if key not in ("stamp_ns", "sequence"):
             field = fields.get(parts.get(key, key))
             shown = _text(in_words(field, value) if field is not None else value)
+            shown += f"; {source.why_invalid}" if key == "valid" and not value else ""
             rows.append((key, shown, field.unit if field is not None and value is not None else ""))
     title = f"{source.entry.name}  sequence {row['sequence']}  age {source.age_s * 1e3:.1f} ms"
     table(title + (f"\nproblem: {problem}" if problem else ""), ("field", "value", "unit"), rows)
