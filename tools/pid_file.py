@@ -22,9 +22,10 @@ from tools.inspect.gains import Present
 
 @dataclass(slots=True)
 class SavedPidFile:
-    """What was written: so many values are not those of the file of origin; where an overwritten file went."""
+    """What was written: the values that are not those of the file of origin, by the names that `pid show` has for them;
+    where an overwritten file went."""
 
-    changed: int
+    changed: list[str]
     backup: Path | None = None
     notes: list[str] = field(default_factory=list)
 
@@ -86,18 +87,18 @@ def _loses_comments(source: SourceFile) -> bool:
     return False
 
 
-def _put(gains: Present, data: dict[str, Any]) -> int:
-    """Write what differs into the rows of `data`; returns how many values those are."""
+def _put(gains: Present, data: dict[str, Any]) -> list[str]:
+    """Write what differs into the rows of `data`; returns the names of those values."""
     content, _ = validate(PidFile, SourceFile(Path(gains.file), data, {}))
     assert content is not None
-    count = 0
+    put = []
     for axis, row in enumerate(convert.pid(content, gains.robot, gains.arm, "").axes):
         for gain in GAINS:
             value = gains.row(axis)[gain.key]
             if value != value_of(row, gain.key):
                 data["pid"][axis][gain.key] = bool(value) if gain.switch else value
-                count += 1
-    return count
+                put.append(f"{axis} {gains.names[axis]} {gain.key}")
+    return put
 
 
 def _check(gains: Present, file: Path) -> None:

@@ -26,11 +26,12 @@ Robot = Annotated[str, typer.Argument(metavar="ROBOT", help="Robot or arm, e.g. 
 
 
 def show(
-    robots: Annotated[list[str] | None, typer.Argument(metavar="[ROBOT]...", help="Robots or arms; none: all.")] = None,
+    robots: Annotated[list[str] | None, typer.Argument(
+        metavar="[ROBOT]...", help="Robots or arms; default: all.")] = None,
     as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:
-    """Print the gains in use, by axis. Those that are no longer as in the PID file bear a star.
+    """Print the gains in use for each axis. A star marks a value that differs from the PID file.
 
     Example: trocar pid show PSM1
     """
@@ -58,7 +59,7 @@ def set_gains(
     as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:
-    """Change gains of a running joint controller; all of them in the same I/O cycle, or none. The arm may move!
+    """Change gains of a running joint controller: all of them in the same I/O cycle, or none. The arm may move!
 
     Example: trocar pid set PSM1 3 p_gain=6.5 d_gain=0.1
     """
@@ -117,13 +118,13 @@ def _pair(text: str) -> tuple[str, float]:
 def save(
     robot: Robot,
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A new file, NAME.json.")],
-    force: Annotated[bool, typer.Option("--force", help="Overwrite FILE; what it held is kept beside it.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite FILE; its old content is kept beside it.")] = False,
     as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:
-    """Save the gains in use as a PID file of dVRK 2.4. What else stands in the file they came from is kept.
+    """Save the gains in use as a PID file for dVRK 2.4. Other keys in the original file are kept.
 
-    The next start uses what the system file names: put FILE there (`PID_file`).
+    To use FILE from the next start on, name it in the system file (`PID_file`).
 
     Example: trocar pid save PSM1 sawControllersPID-PSM1-tuned.json
     """
@@ -132,11 +133,12 @@ def save(
     found = present(chosen_system(system), [robot])[0]
     saved = save_as(found, file, force=force)
     if as_json:
-        row: dict[str, Any] = {"robot": found.robot, "file": str(file), "from": found.file, "changed": saved.changed,
-                               "backup": str(saved.backup or ""), "notes": saved.notes}
+        row: dict[str, Any] = {"robot": found.robot, "io": found.io, "file": found.file, "saved": str(file),
+                               "changed": saved.changed, "backup": str(saved.backup or ""), "notes": saved.notes}
         emit(row)
         return 0
-    tell(f"{file}: {saved.changed} values differ from {found.file or 'nothing'}")
+    differ = f"{len(saved.changed)} values differ from {found.file or 'nothing'}"
+    tell(f"{file}: {differ}" + (f": {', '.join(saved.changed)}" if saved.changed else ""))
     for text in saved.notes:
         note(text)
     return 0
