@@ -31,6 +31,8 @@ SCHED_FLAGS = 1 | 2  # children get none of it; it may have more than it reserve
 LOCKED: Final = "locked"
 NO_FIFO, NOT_LOCKED = "no FIFO", "not locked"
 """What was asked for and not got, as `realtime` and `lock_memory` say it."""
+ORDINARY: Final = "other"
+"""Nothing was asked for."""
 HIGHEST: Final = 98  # the highest priority that a system file may ask for
 LOWEST: Final = 1  # of FIFO
 LIMITS_FILE: Final = "/etc/security/limits.d/trocar.conf"
@@ -108,7 +110,7 @@ def _ranges(cpus: Iterable[int]) -> str:
 
 def in_words(notes: list[str]) -> bytes:
     """The notes of `realtime` and `lock_memory` for the control page; what is long comes last, and may be cut."""
-    return (", ".join(sorted(notes, key=lambda note: "cpu" in note))[:31] or "other").encode()
+    return (", ".join(sorted(notes, key=lambda note: "cpu" in note))[:31] or ORDINARY).encode()
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,19 +220,18 @@ def limits_lines(name: str) -> tuple[str, str]:
     return f"{name} - rtprio {HIGHEST}", f"{name} - memlock unlimited"
 
 
-def lacking(policies: Mapping[str, str]) -> str:
-    """Several lines for a person; empty where every process got what it asked for. `policies` as `realtime` says them.
-
-    What grants the rights is said for the user we are: whoever looks at a system of somebody else sees the idea.
-    """
+def refused(policies: Mapping[str, str]) -> list[str]:
+    """What was refused, and to which processes, a line each. `policies` as `realtime` says them."""
     slow = [name for name, words in policies.items() if NO_FIFO in words]
     loose = [name for name, words in policies.items() if NOT_LOCKED in words]
-    if not slow and not loose:
-        return ""
     reported = [f"no real-time priority (FIFO refused): {', '.join(slow)}"] if slow else []
-    reported += [f"memory not locked (mlockall refused): {', '.join(loose)}"] if loose else []
+    return reported + ([f"memory not locked (mlockall refused): {', '.join(loose)}"] if loose else [])
+
+
+def lacking(policies: Mapping[str, str]) -> str:
+    """The same with what grants the rights to the user that we are; empty where every process got what it asked for."""
     lines = limits_lines(user())
-    return "\n".join((
+    return "" if not (reported := refused(policies)) else "\n".join((
         *reported,
         f"they are late whenever this machine is busy; two lines in {LIMITS_FILE} and a new login grant both:",
         *(f"    {line}" for line in lines),

@@ -36,8 +36,9 @@ def test_missing_rights_are_told_with_what_grants_them(robot: Robot) -> None:
     for reported in (robot.output(), robot.trocar("status", code=None)):
         for lacking in ("no real-time priority (FIFO refused): ", "memory not locked (mlockall refused): "):
             (names,) = (line.partition(lacking)[2] for line in reported.splitlines() if lacking in line)
-            assert {"io", "PSM1"} <= set(names.split(", "))
-        assert all(line in reported for line in limits_lines(user()))
+            assert {"io", "PSM1"} <= set(names.partition(";")[0].split(", "))
+    assert all(line in robot.output() for line in limits_lines(user()))
+    assert "trocar doctor" in reported and not any(line in reported for line in limits_lines(user()))
     printed = json.loads(robot.trocar("status", "--json", code=None))
     assert all(line in printed["rights"] for line in limits_lines(user()))
 

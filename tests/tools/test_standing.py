@@ -262,3 +262,12 @@ def test_short_waits_are_no_news_and_long_ones_are_told_once() -> None:
     watch.reason = NAMED
     reported = [bring_up.news(now + k * second // 4) for k in range(4, 40)]
     assert list(filter(None, reported)) == [f"PSM1 waits: {NAMED}"]
+
+
+def test_what_the_scheduler_refused_is_said_once_with_where_the_remedy_is(kinematic: ScriptedRobot) -> None:
+    for name, policy in (("supervisor", b"other"), ("IO1", b"no FIFO, not locked"), ("PSM1", b"no FIFO, locked")):
+        kinematic.pages[name].field("policy")[...] = policy
+    shown = status(kinematic).stdout
+    (line,) = [line for line in shown.splitlines() if "no real-time priority" in line]
+    assert "IO1, PSM1" in line and "trocar doctor" in line
+    assert "other" not in shown and "no FIFO" not in shown and " PSM1: locked" in shown

@@ -8,6 +8,7 @@ from typing import Any
 
 from procs.document.process import ELSEWHERE, Process, processes_of
 from procs.manifest import THIRD_PARTY, hung_s, late_s
+from procs.realtime import NO_FIFO, NOT_LOCKED, ORDINARY
 from shm import directory
 from shm.clock import monotonic_ns, pause
 from shm.control_page import ControlPage
@@ -227,9 +228,10 @@ def cells(process: ProcessStatus) -> tuple[str, ...]:
 
 
 def remarks(process: ProcessStatus) -> str:
-    """What else is to be said of a process: that it only plays, its scheduling, how it last ended."""
+    """What else is to be said of a process: that it only plays, what the scheduler granted, how it last ended."""
     parts = [f"{process.simulation}, there is no robot"] if process.simulation else []
-    parts += [process.scheduling] if process.scheduling else []
+    granted = [word for word in process.scheduling.split(", ") if word not in (NO_FIFO, NOT_LOCKED, ORDINARY, "")]
+    parts += [", ".join(granted)] if granted else []
     parts += [f"listens at {' and '.join(process.listen)}"] if process.listen else []
     parts += [process.computes] if process.computes not in ("", "kernel") else []
     latency = process.statistics.get("latency")

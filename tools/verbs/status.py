@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from procs.realtime import lacking
+from procs.realtime import lacking, refused
 from shm.system_time import WALL, SystemTime, speed_in_words
 from tools.inspect import standing
 from tools.inspect.fault_file import fault_recording
@@ -18,9 +18,9 @@ from tools.systems import chosen_system
 def status(as_json: JsonOption = False, system: SystemOption = None) -> int:
     """Show every process, arm, teleoperation and console, and what to do first.
 
-    Processes with rates, missed deadlines, restarts and why they last ended; arms with state, homed, and why they are
-    in FAULT or what they wait for. The last line is "all well" or the first thing to do. Exit code 1: a process is in
-    problem, or something is in FAULT.
+    Processes are shown with rates, missed deadlines, restarts and the reason of the last exit; arms with their state,
+    whether they are homed, and why they are in FAULT or what they wait for. The last line is "all well" or the first
+    thing to do. Exit code 1: a process has a problem, or something is in FAULT.
 
     Example: trocar status --json
     """
@@ -31,19 +31,19 @@ def status(as_json: JsonOption = False, system: SystemOption = None) -> int:
     recorded = fault_recording(name, [one.since_ns for one in found]) if any(one.is_fault for one in found) else ""
     with SystemTime(name) as time:
         clock, speed, reported = time.clock, time.speed, speed_in_words(time)
-    rights = lacking({process.name: process.scheduling for process in processes}) if clock == WALL else ""
+    policies = {process.name: process.scheduling for process in processes} if clock == WALL else {}
     if as_json:
         emit({"system": name, "clock": clock, "speed": speed,
               "processes": [dataclasses.asdict(process) for process in processes],
-              "standings": [dataclasses.asdict(one) for one in found], "rights": rights, "first": first,
+              "standings": [dataclasses.asdict(one) for one in found], "rights": lacking(policies), "first": first,
               "recorded": recorded})
     else:
         table(f"system {name}, clock {reported}", COLUMNS, [cells(process) for process in processes], RIGHT)
         for process in processes:
             if remarks(process):
                 tell(f" {process.name}: {remarks(process)}")
-        if rights:
-            tell(rights)
+        for text in refused(policies):
+            tell(f"{text}; trocar doctor names the remedy")
         table("", standing.COLUMNS, [standing.cells(one) for one in found])
         if recorded:
             tell(f"what led to it was recorded: {recorded}")
