@@ -38,7 +38,7 @@ def system_file(file: Path, path: Sequence[Path] = ()) -> Path:
     """A system file as a person names it, also along `--path` and in configs/; Problem when there is none."""
     found = given_file(file, path)
     if not found.exists():
-        raise Problem(f"{file}: {not_found(file, path)}")
+        raise Problem(f"{file}: {not_found(file, path)}; --path adds a folder")
     return found
 
 

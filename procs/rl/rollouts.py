@@ -16,6 +16,7 @@ from typing import Any, Final
 
 import gymnasium
 import numpy as np
+from gymnasium.envs.registration import load_env_creator
 from numpy.typing import NDArray
 
 import procs.rl.registration  # noqa: F401  # the names of our own
@@ -78,7 +79,11 @@ class EpisodeRunner:
         """NoPolicy; what gymnasium.make raises for environments that are not known, and theirs for wrong options."""
         self._policy, self._named = policy_of(task.policy), task.policy
         self._keeps = task.keeps
-        self._environment: gymnasium.Env[Any, Any] = gymnasium.make(task.environment, **task.options)
+        self._environment: gymnasium.Env[Any, Any]
+        try:
+            self._environment = gymnasium.make(task.environment, **task.options)
+        except TypeError as error:
+            raise TypeError(_not_taken(task) or str(error)) from error
         self._step_s = 1.0 / float(self._environment.metadata["render_fps"])
 
     def run(self, seed: int) -> Episode:
@@ -142,6 +147,22 @@ def _kept(seen: list[Any], done: list[Any], rewards: list[float]) -> dict[str, N
     parts = sorted(seen[0]) if isinstance(seen[0], Mapping) else []
     rows = {part: np.array([each[part] for each in seen]) for part in parts} or {"observation": np.array(seen)}
     return {**rows, "action": np.array(done), "reward": np.array(rewards)}
+
+
+def _not_taken(task: RolloutTask) -> str:
+    """The first option that the environment does not take, with those that it takes; empty: it takes them all."""
+    entry = gymnasium.registry[task.environment.rpartition(":")[2]].entry_point
+    made = load_env_creator(entry) if isinstance(entry, str) else entry
+    names: list[str] = []
+    classes: tuple[type, ...] = made.__mro__ if isinstance(made, type) else ()
+    for each in classes:
+        if "__init__" in vars(each):
+            given = list(inspect.signature(vars(each)["__init__"]).parameters.values())[1:]
+            names += [row.name for row in given if row.kind in (row.KEYWORD_ONLY, row.POSITIONAL_OR_KEYWORD)]
+            if not any(row.kind is row.VAR_KEYWORD for row in given):
+                break  # classes behind it are given nothing of it
+    unknown = [name for name in task.options if name not in {*names, *inspect.signature(gymnasium.make).parameters}]
+    return f"{task.environment} has no option {unknown[0]}; allowed: {', '.join(names)}" if unknown and names else ""
 
 
 def policy_of(text: str) -> Policy | None:

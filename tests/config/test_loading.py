@@ -162,6 +162,17 @@ def test_every_port_that_can_be_opened_is_accepted(home: Home, port: str) -> Non
     assert loaded.system.ios[0].port == port
 
 
+@pytest.mark.parametrize("port", ["upd", "udp:1.2.3", "fw:100"])
+def test_a_port_that_cannot_be_opened_is_told_once_what_is_allowed(home: Home, port: str) -> None:
+    home.edit(SYSTEM, "port: udp", f"port: '{port}'")
+    assert str(home.error(boards="real")).count("allowed: ") == 1
+
+
+def test_a_file_that_is_in_no_folder_is_told_how_to_add_one(home: Home) -> None:
+    home.edit(SYSTEM, "pid/PSM.yaml", "pid/theirs.json")
+    assert "--path" in str(home.error())
+
+
 def test_port_that_only_a_controller_itself_can_open_is_an_error_but_for_emulated_boards(home: Home) -> None:
     home.edit(SYSTEM, "port: udp", "port: emio")
     assert home.load().errors == ()

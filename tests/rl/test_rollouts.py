@@ -17,7 +17,7 @@ import pytest
 from typer.testing import CliRunner
 
 from procs.rl import ray_actors
-from procs.rl.rollouts import NoPolicy, PolicyFailed, RolloutTask, check, policy_of, run
+from procs.rl.rollouts import EpisodeRunner, NoPolicy, PolicyFailed, RolloutTask, check, policy_of, run
 from tools import cli
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -196,3 +196,10 @@ def test_the_token_of_whoever_calls_us_is_theirs_again(monkeypatch: pytest.Monke
         folder = Path(ray_actors._of_our_own(held, 1)["_temp_dir"])
         assert folder.exists() and os.environ[ray_actors.TOKEN] not in ("", "theirs")
     assert os.environ.get(ray_actors.TOKEN) == token and not folder.exists()
+
+
+def test_a_misspelt_option_is_told_with_those_that_there_are() -> None:
+    for environment, options in (("trocar/PsmPush-v0", {"max_episode_steps": 5, "bakend": "attached"}),
+                                 ("trocar/PsmReach-v0", {"bakend": "attached"})):
+        with pytest.raises(TypeError, match=r"no option bakend; allowed: backend, control, .*height$"):
+            EpisodeRunner(RolloutTask(environment, options))

@@ -68,5 +68,5 @@ class Context:
             nearest = where.nearest(names[0])
             hint = f" (did you mean {nearest}?)" if nearest else ""
             text = f"no file {' or '.join(names)}{hint}; looked in {where}"
-            self.error(asked_by, key, text, "a file on the search path")
+            self.error(asked_by, key, text, "a file in one of these folders, or in one that --path adds")
         return found

@@ -98,7 +98,8 @@ def _problem(model: type[BaseModel], source: SourceFile, key: Key, error: Any) -
     if kind == "missing":
         return source.problem(where, "this key is required", allowed=allowed)
     if kind == "value_error":
-        return source.problem(where, str(error["ctx"]["error"]), allowed=description)
+        text = str(error["ctx"]["error"])
+        return source.problem(where, text, allowed="" if "allowed: " in text else description)
     if kind == "finite_number":
         return source.problem(where, "not a finite number", allowed=allowed)
     if kind == "literal_error":
