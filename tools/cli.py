@@ -41,7 +41,7 @@ class Verb:
 VERBS: tuple[Verb, ...] = (
     Verb("demo", "tools.verbs.demo:demo", "Start an emulated master and PSM; one draws, one follows.", moves=True),
     Verb("up", "tools.verbs.up:up", "Start a system; powers and moves nothing.", moves=True),
-    Verb("down", "tools.verbs.down:down", "Stop a system, and clear what dead ones left.", moves=True),
+    Verb("down", "tools.verbs.down:down", "Stop a system, and clean up after crashed systems.", moves=True),
     Verb("start", "tools.verbs.processes:start", "Start one process of a running system.", moves=True),
     Verb("stop", "tools.verbs.processes:stop", "Stop one process; names what depends on it.", moves=True),
     Verb("restart", "tools.verbs.processes:restart", "Stop one process and start it again.", moves=True),
@@ -54,7 +54,7 @@ VERBS: tuple[Verb, ...] = (
          raw=True),
     Verb("record", "tools.verbs.record:record", "Record topics into a file, every record of them."),
     Verb("stream", "tools.verbs.stream:stream", "Follow joint setpoints from a CSV file.", moves=True),
-    Verb("replay", "tools.verbs.replay:replay", "Do again what was recorded.", moves=True),
+    Verb("replay", "tools.verbs.replay:replay", "Replay a recording.", moves=True),
     Verb("pid", "", "Gains of the joint controllers: show, change and save them.", moves=True, parts=(
         Verb("show", "tools.verbs.pid:show", "Print the gains in use."),
         Verb("set", "tools.verbs.pid:set_gains", "Change gains of a running controller.", moves=True),
@@ -66,16 +66,16 @@ VERBS: tuple[Verb, ...] = (
         Verb("write", "tools.verbs.bus:write", "Write a register; asks first.", moves=True),
         Verb("watch", "tools.verbs.bus:watch", "A live view of one board."),
     )),
-    Verb("status", "tools.verbs.status:status", "What is wrong and what to do: processes, arms, teleoperations."),
-    Verb("logs", "tools.verbs.logs:logs", "What the processes said."),
-    Verb("list", "tools.verbs.listing:list_topics", "Topics with their rates and fields."),
-    Verb("hz", "tools.verbs.listing:hz", "Measured rates of topics."),
-    Verb("echo", "tools.verbs.echo:echo", "Values of a topic."),
+    Verb("status", "tools.verbs.status:status", "Show what is wrong and what to do: processes, arms, teleoperations."),
+    Verb("logs", "tools.verbs.logs:logs", "Show log output."),
+    Verb("list", "tools.verbs.listing:list_topics", "List topics with their rates and fields."),
+    Verb("hz", "tools.verbs.listing:hz", "Measure the rates of topics."),
+    Verb("echo", "tools.verbs.echo:echo", "Print the values of a topic."),
     Verb("scope", "tools.verbs.scope:scope", "Fields at full rate around a moment, as a plot or a table."),
     Verb("export", "tools.verbs.export:export", "A recording as CSV, Parquet or a bag of rosbag2."),
     Verb("compare", "tools.verbs.compare:compare", "What is different in two recordings."),
-    Verb("attach", "tools.verbs.attach:attach", "Look into a system, live, on the whole terminal."),
-    Verb("recordings", "tools.verbs.recordings:recordings", "Recordings there are, with what they are of."),
+    Verb("attach", "tools.verbs.attach:attach", "Full-screen live monitor."),
+    Verb("recordings", "tools.verbs.recordings:recordings", "List recordings."),
     Verb("dump", "tools.verbs.dump:dump", "Save what shared memory holds of a system, dead or alive."),
     Verb("report", "tools.verbs.report:report", "Pack logs, recordings and versions for a bug report."),
     Verb("rl", "", "Environments for learning.", moves=True, parts=(
@@ -91,7 +91,7 @@ VERBS: tuple[Verb, ...] = (
         Verb("gravity", "tools.verbs.kinematics:gravity", "Efforts that hold the arm."),
     )),
     Verb("convert", "tools.verbs.convert:convert", "Bring configuration files from before dVRK 2.4 up to date."),
-    Verb("doctor", "tools.verbs.doctor:doctor", "Look at this machine: what a robot needs of it, and what mends it."),
+    Verb("doctor", "tools.verbs.doctor:doctor", "Check this machine and suggest fixes."),
     Verb("bench", "tools.verbs.bench:bench", "Measure the machine and the software."),
 )
 
@@ -103,7 +103,7 @@ def build(only: str | None = None) -> typer.Typer:
     app = typer.Typer(
         name="trocar", help="Drive and inspect da Vinci research robots.", no_args_is_help=True,
         pretty_exceptions_enable=False, context_settings={"help_option_names": ["-h", "--help"]},
-        epilog="Exit codes: 0 fine, 1 something is wrong, 2 used wrongly. Example: trocar demo --for 10",
+        epilog="Exit codes: 0 fine, 1 something is wrong, 2 usage error, 130 Ctrl-C. Example: trocar demo --for 10",
     )
     app.callback()(_nothing)
     for verb in VERBS:

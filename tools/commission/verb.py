@@ -65,17 +65,18 @@ def commission(
     boards: Annotated[str, typer.Option("--boards", help="`emulated`: rehearse it without hardware.")] = "",
     path: Annotated[list[Path] | None, typer.Option("--path", help="Also look for named files here.")] = None,
     stage: Annotated[str, typer.Option("--stage", help="Repeat one stage; those before it must have passed.")] = "",
-    listed: Annotated[bool, typer.Option("--list", help="The stages, and which have passed.")] = False,
+    listed: Annotated[bool, typer.Option("--list", help="List the stages and which have passed.")] = False,
     arm: Annotated[list[str] | None, typer.Option("--arm", help="Only this arm; may be given several times.")] = None,
     write: Annotated[bool, typer.Option("--write", help="Calibrate into the IO files; their content is kept.")] = False,
-    yes: Annotated[bool, typer.Option("--yes", help="Ask nobody; for emulated boards only.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask for confirmation; only for emulated boards.")] = False,
     report: Annotated[Path | None, typer.Option("--report", help="File; default commission-SYSTEM.json here.")] = None,
-    sets: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Set a Trocar value.")] = None,
+    sets: Annotated[list[str] | None, typer.Option(
+        "--set", metavar="KEY=VALUE", help="Set a key of the `trocar:` section.")] = None,
     as_json: JsonOption = False,
     system: Annotated[str, typer.Option("--system", metavar="NAME", help="Its name while it runs.")] = NAME,
 ) -> int:
     """The first day on a robot: eight stages from finding the boards to a slow move, each of which stops at what is
-    wrong and says what to do. A rerun goes on after the last stage that passed. Read docs/first-hardware.md first.
+    wrong and says what to do. A rerun resumes after the last stage that passed. Read docs/first-hardware.md first.
 
     Example: trocar commission configs/systems/demo.yaml --boards emulated --yes
     """

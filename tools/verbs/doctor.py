@@ -10,9 +10,9 @@ from tools.printing import emit, tell
 
 
 def doctor(as_json: JsonOption = False) -> int:
-    """Look at this machine: kernel, rights, cores, memory, ports, network, free CPU; what is amiss with its mending.
+    """Check this machine (kernel, rights, cores, memory, ports, network, free CPU) and print a fix for each problem.
 
-    Changes nothing. Exit code 1: something is bad for a robot; notes are fine for trying things.
+    Changes nothing. Exit code 1: a robot would not run well; a note does not matter for trying things out.
 
     Example: trocar doctor
     """

@@ -27,11 +27,11 @@ def recordings(
     as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:
-    """List recordings: what the recorder keeps (box), what it kept of faults, with the reason, what you asked for.
+    """List recordings: those of the last minutes (box), of faults with their reasons, and those that you made.
 
-    Of a fault the code of the error that led to it, and what it said. Of those that are too many the first one since
-    all was well goes last. Also after the system went down (then with --system). `logs`, `scope`, `compare`, `export`
-    and `replay` read them.
+    A fault is listed with the code and the text of the error that led to it; where there are too many, the first one
+    since all was well is removed last. For a system that is down, name it with --system. `logs`, `scope`, `compare`,
+    `export` and `replay` read recordings.
 
     Example: trocar recordings fault
     """

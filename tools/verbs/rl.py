@@ -25,20 +25,20 @@ COLUMNS = ("seed", "steps", "return", "success", "ended by", "state", "hash")
 
 def rollout(
     environment: Annotated[str, typer.Argument(metavar="ENVIRONMENT", help="Its name, as for gymnasium.make.")],
-    episodes: Annotated[int, typer.Option("--episodes", "-n", min=1, help="So many.")] = 10,
-    actors: Annotated[int, typer.Option("--actors", min=0, help="Processes of Ray, a core each; 0: none.")] = 0,
+    episodes: Annotated[int, typer.Option("--episodes", "-n", min=1, help="Number of episodes.")] = 10,
+    actors: Annotated[int, typer.Option("--actors", min=0, help="Ray processes, one core each; 0: none.")] = 0,
     policy: Annotated[str, typer.Option(
         "--policy", metavar="POLICY", help="random, FILE.py:NAME or MODULE:NAME: called with each observation.")
     ] = "random",
     options: Annotated[list[str] | None, typer.Option(
         "--option", "-o", metavar="KEY=VALUE", help="An option of the environment; JSON, or text.")] = None,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the first episode; the next one has the next.")] = 0,
-    address: Annotated[str, typer.Option("--address", help="Of a cluster that runs; auto: the one here.")] = "",
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the first episode; then counted up.")] = 0,
+    address: Annotated[str, typer.Option("--address", help="Address of a running cluster; auto: the one here.")] = "",
     save: Annotated[Path | None, typer.Option(
-        "--save", metavar="FOLDER", help="Keep what was observed and done: a file of numpy each episode.")] = None,
+        "--save", metavar="FOLDER", help="Keep observations and actions: one numpy file for each episode.")] = None,
     as_json: JsonOption = False,
 ) -> int:
-    """Run episodes, and say what came out of them: the same seed gives the same hash, wherever it runs.
+    """Run episodes and print the results. The same seed gives the same hash on every machine.
 
     Each actor has an environment of its own and runs whole episodes. A cluster needs `ray start` on each machine, and
     Trocar with the policy's file at the same place. With `--option backend=attached` it moves the arms of a running

@@ -25,17 +25,17 @@ NOTES = 30
 
 
 def up(
-    file: Annotated[Path | None, typer.Argument(metavar="[SYSTEM]", help="System file; none: the demo's.")] = None,
+    file: Annotated[Path | None, typer.Argument(metavar="[SYSTEM]", help="System file; default: the demo's.")] = None,
     boards: Annotated[str, typer.Option("--boards", help="`emulated`: no hardware, boards are emulated.")] = "",
     path: Annotated[list[Path] | None, typer.Option("--path", help="Also look for named files here.")] = None,
     calibration: Annotated[bool, typer.Option(
         "--calibration-mode", "-C", help="For calibrating: no potentiometer checks.")] = False,
     clock: ClockOption = "",
-    seconds: Annotated[float | None, typer.Option("--for", min=0.0, help="Stop after so many seconds.")] = None,
+    seconds: Annotated[float | None, typer.Option("--for", min=0.0, help="Stop after this many seconds.")] = None,
     sets: Annotated[list[str] | None, typer.Option(
-        "--set", metavar="KEY=VALUE", help="Set a key of the `trocar:` section, as io.period_s=0.001; "
-        "docs/configuration.md has all.")] = None,
-    detach: Annotated[bool, typer.Option("--detach", help="Return when it is up, leave it running.")] = False,
+        "--set", metavar="KEY=VALUE", help="Set a key of the `trocar:` section, e.g. io.period_s=0.001; "
+        "docs/configuration.md lists all keys.")] = None,
+    detach: Annotated[bool, typer.Option("--detach", help="Return when the system is up; it runs on.")] = False,
     as_json: JsonOption = False,
     system: Annotated[str, typer.Option("--system", envvar="TROCAR_SYSTEM", metavar="NAME", help="Its name.")] = NAME,
 ) -> int:
