@@ -172,7 +172,7 @@ def test_being_asked_to_stop_while_starting_starts_nobody_else(
         supervisor.stopping = "got SIGINT"
 
     monkeypatch.setattr(Child, "start", start)
-    supervisor.children.append(supervisor._child(Process("PSM1", "arm", 1 / 1500, ("IO1",)), Path()))
+    supervisor.children.append(supervisor._child(Process("PSM1", "arm", 1 / 1500, ("IO1",))))
     supervisor._rows = (Process("IO1", "io", 1 / 1500), Process("PSM1", "arm", 1 / 1500, ("IO1",)))
     supervisor.children[0].row = supervisor._rows[0]
     supervisor.start_all()
