@@ -235,7 +235,6 @@ def test_unknown_keys_are_dropped_with_their_lines() -> None:
         ('{"arms": [], "io": {"period": "fast"}}', 'io.period = "fast": wrong type; allowed: a number'),
         ('{"arms": [], "psm-teleops": [{"mtm": "MTMR"}]}', "psm-teleops[0].psm: this key is required"),
         ('{"arms": [,]}', "c.json:1: error: broken JSON, column 11"),
-        ('{"$id": "dvrk-system.schema.json", "arms": []}', "this is today's format already"),
         ('{"a": 1}', "no known kind of file; allowed: IO XML, PID XML, .rob, console*.json"),
         ("hello", "no known kind of file"),
         ("", "no known kind of file"),
@@ -271,6 +270,40 @@ def test_arm_files_get_the_spelling_of_today() -> None:
 def test_kind_of_an_arm_file_follows_its_keys(name: str, data: dict[str, object], expected: dict[str, object]) -> None:
     found = only(json.dumps(data), name)
     assert {key: found[key] for key in expected} == expected
+
+
+@pytest.mark.parametrize("endoscope", ["NONE", "Custom_STRAIGHT", "Si_HD_UP", "HD_UP"])
+def test_endoscopes_of_today_keep_their_names(endoscope: str) -> None:
+    arm = {"kinematic": "kinematic/ecm-si.json", "endoscope": endoscope, "mounting-pitch": -1.2}
+    assert only(json.dumps(arm), "ECM-1.json")["endoscope"] == ("Si_HD_UP" if endoscope == "HD_UP" else endoscope)
+
+
+def test_half_new_arm_files_keep_the_keys_of_today() -> None:
+    arm = {"kinematic": "kinematic/PSM.json", "generation": "Classic", "tool_detection": "FIXED", "re-home": False,
+           "tool": "LARGE_NEEDLE_DRIVER:400006", "cannula_depth": 0.078, "skip_gravity_compensation": True}
+    new = only(json.dumps(arm), "PSM1-1.json")
+    assert new == {"$id": "dvrk-psm.schema.json", "$version": "1"} | {
+        key.replace("-", "_"): value for key, value in arm.items()}
+
+
+def test_half_new_consoles_keep_the_keys_of_today() -> None:
+    row = {"name": "PSM1", "type": "PSM", "serial": "1", "arm_file": "x.json", "PID_file": "y.json", "period": 0.001,
+           "base_frame": {"component": "SUJ", "interface": "Robot"}}
+    (arm,) = system(arms=[row])["arms"]
+    assert arm == row | {"IO": "IO1", "base_frame": {"component": "SUJ", "interface": "Arm"}}
+
+
+@pytest.mark.parametrize("data", [{"IOs": [{"name": "IO1", "port": "udp"}]}, {"robots": [{"name": "PSM1"}]},
+                                  {"$version": "1", "pid": [{"index": 0}]}])
+def test_files_of_today_without_their_head_get_it(data: dict[str, object]) -> None:
+    new = only(json.dumps(data), "x.json")
+    assert {"$id", "$version"} <= set(new) and data.items() <= new.items()
+
+
+def test_files_of_today_become_nothing_and_are_no_mistake() -> None:
+    for text in ('{"$id": "dvrk-system.schema.json", "$version": "1", "arms": []}', '{"instruments": []}'):
+        result = convert(text, "x.json")
+        assert (result.kind, result.outputs, result.problems) == ("today", (), ())
 
 
 def test_an_arm_of_no_kind_is_refused() -> None:

@@ -2,10 +2,10 @@
 
 from tools.converters.differences import differences
 from tools.converters.jsonout import to_json
-from tools.converters.recognise import OTHER, Converted, Output, convert_file, with_arm_file
+from tools.converters.recognise import Converted, Output, convert_file
 from tools.converters.report import CONVERTED, DEFAULTED, DROPPED, LOST, Change, Reference
 
 __all__ = [
-    "CONVERTED", "DEFAULTED", "DROPPED", "LOST", "OTHER", "Change", "Converted", "Output", "Reference", "convert_file",
-    "differences", "to_json", "with_arm_file",
+    "CONVERTED", "DEFAULTED", "DROPPED", "LOST", "Change", "Converted", "Output", "Reference", "convert_file",
+    "differences", "to_json",
 ]

@@ -4,9 +4,14 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable
 from pathlib import PurePosixPath
 
+from procs.config import HEADS
+from procs.config.models.arm_file import ArmFile, EcmFile, MtmFile, PsmFile
 from procs.config.read.jsontext import Parsed
+from procs.config.read.validate import fields_of, unwrapped
+from procs.kinematics.endoscopes import NAMES
 from tools.converters.keys import Keys
 from tools.converters.report import ConversionReport
 
@@ -16,15 +21,10 @@ _CHAINS = {
     "psm": "PSM", "psm-si": "PSM_Si", "psm-si-physical": "PSM_Si_physical",
     "ecm": "ECM", "ecm-si": "ECM_Si", "mtml": "MTML", "mtmr": "MTMR",
 }
-_OF_KIND = {
-    "ecm": ("endoscope",),
-    "psm": ("tool-detection", "tool", "custom-tool-index"),
-    "mtm": ("gravity-compensation", "platform-gain"),
-}
-_TEXTS = {"tool-detection": "tool_detection", "custom-tool-index": "custom_tool_index",
-          "gravity-compensation": "gravity_compensation"}
-_FLAGS = {"re-home": "re_home", "homing-zero-position": "homing_zero_position"}
-_NUMBERS = {"mounting-pitch": "mounting_pitch", "platform-gain": "platform_gain"}
+_MODELS: dict[str, type[ArmFile]] = {"ecm": EcmFile, "psm": PsmFile, "mtm": MtmFile}
+_OF_ALL = set(fields_of(ArmFile))
+_BY_THEMSELVES = ("tool", "endoscope")
+_READ: dict[object, Callable[[Keys, str], object]] = {bool: Keys.flag, float: Keys.number}
 _MODEL = re.compile(r"_(\d{6})\Z")
 _VERSION = re.compile(r"\[(\d+)\]\Z")
 _PITCH = {"Classic": -math.pi / 4, "Si": math.radians(-70.0)}  # on the setup joints
@@ -41,34 +41,29 @@ def convert_arm(parsed: Parsed, file: str, report: ConversionReport) -> Json:
     old = keys.text("kinematic")
     stem = PurePosixPath(old).stem.lower()
     kind = _kind(keys, stem, file)
-    row: Json = {"$id": f"dvrk-{kind}.schema.json", "$version": "1", "kinematic": _kinematic(keys, old, stem, file)}
+    row: Json = {**HEADS[kind], "kinematic": _kinematic(keys, old, stem, file)}
     generation = keys.text("generation")
     if not generation:
         generation = "Si" if "-si" in stem else "Classic"
         keys.defaulted("generation", generation, "by the name of the kinematic file")
     row["generation"] = generation
-    for name, new in _TEXTS.items():
-        text = keys.text(name)
-        row |= {new: text} if text else {}
-    for name, new in _FLAGS.items():
-        flag = keys.flag(name)
-        row |= {new: flag} if flag is not None else {}
-    for name, new in _NUMBERS.items():
-        number = keys.number(name)
-        row |= {new: number} if number is not None else {}
+    for name, field in fields_of(_MODELS[kind]).items():
+        if name not in row and name not in _BY_THEMSELVES and keys.has(name):
+            row[name] = _READ.get(unwrapped(field.annotation)[0], Keys.text)(keys, name)
     row |= _tool(keys) | (_endoscope(keys, generation, row) if kind == "ecm" else {})
     keys.finish()
     return row
 
 
 def _kind(keys: Keys, stem: str, file: str) -> str:
-    for kind, names in _OF_KIND.items():
+    own = {kind: [name for name in fields_of(model) if name not in _OF_ALL] for kind, model in _MODELS.items()}
+    for kind, names in own.items():
         if any(keys.has(name) for name in names):
             return kind
     for name in (stem, file.lower()):
-        if name[:3] in _OF_KIND:
+        if name[:3] in own:
             return name[:3]
-    allowed = ", ".join(name for names in _OF_KIND.values() for name in names)
+    allowed = ", ".join(name for names in own.values() for name in names)
     keys.report.error(keys.line(), "", "", "nothing says which kind of arm this is", f"one of {allowed}")
     return "psm"
 
@@ -80,7 +75,8 @@ def _kinematic(keys: Keys, old: str, stem: str, file: str) -> str:
     if not new:
         return old
     new = f"kinematic/{new}.json"
-    keys.converted("kinematic", old, new, "today's name of the stock chain")
+    if new != old:
+        keys.converted("kinematic", old, new, "today's name of the stock chain")
     return new
 
 
@@ -97,9 +93,9 @@ def _tool(keys: Keys) -> Json:
 
 def _endoscope(keys: Keys, generation: str, row: Json) -> Json:
     old = keys.text("endoscope")
-    new = old or "SD_STRAIGHT"
-    if not new.startswith(("Classic_", "Si_")):
-        new = f"{generation}_{new}"
+    new = f"{generation}_{old or 'SD_STRAIGHT'}"
+    if old in NAMES or new not in NAMES:  # today's already; or none of ours, which the check of the new file tells
+        new = old
     if not old:
         keys.defaulted("endoscope", new, "the file does not say: check it")
     elif new != old:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from procs.config import HEADS
 from procs.config.read.jsontext import Parsed
 from procs.config.read.problem import value_text
 from procs.fpga.ports import PortName, PortNameError
@@ -57,7 +58,7 @@ def convert_console(parsed: Parsed, system_name: str, report: ConversionReport) 
         report.dropped(line, ".".join(str(part) for part in key), "", "the key occurs twice: the last one counts")
     top = Keys(parsed.data, parsed.lines, report)
     arms = Arms(top.items("arms"), BUS, system_name)
-    system: Json = {"$id": "dvrk-system.schema.json", "$version": "1"}
+    system: Json = dict(HEADS["system"])
     io = top.inside("io")
     bus = _bus(top, io)
     pedals = io.file("footpedals") if io is not None else ""

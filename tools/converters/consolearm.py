@@ -6,6 +6,8 @@ import math
 import re
 from pathlib import PurePosixPath
 
+from procs.config import HEADS
+from procs.config.models.system_file import ArmKeys
 from tools.converters.keys import Keys
 from tools.converters.names import plain
 from tools.converters.teleops import interface
@@ -70,7 +72,7 @@ class Arms:
         _frame(keys, row)
         _component(keys, row)
         _plain(keys, row)
-        return row
+        return row | keys.today(ArmKeys)
 
     def _arm_file(self, keys: Keys, name: str, kind: str, serial: str) -> str:
         """The arm file: the one that is named, or a new one where a kinematic chain is named in its place."""
@@ -161,12 +163,7 @@ def _plain(keys: Keys, row: Json) -> None:
 
 def _new(keys: Keys, kind: str, kinematic: str) -> Json:
     keys.defaulted("generation", "Classic", "the first versions knew no other")
-    return {
-        "$id": f"dvrk-{kind}.schema.json",
-        "$version": "1",
-        "kinematic": f"kinematic/{kinematic}.json",
-        "generation": "Classic",
-    }
+    return {**HEADS[kind], "kinematic": f"kinematic/{kinematic}.json", "generation": "Classic"}
 
 
 def _psm_file(keys: Keys, name: str, stem: str) -> Json:

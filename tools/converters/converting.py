@@ -3,46 +3,51 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+import shutil
+import tempfile
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from procs.config import PROJECT_CONFIGS, Checked, check_file
-from procs.config.read.problem import WARNING, FileProblem
-from procs.config.read.search import search_path
-from procs.config.read.source import read_source, unreadable
-from tools.converters import OTHER, Converted, Reference, convert_file, differences, to_json, with_arm_file
+from procs.config import Checked, check_file
+from procs.config.read.problem import WARNING, FileProblem, count
+from procs.config.read.search import search_beside
+from procs.config.read.source import read_bytes, read_source
+from tools.converters.differences import differences
+from tools.converters.jsonout import to_json
+from tools.converters.recognise import OTHER, TODAY, UNKNOWN, Converted, convert_file, with_arm_file
+from tools.converters.report import Reference
+from tools.errors import Problem
 
 SUFFIXES = (".xml", ".json", ".rob")
+CHECKED = (".json", ".yaml", ".yml")
 CONSOLE = "console"
-SHOWN = 6  # differing values in a warning
+SHOWN = 6  # differing values in a warning, files in a refusal
+_NOTHING = Converted(OTHER, (), (), ())
 
 
 @dataclass(slots=True)
 class Result:
-    """One old file: what it became, which files were written or there already, and what a check of those found."""
+    """One file: what it became, which files were written or there already, and what a check of those found."""
 
     file: Path
+    folder: Path  # where its new files come to
+    data: bytes
     converted: Converted
+    copies: bool = False  # it needs no change
+    left_out: bool = False  # too large for a configuration file, or no file at all
+    planned: dict[Path, bytes] = field(default_factory=dict)
     written: list[Path] = field(default_factory=list)
     equal: list[Path] = field(default_factory=list)
     problems: list[FileProblem] = field(default_factory=list)
     checks: list[Checked] = field(default_factory=list)
+    had: int = 0  # errors in a copy that the file itself has as well
 
     @property
     def ok(self) -> bool:
         """Nothing is wrong, nothing was lost, and what was written is fine."""
         found = [problem for check in self.checks for problem in check.problems]
-        return self.converted.complete and not any(problem.severity == "error" for problem in (*self.problems, *found))
-
-
-@dataclass(frozen=True, slots=True)
-class Old:
-    """A file to convert and the folder its new files come to; those found in a folder need not be old ones."""
-
-    file: Path
-    folder: Path
-    found: bool
+        return not self.converted.lost and not count((*self.problems, *found))
 
 
 class Conversion:
@@ -53,122 +58,122 @@ class Conversion:
         self._force, self._path = force, tuple(path)
         self._olds = [old for file in files for old in _olds(file, to)]
         self._made: dict[Path, Path] = {}  # the first new file of every old one that is no console
-        self._texts: dict[Path, tuple[str, Path]] = {}  # what this run has written, and from which old file
+        self._claimed: dict[Path, tuple[bytes, Path]] = {}  # what this run writes, and from which file
 
     def results(self) -> list[Result]:
-        """Convert, write, then check: systems name the others."""
-        first = [(old, self._read(old, follow=False)) for old in self._olds]
-        for old, result in first:
+        """Convert, write, then check: systems name the others.
+
+        Problem, before anything is written, where a file cannot be written or would overwrite another.
+        """
+        results = [result for old in self._olds if (result := _read(*old)) is not None]
+        for result in results:
             if result.converted.outputs and result.converted.kind != CONSOLE:
-                self._made[old.file.resolve()] = old.folder / result.converted.outputs[0].name
-        results = []
-        for old, result in first:
-            if old.found and result.converted.kind == OTHER:
-                continue
-            done = self._read(old, follow=True) if result.converted.kind == CONSOLE else result
-            self._write(old, done)
-            results.append(done)
+                self._made[result.file.resolve()] = result.folder / result.converted.outputs[0].name
+        for result in sorted(results, key=lambda result: not result.copies):
+            self._plan(result)
+        self._need_way(results)
+        for result in results:
+            _write(result)
         for result in results:
             self._check(result)
         return results
 
-    def _read(self, old: Old, *, follow: bool) -> Result:
-        file = old.file
-        try:
-            wrong = unreadable(file)
-            data = b"" if wrong else file.read_bytes()
-        except OSError as bad:
-            wrong = f"cannot be read: {bad.strerror or bad}", ""
-        if wrong:
-            problem = FileProblem(str(file), 0, "", "", *wrong)
-            return Result(file, Converted("unknown", (), (), (problem,)), problems=[problem])
-        converted = convert_file(str(file), data, (lambda name: self._follow(old, name)) if follow else None)
-        return Result(file, converted, problems=list(converted.problems))
-
-    def _follow(self, old: Old, name: str) -> str:
+    def _follow(self, result: Result, name: str) -> str:
         """The new name of a file that this run converts, as seen from the folder of the new system file."""
-        for folder in (old.file.parent, *self._path):
+        for folder in (result.file.parent, *self._path):
             made = self._made.get((folder / name).resolve())
             if made is not None:
-                return os.path.relpath(made, old.folder)
+                return os.path.relpath(made, result.folder)
         return ""
 
-    # -- writing -------------------------------------------------------------------------------------------------------
+    # -- before anything is written ------------------------------------------------------------------------------------
 
-    def _write(self, old: Old, result: Result) -> None:
-        """All new files of an old one, or none."""
-        if result.problems:
-            return
-        self._name_apart(old, result)
-        plan: list[tuple[Path, str]] = []
-        for output in result.converted.outputs:
-            path = old.folder / output.name
-            try:
-                text = to_json(output.data)
-            except ValueError as bad:
-                result.problems.append(FileProblem(str(path), 0, "", "", f"cannot be written as JSON: {bad}",
-                                                   "finite numbers"))
-                continue
-            if self._is_equal(path, text):
+    def _plan(self, result: Result) -> None:
+        """The places of all new files of a file, or of none; of two files the first one keeps its name."""
+        if result.copies:
+            planned = {result.folder / result.file.name: result.data}
+        else:
+            planned = self._new_files(result)
+        clashes = [path for path, data in planned.items() if self._claimed.get(path, (data,))[0] != data]
+        for path in clashes:
+            text = f"this run makes another file of this name, from {self._claimed[path][1]}"
+            result.problems.append(FileProblem(str(path), 0, "", "", text, "convert one of them --to another folder"))
+        for path, data in {} if clashes else planned.items():
+            if path in self._claimed or _is_equal(path, data):
                 result.equal.append(path)
             else:
-                result.problems += self._in_the_way(path, old.file)
-                plan.append((path, text))
-        if result.problems:
-            result.equal.clear()
-            return
-        for path, text in plan:
+                result.planned[path] = data
+            self._claimed.setdefault(path, (data, result.file))
+
+    def _new_files(self, result: Result) -> dict[Path, bytes]:
+        if result.converted.kind == CONSOLE:
+            result.converted = convert_file(str(result.file), result.data, lambda name: self._follow(result, name))
+            self._name_apart(result)
+        planned = {}
+        for output in result.converted.outputs:
+            path = result.folder / output.name
             try:
-                path.parent.mkdir(parents=True, exist_ok=True)
-                path.write_text(text, encoding="utf-8")
-            except OSError as bad:
-                result.problems.append(FileProblem(str(path), 0, "", "", f"cannot be written: {bad.strerror or bad}"))
-                return
-            self._texts[path] = text, old.file
-            result.written.append(path)
+                planned[path] = to_json(output.data).encode()
+            except ValueError as bad:
+                text = f"cannot be written as JSON: {bad}"
+                result.problems.append(FileProblem(str(path), 0, "", "", text, "finite numbers"))
+                return {}
+        return planned
 
-    def _name_apart(self, old: Old, result: Result) -> None:
+    def _name_apart(self, result: Result) -> None:
         """Another name for an arm file that two consoles make differently."""
-        if result.converted.kind != CONSOLE:
-            return
-        system, *arms = result.converted.outputs
+        system, *arms = result.converted.outputs or (None,)
         for output in arms:
-            path = old.folder / output.name
-            if path in self._texts and self._texts[path][0] != to_json(output.data):
+            path = result.folder / output.name
+            if system is not None and path in self._claimed and self._claimed[path][0] != to_json(output.data).encode():
                 new = f"{path.stem}-{Path(system.name).stem.removeprefix('system-')}.json"
-                result.converted = with_arm_file(result.converted, str(old.file), output.name, new)
+                result.converted = with_arm_file(result.converted, str(result.file), output.name, new)
 
-    def _is_equal(self, path: Path, text: str) -> bool:
+    def _need_way(self, results: list[Result]) -> None:
+        planned = [path for result in results for path in result.planned]
+        there = [path for path in planned if path.exists()]
+        olds = {result.file.resolve() for result in results}
+        own = [path for path in there if path.resolve() in olds]
+        if own:
+            raise Problem(f"nothing was written: {_listed(own)} would be overwritten by what it becomes; "
+                          "--to FOLDER writes elsewhere")
+        if there and not self._force:
+            raise Problem(f"nothing was written: {_listed(there)} would be overwritten, with other content; "
+                          "--force does that, --to FOLDER writes elsewhere")
+        made: list[Path] = []
+        place = Path()
         try:
-            return path.is_file() and path.read_text(encoding="utf-8") == text
-        except (OSError, UnicodeDecodeError):
-            return False
-
-    def _in_the_way(self, path: Path, old: Path) -> list[FileProblem]:
-        if not path.exists():
-            return []
-        if path.samefile(old):
-            return [FileProblem(str(path), 0, "", "", "is the old file: it is never overwritten",
-                                "--to another folder")]
-        if path in self._texts:
-            text = f"this run has made another file of this name, from {self._texts[path][1]}"
-            return [FileProblem(str(path), 0, "", "", text, "convert one of them --to another folder")]
-        if self._force:
-            return []
-        return [FileProblem(str(path), 0, "", "", "is there already", "--force to overwrite, --to FOLDER")]
+            for place in dict.fromkeys(path.parent for path in planned):
+                made += [folder for folder in (place, *place.parents) if not folder.exists()]
+                place.mkdir(parents=True, exist_ok=True)
+                tempfile.TemporaryFile(dir=place).close()
+            for place in there:
+                place.open("r+b").close()
+        except OSError as bad:
+            for folder in sorted(made, reverse=True):
+                if folder.is_dir():
+                    folder.rmdir()
+            raise Problem(f"nothing was written: {place} cannot be written: {bad.strerror or bad}") from bad
 
     # -- afterwards ----------------------------------------------------------------------------------------------------
 
     def _check(self, result: Result) -> None:
-        search = (*self._path, result.file.parent)
-        files = [*result.written, *result.equal]
-        result.checks = [check_file(new, search=search) for new in files]
+        files = [path for path in (*result.written, *result.equal) if path.suffix.lower() in CHECKED]
+        checks = [check_file(new, search=self._path) for new in files]
+        if result.copies:
+            checks = [check for check in checks if check.kind != UNKNOWN and count(check.problems)]
+            if checks:
+                had = {(found.line, found.key, found.value)
+                       for found in check_file(result.file, search=self._path).problems}
+                result.had = count([found for check in checks for found in check.problems
+                                    if (found.line, found.key, found.value) in had])
+        result.checks = checks
         if files and result.converted.kind == CONSOLE:
-            result.problems += self._stock_in_place_of_own(files[0].parent, result)
+            result.problems += self._stock_in_place_of_own(files[0], result)
 
-    def _stock_in_place_of_own(self, folder: Path, result: Result) -> Iterable[FileProblem]:
+    def _stock_in_place_of_own(self, system: Path, result: Result) -> Iterable[FileProblem]:
         """What the site has a file of its own for, and gets a stock file for from now on: with the differing values."""
-        folders = search_path((folder, *self._path, result.file.parent, PROJECT_CONFIGS))
+        folders = search_beside([system], self._path)
         for reference in result.converted.references:
             own = next((folder / reference.old for folder in (result.file.parent, *self._path)
                         if (folder / reference.old).is_file()), None)
@@ -178,6 +183,48 @@ class Conversion:
             changed = _changed(own, stock)
             if changed:
                 yield _fallback(result.file, reference, own, stock, changed)
+
+
+def _read(file: Path, folder: Path, found: bool) -> Result | None:
+    """What a file becomes; None for one that was `found` in a folder, needs no change and stays where it is."""
+    stays, maybe_old = folder.resolve() == file.parent.resolve(), not found or file.suffix.lower() in SUFFIXES
+    if stays and not maybe_old:
+        return None
+    data, problem = read_bytes(file)
+    if problem is not None:
+        told = replace(problem, text=f"left out: {problem.text}", severity=WARNING) if found else problem
+        return Result(file, folder, data, _NOTHING, left_out=found, problems=[told])
+    converted = convert_file(str(file), data) if maybe_old else _NOTHING
+    copies = converted.kind == TODAY or (found and converted.kind in (OTHER, UNKNOWN))
+    if found and stays and converted.kind in (OTHER, TODAY):
+        return None
+    problems = () if copies and converted.kind != UNKNOWN else converted.problems
+    return Result(file, folder, data, converted, copies, problems=list(problems))
+
+
+def _write(result: Result) -> None:
+    for path, data in result.planned.items():
+        try:
+            if result.copies:
+                shutil.copy2(result.file, path)
+            else:
+                path.write_bytes(data)
+        except OSError as bad:
+            result.problems.append(FileProblem(str(path), 0, "", "", f"cannot be written: {bad.strerror or bad}"))
+            return
+        result.written.append(path)
+
+
+def _is_equal(path: Path, data: bytes) -> bool:
+    try:
+        return path.is_file() and path.read_bytes() == data
+    except OSError:
+        return False
+
+
+def _listed(paths: Sequence[Path]) -> str:
+    more = f" and {len(paths) - SHOWN} more" if len(paths) > SHOWN else ""
+    return f"{', '.join(map(str, paths[:SHOWN]))}{more}"
 
 
 def _changed(own: Path, stock: Path) -> list[str]:
@@ -195,11 +242,15 @@ def _fallback(console: Path, reference: Reference, own: Path, stock: Path, chang
     return FileProblem(str(console), reference.line, reference.key, reference.old, text, allowed, WARNING)
 
 
-def _olds(file: Path, to: Path | None) -> list[Old]:
-    """A file by itself, or those of a folder that may be old ones, but for what an earlier run wrote to `to`."""
+def _olds(file: Path, to: Path | None) -> Iterator[tuple[Path, Path, bool]]:
+    """A file, the folder of its new files, and whether it was found in a folder: those of a folder may be any, but for
+    hidden ones and what an earlier run wrote to `to`."""
     if not file.is_dir():
-        return [Old(file, to or file.parent, found=False)]
-    inside = sorted(path for path in file.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file())
+        yield file, to or file.parent, False
+        return
     new = to.resolve() if to is not None and to.resolve() != file.resolve() else None
-    return [Old(path, (to or file) / path.parent.relative_to(file), found=True)
-            for path in inside if new is None or new not in path.resolve().parents]
+    for path in sorted(file.rglob("*")):
+        inner = path.relative_to(file)
+        hidden = any(part.startswith(".") for part in inner.parts)
+        if not hidden and not path.is_dir() and (new is None or new not in path.resolve().parents):
+            yield path, (to or file) / inner.parent, True

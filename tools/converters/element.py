@@ -6,13 +6,11 @@ import re
 from collections.abc import Mapping
 from typing import TypeVar
 
-from tools.converters.report import ConversionReport
+from tools.converters.report import NOT_READ, ConversionReport, finite
 from tools.converters.xmltext import XmlNode
 
 Value = TypeVar("Value")
 
-_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?\Z")
-_NOBODY = "the original software did not read it"
 _FIRST = "the original software read only the first"
 
 
@@ -62,10 +60,10 @@ class Element:
                 self.missing(names[0], "a number")
             return default or 0.0
         name, text = found
-        if not _NUMBER.match(text) or abs(float(text)) == float("inf"):
+        value = finite(text)
+        if value is None:
             self.report.error(self.line, self.key(name), text, "not a finite number", "a number")
-            return 0.0
-        return float(text)
+        return value or 0.0
 
     def integer(self, *names: str, least: int = 0, most: int) -> int:
         """A required whole number from `least` to `most`."""
@@ -150,9 +148,9 @@ class Element:
     def finish(self) -> None:
         """Tell what nobody asked for, here and in all that was read of it."""
         for name in list(self._attributes):
-            self.drop(name, _NOBODY)
+            self.drop(name, NOT_READ)
         for tag in dict.fromkeys(child.tag for child in self._children):
             for child in self.children(tag):
-                child.drop_all(_NOBODY)
+                child.drop_all(NOT_READ)
         for child in self._read:
             child.finish()

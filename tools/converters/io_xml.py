@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from procs.config import HEADS
 from tools.converters.actuator import Actuators
 from tools.converters.digital import dallas_chip, digital_input, digital_output, name_of
 from tools.converters.element import Element
@@ -62,8 +63,7 @@ def convert_io(root: XmlNode, report: ConversionReport) -> IoFiles:
 
 
 def _file(**lists: list[Json]) -> Json:
-    head: Json = {"$id": "saw-robot-io.schema.json", "$version": "6"}
-    return head | {name: rows for name, rows in lists.items() if rows}
+    return HEADS["io"] | {name: rows for name, rows in lists.items() if rows}
 
 
 def _robot(element: Element, format_version: FormatVersion) -> tuple[Json, Json | None]:

@@ -6,14 +6,19 @@ import math
 from collections.abc import Mapping
 from typing import TypeVar
 
+from pydantic import BaseModel
+
 from procs.config.read.problem import Key, key_text, value_text
+from procs.config.read.validate import fields_of
 from tools.converters.names import file_today
-from tools.converters.report import ConversionReport, Reference
+from tools.converters.report import NOT_READ, ConversionReport, Reference
 
 Value = TypeVar("Value")
 
-_NOBODY = "the original software did not read it"
 
+
+def _folded(name: object) -> str:
+    return str(name).replace("-", "_")
 
 class Keys:
     """One object, its place in the file and what has been read of it. Mistakes go to the report."""
@@ -30,27 +35,39 @@ class Keys:
             data = {}
         # null, [] and {} count as absent
         self._left = {name: value for name, value in data.items() if value not in (None, [], {})}
+        self._spelling: dict[str, str] = {_folded(name): name for name in self._left}
 
     def line(self, *names: str | int) -> int:
         """The line of a key, or of the nearest one around it."""
-        key = (*self.place, *names)
+        key = self._full(names)
         return next((self._lines[key[:cut]] for cut in range(len(key), -1, -1) if key[:cut] in self._lines), 0)
 
     def key(self, *names: str | int) -> str:
         """A key path as people write it."""
-        return key_text((*self.place, *names))
+        return key_text(self._full(names))
+
+    def _full(self, names: tuple[str | int, ...]) -> Key:
+        return (*self.place, *(self._spelled(name) if isinstance(name, str) else name for name in names))
+
+    def _spelled(self, name: str) -> str:
+        """A key as this file spells it: files that somebody began to bring up to date have `_` in some for `-`."""
+        return self._spelling.get(_folded(name), name)
 
     def has(self, name: str) -> bool:
         """Whether the key is there and not read yet."""
-        return name in self._left
+        return self._spelled(name) in self._left
 
     def peek(self, name: str) -> object:
         """A value as it stands, left to be read; None when there is none."""
-        return self._left.get(name)
+        return self._left.get(self._spelled(name))
 
     def take(self, name: str) -> object:
         """A value as it stands; None when there is none."""
-        return self._left.pop(name, None)
+        return self._left.pop(self._spelled(name), None)
+
+    def today(self, model: type[BaseModel]) -> dict[str, object]:
+        """The values that were not read and whose keys are today's already."""
+        return {name: self.take(name) for name in fields_of(model) if name in self._left}
 
     def text(self, *names: str) -> str:
         """The first of `names` that is there, a text; "" when none is."""
@@ -77,7 +94,7 @@ class Keys:
 
     def flag(self, name: str) -> bool | None:
         """True or false, also as 1 or 0; None when there is no such key."""
-        if self._left.get(name) in (0, 1):
+        if self.peek(name) in (0, 1):
             return bool(self.take(name))
         return self._typed((name,), bool, "true or false")
 
@@ -88,18 +105,18 @@ class Keys:
 
     def inside(self, name: str) -> Keys | None:
         """The object at `name`; None when there is none."""
-        if name not in self._left:
+        if not self.has(name):
             return None
-        self._read.append(Keys(self._left.pop(name), self._lines, self.report, (*self.place, name)))
+        self._read.append(Keys(self.take(name), self._lines, self.report, self._full((name,))))
         return self._read[-1]
 
     def items(self, name: str) -> list[Keys]:
         """The objects of the list at `name`."""
-        found = self._left.pop(name, [])
+        found = self.take(name) or []
         if not isinstance(found, list):
             self.report.error(self.line(name), self.key(name), value_text(found), "wrong type", "a list of objects")
             return []
-        rows = [Keys(item, self._lines, self.report, (*self.place, name, number)) for number, item in enumerate(found)]
+        rows = [Keys(item, self._lines, self.report, self._full((name, number))) for number, item in enumerate(found)]
         self._read += rows
         return rows
 
@@ -113,26 +130,26 @@ class Keys:
 
     def drop(self, name: str, reason: str) -> None:
         """A key that is known and not needed any more."""
-        if name in self._left:
-            self.report.dropped(self.line(name), self.key(name), value_text(self._left.pop(name)), reason)
+        if self.has(name):
+            self.report.dropped(self.line(name), self.key(name), value_text(self.take(name)), reason)
 
     def lose(self, name: str, reason: str) -> None:
         """A key that today's format cannot say."""
-        if name in self._left:
-            self.report.lost(self.line(name), self.key(name), value_text(self._left.pop(name)), reason)
+        if self.has(name):
+            self.report.lost(self.line(name), self.key(name), value_text(self.take(name)), reason)
 
     def finish(self) -> None:
         """Tell what nobody asked for, here and in all that was read of it."""
         for name in list(self._left):
-            self.drop(name, _NOBODY)
+            self.drop(name, NOT_READ)
         for part in self._read:
             part.finish()
 
     def _typed(self, names: tuple[str, ...], kind: type[Value] | tuple[type[Value], ...], allowed: str) -> Value | None:
-        name = next((name for name in names if name in self._left), None)
+        name = next((name for name in names if self.has(name)), None)
         if name is None:
             return None
-        value = self._left.pop(name)
+        value = self.take(name)
         is_flag = isinstance(value, bool)
         if isinstance(value, kind) and (not is_flag or kind is bool) and value not in (math.inf, -math.inf):
             return value

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from procs.config import HEADS
 from tools.converters.element import Element
 from tools.converters.report import ConversionReport, number_text
 from tools.converters.units import PRISMATIC, REVOLUTE
@@ -38,7 +39,7 @@ def convert_pid(root: XmlNode, report: ConversionReport) -> Json:
         listed.pop().drop_all("an inactive joint, the MTM's gripper, has no controller")
     rows = [_joint(element, number) for number, element in enumerate(listed)]
     top.finish()
-    return {"$id": "saw-controllers-pid.schema.json", "$version": "1", "pid": rows}
+    return {**HEADS["pid"], "pid": rows}
 
 
 def _joint(element: Element, number: int) -> Json:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import PurePath
 
+from procs.config import HEADS, kind_of
 from procs.config.read.jsontext import Parsed, TextError, parse_json
 from procs.config.read.problem import FileProblem
 from tools.converters.armfile import convert_arm, looks_like_arm
@@ -21,12 +22,12 @@ from tools.converters.xmltext import XmlError, XmlNode, parse_xml
 Json = dict[str, object]
 
 UNKNOWN = "unknown"
-OTHER = "other"  # none of the old files, which no run over a folder needs to tell
+OTHER = "other"  # no configuration file, which no run over a folder needs to tell
+TODAY = "today"  # today's format already
 KINDS = "IO XML, PID XML, .rob, console*.json, arm and SUJ files from before 2.4"
 
 _XML = re.compile(rb"\s*(?:\xef\xbb\xbf)?\s*<|\xff\xfe<|\xfe\xff\x00<")
 _JSON = re.compile(r"\s*(?:\{|//|/\*)")
-_TODAY = {"IOs", "consoles", "$id", "$version"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,9 +49,14 @@ class Converted:
     references: tuple[Reference, ...] = ()
 
     @property
+    def lost(self) -> tuple[Change, ...]:
+        """What today's formats cannot say, or need and do not get."""
+        return tuple(change for change in self.changes if change.outcome == LOST)
+
+    @property
     def complete(self) -> bool:
         """Whether everything in the old file that means something went over."""
-        return not self.problems and all(change.outcome != LOST for change in self.changes)
+        return not self.problems and not self.lost
 
 
 def convert_file(name: str, data: bytes, follow: Callable[[str], str] | None = None) -> Converted:
@@ -125,8 +131,9 @@ def _json(path: PurePath, text: str, report: ConversionReport) -> tuple[str, lis
     for kind, fits, convert in _READERS:
         if isinstance(parsed.data, dict) and fits(parsed.data):
             return kind, convert(path, parsed, report)
-    today = isinstance(parsed.data, dict) and _TODAY & set(parsed.data)
-    report.error(1, "", "", "this is today's format already" if today else "no known kind of file", KINDS)
+    if isinstance(parsed.data, dict) and kind_of(parsed.data) != UNKNOWN:
+        return TODAY, []
+    report.error(1, "", "", "no known kind of file", KINDS)
     return OTHER, []
 
 
@@ -144,9 +151,25 @@ def _from_setup(path: PurePath, parsed: Parsed, report: ConversionReport) -> lis
     return [Output(path.name, convert_setup(parsed, report))]
 
 
+def _is_headless(data: Json) -> bool:
+    rows = any(isinstance(value, list) and value and isinstance(value[0], dict) for value in data.values())
+    return rows and not {"$id", "$version"} <= set(data) and kind_of(data) in HEADS
+
+
+def _with_head(path: PurePath, parsed: Parsed, report: ConversionReport) -> list[Output]:
+    """A file with today's keys that does not say which format it is in."""
+    assert isinstance(parsed.data, dict)
+    head = HEADS[kind_of(parsed.data)]
+    for key, value in head.items():
+        if key not in parsed.data:
+            report.defaulted(1, key, value, "by its keys")
+    return [Output(path.name, {**head, **parsed.data})]
+
+
 _Reader = tuple[str, Callable[[Json], bool], Callable[[PurePath, Parsed, ConversionReport], list[Output]]]
 _READERS: tuple[_Reader, ...] = (
     ("setup joints", looks_like_setup, _from_setup),
     ("console", looks_like_console, _from_console),
     ("arm", looks_like_arm, _from_arm),
+    ("without a head", _is_headless, _with_head),
 )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -11,6 +13,9 @@ CONVERTED = "converted"  # its value stands in the new file in another unit or u
 DEFAULTED = "defaulted"  # the old file said nothing; the new one must
 DROPPED = "dropped"  # nothing needs it any more
 LOST = "lost"  # the new format cannot say it, or needs what the old one did not have: a person has to decide
+
+NOT_READ = "the original software did not read it"
+_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?\Z")
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +86,12 @@ class ConversionReport:
     def error(self, line: int, key: str, value: str, text: str, allowed: str = "") -> None:
         """The file is wrong here; nothing is written."""
         self.problems.append(FileProblem(self.file, line, key, value, text, allowed))
+
+
+def finite(text: str) -> float | None:
+    """The number that a text is; None where it is none, or infinite."""
+    value = float(text) if _NUMBER.match(text) else math.inf
+    return value if math.isfinite(value) else None
 
 
 def number_text(value: float, unit: str = "") -> str:

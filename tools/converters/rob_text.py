@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 
-from tools.converters.report import ConversionReport
+from tools.converters.report import ConversionReport, finite
 
 Json = dict[str, object]
 
@@ -22,7 +22,6 @@ _AXES = ("x1", "x2", "x3", "y1", "y2", "y3", "z1", "z2", "z3")
 _WORDS = 1 + len(_GEOMETRY) + 2
 _MAX_LINKS = 16
 _COUNT = re.compile(r"[0-9]{1,4}\Z")
-_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?\Z")
 
 
 def looks_like_rob(text: str) -> bool:
@@ -86,7 +85,8 @@ def _link(line: str, number: int, report: ConversionReport) -> Json:
 def _numbers(words: list[str], names: tuple[str, ...], number: int, report: ConversionReport) -> Json:
     row: Json = {}
     for name, word in zip(names, words, strict=False):
-        if not _NUMBER.match(word) or abs(float(word)) == float("inf"):
+        value = finite(word)
+        if value is None:
             report.error(number + 1, f"link {number} {name}", word, "not a finite number", "a number")
-        row[name] = float(word) if _NUMBER.match(word) else 0.0
+        row[name] = value or 0.0
     return row

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from procs.config import Checked, check_file
+from procs.config.read.problem import WARNING, count
 from tools.printing import emit, tell
 
 FINE, WRONG = 0, 1
@@ -32,15 +33,11 @@ def run(files: Sequence[Path], path: Sequence[Path], as_json: bool, boards: str 
         for note in result.notes:
             tell(f"{result.path}: note: {note}")
         tell(f"{result.path}: {result.kind} file, {_verdict(result)}")
-    return WRONG if any(_count(result, "error") for result in results) else FINE
-
-
-def _count(result: Checked, severity: str) -> int:
-    return sum(problem.severity == severity for problem in result.problems)
+    return WRONG if any(count(result.problems) for result in results) else FINE
 
 
 def _verdict(result: Checked) -> str:
-    errors, warnings = _count(result, "error"), _count(result, "warning")
+    errors, warnings = count(result.problems), count(result.problems, WARNING)
     if not errors and not warnings:
         return "fine"
     words = [(errors, "error"), (warnings, "warning")]
@@ -51,7 +48,7 @@ def _row(result: Checked) -> dict[str, object]:
     return {
         "file": str(result.path),
         "kind": result.kind,
-        "ok": not _count(result, "error"),
+        "ok": not count(result.problems),
         "problems": [dataclasses.asdict(problem) for problem in result.problems],
         "notes": list(result.notes),
     }

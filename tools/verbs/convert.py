@@ -8,22 +8,23 @@ from typing import Annotated
 
 import typer
 
-from tools.converters import LOST
+from procs.config.read.problem import ERROR, count
 from tools.converters.converting import Conversion, Result
-from tools.errors import Misuse
 from tools.options import JsonOption
 from tools.printing import emit, tell
 
 FINE, WRONG = 0, 1
+_WORDS = {"equal": "there already and equal", "left_out": "left out"}
+_ALWAYS = ("written", "copied", "failed")
 
 
 def convert(
     files: Annotated[list[Path], typer.Argument(
         metavar="FILES...", help="IO and PID XML, .rob, console*.json, old arm files; folders.")],
     to: Annotated[
-        Path | None, typer.Option("--to", metavar="FOLDER", help="Write here, not beside the old file.")
+        Path | None, typer.Option("--to", metavar="FOLDER", help="Write here, with what needs no change.")
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite files that are there.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite files that are there and differ.")] = False,
     path: Annotated[
         list[Path] | None, typer.Option("--path", help="The check also looks for named files here.")
     ] = None,
@@ -31,33 +32,53 @@ def convert(
 ) -> int:
     """Convert old configuration files to dVRK 2.4: what changed unit, was assumed or dropped is reported key by key.
 
-    Example: trocar convert sawRobotIO1394-PSM1-28007.xml console-PSM1.json --to new
+    Example: trocar convert my-site --to new
     """
-    if to is not None and not to.is_dir():
-        raise Misuse(f"--to {to}: no such folder")
     results = Conversion(files, to, force, path or ()).results()
     for result in results:
         emit(_row(result)) if as_json else _print(result)
+    lost = [change for result in results for change in result.converted.lost]
+    counts = _counts(results)
+    if as_json:
+        emit({"summary": counts | {"lost": [dataclasses.asdict(change) for change in lost]}})
+    else:
+        told = [f"{number} {_WORDS.get(what, what)}" for what, number in counts.items() if number or what in _ALWAYS]
+        tell(f"files: {', '.join(told)}; keys lost: {len(lost)}")
+        for change in lost:
+            tell(f"  {change}")
     return FINE if all(result.ok for result in results) else WRONG
 
 
 def _print(result: Result) -> None:
-    for change in result.converted.changes:
-        tell(str(change))
-    for problem in result.problems:
-        tell(str(problem))
+    for finding in (*result.converted.changes, *result.problems):
+        tell(str(finding))
     for check in result.checks:
+        errors = count(check.problems)
         for problem in check.problems:
-            tell(str(problem))
-        errors = sum(problem.severity == "error" for problem in check.problems)
+            if problem.severity == ERROR or not result.copies:
+                tell(str(problem))
         verdict = f"{errors} error{'s' if errors > 1 else ''} left" if errors else "fine"
-        what = f"wrote {check.path}" if check.path in result.written else f"{check.path} is there already and equal"
-        tell(f"{result.file}: {what}: {check.kind} file, {verdict}")
-    lost = sum(change.outcome == LOST for change in result.converted.changes)
-    if lost:
-        tell(f"{result.file}: {lost} key{'s' if lost > 1 else ''} could not be converted")
-    if not result.written and not result.equal:
+        if result.had:
+            verdict += f", which {result.file} has as well" if result.had == errors else f", {result.had} as before"
+        what = "copied to" if result.copies else "wrote" if check.path in result.written else "equal to"
+        tell(f"{result.file}: {what} {check.path}: {check.kind} file, {verdict}")
+    if _failed(result):
         tell(f"{result.file}: nothing was written")
+
+
+def _failed(result: Result) -> bool:
+    return count(result.problems) > 0 and not result.written and not result.equal
+
+
+def _counts(results: list[Result]) -> dict[str, int]:
+    """What became of all files."""
+    return {
+        "written": sum(len(result.written) for result in results if not result.copies),
+        "copied": sum(len(result.written) for result in results if result.copies),
+        "equal": sum(len(result.equal) for result in results),
+        "failed": sum(map(_failed, results)),
+        "left_out": sum(result.left_out for result in results),
+    }
 
 
 def _row(result: Result) -> dict[str, object]:
@@ -69,6 +90,7 @@ def _row(result: Result) -> dict[str, object]:
             {"file": str(check.path), "kind": check.kind, "problems": [dataclasses.asdict(p) for p in check.problems]}
             for check in result.checks if check.path in result.written
         ],
+        "copied": [str(path) for path in result.written if result.copies],
         "equal": [str(path) for path in result.equal],
         "changes": [dataclasses.asdict(change) for change in result.converted.changes],
         "problems": [dataclasses.asdict(problem) for problem in result.problems],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -26,7 +26,7 @@ from procs.config.models.lookup_file import check_table
 from procs.config.models.pid_file import PidFile
 from procs.config.models.system_file import IoKeys
 from procs.config.read.problem import WARNING, FileProblem, Key
-from procs.config.read.search import search_path
+from procs.config.read.search import search_beside
 from procs.config.read.source import SourceFile, read_source
 from procs.document.cart import CLASSIC, FIXED, SI
 from procs.paths import PROJECT_CONFIGS, given_file, not_found
@@ -34,12 +34,15 @@ from procs.paths import PROJECT_CONFIGS, given_file, not_found
 SYSTEM = "system"
 UNKNOWN = "unknown"
 
-_IDS = {
-    "dvrk-system.schema.json": SYSTEM,
-    "saw-robot-io.schema.json": "io",
-    "saw-controllers-pid.schema.json": "pid",
-    **{f"dvrk-{name.lower()}.schema.json": name.lower() for name in ARM_TYPES},
+HEADS = {
+    SYSTEM: {"$id": "dvrk-system.schema.json", "$version": "1"},
+    "io": {"$id": "saw-robot-io.schema.json", "$version": "6"},
+    "pid": {"$id": "saw-controllers-pid.schema.json", "$version": "1"},
+    **{name.lower(): {"$id": f"dvrk-{name.lower()}.schema.json", "$version": "1"} for name in ARM_TYPES},
 }
+"""What files of these kinds say first; others say nothing."""
+
+_IDS = {head["$id"]: kind for kind, head in HEADS.items()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,12 +71,12 @@ def check_file(
     source, problems = read_source(path)
     if source is None:
         return Checked(path, UNKNOWN, tuple(problems))
-    kind = kind_of(source)
+    kind = kind_of(source.data)
     if kind == SYSTEM:
         return _check_system(path, search, boards, sets, configs)
     if kind == UNKNOWN:
         return Checked(path, kind, (*problems, _unknown(source)))
-    context = Context(search_path((Path.cwd(), path.parent, *search, configs)))
+    context = Context(search_beside([path], search, configs))
     _CHECKS[kind](context, path)
     found = sorted(dict.fromkeys(context.problems), key=lambda problem: problem.severity == WARNING)
     return Checked(path, kind, tuple(found), tuple(dict.fromkeys(context.notes)))
@@ -91,11 +94,11 @@ def _check_system(
     return Checked(path, SYSTEM, tuple(problems), system.notes if system is not None else ())
 
 
-def kind_of(source: SourceFile) -> str:
-    """The kind of a file, by its `$id` or else by the keys that only this kind has."""
-    keys = set(source.data)
+def kind_of(data: Mapping[str, object]) -> str:
+    """The kind of a file by its content: its `$id` or else by the keys that only this kind has."""
+    keys = set(data)
     if "$id" in keys:
-        return _IDS.get(str(source.data["$id"]), UNKNOWN)
+        return _IDS.get(str(data["$id"]), UNKNOWN)
     if "instruments" in keys:
         return "tool index"
     if {"DH", "tooltip_offset"} <= keys or {"DH", "jaw"} <= keys:
@@ -114,7 +117,7 @@ def kind_of(source: SourceFile) -> str:
         return "head sensor"
     if "kinematic" in keys:
         return "psm"
-    arms = source.data.get("arms")
+    arms = data.get("arms")
     first = next((set(arm) for arm in arms if isinstance(arm, dict)), set()) if isinstance(arms, list) else set()
     if "measured_cp" in first:
         return "setup joints, fixed"

@@ -31,7 +31,7 @@ from procs.config.build.user_processes import by_name, load_user_processes
 from procs.config.models.system_file import PERIOD_S, PROTOCOLS, RESERVED, SystemFile
 from procs.config.models.trocar_section import RecorderKeys, RosOptions, TrocarSection
 from procs.config.read.problem import ERROR, WARNING, FileProblem
-from procs.config.read.search import SearchPath, expanded, search_path
+from procs.config.read.search import SearchPath, expanded, search_beside, search_path
 from procs.config.read.source import SourceFile, read_source
 from procs.config.read.validate import validate
 from procs.document import system as document
@@ -71,7 +71,7 @@ def load_system(
     `cores` the processors of each core of this machine, where processes are to be placed on them; `records`: there is a
     recorder where the file does not say.
     """
-    context = Context(search_path((Path.cwd(), Path(path).parent, *search, configs)))
+    context = Context(search_beside([Path(path)], search, configs))
     source, problems = read_source(Path(path))
     context.problems += problems
     system = None

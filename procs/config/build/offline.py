@@ -15,7 +15,7 @@ from procs.config.build.kinds import kind_of
 from procs.config.build.weights import measured_weight, weighing_links
 from procs.config.models.arm_file import ArmFile, EcmFile, MtmFile, PsmFile
 from procs.config.read.problem import ERROR, FileProblem
-from procs.config.read.search import search_path
+from procs.config.read.search import search_beside
 from procs.document import system as document
 from procs.document.gravity_parameters import MasterGravityParameters
 from procs.kinematics.endoscopes import Endoscope, endoscope
@@ -52,8 +52,7 @@ def load_offline(
               for path in (kinematic, tool, arm) if path is not None and not path.exists()]
     if absent:
         return None, tuple(absent)
-    beside = tuple(path.parent for path in (arm, kinematic, tool) if path is not None)
-    context = Context(search_path((Path.cwd(), *beside, *search, configs)))
+    context = Context(search_beside([path for path in (arm, kinematic, tool) if path is not None], search, configs))
     found = _of_arm_file(context, arm, kinematic) if arm is not None else None
     if found is None and arm is None and kinematic is not None:
         chain = load_chain(context, kinematic)
@@ -73,7 +72,7 @@ def _of_arm_file(context: Context, path: Path, kinematic: Path | None) -> Offlin
     source = context.read(path)
     if source is None:
         return None
-    arm_type = kind_of(source).upper()
+    arm_type = kind_of(source.data).upper()
     if arm_type not in ARM_TYPES:
         *most, last = (name.lower() for name in ARM_TYPES)
         context.error(source, ("$id",), "is no arm file", f"dvrk-{', dvrk-'.join(most)} or dvrk-{last}.schema.json")

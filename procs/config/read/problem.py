@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 Key = tuple[str | int, ...]
@@ -34,6 +35,11 @@ class FileProblem:
             parts.append(self.value)
         parts.append(f"{self.text}; allowed: {self.allowed}" if self.allowed else self.text)
         return " ".join(": ".join(parts).split())
+
+
+def count(problems: Iterable[FileProblem], severity: str = ERROR) -> int:
+    """How many of these findings are errors, or warnings."""
+    return sum(problem.severity == severity for problem in problems)
 
 
 def key_text(key: Key) -> str:

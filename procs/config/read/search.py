@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from procs.paths import exists
+from procs.paths import PROJECT_CONFIGS, exists
 
 _PID_STOCK = "sawControllersPID-"
 
@@ -72,6 +72,11 @@ def search_path(folders: tuple[Path, ...]) -> SearchPath:
     return SearchPath(_unique(folders))
 
 
+def search_beside(files: Sequence[Path], search: Sequence[Path], configs: Path = PROJECT_CONFIGS) -> SearchPath:
+    """Where files are looked for that `files` name: the working folder, theirs, each `--path` (`search`), `configs`."""
+    return search_path((Path.cwd(), *(file.parent for file in files), *search, configs))
+
+
 def _names_in(folder: Path) -> list[str]:
     try:
         return sorted(entry.name for entry in folder.iterdir())
@@ -93,7 +98,6 @@ def _is_file(path: Path) -> bool:
         return path.is_file()
     except OSError:
         return False
-
 
 
 def _unique(folders: tuple[Path, ...]) -> tuple[Path, ...]:

@@ -72,30 +72,34 @@ class SourceFile:
         return here
 
 
-def unreadable(path: Path) -> tuple[str, str] | None:
-    """What is wrong with a file before it is opened, and what is allowed; None: nothing. OSError: it is not there.
+def read_bytes(path: Path) -> tuple[bytes, FileProblem | None]:
+    """The content of a configuration file, or why it cannot be read or is none by its size.
 
-    Opening waits at a named pipe for ever, and may do something to a device.
+    It is asked before it is opened: opening waits at a named pipe for ever, and may do something to a device.
     """
-    status = path.stat()
-    if not stat.S_ISREG(status.st_mode):
-        return f"not a regular file but {_OTHER.get(stat.S_IFMT(status.st_mode), 'something else')}", "a file"
-    if status.st_size > _LARGEST:
-        return f"too large: {status.st_size} bytes", f"at most {_LARGEST}"
-    return None
+    try:
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode):
+            text = f"not a regular file but {_OTHER.get(stat.S_IFMT(status.st_mode), 'something else')}"
+            return b"", FileProblem(str(path), 0, "", "", text, "a file")
+        if status.st_size > _LARGEST:
+            text = f"too large: {status.st_size} bytes"
+            return b"", FileProblem(str(path), 0, "", "", text, f"at most {_LARGEST}")
+        return path.read_bytes(), None
+    except OSError as bad:
+        return b"", FileProblem(str(path), 0, "", "", f"cannot be read: {bad.strerror or bad}")
 
 
 def read_source(path: Path) -> tuple[SourceFile | None, list[FileProblem]]:
     """Read a JSON or YAML file (told apart by the suffix); None when it cannot be read, with the reason."""
     name = str(path)
+    data, problem = read_bytes(path)
+    if problem is not None:
+        return None, [problem]
     try:
-        if wrong := unreadable(path):
-            return None, [FileProblem(name, 0, "", "", *wrong)]
-        text = path.read_text(encoding="utf-8-sig")
+        text = data.decode("utf-8-sig")
     except UnicodeDecodeError as bad:
         return None, [FileProblem(name, 0, "", "", f"not UTF-8 text: {bad.reason} at byte {bad.start}")]
-    except OSError as bad:
-        return None, [FileProblem(name, 0, "", "", f"cannot be read: {bad.strerror or bad}")]
     if text.lstrip().startswith("<"):
         allowed = f"JSON or YAML; trocar convert {path.name} makes one of it"
         return None, [FileProblem(name, 1, "", "", "this is XML, as before dVRK 2.4, which is not read", allowed)]

@@ -64,12 +64,12 @@ def validate(
 
 def _without_empty(annotation: Any, data: object) -> object:
     """Null, empty lists and empty objects count as absent in dVRK files; entries by name are there even when empty."""
-    annotation = _unwrap(annotation)[0]
+    annotation = unwrapped(annotation)[0]
     if isinstance(data, dict) and _holds_models(annotation):
         inner = typing.get_args(annotation)[1]
         return {name: _without_empty(inner, {} if item is None else item) for name, item in data.items()}
     if isinstance(data, dict):
-        known = _fields(annotation) if _is_model(annotation) else {}
+        known = fields_of(annotation) if _is_model(annotation) else {}
         return {
             name: _without_empty(known[name].annotation if name in known else object, item)
             for name, item in data.items()
@@ -83,7 +83,7 @@ def _without_empty(annotation: Any, data: object) -> object:
 
 
 def _counts_when_empty(annotation: Any) -> bool:
-    return bool(getattr(_unwrap(annotation)[0], "counts_when_empty", False))
+    return bool(getattr(unwrapped(annotation)[0], "counts_when_empty", False))
 
 
 def _problem(model: type[BaseModel], source: SourceFile, key: Key, error: Any) -> FileProblem:
@@ -116,7 +116,7 @@ def _unlike(annotation: Any, value: object) -> str:
     return "unknown word" if isinstance(value, str) else "no such value"
 
 
-def _unwrap(annotation: Any) -> tuple[Any, list[Any], str]:
+def unwrapped(annotation: Any) -> tuple[Any, list[Any], str]:
     """Peel Annotated and Optional off: the bare annotation, the constraints met, the description met."""
     metadata: list[Any] = []
     description = ""
@@ -139,10 +139,10 @@ def _is_model(annotation: Any) -> bool:
 
 def _holds_models(annotation: Any) -> bool:
     """Whether this is a dict of models by name."""
-    return typing.get_origin(annotation) is dict and _is_model(_unwrap(typing.get_args(annotation)[1])[0])
+    return typing.get_origin(annotation) is dict and _is_model(unwrapped(typing.get_args(annotation)[1])[0])
 
 
-def _fields(model: type[BaseModel]) -> dict[str, FieldInfo]:
+def fields_of(model: type[BaseModel]) -> dict[str, FieldInfo]:
     """The fields under the names they have in files."""
     return {field.alias or name: field for name, field in model.model_fields.items()}
 
@@ -153,16 +153,16 @@ def _describe_at(model: type[BaseModel], inner: Key) -> tuple[Any, list[Any], st
     description = ""
     for part in inner:
         if isinstance(part, int):
-            annotation, metadata, description = _unwrap(typing.get_args(annotation)[0])
+            annotation, metadata, description = unwrapped(typing.get_args(annotation)[0])
         elif _is_model(annotation):
-            field = _fields(annotation).get(part)
+            field = fields_of(annotation).get(part)
             if field is None:
                 break
-            annotation, metadata, description = _unwrap(field.annotation)
+            annotation, metadata, description = unwrapped(field.annotation)
             metadata = metadata + field.metadata
             description = field.description or description
         elif typing.get_origin(annotation) is dict:
-            annotation, metadata, description = _unwrap(typing.get_args(annotation)[1])
+            annotation, metadata, description = unwrapped(typing.get_args(annotation)[1])
     return annotation, metadata, description
 
 
@@ -176,7 +176,7 @@ def _allowed(annotation: Any, metadata: list[Any], description: str) -> str:
         single = len(_literals(annotation)) == 1
         text = f"the text {words}" if single else f"one of {words}"
     elif _is_model(annotation):
-        text = f"an object with {', '.join(_fields(annotation))}"
+        text = f"an object with {', '.join(fields_of(annotation))}"
     elif typing.get_origin(annotation) is tuple:
         text = "a list"
     elif typing.get_origin(annotation) is dict:
@@ -207,7 +207,7 @@ def _limit(item: Any) -> str:
 
 
 def _unknown_keys(annotation: Any, source: SourceFile, key: Key, data: object, severity: str) -> list[FileProblem]:
-    annotation = _unwrap(annotation)[0]
+    annotation = unwrapped(annotation)[0]
     problems: list[FileProblem] = []
     if isinstance(data, list) and typing.get_origin(annotation) is tuple:
         for index, item in enumerate(data):
@@ -216,7 +216,7 @@ def _unknown_keys(annotation: Any, source: SourceFile, key: Key, data: object, s
         for name, item in data.items():
             problems += _unknown_keys(typing.get_args(annotation)[1], source, (*key, name), item, severity)
     elif isinstance(data, dict) and _is_model(annotation):
-        known = _fields(annotation)
+        known = fields_of(annotation)
         for name, item in data.items():
             if name in known:
                 problems += _unknown_keys(known[name].annotation, source, (*key, name), item, severity)
@@ -247,5 +247,5 @@ def _calibrates(name: str, field: FieldInfo) -> bool:
     """Whether a key, or one inside it, is a scale, an offset, a gain or a limit."""
     if _CALIBRATION.search(name):
         return True
-    annotation = _unwrap(field.annotation)[0]
-    return _is_model(annotation) and any(_calibrates(*item) for item in _fields(annotation).items())
+    annotation = unwrapped(field.annotation)[0]
+    return _is_model(annotation) and any(_calibrates(*item) for item in fields_of(annotation).items())
