@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final
 
 PROJECT_CONFIGS: Final = Path(__file__).resolve().parents[1] / "configs"
+ADDS_FOLDER: Final = "--path FOLDER adds a folder"
 
 
 def log_folder(environ: Mapping[str, str], system: str) -> Path:
@@ -59,14 +60,14 @@ def given_file(path: Path, search: Sequence[Path] = (), configs: Path = PROJECT_
     return next(places, path)
 
 
-def not_found(path: Path, search: Sequence[Path] = (), configs: Path = PROJECT_CONFIGS) -> str:
-    """What to tell a person who named a file that is nowhere."""
-    folders = _folders(search, configs)
+def not_found(path: Path, search: Sequence[Path] | None = None, configs: Path = PROJECT_CONFIGS) -> str:
+    """What to tell a person who named a file that is nowhere; `search` is what `--path` gives, where there is such."""
+    folders = _folders(search or (), configs)
     there = {entry.stem: entry.name for folder in folders for entry in _entries(folder / path.parent)}
     near = difflib.get_close_matches(path.stem, there, n=1, cutoff=0.6)
     hint = f" (did you mean {path.parent / there[near[0]]}?)" if near else ""
     looked = "" if path.is_absolute() else f"; looked in {', '.join(str(folder.absolute()) for folder in folders)}"
-    return f"no such file{hint}{looked}"
+    return f"no such file{hint}{looked}{f'; {ADDS_FOLDER}' if looked and search is not None else ''}"
 
 
 def _folders(search: Sequence[Path], configs: Path) -> tuple[Path, ...]:

@@ -95,3 +95,28 @@ def test_a_pipe_a_huge_file_and_a_huge_gain_are_refused_at_once(tmp_path: Path) 
     assert f"{stiff}:6: error: pid[0].p_gain = 1e+308: out of range; allowed: a number from 0" in done.stdout
     assert f"{pipe}: error: not a regular file but a named pipe" in done.stdout
     assert f"{huge}: error: too large: 9900011 bytes" in done.stdout
+
+
+@pytest.mark.parametrize("verb", [("check",), ("up", "--boards", "emulated", "--system", "nothing-starts")])
+@pytest.mark.parametrize(("key", "name"), [("IO_file", "io/sawRobotIO1394-MTMR-foot-pedals-QLA1.json"),
+                                           ("kinematic", "kinematic/stock.json")])
+def test_what_lies_in_the_share_of_the_dvrk_is_told_with_path_and_the_folders_looked_in(
+    tmp_path: Path, verb: tuple[str, ...], key: str, name: str
+) -> None:
+    """A lab's own files, beside which the stock files are missing that they name."""
+    other = tmp_path / "other"
+    other.mkdir()
+    if key == "IO_file":
+        content = DEMO.read_text() + f"ISI_focus_controller: {{IO: IO1, IO_file: {name}}}\n"
+    else:
+        arm = (PROJECT_CONFIGS / "arms/PSM1-demo.yaml").read_text().replace("kinematic/PSM.yaml", name)
+        (tmp_path / "arm.yaml").write_text(arm)
+        content = DEMO.read_text().replace("arms/PSM1-demo.yaml", "arm.yaml")
+    (tmp_path / "system.yaml").write_text(content)
+    done = subprocess.run([sys.executable, "-m", "tools", *verb, "system.yaml", "--path", "other"], cwd=tmp_path,
+                          text=True, capture_output=True, timeout=300, check=False,
+                          env=os.environ | {"PYTHONPATH": str(ROOT)})
+    assert done.returncode == 1
+    line = next(line for line in (done.stdout + done.stderr).splitlines() if name in line)
+    assert "--path FOLDER" in line and "sawIntuitiveResearchKit/share" in line
+    assert all(str(folder) in line for folder in (tmp_path, "other", PROJECT_CONFIGS))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Final, Generic, TypeVar
 
 from pydantic import BaseModel
 
@@ -13,7 +13,9 @@ from procs.config.read.search import SearchPath
 from procs.config.read.source import SourceFile, read_source
 from procs.config.read.validate import validate
 from procs.document import system as document
+from procs.paths import ADDS_FOLDER
 
+ADDED: Final = f"{ADDS_FOLDER}, for stock files the dVRK's sawIntuitiveResearchKit/share"
 ModelType = TypeVar("ModelType", bound=BaseModel)
 
 
@@ -68,5 +70,5 @@ class Context:
             nearest = where.nearest(names[0])
             hint = f" (did you mean {nearest}?)" if nearest else ""
             text = f"no file {' or '.join(names)}{hint}; looked in {where}"
-            self.error(asked_by, key, text, "a file in one of these folders, or in one that --path adds")
+            self.error(asked_by, key, text, f"a file on the search path; {ADDED}")
         return found

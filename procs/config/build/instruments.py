@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from procs.config.build.chains import load_tool
-from procs.config.build.context import Context, Opened
+from procs.config.build.context import ADDED, Context, Opened
 from procs.config.models.arm_file import PsmFile
 from procs.config.models.kinematic_file import InstrumentKeys, ToolIndexFile
 from procs.config.models.trocar_section import TrocarSection
@@ -129,7 +129,7 @@ def _named(
     if found.note:
         context.notes.append(f"{source.path.name}: {key[-1]} {name} {found.note}")
     if found.entry is None:
-        nothing = "NAME:MODEL of a tool/index.json or index.yaml on the search path"
+        nothing = f"NAME:MODEL of a tool/index.json or index.yaml on the search path; {ADDED}"
         context.error(source, key, found.reason, ", ".join(found.candidates) or nothing)
         return None
     file = found.entry.keys.file
