@@ -50,9 +50,9 @@ class PortName:
         if word == "emio":
             raise PortNameError("emio runs on the processor of a controller, not on a computer beside it")
         if word not in _KINDS:
-            raise PortNameError(f"{text!r} is no port")
+            raise PortNameError("no such port")
         kind, bridge = _KINDS[word]
-        return cls(kind, _where(kind, where, text), bridge)
+        return cls(kind, _where(kind, where), bridge)
 
     @property
     def owned(self) -> str:
@@ -60,17 +60,17 @@ class PortName:
         return f"{self.kind}:{self.where}"
 
 
-def _where(kind: str, where: str, text: str) -> str:
+def _where(kind: str, where: str) -> str:
     if kind == UDP:
         try:
             return str(ipaddress.IPv4Address(where or DEFAULT_ADDRESS))
         except ValueError as error:
-            raise PortNameError(f"{text!r}: {where!r} is no IPv4 address", "a.b.c.d") from error
+            raise PortNameError("no IPv4 address after the colon", "udp[:a.b.c.d], udpfw[:a.b.c.d]") from error
     where = where or "0"
     if where.isascii() and where.isdecimal():
         if int(where) > _LARGEST:
-            raise PortNameError(f"{text!r}: number {where}", f"0 to {_LARGEST}")
+            raise PortNameError("the number after the colon is out of range", f"0 to {_LARGEST}")
         return str(int(where))
     if kind == ETHERNET and _INTERFACE.match(where):
         return where
-    raise PortNameError(f"{text!r}: {where!r}", PORTS)
+    raise PortNameError("neither a number nor an interface after the colon")

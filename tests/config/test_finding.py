@@ -18,7 +18,7 @@ from procs.config.models.gravity_file import LENGTHS, load_master_gravity
 from procs.config.read.matrices import check_invertible, check_rigid, check_size
 from procs.config.read.problem import WARNING, FileProblem, key_text, value_text
 from procs.config.read.search import expanded, search_path
-from procs.config.read.source import SourceFile, read_source, unreadable
+from procs.config.read.source import SourceFile, read_bytes, read_source
 
 FILE = SourceFile(Path("x.yaml"), {}, {})
 
@@ -118,11 +118,13 @@ def test_files_that_are_none_are_told_before_they_are_opened(tmp_path: Path) -> 
     large.write_bytes(b" " * 4_000_001)
     exact.write_bytes(b"{}" + b" " * 3_999_998)
     os.mkfifo(tmp_path / "pipe")
-    assert unreadable(exact) is None and unreadable(large) == ("too large: 4000001 bytes", "at most 4000000")
-    assert unreadable(tmp_path) == ("not a regular file but a folder", "a file")
-    assert unreadable(tmp_path / "pipe") == ("not a regular file but a named pipe", "a file")
     odd: Any = SimpleNamespace(stat=lambda: SimpleNamespace(st_mode=stat.S_IFLNK, st_size=0))
-    assert unreadable(odd) == ("not a regular file but something else", "a file")
+    for path, text, allowed in ((large, "too large: 4000001 bytes", "at most 4000000"),
+                                (tmp_path, "not a regular file but a folder", "a file"),
+                                (tmp_path / "pipe", "not a regular file but a named pipe", "a file"),
+                                (odd, "not a regular file but something else", "a file")):
+        assert read_bytes(path) == (b"", FileProblem(str(path), 0, "", "", text, allowed))
+    assert read_bytes(exact) == (exact.read_bytes(), None)
 
 
 @pytest.mark.parametrize(("name", "text", "said"), [

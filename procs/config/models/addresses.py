@@ -16,7 +16,10 @@ def _as_addresses(value: object) -> object:
 
 
 def _known_address(address: str) -> str:
-    host_and_port(address)
+    try:
+        host_and_port(address)
+    except ValueError:
+        raise ValueError("not an address with a port") from None
     return address
 
 

@@ -15,6 +15,7 @@ from pydantic.fields import FieldInfo
 
 from procs.config.read.problem import ERROR, WARNING, FileProblem, Key
 from procs.config.read.source import SourceFile
+from procs.fpga.ports import PortNameError
 
 Item = TypeVar("Item")
 ModelType = TypeVar("ModelType", bound=BaseModel)
@@ -98,8 +99,9 @@ def _problem(model: type[BaseModel], source: SourceFile, key: Key, error: Any) -
     if kind == "missing":
         return source.problem(where, "this key is required", allowed=allowed)
     if kind == "value_error":
-        text = str(error["ctx"]["error"])
-        return source.problem(where, text, allowed="" if "allowed: " in text else description)
+        cause = error["ctx"]["error"]
+        text, allowed = (cause.what, cause.allowed) if isinstance(cause, PortNameError) else (str(cause), description)
+        return source.problem(where, text, allowed=allowed)
     if kind == "finite_number":
         return source.problem(where, "not a finite number", allowed=allowed)
     if kind == "literal_error":

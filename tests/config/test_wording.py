@@ -1,0 +1,70 @@
+"""What is said of any wrong value at any key: file, line, key, value and what is allowed, each once."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from pydantic import BaseModel
+
+from procs.config import models
+from procs.config.build.tasks import TaskKeys
+from procs.config.read.problem import FileProblem, value_text
+from procs.config.read.source import SourceFile
+from procs.config.read.validate import fields_of, validate
+from tests.config.conftest import SYSTEM, Home
+
+MARK = "zqx"  # in every value, and in nothing that is allowed
+FILE, LINE = "spoiled.json", 47
+KEYS = [(model, key) for model in (
+    *(model for module in pkgutil.iter_modules(models.__path__)
+      for model in vars(importlib.import_module(f"{models.__name__}.{module.name}")).values()
+      if isinstance(model, type) and issubclass(model, BaseModel)
+      and model.__module__ == f"{models.__name__}.{module.name}"), TaskKeys) for key in fields_of(model)]
+texts = st.sampled_from(("", "udp:", "eth:a/", "fw:", "fw:9999", "127.0.0.", "[::1]:", "9" * 30)).map(
+    lambda start: f"{start}{MARK}")
+values: st.SearchStrategy[Any] = st.one_of(
+    texts, st.sampled_from((-987654321.5, 987654321123, float("inf"))), st.lists(texts, min_size=1, max_size=2),
+    texts.map(lambda text: {MARK: text}), st.lists(st.lists(texts, min_size=1, max_size=1), min_size=1,
+                                                                    max_size=1))
+
+
+def told_once(problem: FileProblem, value: object) -> None:
+    line = str(problem)
+    assert line.startswith(f"{FILE}:{LINE}: {problem.severity}: {problem.key} = {value_text(value)}: "), line
+    assert problem.allowed and line.count("allowed:") == 1, line
+    assert not any(said in problem.text for said in (FILE, problem.key, value_text(value))), line
+    assert MARK not in problem.text and MARK not in problem.allowed, line
+
+
+@pytest.mark.parametrize(("model", "key"), KEYS, ids=lambda part: getattr(part, "__name__", part))
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(value=values)
+def test_a_wrong_value_is_told_with_file_line_key_value_and_what_is_allowed_each_once(
+    model: type[BaseModel], key: str, value: Any
+) -> None:
+    source = SourceFile(Path(FILE), {"outer": {key: value}}, {("outer",): LINE, ("outer", key): LINE})
+    for problem in validate(model, source, ("outer",))[1]:
+        if problem.key.startswith(f"outer.{key}") and problem.value:
+            told_once(problem, source.at(_path(problem.key)))
+
+
+def _path(text: str) -> tuple[str | int, ...]:
+    parts: list[str | int] = []
+    for part in text.split("."):
+        name, *numbers = part.split("[")
+        parts += [name, *(int(number.rstrip("]")) for number in numbers)]
+    return tuple(parts)
+
+
+@pytest.mark.parametrize("port", ["udpp", "udp:1.2", "udp:300.1.1.1", "fw:x", "fw:100", "eth:a/b", "emio:0"])
+def test_a_port_that_is_none_is_told_with_what_is_allowed_once(home: Home, port: str) -> None:
+    home.edit(SYSTEM, "port: udp", f'port: "{port}"')
+    problem = next(problem for problem in home.load(boards="real").errors if problem.key == "IOs[0].port")
+    assert str(problem).count("allowed:") == 1 and str(problem).count(port) == 1
+    assert problem.line and str(problem).startswith(f"{problem.file}:{problem.line}: ")
