@@ -293,6 +293,11 @@ def test_half_new_consoles_keep_the_keys_of_today() -> None:
     assert arm == row | {"IO": "IO1", "base_frame": {"component": "SUJ", "interface": "Arm"}}
 
 
+def test_half_new_teleoperations_keep_the_keys_of_today() -> None:
+    row = {"MTM": "MTMR", "PSM": "PSM1", "configure_parameter": {"align_MTM": False, "MTM_is_haptic": False}}
+    assert system(arms=[PSM], **{"psm-teleops": [row]})["consoles"][0]["teleop_PSMs"] == [row]
+
+
 @pytest.mark.parametrize("data", [{"IOs": [{"name": "IO1", "port": "udp"}]}, {"robots": [{"name": "PSM1"}]},
                                   {"$version": "1", "pid": [{"index": 0}]}])
 def test_files_of_today_without_their_head_get_it(data: dict[str, object]) -> None:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
 from pathlib import PurePosixPath
 
 from procs.config import HEADS
 from procs.config.models.arm_file import ArmFile, EcmFile, MtmFile, PsmFile
 from procs.config.read.jsontext import Parsed
-from procs.config.read.validate import fields_of, unwrapped
+from procs.config.read.validate import fields_of
 from procs.kinematics.endoscopes import NAMES
 from tools.converters.keys import Keys
 from tools.converters.report import ConversionReport
@@ -23,8 +22,6 @@ _CHAINS = {
 }
 _MODELS: dict[str, type[ArmFile]] = {"ecm": EcmFile, "psm": PsmFile, "mtm": MtmFile}
 _OF_ALL = set(fields_of(ArmFile))
-_BY_THEMSELVES = ("tool", "endoscope")
-_READ: dict[object, Callable[[Keys, str], object]] = {bool: Keys.flag, float: Keys.number}
 _MODEL = re.compile(r"_(\d{6})\Z")
 _VERSION = re.compile(r"\[(\d+)\]\Z")
 _PITCH = {"Classic": -math.pi / 4, "Si": math.radians(-70.0)}  # on the setup joints
@@ -47,9 +44,7 @@ def convert_arm(parsed: Parsed, file: str, report: ConversionReport) -> Json:
         generation = "Si" if "-si" in stem else "Classic"
         keys.defaulted("generation", generation, "by the name of the kinematic file")
     row["generation"] = generation
-    for name, field in fields_of(_MODELS[kind]).items():
-        if name not in row and name not in _BY_THEMSELVES and keys.has(name):
-            row[name] = _READ.get(unwrapped(field.annotation)[0], Keys.text)(keys, name)
+    row |= keys.read(_MODELS[kind], skip=("tool", "endoscope"))
     row |= _tool(keys) | (_endoscope(keys, generation, row) if kind == "ecm" else {})
     keys.finish()
     return row

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from procs.config import HEADS
+from procs.config.models.system_file import IoKeys
 from procs.config.read.jsontext import Parsed
 from procs.config.read.problem import value_text
 from procs.fpga.ports import PortName, PortNameError
@@ -101,13 +102,7 @@ def _bus(top: Keys, io: Keys | None) -> Json:
         row["protocol"] = _PROTOCOLS.get(protocol, protocol)
         if row["protocol"] != protocol:
             io.converted("firewire-protocol", protocol, str(row["protocol"]), "today's name")
-    for old, new in (("period", "period"), ("watchdog-timeout", "watchdog_timeout")):
-        value = io.number(old)
-        if value is not None:
-            row[new] = value
-    relays = io.flag("close-all-relays")
-    if relays is not None:
-        row["close_all_relays"] = relays
+    row |= io.read(IoKeys, skip=(*row, "protocol", "configuration_files"))
     files = io.take("configuration-files")
     if isinstance(files, list):
         row["configuration_files"] = [io.followed("configuration-files", str(name)) for name in files]

@@ -71,8 +71,8 @@ class Arms:
         row |= {"arm_file": arm_file} if arm_file else {}
         _frame(keys, row)
         _component(keys, row)
-        _plain(keys, row)
-        return row | keys.today(ArmKeys)
+        _lose(keys)
+        return row | keys.read(ArmKeys, skip_ROS_bridge="skip-ros-bridge")
 
     def _arm_file(self, keys: Keys, name: str, kind: str, serial: str) -> str:
         """The arm file: the one that is named, or a new one where a kinematic chain is named in its place."""
@@ -149,11 +149,7 @@ def _component(keys: Keys, row: Json) -> None:
             keys.defaulted(key, default, "as in the original software")
 
 
-def _plain(keys: Keys, row: Json) -> None:
-    skip = keys.flag("skip-ros-bridge")
-    row |= {"skip_ROS_bridge": skip} if skip is not None else {}
-    period = keys.number("period")
-    row |= {"period": period} if period is not None else {}
+def _lose(keys: Keys) -> None:
     keys.lose("system", "a folder to look for the arm's files in: write it into settings.path")
     for name in ("socket-server", "remote-ip", "port"):
         keys.lose(name, _NO_SOCKETS)

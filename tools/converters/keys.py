@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import TypeVar
 
 from pydantic import BaseModel
 
 from procs.config.read.problem import Key, key_text, value_text
-from procs.config.read.validate import fields_of
+from procs.config.read.validate import fields_of, unwrapped
 from tools.converters.names import file_today
 from tools.converters.report import NOT_READ, ConversionReport, Reference
 
@@ -65,9 +65,14 @@ class Keys:
         """A value as it stands; None when there is none."""
         return self._left.pop(self._spelled(name), None)
 
-    def today(self, model: type[BaseModel]) -> dict[str, object]:
-        """The values that were not read and whose keys are today's already."""
-        return {name: self.take(name) for name in fields_of(model) if name in self._left}
+    def read(self, model: type[BaseModel], skip: Collection[str] = (), **old: str) -> dict[str, object]:
+        """All values of today's `model` that are there and not read yet, under today's names or those of `old`."""
+        row: dict[str, object] = {}
+        for name, field in fields_of(model).items():
+            key = name if self.has(name) else old.get(name, "")
+            if name not in skip and self.has(key):
+                row[name] = _READ.get(unwrapped(field.annotation)[0], Keys.text)(self, key)
+        return row
 
     def text(self, *names: str) -> str:
         """The first of `names` that is there, a text; "" when none is."""
@@ -155,3 +160,6 @@ class Keys:
             return value
         self.report.error(self.line(name), self.key(name), value_text(value), "wrong type", allowed)
         return None
+
+
+_READ: dict[object, Callable[[Keys, str], object]] = {bool: Keys.flag, float: Keys.number}

@@ -4,31 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from procs.config.models.system_file import (
+    GripperScalingKeys,
+    TeleopEcmKeys,
+    TeleopEcmParameters,
+    TeleopPsmKeys,
+    TeleopPsmParameters,
+)
 from tools.converters.keys import Keys
 
 Json = dict[str, object]
 
-_NUMBERS = {
-    "scale": "scale",
-    "start-orientation-tolerance": "start_orientation_tolerance",
-    "start-gripper-threshold": "start_gripper_threshold",
-    "start-roll-threshold": "start_roll_threshold",
-    "jaw-rate": "jaw_rate",
-    "jaw-rate-back-from-clutch": "jaw_rate_after_clutch",
-}
-_FLAGS = {
-    "ignore-jaw": "ignore_jaw",
-    "rotation-locked": "rotation_locked",
-    "translation-locked": "translation_locked",
-    "align-mtm": "align_MTM",
-    "use-mtm-velocity": "use_MTM_linear_velocity",
-}
+_INSIDE = ("configure_parameter", "PSM_base_frame")
 _ALIGN = "arms are aligned by their base_frame today"
 
 
 def psm_teleop(keys: Keys) -> Json:
     """One of `psm-teleops`."""
-    row = _arms(keys, {"MTM": ("mtm", "master"), "PSM": ("psm", "slave")})
+    row = _arms(keys, {"MTM": ("mtm", "master"), "PSM": ("psm", "slave")}) | keys.read(TeleopPsmKeys, skip=_INSIDE)
     frame = keys.inside("psm-base-frame")
     if frame is not None:
         row["PSM_base_frame"] = {"component": frame.text("component"), "interface": interface(frame)}
@@ -43,12 +36,12 @@ def psm_teleop(keys: Keys) -> Json:
 def ecm_teleop(keys: Keys) -> Json:
     """`ecm-teleop`."""
     roles = {"MTML": ("mtm-left", "master-left"), "MTMR": ("mtm-right", "master-right"), "ECM": ("ecm", "slave")}
-    row = _arms(keys, roles)
+    row = _arms(keys, roles) | keys.read(TeleopEcmKeys, skip=_INSIDE)
     _rotation(keys)
     parameters = keys.inside("configure-parameter")
     if parameters is not None:
-        scale = parameters.number("scale")
-        row |= {"configure_parameter": {"scale": scale}} if scale is not None else {}
+        given = parameters.read(TeleopEcmParameters)
+        row |= {"configure_parameter": given} if given else {}
         parameters.drop("ignore-jaw", "an endoscope has no jaw")
         _rotation(parameters)
     return row
@@ -66,27 +59,18 @@ def interface(keys: Keys) -> str:
 def _arms(keys: Keys, roles: Mapping[str, tuple[str, ...]]) -> Json:
     row: Json = {}
     for role, names in roles.items():
-        row[role] = keys.text(*names)
+        row[role] = keys.text(*names, role)
         if not row[role]:
             keys.report.error(keys.line(), keys.key(names[0]), "", "this key is required", "the name of an arm")
-    kind = keys.text("type")
-    row |= {"type": kind} if kind else {}
-    period = keys.number("period")
-    return row | ({"period": period} if period is not None else {})
+    return row
 
 
 def _parameters(keys: Keys) -> Json:
-    row: Json = {}
-    for old, new in _NUMBERS.items():
-        number = keys.number(old)
-        row |= {new: number} if number is not None else {}
-    for old, new in _FLAGS.items():
-        flag = keys.flag(old)
-        row |= {new: flag} if flag is not None else {}
+    row = keys.read(TeleopPsmParameters, skip=("gripper_scaling",), jaw_rate_after_clutch="jaw-rate-back-from-clutch",
+                    align_MTM="align-mtm", use_MTM_linear_velocity="use-mtm-velocity")
     scaling = keys.inside("gripper-scaling")
     if scaling is not None:
-        given = {name: scaling.number(name) for name in ("zero", "max")}
-        row["gripper_scaling"] = {name: number for name, number in given.items() if number is not None}
+        row["gripper_scaling"] = scaling.read(GripperScalingKeys)
     _rotation(keys)
     return row
 

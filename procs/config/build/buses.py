@@ -100,6 +100,13 @@ def find_bus(context: Context, source: SourceFile, key: Key, name: str, buses: d
     return bus
 
 
+def file_of_device(context: Context, device: IoDeviceKeys, buses: dict[str, BusFiles]) -> IoFile | None:
+    """What a device's own IO file says; None when that has errors of its own."""
+    bus, path = buses.get(device.IO), context.search.find(device.IO_file)
+    opened = bus.files.get(path) if bus is not None and path is not None else None
+    return opened.content if opened is not None else None
+
+
 def check_buses(context: Context, buses: dict[str, BusFiles]) -> None:
     """What must hold between the files of each bus."""
     for bus in buses.values():

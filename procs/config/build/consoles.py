@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-from procs.config.build.buses import BusFiles
+from procs.config.build.buses import BusFiles, file_of_device
 from procs.config.build.context import Context
 from procs.config.build.third_parties import COMPONENTS, GENERIC, place_of
 from procs.config.models.hid_file import load_hid
@@ -149,12 +149,10 @@ class _ConsoleLoader:
 
     def _names(self, device: IoDeviceKeys, outputs: bool = False) -> list[str] | None:
         """Digital inputs (or outputs) of a device's own file; None when that has errors of its own."""
-        bus = self.buses.get(device.IO)
-        path = self.context.search.find(device.IO_file)
-        opened = bus.files.get(path) if bus is not None and path is not None else None
-        if opened is None:
+        file = file_of_device(self.context, device, self.buses)
+        if file is None:
             return None
-        return [row.name for row in (opened.content.digital_outputs if outputs else opened.content.digital_inputs)]
+        return [row.name for row in (file.digital_outputs if outputs else file.digital_inputs)]
 
     def _input(self, key: Key, device: IoDeviceKeys | None, name: str) -> WiredInput | None:
         names = self._names(device) if device is not None else None

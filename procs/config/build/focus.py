@@ -6,7 +6,7 @@ import re
 from collections.abc import Collection
 from typing import Final
 
-from procs.config.build.buses import BusFiles
+from procs.config.build.buses import BusFiles, file_of_device
 from procs.config.build.context import Context
 from procs.config.models.system_file import RESERVED, SystemFile
 from procs.config.read.source import SourceFile
@@ -31,11 +31,10 @@ def load_focus(context: Context, source: SourceFile, content: SystemFile, buses:
     if name in taken or not _NAME.match(name):
         context.error(source, (KEY, "name"), "not a name of its own", "letters, digits, _ and -, at most 40")
         return ()
-    bus, path = buses.get(keys.IO), context.search.find(keys.IO_file)
-    opened = bus.files.get(path) if bus is not None and path is not None else None
-    if opened is None:
+    file = file_of_device(context, keys, buses)
+    if file is None:
         return ()  # said already
-    outputs = [row.name for row in opened.content.digital_outputs]
+    outputs = [row.name for row in file.digital_outputs]
     missing = [output for output in OUTPUTS if output not in outputs]
     if missing:
         context.error(source, (KEY, "IO_file"), f"{keys.IO_file} has no digital output {', '.join(missing)}",
