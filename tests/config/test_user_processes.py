@@ -68,7 +68,7 @@ def test_those_of_a_host_share_its_process_and_period(home: Home, beside: Path) 
      ".mine.topics[0]", "a record of 7999992 bytes", "at most"),
     ("{name: mine, module: mine.py, commands: [{name: go, arguments: [{name: q, type: 'float[65]'}]}]}",
      ".mine.commands[0]", "65 numbers", "64 numbers"),
-    ("{name: mine, module: mine.py, listen: 'localhost:80'}", ".mine.listen[0]", "'localhost' does not appear to be",
+    ("{name: mine, module: mine.py, listen: 'localhost:80'}", ".mine.listen", "not an address with a port",
      "127.0.0.1:8080"),
     ("{name: mine, module: mine.py, listen: ['127.0.0.1:1', '127.0.0.1:1']}", ".mine.listen", "mine listens at",
      "one of its own"),

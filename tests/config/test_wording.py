@@ -50,7 +50,7 @@ def test_a_wrong_value_is_told_with_file_line_key_value_and_what_is_allowed_each
 ) -> None:
     source = SourceFile(Path(FILE), {"outer": {key: value}}, {("outer",): LINE, ("outer", key): LINE})
     for problem in validate(model, source, ("outer",))[1]:
-        if problem.key.startswith(f"outer.{key}") and problem.value:
+        if problem.key.startswith(f"outer.{key}") and "required" not in problem.text:
             told_once(problem, source.at(_path(problem.key)))
 
 

@@ -98,6 +98,8 @@ def _problem(model: type[BaseModel], source: SourceFile, key: Key, error: Any) -
         return source.problem(where, text, allowed=f"{allowed}; trocar convert brings old files up to date")
     if kind == "missing":
         return source.problem(where, "this key is required", allowed=allowed)
+    while not source.has(where):  # one text stands for a list of one
+        where = where[:-1]
     if kind == "value_error":
         cause = error["ctx"]["error"]
         text, allowed = (cause.what, cause.allowed) if isinstance(cause, PortNameError) else (str(cause), description)
