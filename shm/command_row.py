@@ -222,7 +222,7 @@ def listed(row: CommandRow) -> dict[str, Any]:
     """A row as the mailbox's header has it, for programs that do not have this table; empty columns are left out."""
     columns = {"name": row.name, "effect": _word(row.effect), "values": row.takes, "text": row.text, "doc": row.doc,
             "arguments": [[getattr(each, name) for name in ARGUMENT] for each in row.arguments], "stops": row.stops,
-            "types": row.types, "stream": row.stream, "latest": row.latest, "causes": row.causes,
+            "types": row.types, "stream": row.stream, "latest": row.latest, "move": row.move, "causes": row.causes,
             "effect_of_zero": _word(row.effect_of_zero), "effect_of_one": _word(row.effect_of_one),
             "effect_of_words": {word: _word(effect) for word, effect in row.effect_of_words.items()}}
     return {name: value for name, value in columns.items() if value}
@@ -241,7 +241,8 @@ def row_of(given: Mapping[str, Any]) -> CommandRow:
         effect_of_one=effect_named(given.get("effect_of_one")),
         effect_of_words={str(word): effect_named(effect) or POWER for word, effect in words.items()}
         if isinstance(words, dict) else {},
-        stops=stops, stream=stream, causes=causes, types=types, latest=given.get("latest") is True)
+        stops=stops, stream=stream, causes=causes, types=types, latest=given.get("latest") is True,
+        move=given.get("move") is True)
 
 
 def effect_named(word: object) -> Effect | None:

@@ -15,6 +15,10 @@ class Clipped(UserWarning):
     """A move was carried out with another goal: what lay beyond the limits of a joint was brought into them."""
 
 
+class Short(UserWarning):
+    """A move is over, and a joint is not where it was sent."""
+
+
 class Disconnected(Problem):
     """The connection to a robot on another machine is gone; its objects are to be made again."""
 

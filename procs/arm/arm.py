@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,8 +42,6 @@ from procs.requests import ANSWERED, Reports, Request, Sender
 from shm.faults import NoFaults, OwnCell
 
 Array = NDArray[np.float64]
-
-HOMING_TOLERANCE: Final = 0.0524  # rad (3°) and m alike
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -109,7 +106,7 @@ class ArmLogic:
             ArmState.ENABLED: Enabled(control),
             ArmState.CALIBRATING: Calibrating(control),
             ArmState.BIASED: Biased(control),
-            ArmState.HOMING: Homing(control, self.home, self.tolerance, self.checks_tracking),
+            ArmState.HOMING: Homing(control, self.home, self.checks_tracking),
             ArmState.HOMED: Homed(control, self.look_after, self.checks_tracking, self.misses),
             ArmState.MANUAL: Manual(control, self.is_clutched),
             ArmState.PAUSED: Paused(control, self.checks_tracking),
@@ -136,10 +133,6 @@ class ArmLogic:
         if control.is_kinematic:
             return kinematic_home(control.arm, control.joints)
         return np.zeros(control.joints.size) if control.arm.homing_zero_position else self.io.setpoint.copy()
-
-    def tolerance(self) -> Array:
-        """How close to it every joint has to come (size,)."""
-        return np.full(self.control.joints.size, HOMING_TOLERANCE)
 
     def is_ready(self) -> bool:
         """Homed altogether: what the arm carries is engaged, too."""
@@ -226,8 +219,8 @@ class ArmLogic:
         self.watch()
         self._commands.run(requests)
         self._stages[machine.state].run()
-        if motion.step(now_ns):
-            control.move_ended(True)
+        motion.step(now_ns)
+        control.watch_move()
         if motion.drifting:
             control.watch_lag()
         if motion.mode is Mode.EFFORT and control.efforts.is_overdue(now_ns):

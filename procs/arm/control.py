@@ -33,6 +33,7 @@ Array = NDArray[np.float64]
 
 EPISODE_NS: Final = 500_000_000
 REPORT_NS: Final = 2_000_000_000
+ARRIVE_NS: Final = 500_000_000  # that joints have from the end of a move's trajectory on to arrive at its goal
 NEVER_NS: Final = 1 << 62
 MOVE, JAW_MOVE = "move", "jaw move"
 
@@ -227,8 +228,8 @@ class Control:
                 velocity[outside] = 0.0
         self.motion.space = space
         self._end_efforts()
-        if self.motion.servo(self.goal, velocity, self.now_ns):
-            self.move_ended(False, "replaced by a servo command")
+        self.motion.servo(self.goal, velocity, self.now_ns)
+        self.move_ended(False, "replaced by a servo command")
         return text
 
     def drift(self, velocity: Array) -> str:
@@ -236,8 +237,8 @@ class Control:
         self._feed(velocity)
         self._end_efforts()
         self.motion.space = Space.JOINT
-        if self.motion.drift(self._velocity, self.now_ns):
-            self.move_ended(False, "replaced by a servo command")
+        self.motion.drift(self._velocity, self.now_ns)
+        self.move_ended(False, "replaced by a servo command")
         return ""
 
     def _end_efforts(self) -> None:
@@ -259,8 +260,8 @@ class Control:
         self._judge(name)
         text = self._say_clipped(outside)
         self._end_efforts()
-        if self.motion.adjust(self.goal):
-            self.move_ended(False, "replaced by a servo command")
+        self.motion.adjust(self.goal)
+        self.move_ended(False, "replaced by a servo command")
         return text
 
     def push(self, space: Space, which: NDArray[np.bool_] | None = None) -> Efforts:
@@ -269,8 +270,8 @@ class Control:
         if self.motion.mode is not Mode.EFFORT:
             self.efforts.rest()
             self.guard.begin()
-        if self.motion.push(which):
-            self.move_ended(False, "replaced by an effort command")
+        self.motion.push(which)
+        self.move_ended(False, "replaced by an effort command")
         return self.efforts
 
     def pushed(self) -> str:
@@ -322,22 +323,37 @@ class Control:
         self.machine.publish()
         return ANSWERED
 
-    def move_ended(self, reached: bool, reason: str = "") -> None:
-        """The move that ran has ended, at its goal or before it, for `reason`."""
+    def short(self) -> str:
+        """Joints that are not where the last move, whose trajectory has ended, took them, and by how much; "": all are.
+        """
+        return self.joints.short(self.motion.goal, self.io.position)
+
+    def watch_move(self) -> None:
+        """Once a cycle: a move is over when all joints have arrived, or when they have had time enough for it."""
+        if not self.machine.moving or self.motion.moving:
+            return
+        short = self.short()
+        if not short or self.now_ns >= self.motion.end_ns + ARRIVE_NS:
+            self.move_ended(True, short)
+
+    def move_ended(self, at_end: bool, reason: str = "") -> None:
+        """Nothing moves any more: at the end of a trajectory, `short` of its goal for a `reason`, or before its end."""
         machine = self.machine
         if not machine.moving:
-            return  # a move of the arm's own, nobody waits for it
+            return  # nothing did, or a move of the arm's own, which no client waits for
         machine.moving = False
         for request, text in self._moves.values():
-            if reached:
-                request.done(text)  # who waits for the end only learns there that it is another goal
+            if at_end:  # a client that waits for the end only learns here that the goal was clipped
+                request.done("; ".join(part for part in (text, reason) if part))
             else:
                 request.fail(reason)
+        if at_end and reason:
+            self.status(f"the move ended {reason}")
         self._moves.clear()
-        machine.reports.goal_reached(reached)
+        machine.reports.goal_reached(at_end and not reason)
         machine.publish()
 
     def stop(self, position: Array, mode: Mode, reason: str) -> None:
         """Whatever runs, stay at `position` (size,) from now on."""
-        if self.motion.hold(position, mode):
-            self.move_ended(False, reason)
+        self.motion.hold(position, mode)
+        self.move_ended(False, reason)

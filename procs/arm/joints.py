@@ -39,9 +39,9 @@ SNAKE_PAIRS: Final = ((4, 7), (5, 6))  # joints that share a coordinate, each be
 class JointSpace:
     """`count` joints are published as the arm's; one more is the jaw. joint = `to_joint` · actuator.
 
-    `tool` is the instrument or endoscope. `v_max`, `a_max` are those of moves at ratio 1; for `effort_speed`,
-    `effort_zone`, `servo_speed` and `servo_acceleration` see `procs.arm_types`; `rated` are the largest efforts by the
-    kinematic files (ftmax), inf where these say nothing. Positions and velocities map alike; efforts go with the
+    `tool` is the instrument or endoscope. `v_max`, `a_max` are those of moves at ratio 1; for `arrival`, `effort_…` and
+    `servo_…` see `procs.arm_types`; `rated` are the largest efforts by the kinematic files (ftmax), inf where these say
+    nothing. Positions and velocities map alike; efforts go with the
     transposed matrices the other way round, so that power is the same on both sides.
     """
 
@@ -52,6 +52,7 @@ class JointSpace:
     upper: Array
     v_max: Array
     a_max: Array
+    arrival: Array
     effort_speed: Array
     effort_zone: Array
     servo_speed: Array
@@ -117,6 +118,13 @@ class JointSpace:
         slides = BARE_SLIDES if self.kinematics is None else self.kinematics.is_prismatic
         return "m" if axis < len(slides) and slides[axis] else "rad"
 
+    def short(self, goal: Array, position: Array) -> str:
+        """Joints that have not arrived at a goal (size,), and by how much: 17.2° short (pitch); "": all have."""
+        far = np.abs(goal - position)
+        return ", ".join(f"{far[i] * 1e3:.1f} mm short ({self.name(i)})" if self.unit(i) == "m" else
+                         f"{math.degrees(far[i]):.1f}° short ({self.name(i)})"
+                         for i in (~(far <= self.arrival)).nonzero()[0].tolist())
+
     def named(self, which: NDArray[np.bool_]) -> str:
         """The names of the joints of a mask (size,)."""
         return ", ".join(self.name(int(i)) for i in which.nonzero()[0])
@@ -144,14 +152,14 @@ def joints(arm: ArmConfig, tool: Tool | None = None) -> JointSpace:
                       axes if map_.is_identity else 0, np.zeros(axes, np.bool_))
 
 
-Rates = tuple[Array, Array, Array, Array, Array, Array]
+Rates = tuple[Array, Array, Array, Array, Array, Array, Array]
 
 
 def _rates(arm_type: str) -> Rates:
-    """v_max, a_max, effort_speed, effort_zone, servo_speed, servo_acceleration of an arm with all its axes."""
+    """v_max, a_max, arrival, effort_speed, effort_zone, servo_speed, servo_acceleration of an arm with all its axes."""
     moves, pushes, servo = ARM_TYPES[arm_type].moves, ARM_TYPES[arm_type].efforts, ARM_TYPES[arm_type].servo
-    return (np.array(moves.velocity), np.array(moves.acceleration), np.array(pushes.speed), np.array(pushes.zone),
-            np.array(servo.speed), np.array(servo.acceleration))
+    return (np.array(moves.velocity), np.array(moves.acceleration), np.array(moves.arrival), np.array(pushes.speed),
+            np.array(pushes.zone), np.array(servo.speed), np.array(servo.acceleration))
 
 
 def _rated(efforts: Iterable[float]) -> Array:
@@ -184,8 +192,9 @@ def _with_tool(arm: ArmConfig, tool: Tool) -> JointSpace:
     if tool.snake:
         spread, gather = _snake(axes)
         free, paired = BENDS, spread @ gather
-        v_max, a_max, speed, zone, servo, gain = (np.insert(values, n - 2, values[n - 3 : n - 1]) for values in rates)
-        rates = (v_max, a_max, speed, zone, servo, gain)
+        v_max, a_max, near, speed, zone, servo, gain = (np.insert(values, n - 2, values[n - 3 : n - 1])
+                                                        for values in rates)
+        rates = (v_max, a_max, near, speed, zone, servo, gain)
     rated = _rated((*kinematics.effort_max, tool.jaw.effort_max))
     return JointSpace(tool.name, kinematics.names, n, np.append(kinematics.lower, tool.jaw.lower),
                       np.append(kinematics.upper, tool.jaw.upper), *rates, rated,

@@ -88,8 +88,8 @@ class Motion:
         """When the move that runs, or ran last, ends."""
         return self._start_ns + self._duration_ns
 
-    def hold(self, position: Array, mode: Mode = Mode.POSITION) -> bool:
-        """Stay at `position`; returns whether this ended a move."""
+    def hold(self, position: Array, mode: Mode = Mode.POSITION) -> None:
+        """Stay at `position`."""
         self.goal[...] = position
         self.target[...] = position
         self.governor.start(0.0)
@@ -97,45 +97,38 @@ class Motion:
         self._served_ns = -STREAM_NS
         if mode is Mode.NONE:
             self.space = Space.NONE
-        return self._enter(mode)
+        self._enter(mode)
 
-    def servo(self, position: Array, velocity: Array | None, now_ns: int) -> bool:
-        """Follow `position` from now on, with a velocity feed; returns whether this ended a move."""
-        ended = self._enter(Mode.POSITION)
+    def servo(self, position: Array, velocity: Array | None, now_ns: int) -> None:
+        """Follow `position` from now on, with a velocity feed."""
+        self._enter(Mode.POSITION)
         self.target[...] = position
         self.settled = False
         self.has_velocity = velocity is not None
         if velocity is not None:
             self.feed_velocity[...] = velocity
         self._served_ns = now_ns
-        return ended
 
-    def drift(self, velocity: Array, now_ns: int) -> bool:
-        """Go at a velocity from here on, until a stream of such commands ends or a limit comes; ended a move?"""
-        ended = self.moving
+    def drift(self, velocity: Array, now_ns: int) -> None:
+        """Go at a velocity from here on, until a stream of such commands ends or a limit comes."""
         if self.mode is not Mode.POSITION or not self.drifting:
-            ended = self._enter(Mode.POSITION)
+            self._enter(Mode.POSITION)
             self.target[...] = self.goal
         self.feed_velocity[...] = velocity
         self.drifting = self.has_velocity = True
         self._served_ns = now_ns
-        return ended
 
-    def adjust(self, position: Array) -> bool:
+    def adjust(self, position: Array) -> None:
         """Follow `position` for a part of the joints: a stream of the others goes on, with its velocities."""
-        ended = self._enter(Mode.POSITION) if self.mode is not Mode.POSITION else False
+        if self.mode is not Mode.POSITION:
+            self._enter(Mode.POSITION)
         self.target[...] = position
         self.settled = False
-        return ended
 
-    def push(self, which: NDArray[np.bool_] | None = None) -> bool:
-        """Apply `effort` instead of following positions, to the joints `which` (None: all); the others stay.
-
-        Returns whether this ended a move.
-        """
-        ended = self._enter(Mode.EFFORT)
+    def push(self, which: NDArray[np.bool_] | None = None) -> None:
+        """Apply `effort` instead of following positions, to the joints `which` (None: all); the others stay."""
+        self._enter(Mode.EFFORT)
         self.in_effort[...] = True if which is None else which
-        return ended
 
     def add(self, feed: Array, end_ns: int) -> None:
         """Add efforts (size,) to those that follow the position."""
@@ -197,11 +190,12 @@ class Motion:
             self._evaluate(now_ns)
             self._plan(self.target, now_ns)  # should it fail, the move goes on as it was
 
-    def step(self, now_ns: int) -> bool:
-        """Advance to `now_ns`; returns whether a move has reached its end."""
+    def step(self, now_ns: int) -> None:
+        """Advance to `now_ns`."""
         passed_ns, self._stepped_ns = now_ns - self._stepped_ns, now_ns
         if self.moving:
-            return self._advance(now_ns)
+            self._advance(now_ns)
+            return
         if self.has_velocity and now_ns - self._served_ns >= STREAM_NS:
             self.has_velocity = self.drifting = False
             self.velocity[...] = 0.0
@@ -209,7 +203,6 @@ class Motion:
             self._drift(passed_ns)
         if not self.settled and self.mode is Mode.POSITION:
             self.settled = not self.governor.step(passed_ns, has_feed=self.has_velocity)
-        return False
 
     def _drift(self, passed_ns: int) -> None:
         target, velocity = self.target, self.feed_velocity
@@ -224,17 +217,16 @@ class Motion:
         """A servo goal was given in this very cycle, or has not been reached yet."""
         return self._served_ns == now_ns or (self.mode is Mode.POSITION and not self.settled)
 
-    def _advance(self, now_ns: int) -> bool:
+    def _advance(self, now_ns: int) -> None:
         if now_ns < self.end_ns:
             self._evaluate(now_ns)
-            return False
+            return
         self.goal[...] = self.target
         self.velocity[...] = 0.0
         self.has_velocity = False
         self.moving = False
-        return True
 
-    def _enter(self, mode: Mode) -> bool:
+    def _enter(self, mode: Mode) -> None:
         if mode is self.mode is Mode.POSITION:  # the next goal of a stream
             self.drifting = False
             if self.has_velocity:
@@ -242,11 +234,10 @@ class Motion:
                 self.velocity[...] = 0.0
             if self.feed_end_ns != FOR_EVER_NS:
                 self.end_feed()
-            return False
-        ended = self.moving
+            return
         if mode is not self.mode:
             self._served_ns = -STREAM_NS
-            self.governor.start(self.velocity if ended else 0.0)
+            self.governor.start(self.velocity if self.moving else 0.0)
         self.moving = False
         self.mode = mode
         self.has_velocity = False
@@ -255,7 +246,6 @@ class Motion:
         self.in_effort[...] = False
         self.end_feed()
         self.drifting = False
-        return ended
 
     def end_feed(self) -> None:
         """Nothing is added any more."""

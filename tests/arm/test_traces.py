@@ -72,7 +72,7 @@ class MotionPlay:
             name, act = self.chance.choice(self.acts())
             did.append(f"{name}: {shown(act())}")
         pending = motion.is_pending(now)
-        did += ["a move has ended"] if motion.step(now) else []
+        motion.step(now)
         names = ("mode", "space", "moving", "has_velocity", "goal", "velocity", "effort", "target", "feed", "in_effort",
                  "ratio")
         seen = [(name, getattr(motion, name)) for name in names]

@@ -73,6 +73,8 @@ SCENARIOS = {
     "has left the bus": Scenario(("unplug_board 7 IO1",), mends=("plug_board 7 IO1",)),
     "instrument not named": Scenario(("insert_instrument PSM1 LARGE_NEEDLE_DRIVER:400006",)),
     "done, clipped": Scenario(looks=("send", "PSM1", "move_jp", "0", "0", "5", "0", "0", "0", "--wait")),
+    "done, 17.2° short": Scenario(("jam PSM1 1 1",), ("send", "PSM1", "move_jr", "0", "0.3", "0", "0", "0", "0",
+                                                      "--wait"), ("jam PSM1 1 0",)),
     "arm not ready": Scenario(looks=("send", "PSM1", "move_jp", "0", "0", "0.1", "0", "0", "0"), before=(DISABLE,)),
     "it is PAUSED": Scenario(looks=("home", "PSM1"), before=(PAUSE,)),
     "io was restarted": Scenario(),

@@ -15,7 +15,7 @@ from tools.client.callbacks import Callbacks
 from tools.client.values import numbers
 from tools.client.ways import CommandWay
 from tools.deadline import Deadline
-from tools.errors import Clipped, Refused
+from tools.errors import Clipped, Refused, Short
 
 POLL_S = 0.002
 CLIPPED = "clipped: "
@@ -48,20 +48,28 @@ class MoveHandle:
         """`first` is the first answer to its command."""
         self._waits, self._remote, self._number, self._what = waits, remote, first.id, what
         self._end = first if first.outcome in ENDINGS else None
+        self._accepted = first.text
         self.clipped = first.text.removeprefix(CLIPPED) if first.text.startswith(CLIPPED) else ""
         """Joints whose goals lay beyond their limits, from where to where: insertion 5.000 → 0.240 m. Else empty."""
+        self.short = ""
+        """Once it is over: joints that are not where they were sent, and by how much: 17.2° short (pitch). Else empty.
+        """
 
     def is_busy(self) -> bool:
-        """Whether it still moves; Refused when it ended before its goal."""
-        for reply in self._remote.replies_to(self._number):
-            if reply.outcome in ENDINGS:
-                self._end = reply
+        """Whether it still moves; Refused when it ended before its goal. A `Short` end is warned of, once."""
+        if self._end is None:
+            replies = self._remote.replies_to(self._number)
+            self._end = next((reply for reply in replies if reply.outcome in ENDINGS), None)
+            if self._end is not None and self._end.outcome == "done":
+                self.short = self._end.text.removeprefix(self._accepted).removeprefix("; ")
+            if self.short:
+                warnings.warn(f"{self._what} is done, {self.short}", Short, stacklevel=2)
         if self._end is not None and self._end.outcome != "done":
             raise Refused(f"{self._what} was {self._end.outcome}: {self._end.text}")
         return self._end is None
 
     def wait(self, timeout: float = 30.0, *, is_busy: bool = False) -> None:
-        """Until the goal is reached; TimeoutError after `timeout` s, Refused when the move ended before.
+        """Until it is over; TimeoutError after `timeout` s, Refused when the move ended before its goal.
 
         `is_busy`: until it has begun, as in dvrk_python; it has when there is a handle.
         """
@@ -70,7 +78,7 @@ class MoveHandle:
         self._waits.until(lambda: not self.is_busy(), timeout, f"{self._what} is not done")
 
     def __await__(self) -> Generator[Any, None, None]:
-        """`await arm.move_jp(q)`: until the goal is reached, while other coroutines go on; Refused as in `wait`."""
+        """`await arm.move_jp(q)`: until it is over, while other coroutines go on; Refused as in `wait`."""
         return self._awaited().__await__()
 
     async def _awaited(self) -> None:

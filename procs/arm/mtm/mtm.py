@@ -25,8 +25,6 @@ from procs.arm.states import ArmEvent, ArmState
 
 Array = NDArray[np.float64]
 
-TOLERANCE: Final = math.radians(4.0)
-ROLL_TOLERANCE: Final = math.radians(6.0)
 OFF_STOP: Final = math.radians(10.0)  # where homing does not go to zero, the roll is not left at its stop
 BORNE_NS: Final = 1_000_000_000
 AT_TIP: Final = (Law.BODY, Law.IMPEDANCE)
@@ -68,12 +66,6 @@ class MtmLogic(ArmLogic):
         goal = super().home()
         goal[ROLL] = max(goal[ROLL], self.joints.lower[ROLL] + OFF_STOP)
         return goal
-
-    def tolerance(self) -> Array:
-        """See ArmLogic."""
-        tolerance = np.full(self.joints.size, TOLERANCE)
-        tolerance[ROLL] = ROLL_TOLERANCE
-        return tolerance
 
     def is_ready(self) -> bool:
         """See ArmLogic."""

@@ -140,13 +140,12 @@ class Driving(Stage):
 
 
 class Homing(Driving):
-    """To the homing position; there when every joint is closer to it than its tolerance."""
+    """To the homing position; there when every joint has arrived, as in any move."""
 
-    def __init__(self, control: Control, goal: Callable[[], Array], tolerance: Callable[[], Array],
-                 checks_tracking: bool) -> None:
-        """`goal` and `tolerance` (size,) in rad or m."""
+    def __init__(self, control: Control, goal: Callable[[], Array], checks_tracking: bool) -> None:
+        """`goal` (size,) in rad or m."""
         super().__init__(control)
-        self._goal, self._tolerance = goal, tolerance
+        self._goal = goal
         self.checks_tracking = checks_tracking
 
     def begin(self) -> None:
@@ -165,7 +164,8 @@ class Homing(Driving):
         control, motion = self.control, self.control.motion
         if motion.moving:
             return
-        if bool((np.abs(motion.goal - control.io.position) < self._tolerance()).all()):
+        short = control.short()
+        if not short:
             control.machine.fire(ArmEvent.ARRIVED)
         elif control.now_ns >= motion.end_ns + SETTLE_NS:
-            self.fail(codes.HOMING_TIMEOUT, "unable to reach home position during calibration on pots")
+            self.fail(codes.HOMING_TIMEOUT, f"unable to reach home position during calibration on pots: {short}")

@@ -1,4 +1,4 @@
-"""A move whose goal was clipped: on the handle, and a warning."""
+"""A move whose goal was clipped, or that did not arrive: on the handle, and a warning."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 
 from shm.client import Reply
 from tools.client.moves import Waits, move
-from tools.errors import Clipped
+from tools.errors import Clipped, Short
 
 
 class FakeRemote:
@@ -17,14 +17,14 @@ class FakeRemote:
 
     instance = "PSM1"
 
-    def __init__(self, text: str) -> None:
-        self._text = text
+    def __init__(self, text: str, end: str | None = None) -> None:
+        self._text, self._end = text, text if end is None else end
 
     def ask(self, command: str, values: Any, text: str) -> Reply:
         return Reply(7, "accepted", self._text)
 
     def replies_to(self, number: int) -> list[Reply]:
-        return [Reply(number, "done", self._text)]
+        return [Reply(number, "done", self._end)]
 
 
 def test_a_clipped_move_is_on_the_handle_and_warned_of() -> None:
@@ -42,3 +42,14 @@ def test_a_move_within_its_limits_warns_of_nothing() -> None:
         handle = move(Waits(), remote, "move_jp", (0.0, 0.0, 0.1))
     handle.wait(1.0)
     assert handle.clipped == ""
+
+
+@pytest.mark.parametrize("clipped", ["", "clipped: insertion 5.000 → 0.240 m"])
+@pytest.mark.filterwarnings("ignore::tools.errors.Clipped")
+def test_a_move_that_does_not_arrive_is_over_and_says_so_on_the_handle_and_once(clipped: str) -> None:
+    remote: Any = FakeRemote(clipped, f"{clipped}; 17.2° short (pitch)".removeprefix("; "))
+    handle = move(Waits(), remote, "move_jp", (0.0, 0.3, 5.0))
+    with pytest.warns(Short, match=r"PSM1 move_jp is done, 17\.2° short \(pitch\)") as caught:
+        handle.wait(1.0)
+        handle.wait(1.0)
+    assert handle.short == "17.2° short (pitch)" and len(caught) == 1

@@ -3,6 +3,7 @@ classdef move_handle < handle
 
     properties (SetAccess = protected)
         clipped = ''  % joints whose goals lay beyond their limits, from where to where; empty: none
+        short = ''    % once it is over: joints that are not where they were sent, and by how much; empty: all are
     end
 
     properties (Access = private)
@@ -12,6 +13,7 @@ classdef move_handle < handle
         what
         done = false
         refusal = ''
+        accepted = ''
     end
 
     methods
@@ -22,6 +24,7 @@ classdef move_handle < handle
             self.to = to;
             self.number = reply.id;
             self.what = what;
+            self.accepted = reply.text;
             self.done = strcmp(reply.outcome, 'done');
             if strncmp(reply.text, 'clipped: ', 9)
                 self.clipped = reply.text(10:end);
@@ -44,7 +47,7 @@ classdef move_handle < handle
         end
 
         function result = wait(self, is_busy, timeout)
-            % Until the goal is reached; trocar:timeout after `timeout` s (30). With `is_busy` true: until it has begun.
+            % Until it is over; trocar:timeout after `timeout` s (30). With `is_busy` true: until it has begun.
             if nargin < 2
                 is_busy = false;
             end
@@ -66,8 +69,17 @@ classdef move_handle < handle
         function take(self, reply)
             if strcmp(reply.op, 'error')
                 self.refusal = [self.what ': ' reply.error];
-            elseif any(strcmp(reply.outcome, {'refused', 'failed'}))
-                self.refusal = [self.what ' was ' reply.outcome ': ' reply.text];
+            elseif strcmp(reply.outcome, 'refused')
+                self.refusal = [self.what ' was refused: ' reply.text];
+            elseif strcmp(reply.outcome, 'failed')
+                self.refusal = [self.what ' failed: ' reply.text];
+            end
+            if isfield(reply, 'outcome') && strcmp(reply.outcome, 'done') && ~self.done
+                self.done = true;
+                self.short = regexprep(reply.text(numel(self.accepted) + 1:end), '^; ', '');
+                if ~isempty(self.short)
+                    warning('trocar:short', '%s is done, %s', self.what, self.short);
+                end
             end
             self.done = self.done || (isfield(reply, 'outcome') && strcmp(reply.outcome, 'done'));
         end
