@@ -79,10 +79,22 @@ def value_of(row: PidAxis, key: str) -> float:
     return float(getattr(row, BY_KEY[key].field))
 
 
+def leap(before: PidAxis, after: PidAxis) -> str:
+    """A gain that stiffens the joint controller and grows more than `LARGEST_STEP` times at once; "": none does.
+
+    Of a gain that was 0 nothing can be said.
+    """
+    for gain in GAINS:
+        old, new = float(getattr(before, gain.field)), float(getattr(after, gain.field))
+        if gain.stiff and old > 0.0 and new > LARGEST_STEP * old:
+            return f"{gain.key} {new:g} is more than {LARGEST_STEP:g} times {old:g}"
+    return ""
+
+
 def changed(row: PidAxis, keys: Sequence[str], values: Sequence[float], *, running: bool) -> PidAxis:
     """`row` with other values for `keys`; ValueError says what is wrong with them and what is allowed.
 
-    While the joint controller is `running`, what stiffens it may grow at most `LARGEST_STEP` times at once.
+    While the joint controller is `running` there is no `leap`.
     """
     new: dict[str, float | bool] = {}
     for key, value in zip(keys, values, strict=True):
@@ -94,9 +106,8 @@ def changed(row: PidAxis, keys: Sequence[str], values: Sequence[float], *, runni
         allowed = gain.wrong(value)
         if allowed:
             raise ValueError(f"{key} {value:g}; allowed: {allowed}")
-        before = value_of(row, key)
-        if running and gain.stiff and before > 0.0 and value > LARGEST_STEP * before:
-            raise ValueError(f"{key} {value:g} is more than {LARGEST_STEP:g} times what it is ({before:g}); "
-                             "allowed while the joint controller is off")
         new[gain.field] = bool(value) if gain.switch else float(value)
-    return dataclasses.replace(row, **new)  # type: ignore[arg-type]  # the table has only numbers and switches
+    after = dataclasses.replace(row, **new)  # type: ignore[arg-type]  # the table has only numbers and switches
+    if running and (step := leap(row, after)):
+        raise ValueError(f"{step}; go there in smaller steps")
+    return after

@@ -295,7 +295,10 @@ class IoCommands:
                 raise CommandRefused(self._why(robot, "a fault is latched"))
             if not record.robot_valid[robot]:
                 raise CommandRefused("there is no good sample of its controllers")
+            if why := self._gains.objection(robot):
+                raise CommandRefused(why)
             self._follow.enable(robot, True, self._now_ns)
+            self._gains.switched_on(robot)
         elif not on and record.pid_enabled[robot]:
             self._let_off(robot)
         command.done()
@@ -354,7 +357,7 @@ class IoCommands:
         reason = self._gains.change(robot, int(values[0]), keys, values[1:], who[0] if who else "somebody")
         if reason:
             raise CommandRefused(reason)
-        command.done()
+        command.done(self._gains.objection(robot))
 
     def _trigger_read(self, reader: int, command: Request) -> None:
         reason = self._instruments.begin(reader, command, self._now_ns)

@@ -113,6 +113,12 @@ class GainsDevice(Protocol):
     def change(self, robot: int, axis: int, keys: Sequence[str], values: Sequence[float], who: str) -> str:
         """Other values from this cycle on; returns why not, or ""."""
 
+    def objection(self, robot: int) -> str:
+        """Why a joint controller is not switched on with its gains, or ""."""
+
+    def switched_on(self, robot: int) -> None:
+        """A joint controller is on with its gains."""
+
 
 class InstrumentsDevice(Protocol):
     """Readers of the memory of instruments."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from procs.document.gains import GAINS, changed, value_of
+from procs.document.gains import GAINS, changed, leap, value_of
 from procs.document.system import IoConfig, PidAxis
 from procs.io.devices import MeasuredDevice
 from procs.io.pid import Pid
@@ -24,6 +24,8 @@ class JointGains:
                  field: Field | None = None) -> None:
         """Shows what the files say. `field` gives the arrays of the record by name; None: nobody looks."""
         self._robots, self._samples, self._pid, self._reports = robots, samples, pid, reports
+        self._known = list(pid.gains)
+        """Those that the joint controllers were last on with, at first the files', and what was confirmed since."""
         field = field or private(IO_GAINS, {"axes": robots.axes})
         self.record = {row.name: field(row.name) for row in IO_GAINS.fields}
         self.record["changes"][...] = 0
@@ -50,6 +52,10 @@ class JointGains:
             except ValueError as error:
                 return f"axis {place - axes.start}: {error}"
         before = {place: self._pid.gains[place] for place in places}
+        for place in places:
+            again = [key for key in keys if value_of(before[place], key) == value_of(new[place], key)]
+            known = changed(self._known[place], again, [value_of(new[place], key) for key in again], running=False)
+            self._known[place] = new[place] if self._pid.enabled[place] else known
         self._pid.configure(new, self._samples.velocity)
         self.record["changes"] += 1
         self._show(places)
@@ -58,6 +64,19 @@ class JointGains:
             text = f"gains changed by {who}: {', '.join(steps)}"
             self._reports.status(text, self._robots.names[robot], place - axes.start)
         return ""
+
+    def objection(self, robot: int) -> str:
+        """Why the joint controller of a robot is not switched on with its gains: a slip of the decimal point; or ""."""
+        axes = self._robots.slices[robot]
+        for place in range(axes.start, axes.stop):
+            if step := leap(self._known[place], self._pid.gains[place]):
+                return f"axis {place - axes.start}: {step}, used last; set it again to confirm"
+        return ""
+
+    def switched_on(self, robot: int) -> None:
+        """The joint controller of a robot is on with its gains."""
+        axes = self._robots.slices[robot]
+        self._known[axes] = self._pid.gains[axes]
 
     def _show(self, places: Sequence[int]) -> None:
         for gain in GAINS:

@@ -107,6 +107,13 @@ class NoGains:
         """Why not."""
         return "it is KINEMATIC: it is where its setpoints are, and no gain would change that"
 
+    def objection(self, robot: int) -> str:
+        """There is none."""
+        return ""
+
+    def switched_on(self, robot: int) -> None:
+        """They are the same as ever."""
+
 
 class NoReaders:
     """In the place of the readers of instruments: nobody can ask for one that has no name."""

@@ -77,7 +77,7 @@ def test_the_record_shows_files_first_and_every_change(harness: IoHarness) -> No
     ("PSM1 p_gain d_gain", (0, 1.0), "2 gains and 1 values"),
     ("PSM1 gain", (0, 1.0), "no gain 'gain'; there are: p_gain"),
     ("PSM1 p_gain", (0, np.inf), "inf; allowed: finite numbers"),
-    ("PSM1 p_gain", (0, 11.0), "more than 10 times what it is (1)"),
+    ("PSM1 p_gain", (0, 11.0), "more than 10 times 1; go there in smaller steps"),
     ("PSM2 p_gain", (0, 1.0), "no robot 'PSM2' here; there are: PSM1"),
     ("", (0, 1.0), "no robot ''"),
 ])
@@ -115,6 +115,52 @@ def test_two_changes_in_one_cycle_both_count(harness: IoHarness) -> None:
 def test_gains_stay_when_the_controller_goes_off_and_on(harness: IoHarness) -> None:
     harness.ask("set_gains", 2, 4.0, robot="PSM1 p_gain")
     harness.ask("pid_enable", 0)
-    assert harness.ask("set_gains", 3, 4000.0, robot="PSM1 p_gain").outcome == "done"  # off: any step is fine
-    harness.ask("pid_enable", 1)
-    assert harness.core.gains.record["p_gain"].tolist() == [1.0, 1.0, 4.0, 4000.0, 1.0, 1.0, 1.0]
+    assert harness.ask("set_gains", 3, 10.0, robot="PSM1 p_gain").answers == [("done", "")]
+    assert harness.ask("pid_enable", 1).outcome == "done"
+    assert harness.core.gains.record["p_gain"].tolist() == [1.0, 1.0, 4.0, 10.0, 1.0, 1.0, 1.0]
+
+
+SLIP = "axis 3: p_gain 4000 is more than 10 times 1, used last; set it again to confirm"
+
+
+@pytest.fixture
+def slipped(harness: IoHarness) -> IoHarness:
+    """Off, with a gain whose decimal point has slipped."""
+    harness.ask("pid_enable", 0)
+    assert harness.ask("set_gains", 3, 4000.0, 0.5, robot="PSM1 p_gain d_gain").answers == [("done", SLIP)]
+    return harness
+
+
+def test_a_slip_of_the_decimal_point_while_it_is_off_does_not_act_when_it_is_switched_on(slipped: IoHarness) -> None:
+    assert slipped.ask("pid_enable", 1).answers == [("refused", SLIP)]
+    assert slipped.ask("pid_enable", 1).outcome == "refused", "asking twice confirms nothing"
+    assert not slipped.core.record.pid_enabled[0] and not slipped.core.pid.enabled.any()
+
+
+@pytest.mark.parametrize("value", [4000.0, 9.0])
+def test_the_same_gain_again_or_a_smaller_one_lets_it_be_switched_on(slipped: IoHarness, value: float) -> None:
+    assert slipped.ask("set_gains", 3, value, robot="PSM1 p_gain").answers == [("done", "")]
+    assert slipped.ask("pid_enable", 1).outcome == "done"
+    slipped.ask("pid_enable", 0)
+    assert slipped.ask("pid_enable", 1).outcome == "done", "it was on with these"
+
+
+def test_another_gain_or_another_slip_confirms_nothing(slipped: IoHarness) -> None:
+    slipped.ask("set_gains", 3, 0.5, robot="PSM1 d_gain")
+    slipped.ask("set_gains", 2, 1.0, robot="PSM1 p_gain")
+    assert slipped.ask("set_gains", 3, 5000.0, robot="PSM1 p_gain").answers[0][1].startswith("axis 3: p_gain 5000 is")
+    assert slipped.ask("pid_enable", 1).outcome == "refused"
+
+
+def test_many_small_steps_while_it_is_off_are_one_large_one(harness: IoHarness) -> None:
+    harness.ask("pid_enable", 0)
+    for value in (10.0, 100.0, 1000.0):
+        harness.ask("set_gains", 3, value, robot="PSM1 p_gain")
+    assert harness.ask("pid_enable", 1).outcome == "refused"
+
+
+def test_small_steps_while_it_is_on_count_one_by_one(harness: IoHarness) -> None:
+    for value in (10.0, 100.0):
+        assert harness.ask("set_gains", 3, value, robot="PSM1 p_gain").outcome == "done"
+    harness.ask("pid_enable", 0)
+    assert harness.ask("pid_enable", 1).outcome == "done"

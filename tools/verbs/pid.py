@@ -75,6 +75,8 @@ def set_gains(
         reply = remote.settled("set_gains", [place, *(value for _, value in pairs)], text, 5.0)
     if reply.outcome != "done":
         raise Problem(f"{found.robot}: {reply.text or reply.outcome}")
+    if reply.text:  # the joint controller is off, and will not be switched on with these
+        note(f"{found.robot}: {reply.text}")
     places = list(range(len(found.names))) if place == ALL else [place]
     _confirm(name, found.robot, places, pairs)
     for number in places:
