@@ -12,7 +12,8 @@ from typing import Any, Final, Self
 
 from tools.cleanup import await_end
 from tools.errors import Misuse, Problem
-from tools.systems import ROOT
+from tools.inspect.watch import document_of
+from tools.systems import ROOT, all_up
 
 FAREWELL_S: Final = 3.0
 SERVER: Final = ("-m", "procs.io.bus.bus_server")
@@ -42,6 +43,13 @@ def shared_id(boards: Sequence[FoundBoard]) -> str:
     return f"{len(boards)} boards have id {boards[0].board} (nodes {nodes}); set every rotary switch differently"
 
 
+def _emulated_elsewhere(port: str) -> str:
+    """Where the emulated boards of systems of this machine are, for a person who looks for boards at another port."""
+    found = [(name, io.port) for name in all_up() if (document := document_of(name)).emulation is not None
+             for io in document.ios if io.port not in ("", port)]
+    return "".join(f"; emulated boards of system {name}: trocar bus scan {where}" for name, where in found)
+
+
 class BusClient:
     """A bus, its boards found; a context manager. Problem says what is wrong with it."""
 
@@ -55,6 +63,9 @@ class BusClient:
         try:
             self._heard()
             self.boards = tuple(FoundBoard(**row) for row in self._asked("discover")["boards"])
+        except Problem as error:
+            self.close()
+            raise Problem(f"{error}{_emulated_elsewhere(port)}") from None
         except BaseException:
             self.close()
             raise

@@ -85,6 +85,11 @@ def those_up(known: Iterable[str]) -> list[str]:
     return [system for system in names if system in paged or system in listed]
 
 
+def all_up() -> list[str]:
+    """The systems of this machine that are up and that we may look at."""
+    return those_up(_permitted())
+
+
 def forbidden(system: str) -> str:
     """Why we may not look at a system of somebody else, in words; empty: we may, or it is not there."""
     return _forbidden(system, [segment_name(*parts) for parts in names_of(system)])
@@ -114,7 +119,7 @@ def chosen_system(name: str | None = None) -> str:
         if why := forbidden(name):
             raise Problem(why)
         if (name, SUPERVISOR, "document") not in names_of(name) and not is_up(name):
-            raise Problem(f"no system {name} is up; {_there_are(those_up(_permitted()))}")
+            raise Problem(f"no system {name} is up; {_there_are(all_up())}")
         return name
     known = _permitted()
     up = those_up(known)

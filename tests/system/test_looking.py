@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import re
 
 import pytest
 
@@ -88,3 +89,11 @@ def test_a_snapshot_of_everything_is_one_document(demo: Robot) -> None:
     assert found["supervisor"] == "RUNNING" and found["values"]["PSM1/state"]["state"] == "ENABLED"
     assert {row["name"] for row in found["processes"]} >= {"supervisor", "IO1", "PSM1", "boards"}
     assert all(row["cpu_percent"] is not None for row in found["processes"])
+
+
+def test_a_scan_that_finds_no_boards_says_where_emulated_ones_are(demo: Robot) -> None:
+    reported = " ".join(demo.trocar("bus", "scan", "udp", code=1).split())
+    says = re.search(rf"emulated boards of system {demo.name}: trocar (bus scan \S+)", reported)
+    assert says, reported
+    found = demo.trocar(*says[1].split(), "--no-serials", "--json")
+    assert {json.loads(line)["board"] for line in found.splitlines()} == {6, 7}
