@@ -69,6 +69,8 @@ def test_the_examples_of_the_page_run_and_their_deaths_change_nothing_else(robot
     assert "box.z = 0.0" in robot.trocar("set", "box.z", "0") and "box.x = 0.05" in robot.trocar("get", "box")
     assert "out of range" in robot.trocar("set", "box.stiffness", "-1", code=1)
     wait_for(lambda: push.newest() and bool(push.field("outside")), 60, "the tip is outside of the box")
+    left = json.loads(robot.trocar("echo", "box/events", "-n", "1", "--json").splitlines()[-1])
+    assert left["event"] == "left_box" and left["value"] > 0.0 and left["text"].startswith("at ["), left
     assert "push" in robot.trocar("list") and "force" in robot.trocar("echo", "box/push", "--once")
     assert "done" in robot.trocar("send", "box", "keep_in", "1")
     wait_for(lambda: arm.newest() and int(arm.field("control_mode")) == 3, 60, "the arm is pushed")
