@@ -33,6 +33,13 @@ from shm.command_row import (
 ENDINGS: Final = ("refused", "done", "failed")
 """Outcomes after which no other one comes."""
 
+
+def became(outcome: str) -> str:
+    """An outcome as a sentence has it: "move_jp was refused", "move_jp failed"."""
+    return outcome if outcome == "failed" else f"was {outcome}"
+
+
+
 ON: Final = Argument("on", low=0.0, high=1.0, whole=True)
 ROBOT: Final = "robot"
 AXIS: Final = Argument("axis", low=0.0, high=255.0, whole=True)

@@ -12,6 +12,7 @@ import importlib
 import inspect
 import os
 import sys
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -227,8 +228,16 @@ def _verb_asked(arguments: Sequence[str]) -> str | None:
     return next((word for word in arguments if not word.startswith("-")), "")
 
 
+def _warned(message: Warning | str, *_: object, **__: object) -> None:
+    """A warning as a person may read it: without the place in a file of ours that Python's own has."""
+    from tools.printing import note
+
+    note(f"trocar: {message}")
+
+
 def main() -> None:
     """The command `trocar`."""
+    warnings.showwarning = _warned
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a verb computes nothing that threads of numpy are worth
     ctrl_c_ends()
     app = build(_verb_asked(sys.argv[1:]))

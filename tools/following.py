@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from shm.client import MailboxFull, Reply
 from shm.clock import boottime_ns, monotonic_ns, pause
-from shm.commands import ENDINGS
+from shm.commands import ENDINGS, became
 from shm.segment import SegmentError
 from shm.system_time import SystemTime
 from tools.errors import Problem
@@ -145,7 +145,7 @@ class Follower:
             number = self.remote.post(command, values)
             reply = first_reply(self.remote, number, ENDINGS, APPROACH_S, (self, *others), self._time)
             if reply.outcome != "done":
-                raise Problem(f"{self._watch.name}: the move to where it begins was {reply.outcome}: {reply.text}")
+                raise Problem(f"{self._watch.name}: the move to where it begins {became(reply.outcome)}: {reply.text}")
         self._watch.look()
         self._arrived = self._asked()
 

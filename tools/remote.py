@@ -12,7 +12,7 @@ from typing import Any
 
 from shm.client import Client, MailboxFull, Reply
 from shm.clock import pause
-from shm.commands import ENDINGS
+from shm.commands import ENDINGS, became
 from shm.origins import Origin
 from shm.segment import SegmentError
 from shm.system_time import SystemTime
@@ -81,7 +81,7 @@ class Remote:
         """Send and make sure that it was accepted: Refused carries the reason. Returns the first answer."""
         reply = self.answered(command, values, text, timeout)
         if reply.outcome not in ("accepted", "done"):
-            raise Refused(reply.text or f"{self.instance}: {command} was {reply.outcome}")
+            raise Refused(reply.text or f"{self.instance}: {command} {became(reply.outcome)}")
         return reply
 
     def _posted(self, command: str, values: Sequence[float] | Any, text: str) -> int:

@@ -26,6 +26,7 @@ from procs.rl.way import Way
 from shm import directory
 from shm.client import Client, MailboxFull, begin
 from shm.clock import boottime_ns
+from shm.commands import became
 from shm.segment import SegmentError
 from shm.system_time import LOCKSTEP, SystemTime
 from tools.errors import Problem
@@ -257,7 +258,7 @@ class AttachedRobot:
         if ended != "done":
             if why := self.look(arm):
                 self._give_up(why)
-            self._give_up(f"{link.name}: {command} was {ended}: {link.refusal}")
+            self._give_up(f"{link.name}: {command} {became(ended)}: {link.refusal}")
 
     def _keeps_slow(self, arm: int, pace: Pair) -> None:
         self.keeps_pace(round(POLL_S * 1e9))

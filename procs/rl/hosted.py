@@ -17,6 +17,7 @@ from procs.host.snapshot import HostSnapshot
 from procs.rl.backend import RobotStopped
 from procs.rl.link import ArmLink
 from procs.rl.model import ArmModel, StartPose
+from shm.commands import became
 
 Array = NDArray[np.float64]
 Values = Array | tuple[float, ...]
@@ -101,7 +102,7 @@ class HostedRobot:
             if ended != "done":
                 link.look()
                 why = link.refusal or link.reason or "it takes too long"
-                raise RobotStopped(f"{link.name}: {text or command} was {ended or 'not done'}: {why}")
+                raise RobotStopped(f"{link.name}: {text or command} {became(ended or 'not done')}: {why}")
 
     def wait_until(self, deadline_ns: int) -> None:
         """See RobotBackend: here time passes at once."""

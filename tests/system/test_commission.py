@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import shlex
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -41,18 +43,32 @@ def file(tmp_path: Path) -> Path:
     return path
 
 
-def test_a_good_robot_is_commissioned_from_boards_to_a_slow_move(robot: Robot, file: Path, tmp_path: Path) -> None:
+@pytest.fixture
+def busy() -> Iterator[None]:
+    """Two programs that take all the time they get."""
+    loops = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2)]
+    try:
+        yield
+    finally:
+        for loop in loops:
+            loop.kill()
+            loop.wait()
+
+
+@pytest.mark.usefixtures("busy")
+def test_a_good_robot_is_commissioned_beside_two_busy_programs(robot: Robot, file: Path, tmp_path: Path) -> None:
     (example,) = (line for verb in VERBS for line in examples_of(verb) if line.startswith("trocar commission"))
     _, verb, given, *options = shlex.split(example)
     assert given == str(DEMO.relative_to(robot.root))
-    for number in range(3):  # a machine that holds io up for longer than the watchdog takes the power away
-        book = tmp_path / f"book{number}.json"
-        done = robot.types(verb, str(file), *options, "--system", robot.name, "--report", str(book), timeout=600.0)
-        if done.returncode == 0:
-            break
-    assert done.returncode == 0, done.stdout + done.stderr
+    book = tmp_path / "book.json"
+    done = robot.types(verb, str(file), *options, "--system", robot.name, "--report", str(book), timeout=1200.0)
+    assert ".py:" not in done.stderr and "Clipped" not in done.stderr
     tries = json.loads(book.read_text())["tries"]
-    assert [row["stage"] for row in tries] == list(NAMES)
+    stages = [row["stage"] for row in tries]
+    if done.returncode:  # real time is measured there: it runs through, or says why not
+        assert stages[-1] == "stop" and "other programs keep this computer busy" in done.stderr, done.stderr
+        pytest.skip("too busy for the stage that measures real time")
+    assert stages == list(NAMES)
     assert all(row["passed"] for row in tries)
     figures = {row["stage"]: row["figures"] for row in tries}
     assert {row["board"] for row in figures["scan"]["IO1"]} == {6, 7}

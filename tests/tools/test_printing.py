@@ -7,6 +7,7 @@ import io
 import json
 import os
 import re
+import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -109,3 +110,12 @@ def test_a_table_that_nobody_reads_does_not_end_the_program(monkeypatch: pytest.
             printing.table("", ("name",), [("PSM1",)])
     with contextlib.suppress(BrokenPipeError):
         output.close()
+
+
+def test_a_warning_of_python_reaches_the_terminal_as_one_plain_line() -> None:
+    code = ("import warnings; from tools import cli; from tools.errors import Clipped\n"
+            f"cli.build = lambda only: lambda prog_name: warnings.warn('PSM1 move_jp was clipped' + {EVIL!r}, Clipped)\n"
+            "cli.main()")
+    shown = subprocess.run([sys.executable, "-c", code], cwd=ROOT.parent, capture_output=True, text=True, check=True).stderr
+    assert "PSM1 move_jp was clipped" in shown and shown.count("\n") == 1
+    assert "<string>" not in shown and "Clipped" not in shown and not STEERS.search(shown)

@@ -129,7 +129,7 @@ def test_a_move_that_fails_says_why(kinematic: ScriptedRobot) -> None:
         thread = reported(kinematic, lambda command: (command.accept(), command.fail("replaced by hold")))
         handle = psm.jaw.open()
         thread.join()
-        with pytest.raises(trocar.Refused, match="PSM1 jaw/move_jp was failed: replaced by hold"):
+        with pytest.raises(trocar.Refused, match="PSM1 jaw/move_jp failed: replaced by hold"):
             handle.wait(5.0)
 
 

@@ -13,6 +13,7 @@ import psutil
 from shm import directory
 from shm.client import Client
 from shm.clock import monotonic_ns, pause
+from shm.commands import became
 from shm.control_page import ControlPage
 from tools.bench.cpu_time import cpu_s
 from tools.errors import Problem
@@ -94,7 +95,7 @@ def ask(remote: Remote, command: str, instance: str) -> None:
     """The supervisor starts or stops an instance; Problem when it does not."""
     reply = remote.settled(command, text=instance, timeout=PATIENCE_S)
     if reply.outcome != "done":
-        raise Problem(f"{command} {instance} was {reply.outcome}: {reply.text}")
+        raise Problem(f"{command} {instance} {became(reply.outcome)}: {reply.text}")
 
 
 def period_p99(system: str, seconds: float, meanwhile: Meanwhile) -> float:

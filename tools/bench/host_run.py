@@ -19,6 +19,7 @@ from procs.config import PROJECT_CONFIGS, load_system
 from procs.document.system import SystemConfig
 from procs.host.host import Host
 from shm.client import Client
+from shm.commands import became
 from shm.ring import RingReader
 from tools.bench.io_loop import write_system
 from tools.errors import Problem
@@ -90,7 +91,7 @@ class HostRun:
                     if reply.outcome == "done":
                         waiting.discard((arm, reply.id))
                     elif reply.outcome != "accepted":
-                        raise Problem(f"{arm}: {command} {text} was {reply.outcome}: {reply.text}")
+                        raise Problem(f"{arm}: {command} {text} {became(reply.outcome)}: {reply.text}")
             if self._host.now_ns > end_ns:
                 raise Problem(f"{command} {text} takes more than {LIMIT_S:g} s")
 

@@ -22,6 +22,7 @@ import psutil
 
 from shm import directory
 from shm.clock import monotonic_ns, pause
+from shm.commands import became
 from shm.control_page import ControlPage
 from shm.subscriptions import Subscriber
 from tools.arms import HOMED, bring, silent
@@ -115,7 +116,7 @@ def _restarts(system: str) -> float:
             begin = monotonic_ns()
             reply = remote.settled("restart", text=ARM, timeout=PATIENCE_S)
             if reply.outcome != "done":
-                raise Problem(f"restart of {ARM} was {reply.outcome}: {reply.text}")
+                raise Problem(f"restart of {ARM} {became(reply.outcome)}: {reply.text}")
             seen.append(_seconds(begin))
     return statistics.median(seen)
 

@@ -20,6 +20,7 @@ from procs.host.host import Host
 from shm import directory
 from shm.client import Client
 from shm.clock import monotonic_ns, pause
+from shm.commands import became
 from tools.errors import Problem
 
 LOOK_S = 0.002
@@ -76,7 +77,7 @@ class LockstepRun:
                 return
             if outcome != "refused":
                 break
-        raise Problem(f"{instance}: {command} {text} was {outcome}: {said}")
+        raise Problem(f"{instance}: {command} {text} {became(outcome)}: {said}")
 
     def wait(self, has_come: Callable[[], bool], what: str) -> None:
         """Keep what is written until something has come; Problem: it does not come."""

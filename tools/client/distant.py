@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from procs.kinematics.poses import matrix_from_pose
-from shm.commands import ENDINGS
+from shm.commands import ENDINGS, became
 from tools.client.connection import BridgeConnection
 from tools.client.values import FRESH_S, Array, JointState, Stamped, numbers
 from tools.errors import Disconnected, Problem, Refused
@@ -67,7 +67,7 @@ class DistantRemote:
             raise Problem(f"{self.instance} did not answer {command} within {timeout:g} s")
         reply = _reply(number, found)
         if reply.outcome not in ("accepted", "done"):
-            raise Refused(reply.text or f"{self.instance}: {command} was {reply.outcome}")
+            raise Refused(reply.text or f"{self.instance}: {command} {became(reply.outcome)}")
         return reply
 
     def settled(self, command: str, values: ArrayLike = (), text: str = "", timeout: float = 60.0) -> DistantReply:
@@ -289,7 +289,7 @@ class DistantWays:
                 continue
             reply = remote.settled("state_command", text=word, timeout=timeout)
             if reply.outcome != "done":
-                raise Problem(f"{name}: {word} was {reply.outcome}: {reply.text}")
+                raise Problem(f"{name}: {word} {became(reply.outcome)}: {reply.text}")
 
     def statistics(self, name: str) -> dict[str, dict[str, float]]:
         """Known on its own machine only."""

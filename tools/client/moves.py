@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from procs.requests import Answer
 from shm.clock import pause
-from shm.commands import ENDINGS
+from shm.commands import ENDINGS, became
 from tools.client.callbacks import Callbacks
 from tools.client.values import numbers
 from tools.client.ways import CommandWay
@@ -65,7 +65,7 @@ class MoveHandle:
             if self.short:
                 warnings.warn(f"{self._what} is done, {self.short}", Short, stacklevel=2)
         if self._end is not None and self._end.outcome != "done":
-            raise Refused(f"{self._what} was {self._end.outcome}: {self._end.text}")
+            raise Refused(f"{self._what} {became(self._end.outcome)}: {self._end.text}")
         return self._end is None
 
     def wait(self, timeout: float = 30.0, *, is_busy: bool = False) -> None:

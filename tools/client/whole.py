@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from procs.arm_types import ARM_TYPES
+from shm.commands import became
 from tools.client.distant import DistantRemote, DistantWays
 from tools.client.instance import DISABLED, ENABLED, HOMED
 from tools.client.sounds import WHOLE, Sounds
@@ -41,7 +42,7 @@ class DistantSystem(Sounds):
         if WHOLE in self._distant.instances:
             reply = DistantRemote(self._distant.connection, WHOLE).settled(WORDS[goal], timeout=timeout)
             if reply.outcome != "done":
-                raise Problem(f"{WORDS[goal]} was {reply.outcome}: {reply.text}")
+                raise Problem(f"{WORDS[goal]} {became(reply.outcome)}: {reply.text}")
             return
         carts = [name for name, what in self._distant.instances.items() if what == "suj"]
         wrong = []

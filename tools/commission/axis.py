@@ -11,6 +11,7 @@ from typing import Final
 
 import numpy as np
 
+from shm.commands import became
 from tools.commission.bench import CommandOutcome, RobotBench
 from tools.commission.finding import Finding, Outcome
 from tools.commission.subject import Subject
@@ -188,5 +189,5 @@ def _against_pot(up: Drive, down: Drive, subject: Subject, axis: int) -> list[Fi
 
 
 def _stopped(drive: Drive, subject: Subject, axis: int) -> Finding:
-    return Finding(subject.where(axis), f"driving it was {drive.answer.outcome}: {drive.answer.text}", "done",
+    return Finding(subject.where(axis), f"driving it {became(drive.answer.outcome)}: {drive.answer.text}", "done",
                    "trocar logs tells what happened; mend it and repeat this stage")

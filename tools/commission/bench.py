@@ -10,9 +10,9 @@ import numpy as np
 
 from procs.document.system import SystemConfig
 from shm import directory
-from shm.clock import monotonic_ns, pause
 from shm.commands import ENDINGS
 from shm.ring import RingReader
+from shm.system_time import SystemTime
 from tools import arms
 from tools.commission.person import Person
 from tools.commission.subject import Subject, subjects_of
@@ -67,6 +67,8 @@ class RunningBench:
         self.system = document.name
         self.subjects = subjects_of(document, chosen)
         self._open = contextlib.ExitStack()
+        self.time = self._open.enter_context(SystemTime(self.system))
+        """What stages measure and wait in; a rehearsal's may be simulated."""
         self._readers: dict[str, RingReader] = {}
         self._remotes: dict[str, Remote] = {}
         for io in {subject.io for subject in self.subjects}:
@@ -76,10 +78,10 @@ class RunningBench:
 
     def sample(self, io: str, seconds: float) -> Window:
         """See RobotBench; Problem when nothing comes."""
-        end, parts = monotonic_ns() + round(seconds * 1e9), []
-        since = monotonic_ns()
-        while monotonic_ns() < end:
-            pause(min(SLICE_S, max(0.001, (end - monotonic_ns()) * 1e-9)))
+        since = self.time.now_ns()
+        end, parts = since + round(seconds * 1e9), []
+        while self.time.now_ns() < end:
+            self.time.pause(min(SLICE_S, max(0.001, (end - self.time.now_ns()) * 1e-9)))
             parts.append(self._since(io, since))
             since = round(parts[-1].stamp_s[-1] * 1e9) + 1 if len(parts[-1]) else since
         window = Window.joined(parts)
@@ -93,16 +95,16 @@ class RunningBench:
     def asked(self, io: str, command: str, values: tuple[float, ...], text: str, timeout: float) -> \
             tuple[CommandOutcome, Window]:
         """See RobotBench."""
-        remote, since, parts = self._remotes[io], monotonic_ns(), []
-        number, end = remote.post(command, np.array(values), text), monotonic_ns() + round(timeout * 1e9)
+        remote, since, parts = self._remotes[io], self.time.now_ns(), []
+        number, end = remote.post(command, np.array(values), text), since + round(timeout * 1e9)
         while True:
             ended = [reply for reply in remote.replies_to(number) if reply.outcome in ENDINGS]
-            pause(0.02)
+            self.time.pause(0.02)
             parts.append(self._since(io, since))
             since = round(parts[-1].stamp_s[-1] * 1e9) + 1 if len(parts[-1]) else since
             if ended:
                 return CommandOutcome(ended[-1].outcome, ended[-1].text), Window.joined(parts)
-            if monotonic_ns() >= end:
+            if self.time.now_ns() >= end:
                 return CommandOutcome("failed", f"no answer within {timeout:g} s"), Window.joined(parts)
 
     def enable(self, subject: Subject) -> None:

@@ -6,7 +6,6 @@ from typing import Final
 
 import numpy as np
 
-from shm.clock import monotonic_ns
 from tools import arms
 from tools.commission.bench import RunningBench
 from tools.commission.finding import Finding, Outcome
@@ -25,9 +24,9 @@ def run(bench: RunningBench) -> Outcome:
         bench.person.confirm(f"{subject.whole()} is powered and goes to its home position with all joints, by itself. "
                              "Workspace clear, no instrument, hand on the emergency stop.", subject.name)
         try:
-            begin_ns = monotonic_ns()
+            begin_ns = bench.time.now_ns()
             found = homed(bench, subject)
-            outcome.figures[subject.name] = {"homed_s": (monotonic_ns() - begin_ns) * 1e-9}
+            outcome.figures[subject.name] = {"homed_s": (bench.time.now_ns() - begin_ns) * 1e-9}
             if not found:
                 window = bench.sample(subject.io, LOOK_S)
                 outcome.figures[subject.name]["pot_error"] = _apart(window, subject).tolist()

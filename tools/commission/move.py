@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import warnings
 from collections.abc import Callable
 from typing import Final, TypeVar
 
@@ -14,7 +16,7 @@ from tools.commission.bench import RunningBench
 from tools.commission.finding import Finding, Outcome
 from tools.commission.subject import Subject
 from tools.commission.window import Floats, Window
-from tools.errors import Problem, Refused
+from tools.errors import Clipped, Problem, Refused
 from tools.inspect.watch import Watch, arm_document
 
 T = TypeVar("T")
@@ -159,12 +161,11 @@ def _to_limit(bench: RunningBench, subject: Subject, arm: Arm, start: Floats, na
     limit, beyond = (high if up else low)[joint], BEYOND_M if slides[joint] else BEYOND_RAD
     goal = start.copy()
     goal[joint] = limit + (beyond if up else -beyond)
-    try:
+    with contextlib.suppress(Refused), warnings.catch_warnings():  # to refuse it is as good, to clip it is meant
+        warnings.simplefilter("ignore", Clipped)
         handle = arm.move_jp(goal)
         while handle.is_busy():
             bench.sample(subject.io, LOOK_S)
-    except Refused:
-        pass  # to refuse it is as good
     measured = steady(arm.measured_jp)
     past = (measured[joint] - limit) * (1.0 if up else -1.0)
     found = judge_limit(f"{subject.name} {names[joint]}", past, limit, slides[joint])

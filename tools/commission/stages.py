@@ -12,13 +12,17 @@ from tools.commission.finding import Outcome
 
 @dataclass(frozen=True, slots=True)
 class CommissionStage:
-    """One stage: its module has `run(bench)`. `live`: io runs meanwhile, else (on real boards) there is no system."""
+    """One stage: its module has `run(bench)`. `live`: io runs meanwhile, else (on real boards) there is no system.
+
+    `real_time`: a rehearsal, too, needs it; the others do with simulated time, which waits where the computer is busy.
+    """
 
     name: str
     module: str
     text: str
     stops: str  # what it stops at
     live: bool = True
+    real_time: bool = False
 
     def load(self) -> Callable[..., Outcome]:
         """Its function."""
@@ -36,7 +40,8 @@ STAGES: Final = (
     CommissionStage("axis", "tools.commission.axis", "one motor at a time, a small current, a little way",
                     "an axis that moves wrongly, another, or not; a brake that slips or sticks"),
     CommissionStage("stop", "tools.commission.stop", "emergency stop and watchdog",
-                    "an amplifier that stays on, or comes back by itself"),
+                    "an amplifier that stays on, or comes back by itself",
+                    real_time=True),
     CommissionStage("calibrate", "tools.commission.calibrate", "potentiometers and grippers, into an IO file",
                     "a potentiometer that is not linear or far from its file"),
     CommissionStage("home", "tools.commission.home", "every arm homed",

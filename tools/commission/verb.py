@@ -15,6 +15,7 @@ from procs.config import load_system
 from procs.document.system import SystemConfig, from_json
 from shm import directory
 from shm.clock import monotonic_ns
+from shm.system_time import WALL
 from tools.commission.bench import RunningBench
 from tools.commission.finding import Finding, Outcome
 from tools.commission.person import AtTerminal, Declined, Person
@@ -29,9 +30,9 @@ from tools.supervising import StartRequest, up_meanwhile
 from tools.systems import system_file
 
 NAME: Final = "commission"
-CLOCK: Final = "clock=wall"  # a watchdog is measured
 EASY: Final = ("io.period_s=0.002", "arm.period_s=0.002")  # on emulated boards, which share this machine's cores
 EASY_LATE: Final = "late_s=0.5"
+REHEARSALS: Final = 4  # of a stage in real time, while it stops
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +81,7 @@ def commission(
 
     Example: trocar commission configs/systems/demo.yaml --boards emulated --yes
     """
-    request = StartRequest(system_file(file, path or ()), system, boards, tuple(path or ()), (*(sets or ()), CLOCK))
+    request = StartRequest(system_file(file, path or ()), system, boards, tuple(path or ()), tuple(sets or ()))
     document = _document(request)
     if document.emulation is not None:
         request = dataclasses.replace(request, sets=(*_eased(document), *request.sets))
@@ -142,9 +143,12 @@ def _go(job: Job, book: CommissionReport, files: str, due: list[CommissionStage]
         return 0
     with contextlib.ExitStack() as stack:
         bench: RunningBench | None = None
+        clock = ""
         for row in due:
-            if bench is None and (row.live or job.boards == "emulated"):
-                bench = stack.enter_context(_running(job))
+            needed = WALL if row.real_time else job.document.clock
+            if needed != clock and (row.live or job.boards == "emulated"):
+                stack.close()
+                bench, clock = stack.enter_context(_running(job, needed)), needed
             note(f"\n== {row.name}: {row.text}; stops at: {row.stops}")
             begin_ns = monotonic_ns()
             outcome = _tried(row, job, bench, book.path.parent)
@@ -159,6 +163,9 @@ def _go(job: Job, book: CommissionReport, files: str, due: list[CommissionStage]
                     tell("\n".join(f"STOP {text}" for text in tried.problems))
                 note(f"stage {row.name} stopped, everything is off; mend it and run the same command again "
                      f"({book.path})")
+                if row.real_time and job.boards == "emulated":
+                    note(f"{row.name} measures real time, and was rehearsed {REHEARSALS} times: where other programs "
+                         "keep this computer busy, that alone may have stopped it; end them first")
                 return 1
             note(f"{row.name} passed")
             if row.name == "calibrate" and job.write:
@@ -169,7 +176,16 @@ def _go(job: Job, book: CommissionReport, files: str, due: list[CommissionStage]
 
 
 def _tried(row: CommissionStage, job: Job, bench: RunningBench | None, folder: Path) -> Outcome:
-    """One stage; what the system refuses is a finding like any other."""
+    """One stage; what the system refuses is a finding like any other. A rehearsal in real time may be late by chance.
+    """
+    for _ in range(REHEARSALS if row.real_time and job.boards == "emulated" else 1):
+        outcome = _tried_once(row, job, bench, folder)
+        if not outcome.problems:
+            break
+    return outcome
+
+
+def _tried_once(row: CommissionStage, job: Job, bench: RunningBench | None, folder: Path) -> Outcome:
     run = row.load()
     try:
         if bench is None:
@@ -183,10 +199,11 @@ def _tried(row: CommissionStage, job: Job, bench: RunningBench | None, folder: P
 
 
 @contextlib.contextmanager
-def _running(job: Job) -> Iterator[RunningBench]:
+def _running(job: Job, clock: str) -> Iterator[RunningBench]:
     """The system, up; down and off on every path."""
     with contextlib.ExitStack() as stack:
-        stack.enter_context(up_meanwhile(job.request))
+        sets = (*job.request.sets, f"clock={clock}")
+        stack.enter_context(up_meanwhile(dataclasses.replace(job.request, sets=sets)))
         document = from_json(directory.document(job.request.system))
         person: Person = job.person or stack.enter_context(AtBoards(document))
         yield stack.enter_context(RunningBench(document, person, job.arms))

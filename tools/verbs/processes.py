@@ -10,6 +10,7 @@ import typer
 from procs.document.process import ELSEWHERE, Process, processes_of
 from procs.manifest import proc
 from shm import directory
+from shm.commands import became
 from shm.segment import SegmentError
 from tools.errors import Misuse, Problem, Refused
 from tools.inspect.watch import document_of
@@ -111,7 +112,7 @@ def _asked(what: str, name: str, as_json: bool, system: str) -> int:
         say(f"{what} {name}", None)
         reply = remote.settled(what, text=name, timeout=PATIENCE_S)
     if reply.outcome != "done":
-        raise Refused(reply.text or f"{what} {name} was {reply.outcome}")
+        raise Refused(reply.text or f"{what} {name} {became(reply.outcome)}")
     if as_json:
         emit({"process": name, "outcome": reply.outcome, "text": reply.text})
     else:

@@ -37,18 +37,21 @@ def kinematic(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[str, Outc
         return run
 
     @contextlib.contextmanager
-    def running(job: verb.Job) -> Iterator[None]:
+    def running(job: verb.Job, clock: str) -> Iterator[None]:
         jobs.append(job)
+        clocks.append(clock)
         yield  # stages that are stood in for look at nothing
 
     monkeypatch.setattr(CommissionStage, "load", load)
     monkeypatch.setattr(verb, "_running", running)
     ran.clear()
+    clocks.clear()
     return outcomes
 
 
 ran: list[str] = []
 jobs: list[verb.Job] = []
+clocks: list[str] = []
 
 
 def _run(*words: str, file: Path = DEMO) -> Result:
@@ -69,6 +72,22 @@ def test_all_stages_run_in_order_and_are_reported(kinematic) -> None:
     ran.clear()
     assert "all stages have passed" in _run().output
     assert ran == []
+
+
+def test_a_rehearsal_is_in_simulated_time_but_where_a_watchdog_is_measured(kinematic) -> None:
+    assert _run().exit_code == 0
+    assert clocks == ["paced", "wall", "paced"]
+
+
+def test_a_stage_in_real_time_is_rehearsed_again_and_says_that_a_busy_computer_may_stop_it(kinematic) -> None:
+    kinematic["stop"] = Outcome([Finding("IO1, board 6", "its watchdog did not act", "0.03 s", "have it looked at")])
+    stopped = _run()
+    assert stopped.exit_code == 1 and ran == ["scan", "read", "power", "axis", *["stop"] * verb.REHEARSALS]
+    assert "other programs keep this computer busy" in " ".join(stopped.output.split())
+    assert len([row for row in _tries() if row["stage"] == "stop"]) == 1
+    kinematic.clear()
+    kinematic["home"] = Problem("PSM1: tracking")
+    assert "keep this computer busy" not in _run().output
 
 
 def test_a_rerun_goes_on_at_the_stage_that_stopped(kinematic) -> None:
@@ -177,7 +196,7 @@ def test_a_rehearsal_is_easy_on_the_machine_unless_it_is_told_otherwise(kinemati
     assert _run("--set", "io.period_s=0.001").exit_code == 0
     sets = jobs[-1].request.sets
     assert sets.index("io.period_s=0.002") < sets.index("io.period_s=0.001")  # the last one counts
-    assert {"processes.IO1.late_s=0.5", "processes.PSM1.late_s=0.5", "clock=wall"} <= set(sets)
+    assert {"processes.IO1.late_s=0.5", "processes.PSM1.late_s=0.5"} <= set(sets)
 
 
 def test_ctrl_c_ends_it_without_a_trace(kinematic, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -101,7 +101,7 @@ def _drive(moved: float = 0.035, pot: float | None = None, **changes) -> axis.Dr
     (_drive(measured=0.02), _drive(-0.035), "0.02 A measured for each A requested"),
     (_drive(pot=-0.035), _drive(-0.035, 0.035), "the sign of voltage_to_position is wrong"),
     (_drive(answer=CommandOutcome("failed", "power went off")), _drive(-0.035),
-     "driving it was failed: power went off"),
+     "driving it failed: power went off"),
 ])
 def test_an_axis_that_does_not_do_as_told_is_told(up: axis.Drive, down: axis.Drive, says: str, psm: Subject) -> None:
     assert axis.judge(_drive(), _drive(-0.035), psm, 0) == []

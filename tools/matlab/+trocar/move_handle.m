@@ -81,7 +81,6 @@ classdef move_handle < handle
                     warning('trocar:short', '%s is done, %s', self.what, self.short);
                 end
             end
-            self.done = self.done || (isfield(reply, 'outcome') && strcmp(reply.outcome, 'done'));
         end
 
     end
