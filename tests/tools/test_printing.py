@@ -114,8 +114,9 @@ def test_a_table_that_nobody_reads_does_not_end_the_program(monkeypatch: pytest.
 
 def test_a_warning_of_python_reaches_the_terminal_as_one_plain_line() -> None:
     code = ("import warnings; from tools import cli; from tools.errors import Clipped\n"
-            f"cli.build = lambda only: lambda prog_name: warnings.warn('PSM1 move_jp was clipped' + {EVIL!r}, Clipped)\n"
+            f"text = 'PSM1 move_jp was clipped' + {EVIL!r}\n"
+            "cli.build = lambda only: lambda prog_name: warnings.warn(text, Clipped)\n"
             "cli.main()")
-    shown = subprocess.run([sys.executable, "-c", code], cwd=ROOT.parent, capture_output=True, text=True, check=True).stderr
-    assert "PSM1 move_jp was clipped" in shown and shown.count("\n") == 1
-    assert "<string>" not in shown and "Clipped" not in shown and not STEERS.search(shown)
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT.parent, capture_output=True, text=True, check=True)
+    assert "PSM1 move_jp was clipped" in done.stderr and done.stderr.count("\n") == 1
+    assert "<string>" not in done.stderr and "Clipped" not in done.stderr and not STEERS.search(done.stderr)
