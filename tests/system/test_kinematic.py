@@ -44,6 +44,7 @@ def test_a_system_of_one_arm_is_homed_as_a_whole_and_its_arm_stopped_alone(robot
     assert "depends on it" not in robot.trocar("stop", "PSM1", code=2)
     robot.trocar("stop", "PSM1", "--yes")
     assert robot.state("system") == "RUNNING"
+    wait_for(lambda: echo(robot, "system/state")["arm_fresh"] == [False], 60, "the arm is seen no more")
     assert "PSM1" in robot.trocar("send", "system", "home", "--wait", code=1)
 
 
@@ -118,7 +119,8 @@ def test_real_and_kinematic_arms_run_side_by_side(robot: Robot, tmp_path: Path) 
         wait_for(lambda: np.abs(np.array(echo(robot, f"{arm}/measured_js")["position"]) - goal).max() < 0.02,  # noqa: B023
                  60, f"the move of {arm}")
     rows = {row["name"]: row["simulation"] for row in json.loads(robot.trocar("status", "--json"))["processes"]}
-    assert rows == {"supervisor": "", "boards": "", "IO1": "", "PSM1": "", "io": "KINEMATIC", "PSM2": "KINEMATIC"}
+    assert rows == {"supervisor": "", "boards": "", "IO1": "", "PSM1": "", "io": "KINEMATIC", "PSM2": "KINEMATIC",
+                    "system": ""}
     assert echo(robot, "PSM1/state")["simulated"] is False
     robot.kill("io")
     wait_for(lambda: echo(robot, "PSM2/state")["state"] == "FAULT", 60, "FAULT of the kinematic arm")
