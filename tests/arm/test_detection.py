@@ -19,6 +19,7 @@ def test_manual_detection_asks_once_and_takes_the_answer() -> None:
     assert psm.types == [("tool_type_request", "")] and len(psm.reports.of("warning")) == 1
     assert psm.arm.state == "HOMED" and not psm.homed_flag and psm.state["count"] == 7
     assert "there are" in psm.send("set_tool_type", (), "SPOON:1").replies[0][1]
+    assert DRIVER in psm.send("set_tool_type", (), "").replies[0][1]
     assert psm.send("set_tool_type", (), DRIVER).outcomes == ["done"]
     assert psm.types[-1] == ("tool_type", DRIVER)
     assert psm.arm.state == "ENGAGING_TOOL" and psm.state.text("tool") == TOOL.name

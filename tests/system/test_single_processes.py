@@ -49,6 +49,7 @@ def test_one_process_is_stopped_and_started_by_a_person(robot: Robot) -> None:
     assert (row(robot, "PSM1")["lifecycle"], row(robot, "PSM1")["state"], processes(robot, "PSM1")) == (
         "STOPPED", "STOPPED", [])
     assert robot.state("io") == "RUNNING", "the others go on"
+    assert robot.trocar("status", code=1).rstrip().endswith("first: PSM1 is stopped: trocar start PSM1")
     robot.trocar("stop", "io", "--yes")
     assert "PSM1 needs io, which does not run: trocar start io" in robot.trocar("start", "PSM1", code=1)
     for name in ("io", "PSM1"):

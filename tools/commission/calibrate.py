@@ -61,7 +61,8 @@ def run(bench: RobotBench, folder: Path, *, write: bool = False) -> Outcome:
     for source, robots in changes.items():
         values = {name: {axis: (line.scale, line.offset) for axis, line in lines.items()}
                   for name, lines in robots.items()}
-        saved = io_file.save(Path(source), values, folder, write=write)
+        saved = io_file.save(Path(source), values, folder, write=write,
+                             rehearsed=bench.document.emulation is not None)
         bench.person.report(saved.diff or f"{source}: nothing changes")
         outcome.notes += saved.notes
     return outcome

@@ -30,10 +30,10 @@ class SavedIoFile:
     notes: list[str] = field(default_factory=list)
 
 
-def save(source: Path, values: Values, folder: Path, *, write: bool) -> SavedIoFile:
+def save(source: Path, values: Values, folder: Path, *, write: bool, rehearsed: bool = False) -> SavedIoFile:
     """Put values into a new file `NAME-calibrated.json` in `folder`, or with `write` into the file itself.
 
-    Problem where that cannot be done; then nothing has changed.
+    `rehearsed`: they are those of an emulated robot. Problem where that cannot be done; then nothing has changed.
     """
     read, problems = read_source(source)
     if read is None:
@@ -50,8 +50,9 @@ def save(source: Path, values: Values, folder: Path, *, write: bool) -> SavedIoF
         _write(path, new, saved)
     except OSError as bad:
         raise Problem(f"{path} cannot be written: {bad.strerror or bad}") from None
-    saved.notes.append(f"{path} has the calibrated values" + ("" if write else
-                       f"; put it in the place of {source.name} (IO_file of the system file)"))
+    use = "" if write else f"; put it in the place of {source.name} (IO_file of the system file)"
+    what = "values of the emulated robot; yours has others: do not use it" if rehearsed else f"the calibrated values{use}"
+    saved.notes.append(f"{path} has {what}")
     return saved
 
 

@@ -89,6 +89,8 @@ def commission(
         raise Misuse(f"no stage {stage}; there are {', '.join(NAMES)}")
     if not subjects_of(document, arm):
         raise Problem(f"{file}: no robot on boards{' of ' + ', '.join(arm) if arm else ''} to commission")
+    if write and document.emulation is not None:
+        raise Misuse("--write is for a real robot: a rehearsal measures the emulated one, and its values are not yours")
     if yes and document.emulation is None:
         raise Misuse("--yes is for emulated boards: on a real robot a person confirms what powers or moves")
     book = CommissionReport(report or Path(f"commission-{file.stem}.json"), file.name)

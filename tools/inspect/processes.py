@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from procs.document.process import ELSEWHERE, Process, processes_of
+from procs.document.process import ALWAYS, ELSEWHERE, Process, processes_of
 from procs.manifest import THIRD_PARTY, hung_s, late_s
 from procs.realtime import NO_FIFO, NOT_LOCKED, ORDINARY
 from shm import directory
@@ -19,7 +20,8 @@ from tools.printing import number, plain
 from tools.running import SUPERVISOR
 from tools.systems import alive, is_simulated
 
-DEAD, FAILED, NOT_RUNNING, SILENT, STALLED = "dead", "failed", "not running", "silent", "stalled"  # problems
+DEAD, FAILED, NOT_RUNNING = "dead", "failed", "not running"  # problems
+SILENT, STALLED, STOPPED = "silent", "stalled", "stopped"
 LOOK_AGAIN_S = 0.02
 TRIES = 5
 ALL = 1 << 16  # records: more than any ring has
@@ -28,9 +30,9 @@ COLUMNS = ("process", "state", "pid", "Hz", "p99 ms", "work ms", "missed", "rest
 RIGHT = ("pid", "Hz", "p99 ms", "work ms", "missed", "restarts")
 BEGINNING = ("CREATED", "STARTING", "RESTARTING")
 SENTENCES = {DEAD: "{} is dead", STALLED: "{} is stalled", SILENT: "{} is silent", FAILED: "{} failed",
-             NOT_RUNNING: "{} is not running"}
+             NOT_RUNNING: "{} is not running", STOPPED: "{} is stopped"}
 """Of problems that are a word; all others are what a process says of itself."""
-SAYS_WHY = FAILED, NOT_RUNNING
+SAYS_WHY = FAILED, NOT_RUNNING, STOPPED
 ENDING = ("STOPPING", "RESTARTING")  # the process may not have heard of it yet
 COUNTS = ("cycles", "missed", "overruns", "pauses")
 STATISTICS = ("period", "work", "latency")
@@ -114,7 +116,15 @@ def statuses(system: str) -> list[ProcessStatus]:
             found.append(dataclasses.replace(process, simulation=str(reported.get("simulation", ""))))
         finally:
             page.close()
-    return found
+    if found[0].state != "RUNNING":  # it is being stopped as a whole
+        return found
+    return [dataclasses.replace(one, problem=STOPPED) if _is_stopped(one, rows) else one for one in found]
+
+
+def _is_stopped(one: ProcessStatus, rows: Mapping[str, Process]) -> bool:
+    """An operator has stopped it, and the system lacks it."""
+    return one.exit_reason == "stopped" and one.lifecycle == "STOPPED" and not one.problem and (
+        one.name in rows and rows[one.name].start == ALWAYS)
 
 
 def _without_page(name: str, known: dict[str, Any], lost: str) -> ProcessStatus:

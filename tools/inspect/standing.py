@@ -15,7 +15,7 @@ from shm import directory
 from shm.ring import RingReader
 from shm.segment import SegmentError
 from tools.inspect.messages import in_full
-from tools.inspect.processes import DEAD, FAILED, NOT_RUNNING, SILENT, STALLED, ProcessStatus
+from tools.inspect.processes import DEAD, FAILED, NOT_RUNNING, SILENT, STALLED, STOPPED, ProcessStatus
 from tools.inspect.segments import GONE
 from tools.printing import plain, span
 from tools.running import SUPERVISOR
@@ -175,6 +175,8 @@ def _help(process: ProcessStatus) -> str:
         return f"{'' if is_dead else 'trocar down; then '}trocar up FILE starts the system again"
     if problem in (SILENT, DEAD) and not process.lifecycle:
         return "it is a third-party program; start it again"
+    if problem == STOPPED:
+        return f"trocar start {name}"
     if is_dead or problem.startswith(NOT_RUNNING):
         return f"trocar start {name}; trocar logs {name} may say why"
     return f"trocar restart {name}" if problem == STALLED else f"trocar logs {name}"

@@ -71,7 +71,8 @@ class Detection:
         known = arm.tools + ((arm.tool,) if arm.tool is not None and arm.tool not in arm.tools else ())
         found: CatalogueMatch[Tool] = find(name, known)
         if found.entry is None:
-            raise ValueError(f"{name[:40] or 'no name'}: {found.reason}; there are: {', '.join(found.candidates)}")
+            raise ValueError(f"{name[:40] or 'no name'}: {found.reason}; there are: "
+                             f"{', '.join(found.candidates or map(full_name, known))}")
         self.take(found.entry)
         self._control.reports.emit("tool_type", full_name(found.entry))
 

@@ -165,6 +165,11 @@ def test_a_real_robot_is_never_commissioned_without_a_person(kinematic, tmp_path
     assert ran == []
 
 
+def test_a_rehearsal_never_writes_into_the_files_of_the_robot(kinematic) -> None:
+    result = _run("--write")
+    assert result.exit_code == 2 and "rehearsal" in result.output and ran == []
+
+
 def test_what_is_no_report_is_left_alone(kinematic, tmp_path: Path) -> None:
     other = tmp_path / "notes.json"
     other.write_text("{}")
