@@ -172,11 +172,23 @@ class Control:
             self.report(codes.CLIPPED, f"clipped to the joint limits: {names}")
         return f"clipped: {names}"
 
-    def _judge(self, name: str) -> None:
+    def _take_goal(self, name: str) -> NDArray[np.bool_]:
+        """Bring `goal`, of a stream of commands `name`, into the limits; which joints were outside.
+
+        It is judged as it was sent where a stream begins: a wrong number is one near a limit, too. A running stream
+        may pass a limit, and is judged by what is left of it.
+        """
+        is_running = self.motion.mode is Mode.POSITION and self.streams.is_running(self.now_ns)
+        if not is_running:
+            self._judge(name, is_running)
+        outside = self._clip()
+        if is_running:
+            self._judge(name, is_running)
+        return outside
+
+    def _judge(self, name: str, is_running: bool) -> None:
         """CommandRefused where `goal`, of a stream of commands `name`, is too far away; a running stream ends there."""
-        motion, streams = self.motion, self.streams
-        governor = motion.governor
-        is_running = motion.mode is Mode.POSITION and streams.is_running(self.now_ns)
+        streams, governor = self.streams, self.motion.governor
         if is_running and governor.most.item() > LATE_S:
             self._report_slow()
         lag_s, axis = governor.lag()
@@ -219,8 +231,7 @@ class Control:
 
     def follow(self, name: str, space: Space, velocity: Array | None = None) -> str:
         """Follow `goal`, of a stream of commands `name`, with a velocity feed of the arm's joints (count,)."""
-        outside = self._clip()
-        self._judge(name)
+        outside = self._take_goal(name)
         text = self._say_clipped(outside)
         if velocity is not None:
             velocity = self._feed(velocity)
@@ -256,8 +267,7 @@ class Control:
 
     def adjust(self, name: str) -> str:
         """Follow `goal`, of a stream of commands `name`, of which only the jaw has changed."""
-        outside = self._clip()
-        self._judge(name)
+        outside = self._take_goal(name)
         text = self._say_clipped(outside)
         self._end_efforts()
         self.motion.adjust(self.goal)

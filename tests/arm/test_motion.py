@@ -203,11 +203,13 @@ def test_move_increments_add_to_the_goal_of_the_running_move(harness: ArmHarness
     assert harness.state["setpoint_position"][0] == pytest.approx(0.2)
 
 
-@pytest.mark.parametrize("name", ("servo_jp", "move_jp"))
-def test_goals_beyond_the_limits_are_clipped_and_told(harness: ArmHarness, name: str) -> None:
+@pytest.mark.parametrize(("name", "yaw", "insertion"), [("servo_jp", 1.7, 0.27), ("move_jp", 9.0, 0.5)])
+def test_goals_beyond_the_limits_are_clipped_and_told(
+    harness: ArmHarness, name: str, yaw: float, insertion: float
+) -> None:
     harness.go((1.5, 0.0, 0.23, 0.0, 0.0, 0.0))
     harness.reports.events.clear()
-    request = harness.send(name, (9.0, 0.0, 0.5, 0.0, 0.0, 0.0))
+    request = harness.send(name, (yaw, 0.0, insertion, 0.0, 0.0, 0.0))
     changes = " 9.000 → 1.588 rad, insertion 0.500 → 0.240 m" if name == "move_jp" else ", insertion"
     assert request.replies[0][1] == f"clipped: yaw{changes}"
     harness.run(4.0)
@@ -229,7 +231,7 @@ def test_clipping_warns_once_an_episode(harness: ArmHarness) -> None:
 
 def test_a_clipped_joint_gets_no_velocity(harness: ArmHarness) -> None:
     harness.go((1.5, 0.0, 0.12, 0.0, 0.0, 0.0))
-    harness.send("servo_jp", (9.0, 0.0, 0.12, 0.0, 0.0, 0.0, 1.0, 0.5, 0.0, 0.0, 0.0, 0.0))
+    harness.send("servo_jp", (1.7, 0.0, 0.12, 0.0, 0.0, 0.0, 1.0, 0.5, 0.0, 0.0, 0.0, 0.0))
     assert tuple(harness.setpoint["velocity"][:2]) == (0.0, 0.5)
 
 

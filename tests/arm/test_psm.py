@@ -130,7 +130,7 @@ def test_jaw_goals_are_kept_by_the_arm_and_the_other_way_round(harness: ArmHarne
 
 def test_jaw_limits_hold_while_the_tip_is_followed(harness: ArmHarness) -> None:
     harness.send("servo_cp", tip_at(harness, 0.1134))
-    assert harness.send("jaw/servo_jp", (-2.0,)).replies == [("done", "clipped: jaw")]
+    assert harness.send("jaw/servo_jp", (-0.9,)).replies == [("done", "clipped: jaw")]
     harness.run(0.2)
     assert harness.state["jaw_setpoint_position"] == pytest.approx(-0.698132)
 

@@ -217,6 +217,17 @@ def test_what_a_hand_types_is_gone_to_at_a_bounded_speed(harness: ArmHarness) ->
     assert "yaw is 0.3 rad" in refused(harness, "servo_jr", at(0.3, 0.0)) and warnings(harness) == ["stream-jump"]
 
 
+def test_a_wrong_number_is_refused_near_a_limit_too(harness: ArmHarness) -> None:
+    harness.go((1.5, 0.0, 0.12, 0.0, 0.0, 0.0))
+    assert "yaw is 1e+06 rad from the setpoint" in refused(harness, "servo_jp", at(1e6))
+    assert harness.io.setpoint[0] == pytest.approx(1.5)
+    yaw = 1.5
+    while yaw < 2.0:
+        yaw += 0.001
+        assert harness.send("servo_jp", at(yaw)).outcomes == ["done"], "a running stream may pass a limit"
+    assert harness.state["setpoint_position"][0] == pytest.approx(1.588, abs=0.01)
+
+
 def test_units_and_joints_are_named(harness: ArmHarness) -> None:
     assert "insertion is 0.06 m from the setpoint" in refused(harness, "servo_jp", at(0.0, 0.18))
     assert "0.045 m is allowed" in harness.reports.of("warning")[0][2]
