@@ -72,7 +72,7 @@ def test_values_that_make_no_sense_are_refused_with_what_is_allowed() -> None:
 
 
 def test_a_slip_of_the_decimal_point_is_refused_while_it_runs() -> None:
-    with pytest.raises(ValueError, match=r"more than 10 times what it is \(6\)"):
+    with pytest.raises(ValueError, match="more than 10 times 6"):
         changed(ROW, ["p_gain"], [600.0], running=True)
     assert changed(ROW, ["p_gain"], [600.0], running=False).p_gain == 600.0
     assert changed(ROW, ["p_gain", "i_gain"], [60.0, 1.0], running=True).i_gain == 1.0

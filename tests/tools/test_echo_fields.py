@@ -98,7 +98,7 @@ def test_hz_of_a_field_counts_its_changes(played: ScriptedRobot, monkeypatch: py
     assert row["topic"] == "PSM1/measured_js.position[0]" and row["records"] == 4 and row["changes_hz"] == 1.0
     unknown = json.loads(run(played, "hz", "PSM1/measured_js.velocity", "--json", "--window", "2").stdout)
     assert unknown["records"] == 4 and unknown["changes_hz"] == 0.0, "what is not known all the time does not change"
-    assert "changes Hz" in run(played, "hz", "PSM1/measured_js.position[0]").stdout
+    assert "changes" in run(played, "hz", "PSM1/measured_js.position[0]").stdout
     assert run(played, "hz", "PSM1/measured_js.nothing").exit_code == 2
     table = run(played, "hz", "PSM1/state", "--csv", "-").stdout.splitlines()
     assert table[0].startswith("topic,records,") and table[1].startswith("PSM1/state,4,1500.0,")
