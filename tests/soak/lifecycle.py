@@ -157,9 +157,9 @@ class RandomWalk:
         """All processes of each instance, as the kernel lists them."""
         found: dict[str, list[int]] = {name: [] for name in NAMES}
         for process in psutil.process_iter(["cmdline"]):
-            words = process.info["cmdline"] or []
+            words = [word for word in process.info["cmdline"] or [] if word]
             if words[-4:-1] == ["--system", self.name, "--name"] and "handover.py" not in " ".join(words):
-                found[words[-1]].append(process.pid)
+                found.setdefault(words[-1], []).append(process.pid)
         return found
 
     def _look(self) -> None:

@@ -184,6 +184,6 @@ def _lives(pid: int) -> bool:
 
 def _name(pid: int) -> str:
     try:
-        return " ".join(psutil.Process(pid).cmdline()[-4:])
+        return " ".join([word for word in psutil.Process(pid).cmdline() if word][-4:])
     except psutil.NoSuchProcess:
         return ""

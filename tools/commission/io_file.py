@@ -51,8 +51,8 @@ def save(source: Path, values: Values, folder: Path, *, write: bool, rehearsed: 
     except OSError as bad:
         raise Problem(f"{path} cannot be written: {bad.strerror or bad}") from None
     use = "" if write else f"; put it in the place of {source.name} (IO_file of the system file)"
-    what = "values of the emulated robot; yours has others: do not use it" if rehearsed else f"the calibrated values{use}"
-    saved.notes.append(f"{path} has {what}")
+    saved.notes.append(f"{path} has values of the emulated robot; yours has others: do not use it" if rehearsed
+                       else f"{path} has the calibrated values{use}")
     return saved
 
 

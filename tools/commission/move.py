@@ -16,7 +16,7 @@ from tools.commission.bench import RunningBench
 from tools.commission.finding import Finding, Outcome
 from tools.commission.subject import Subject
 from tools.commission.window import Floats, Window
-from tools.errors import Clipped, Problem, Refused
+from tools.errors import Clipped, Problem, Refused, Short
 from tools.inspect.watch import Watch, arm_document
 
 T = TypeVar("T")
@@ -47,7 +47,8 @@ def run(bench: RunningBench) -> Outcome:
 
 def _watched(bench: RunningBench, subject: Subject, outcome: Outcome) -> list[Finding]:
     """Moved; where that fails, with what the arm said of it."""
-    with Watch(bench.system, subject.arm) as watch:
+    with Watch(bench.system, subject.arm) as watch, warnings.catch_warnings():
+        warnings.simplefilter("ignore", Short)  # where it arrives is judged here
         try:
             return _moved(bench, subject, outcome)
         except (Problem, TimeoutError) as problem:
