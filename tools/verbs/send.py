@@ -57,7 +57,8 @@ def send(
     if as_json:
         emit({"component": component, "command": command, "outcome": reply.outcome, "text": reply.text})
     elif good:
-        colon = ", " if row_of(known[command]).move else ": "  # done, clipped: insertion 5.000 → 0.240 m
+        row = row_of(known[command])
+        colon = ", " if row.move or row.stream else ": "  # done, clipped: insertion 5.000 → 0.240 m
         tell(reply.outcome + (f"{colon}{reply.text}" if reply.text else ""))
     else:
         raise Problem(f"{component} {command} {reply.outcome}: {reply.text or 'no reason given'}")
