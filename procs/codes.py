@@ -169,7 +169,7 @@ IO_FAULT: Final = Code(
     "io-fault", ERROR, "arm", "io reports a fault whose number is not known here",
     "start all parts from the same version")
 PID_OFF: Final = Code(
-    "pid-off", ERROR, "arm", "the joint controller was switched off, or off and on again, by somebody else",
+    "pid-off", ERROR, "arm", "another program switched the joint controller off, or off and on again",
     "trocar home NAME; trocar logs IO --commands says by whom")
 BIAS_CHANGED: Final = Code(
     "bias-changed", ERROR, "arm", "the encoders were set anew while the joint controller was on",

@@ -1,9 +1,9 @@
 """Who has not beaten for too long: late ones are reported, hung ones are killed. Pure: all times come from outside.
 
-A process shows that it goes on by a mark that changes: its heartbeat. Its silence is real time, whatever clock the
-system has. Of one of our own beats no more than a QUARTER of what is allowed counts: what stalled us may have stalled
-the others as well, and so each has some of our beats to show that it goes on. In a beat in which we were late ourselves
-no process is reported late.
+A process shows that it runs by a mark that changes: its heartbeat. Its silence is measured in real time on every
+clock. One beat of the supervisor counts for at most a QUARTER of the allowed silence: a stall of the supervisor may
+have stalled the others, too, and so each process has several beats to change its mark. In a beat in which the
+supervisor itself was late, no process is reported late.
 """
 
 from __future__ import annotations

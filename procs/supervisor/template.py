@@ -61,7 +61,7 @@ def _run(module: str) -> int:
 
 
 def _end(code: int) -> NoReturn:
-    """At once: taking all modules apart would copy them first, which the kernel only has to let go of."""
+    """End without tearing down the interpreter: that would copy all memory that is shared with the template."""
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(code)
