@@ -29,6 +29,7 @@ from typing import Final, NoReturn
 
 READY: Final = b"ready"
 MOST: Final = 1 << 16  # bytes of a request
+PR_SET_PDEATHSIG: Final = 1
 ROOT: Final = Path(__file__).resolve().parents[2]
 OURS: Final = tuple(str(ROOT / folder) for folder in ("procs", "shm"))
 ARGUMENTS_AT: Final = 47  # in /proc/self/stat: first and last address of the command line, counted from 0
@@ -37,6 +38,7 @@ ARGUMENTS_AT: Final = 47  # in /proc/self/stat: first and last address of the co
 def main() -> None:
     """Serve until the supervisor has gone; in each process that was forked off, what its module's `main` does."""
     signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])  # the supervisor holds it back until it listens to it
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)  # also while stopped; forks do not inherit it
     asking = socket.socket(fileno=int(sys.argv[1]))
     for row in importlib.import_module("procs.manifest").PROCS:
         if row.realtime:

@@ -115,12 +115,16 @@ def test_changed_sources_are_not_forked(tmp_path: Path, monkeypatch: pytest.Monk
     assert before != forked_off._stamps(before)
 
 
-def test_a_template_ends_with_its_supervisor(world: World) -> None:
-    code = ("import os, signal, sys; from procs.supervisor.forking import Template\n"
-            "template = Template(); template.start(); print(template._popen.pid, flush=True); sys.stdin.read()\n")
+@pytest.mark.parametrize("stopped", [False, True])
+def test_a_template_ends_with_its_supervisor(world: World, stopped: bool) -> None:
+    code = ("import sys, time; from procs.supervisor.forking import Template\n"
+            "template = Template()\nwhile not template.has_imported(): time.sleep(0.01)\n"
+            "print(template._popen.pid, flush=True); sys.stdin.read()\n")
     child = world.start(code)
     assert child.stdout is not None
     row = psutil.Process(int(child.stdout.readline()))
+    if stopped:
+        row.suspend()
     world.kill(child)
     world.until(lambda: not row.is_running() or row.status() == psutil.STATUS_ZOMBIE, "the template ends")
 

@@ -44,31 +44,36 @@ def file(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def busy() -> Iterator[None]:
+def busy() -> Iterator[list[subprocess.Popen[bytes]]]:
     """Two programs that take all the time they get."""
     loops = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2)]
     try:
-        yield
+        yield loops
     finally:
         for loop in loops:
             loop.kill()
             loop.wait()
 
 
-@pytest.mark.usefixtures("busy")
-def test_a_good_robot_is_commissioned_beside_two_busy_programs(robot: Robot, file: Path, tmp_path: Path) -> None:
+def test_a_good_robot_is_commissioned_beside_two_busy_programs(
+    robot: Robot, file: Path, tmp_path: Path, busy: list[subprocess.Popen[bytes]]
+) -> None:
     (example,) = (line for verb in VERBS for line in examples_of(verb) if line.startswith("trocar commission"))
     _, verb, given, *options = shlex.split(example)
     assert given == str(DEMO.relative_to(robot.root))
     book = tmp_path / "book.json"
-    done = robot.types(verb, str(file), *options, "--system", robot.name, "--report", str(book), timeout=1200.0)
+    command = verb, str(file), *options, "--system", robot.name, "--report", str(book)
+    done = robot.types(*command, timeout=1200.0)
     assert ".py:" not in done.stderr and "Clipped" not in done.stderr
     tries = json.loads(book.read_text())["tries"]
-    stages = [row["stage"] for row in tries]
-    if done.returncode:  # real time is measured there: it runs through, or says why not
-        assert stages[-1] == "stop" and "other programs keep this computer busy" in done.stderr, done.stderr
-        pytest.skip("too busy for the stage that measures real time")
-    assert stages == list(NAMES)
+    if done.returncode:  # real time is measured in one stage: the same command resumes there once the machine is free
+        failed = tries.pop()
+        assert failed["stage"] == "stop" and "other programs keep this computer busy" in done.stderr, done.stderr
+        for loop in busy:
+            loop.kill()
+        robot.trocar(*command, timeout=1200.0)
+        tries += json.loads(book.read_text())["tries"][len(tries) + 1 :]
+    assert [row["stage"] for row in tries] == list(NAMES)
     assert all(row["passed"] for row in tries)
     figures = {row["stage"]: row["figures"] for row in tries}
     assert {row["board"] for row in figures["scan"]["IO1"]} == {6, 7}

@@ -92,7 +92,7 @@ def test_a_recorder_that_keeps_nothing_is_not_well_until_it_does(robot: Robot) -
     ends_with(robot, "first: recorder: what happens now is not recorded", "File too large")
     os.kill(robot.pid("io"), signal.SIGKILL)
     wait_for(lambda: "could not be kept" in robot.trocar("logs", "recorder", code=None)
-             or "not all of it" in robot.trocar("logs", "recorder", code=None), 60, "the recording of the fault is reported")
+             or "not all of it" in robot.trocar("logs", "recorder", code=None), 60, "the fault is reported")
     resource.prlimit(recorder, resource.RLIMIT_FSIZE, (most, most))
     wait_for(lambda: robot.types("home").returncode == 0, 240, "io has come back")
     ends_with(robot, "first: recorder: the recording of the last fault is not complete")
