@@ -64,6 +64,7 @@ class Proc:
     share of its period that nobody else may take (SCHED_DEADLINE), where it may ask for priority: that of a section of
     `trocar:`, a little above that of arms, or less than all that move robots; without any it is no `realtime` kind.
     `start` "on-demand": only while somebody wants something of it, unless the system file says otherwise.
+    `is_first`: it begins with the first and ends with the last.
     `declared`: the system file says of each instance what it writes and what it can be asked.
     `in_time`: simulated time waits for it; who is not goes by real time, or asks what time the system has.
     `budget_us` is the share of one core's time its cycle may use at its default period (median), for `trocar bench`.
@@ -89,6 +90,7 @@ class Proc:
     hung_s: float = 1.0
     rest: int = 1
     start: Literal["always", "on-demand"] = "always"
+    is_first: bool = False
     declared: bool = False
     in_time: bool = True
 
@@ -101,6 +103,11 @@ class Proc:
     def realtime(self) -> bool:
         """It also locks its memory and collects no garbage; others live as programs usually do."""
         return bool(self.priority)
+
+    @property
+    def is_forked(self) -> bool:
+        """It is forked off the template, which has imported its module; others get an interpreter of their own."""
+        return self.realtime or self.is_first
 
 
 PROCS: tuple[Proc, ...] = (
@@ -160,10 +167,10 @@ PROCS: tuple[Proc, ...] = (
     Proc("ros_bridge", "procs.ros_bridge.loop", 0.01, 1.0, 3.0, "ROS clients hear nothing until the restart", topics=(),
          instances=lambda system: _users(system, {"ros_bridge": (system.ros.period_s, "")} if system.ros else {}),
          pause_ends=False, budget_us=2500, hung_s=5.0, declared=True, in_time=False),
-    # It comes first, and ends last: what begins and what ends is recorded, too. Nobody waits for it to be up.
+    # It begins first and ends last: what begins and what ends is recorded, too. The start does not wait for it.
     Proc("recorder", "procs.recorder.loop", 0.02, 1.0, 4.0, "nothing is recorded until the restart",
          instances=lambda system: [ProcessInstance("recorder")] if system.recorder else [],
-         pause_ends=False, budget_us=2000, hung_s=5.0, declared=True, in_time=False),
+         pause_ends=False, budget_us=2000, hung_s=5.0, is_first=True, declared=True, in_time=False),
     Proc("foxglove", "procs.foxglove.loop", 1 / 30, 1.0, 3.0, "its clients see nothing until the restart", topics=(),
          instances=lambda system: _users(system, {"foxglove": (1.0 / system.foxglove.rate_hz, "")})
          if system.foxglove else [],

@@ -13,6 +13,7 @@ from typing import Any
 from shm.client import Client, MailboxFull, Reply
 from shm.clock import pause
 from shm.commands import ENDINGS, became
+from shm.control_page import ControlPage
 from shm.origins import Origin
 from shm.segment import SegmentError
 from shm.system_time import SystemTime
@@ -22,6 +23,9 @@ from tools.inspect.messages import in_full
 
 POLL_S = 0.001
 KEPT = 1000
+START_S = 2.0
+STARTING = ("CREATED", "STARTING")
+ENDED = ("STOPPED", "FAILED")
 
 
 class Remote:
@@ -31,7 +35,7 @@ class Remote:
         """Attach; SegmentError when there is no such component."""
         self.instance, self._system = instance, system
         self._client = Client(system, instance)
-        self._time = SystemTime(system)
+        self._time, self._page = SystemTime(system), ControlPage(system, instance)
         self._inbox: dict[int, list[Reply]] = {}
 
     @property
@@ -49,6 +53,14 @@ class Remote:
         MailboxFull when the component does not take it, SegmentError when others have all places; both say who.
         """
         return self._client.send(command, values, text)
+
+    def wait_until_it_runs(self) -> None:
+        """While it starts: it refuses what was sent before it ran. Problem when it has been stopped, or has failed."""
+        deadline = Deadline(START_S)
+        while (state := self._page.state) in STARTING and not deadline.is_over():
+            pause(POLL_S)
+        if state in ENDED:
+            raise Problem(f"{self.instance} is {state.lower()}; first: trocar start {self.instance}")
 
     def replies(self) -> list[Reply]:
         """Answers to whatever was sent, that came and were not asked for yet."""
@@ -85,6 +97,7 @@ class Remote:
         return reply
 
     def _posted(self, command: str, values: Sequence[float] | Any, text: str) -> int:
+        self.wait_until_it_runs()
         try:
             return self.post(command, values, text)
         except (SegmentError, MailboxFull) as error:
@@ -112,8 +125,8 @@ class Remote:
 
     def close(self) -> None:
         """Detach; the last one of a process frees its place."""
-        self._client.close()
-        self._time.close()
+        for each in (self._client, self._time, self._page):
+            each.close()
 
     def __enter__(self) -> Remote:
         return self

@@ -22,7 +22,7 @@ HANDOVER = Path(__file__).with_name("handover.py")
 
 @dataclass(slots=True)
 class OsProcess:
-    """The process of one instance, or none. What drives the robot is forked off the template, where it can be had.
+    """The process of one instance, or none. Most are forked off the template, where it can be had.
 
     It is given `sockets` at which it listens; they stay ours. Its output goes to the file `log`.
     """
@@ -55,7 +55,7 @@ class OsProcess:
             command = [sys.executable, "-I", "-S", str(HANDOVER), ",".join(map(str, given)), *command]
             environ |= {"LISTEN_FDS": str(len(given)), "LISTEN_FDNAMES": ":".join([self.row.name] * len(given))}
         with self.log.open("ab") as log:
-            forked = self.template.fork(command, log.fileno()) if proc(self.row.kind).realtime else None
+            forked = self.template.fork(command, log.fileno()) if proc(self.row.kind).is_forked else None
             self.popen = forked or subprocess.Popen(
                 command, cwd=ROOT, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True,
                 env={**os.environ, **environ}, pass_fds=given,

@@ -8,16 +8,18 @@ import logging
 import os
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from types import FrameType
 from typing import Final
 
 from procs.config import load_system
+from procs.document.process import ON_DEMAND
 from procs.document.system import LOCKSTEP, PACED, WALL, SystemConfig, from_json
 from procs.paths import NoStateFolder
 from procs.realtime import cores
 from procs.supervisor.addresses import NoAddress, at_free_addresses, free_address
+from procs.supervisor.children import Child
 from procs.supervisor.dependencies import Circle
 from procs.supervisor.forking import Template
 from procs.supervisor.gui_token import told
@@ -85,6 +87,14 @@ def run(chosen: argparse.Namespace, template: Template) -> int:
     return _run(loaded.system, chosen, template)
 
 
+def in_words(children: Sequence[Child]) -> str:
+    """Which processes run, which begin, and which wait until they are needed."""
+    parts = {"": [c for c in children if c.is_up],
+             "starting: ": [c for c in children if not (c.is_up or c.is_down)],
+             "on demand: ": [c for c in children if c.is_down and c.row.start == ON_DEMAND]}
+    return "; ".join(word + ", ".join(c.row.name for c in found) for word, found in parts.items() if found)
+
+
 def _run(system: SystemConfig, chosen: argparse.Namespace, template: Template) -> int:
     for note in system.notes:
         log.info("%s", note)
@@ -95,7 +105,7 @@ def _run(system: SystemConfig, chosen: argparse.Namespace, template: Template) -
             try:
                 supervisor.start_all()
                 if not supervisor.stopping:
-                    log.info("system %s is up: %s", system.name, ", ".join(c.row.name for c in supervisor.children))
+                    log.info("system %s is up: %s", system.name, in_words(supervisor.children))
                     if said := told(system, to_a_terminal=sys.stderr.isatty()):
                         log.info("%s", said)
                 supervisor.run(chosen.seconds)

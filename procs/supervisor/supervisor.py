@@ -164,7 +164,7 @@ class Supervisor:
     def start_all(self) -> None:
         """Start in order, each after those it needs are up; SetupFailed says what did not come up."""
         self.page.show("STARTING")
-        if any(proc(row.kind).realtime for row in self._rows):
+        if any(proc(row.kind).is_forked for row in self._rows):
             while not (self.stopping or self._template.has_imported()):
                 self.let_time_pass()
                 self.beat()

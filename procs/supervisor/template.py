@@ -1,4 +1,4 @@
-"""The template: a process that has imported the loops of all kinds, opened nothing, and forks off those that run.
+"""The template: a process that has imported the loops of most kinds, opened nothing, and forks off those that run.
 
     python -m procs.supervisor.template SOCKET PADDING
 
@@ -41,7 +41,7 @@ def main() -> None:
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)  # also while stopped; forks do not inherit it
     asking = socket.socket(fileno=int(sys.argv[1]))
     for row in importlib.import_module("procs.manifest").PROCS:
-        if row.realtime:
+        if row.is_forked:
             importlib.import_module(row.module)
     gc.collect()
     gc.freeze()  # a collection in a forked process would touch, and so copy, all of it

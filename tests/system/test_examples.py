@@ -101,15 +101,15 @@ def files_of(examples: list[str], folder: Path) -> None:
     wave = (ROOT / "configs/recordings/psm-wave.csv").read_text()
     goal = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, -0.3], [0.0, 0.0, 0.0, 1.0]]
     own = {"recorded.csv": wave, "goals.jsonl": json.dumps({"goal": goal}) + "\n",
-           "console-PSM1.json": json.dumps({"arms": []}),
-           "sawRobotIO1394-PSM1-28007.xml": config(three(attributes='HardwareVersion="QLA1" SN="28007"')).decode()}
-    (folder / "new").mkdir()
+           "my-site": config(three(attributes='HardwareVersion="QLA1" SN="28007"')).decode()}
+    (folder / "my-site").mkdir()
     for name in ("monday.mcap", "tuesday.mcap"):
         assert any(name in example for example in examples), f"no example names {name} any more"
         a_recording(folder, name=name)
     for name, text in own.items():
         assert any(name in example for example in examples), f"no example names {name} any more"
-        (folder / name).write_text(text)
+        path = folder / name
+        (path / "sawRobotIO1394-PSM1-28007.xml" if path.is_dir() else path).write_text(text)
 
 
 def test_examples_of_help_work_on_the_demo(person: Person) -> None:

@@ -129,7 +129,10 @@ def test_an_arm_that_is_not_homed_is_not_moved(robot: Robot, recorded: Path) -> 
 
 def test_records_are_shown_as_a_system_that_only_can_be_looked_at(robot: Robot, recorded: Path) -> None:
     name = f"{robot.name}shown"
-    shown = subprocess.Popen([sys.executable, "-m", "tools", "replay", str(recorded), "--as", name, "--speed", "0.05"],
+    with open_recording(recorded) as recording:  # rings that are seldom written go back further than those of the arm
+        late = f"{(recording.end_ns - recording.begin_ns) * 1e-9 - 2.0:.3f}"
+    shown = subprocess.Popen([sys.executable, "-m", "tools", "replay", str(recorded), "--as", name, "--speed", "0.05",
+                              "--from", late],
                              cwd=ROOT, env=robot.environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         wait_for(lambda: (name, "PSM1", "state") in names_of(name), 30, "the rings")

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
 from collections.abc import Callable
 
 import pytest
 
+from shm.control_page import ControlPage
 from tests.tools.robot import ScriptedRobot
 from tests.tools.test_verbs import kinematic as kinematic  # a fixture
 from tools.errors import Problem
@@ -49,3 +51,31 @@ def test_nobody_waits_longer_than_asked_while_simulated_time_goes_on(
     monkeypatch.setattr("tools.remote.SystemTime", lambda _: SimulatedTime(time.monotonic_ns))
     with Remote(kinematic.name, "PSM1") as remote, pytest.raises(Problem, match=r"did not answer hold within 0\.2 s"):
         remote.ask("hold", timeout=PATIENCE_S)
+
+
+def test_a_command_waits_while_its_component_starts(kinematic: ScriptedRobot) -> None:
+    page = ControlPage(kinematic.name, "PSM1", write=True)
+    with contextlib.closing(page), Remote(kinematic.name, "PSM1") as remote:
+        page.show("STARTING")
+
+        def start() -> None:
+            time.sleep(PATIENCE_S)
+            kinematic.mailbox.refuse_waiting("PSM1 has just started; ask again")
+            page.show("RUNNING")
+            while not (asked := list(kinematic.mailbox.drain())):
+                time.sleep(0.001)
+            asked[0].done()
+
+        starting = threading.Thread(target=start)
+        starting.start()
+        assert remote.ask("hold", timeout=5.0).outcome == "done"
+        starting.join()
+
+
+@pytest.mark.parametrize("state", ["STOPPED", "FAILED"])
+def test_a_command_to_a_component_that_was_stopped_says_so_at_once(kinematic: ScriptedRobot, state: str) -> None:
+    with contextlib.closing(ControlPage(kinematic.name, "PSM1", write=True)) as page, \
+            Remote(kinematic.name, "PSM1") as remote:
+        page.show(state)
+        with pytest.raises(Problem, match=f"PSM1 is {state.lower()}; first: trocar start PSM1"):
+            remote.ask("hold")

@@ -64,6 +64,7 @@ def record(
         except SegmentError as error:
             raise Problem(f"{error}; {chosen} has no recorder (trocar.recorder.on)") from None
         state = stack.enter_context(closing(directory.reader(chosen, RECORDER, "state", often=False)))
+        remote.wait_until_it_runs()
         if stop:
             reply = remote.settled("stop", text=name, timeout=END_S)
             if reply.outcome != "done":
