@@ -41,6 +41,10 @@ class Code:
     unit: str = ""
     bound: str = "allowed"
 
+    def remedy_for(self, component: str) -> str:
+        """The remedy with this name in place of NAME: that of the arm or process that the message is about."""
+        return self.remedy.replace("NAME", component) if component else self.remedy
+
 
 # io: faults, by number
 BAD_READS: Final = Code(
@@ -148,7 +152,7 @@ PROCESS_ENDED: Final = Code(
     "where it is not restarted: trocar start NAME; trocar logs NAME may say why it ended")
 PROCESS_KILLED: Final = Code(
     "process-killed", WARNING, "supervisor", "a process that was asked to end did not, and was killed",
-    "an io that is killed leaves switching off to the boards' watchdog; trocar logs NAME may say why")
+    "trocar logs NAME may say why; where it was an io, the boards' watchdog has switched off")
 PROCESS_LATE: Final = Code(
     "process-late", WARNING, "supervisor", "a process that should go on was silent for longer than its late_s",
     "often: the machine is too slow or too busy (trocar doctor, docs/operating.md)")
@@ -161,22 +165,22 @@ BOARDS_LATE: Final = Code(
 # arm: what makes it go FAULT
 IO_TIMEOUT: Final = Code(
     "io-timeout", ERROR, "arm", "io does not answer",
-    "if io does not come back by itself: trocar start IO; then trocar home NAME")
+    "if io does not come back by itself, start it with trocar start; then trocar home NAME")
 IO_RESTARTED: Final = Code(
     "io-restarted", ERROR, "arm", "io was restarted",
-    "trocar home NAME; trocar logs IO may say why it ended")
+    "trocar home NAME; the log of io may say why it ended")
 IO_FAULT: Final = Code(
     "io-fault", ERROR, "arm", "io reports a fault whose number is not known here",
     "start all parts from the same version")
 PID_OFF: Final = Code(
     "pid-off", ERROR, "arm", "another program switched the joint controller off, or off and on again",
-    "trocar home NAME; trocar logs IO --commands says by whom")
+    "trocar home NAME; trocar logs --commands says by whom")
 BIAS_CHANGED: Final = Code(
     "bias-changed", ERROR, "arm", "the encoders were set anew while the joint controller was on",
-    "trocar home NAME; trocar logs IO --commands says by whom")
+    "trocar home NAME; trocar logs --commands says by whom")
 IO_SWITCH: Final = Code(
     "io-switch", ERROR, "arm", "io did not do what it was asked for in time",
-    "trocar home NAME; if it returns, trocar logs IO says what io lacks")
+    "trocar home NAME; if it returns, the log of io says what it lacks")
 BIAS_TIMEOUT: Final = Code(
     "bias-timeout", ERROR, "arm", "the encoders were not set from the potentiometers in time",
     "look at the potentiometers' values")
@@ -208,7 +212,7 @@ ENGAGING_PLAN: Final = Code(
 # arm: what it tells and goes on
 IO_REFUSED: Final = Code(
     "io-refused", WARNING, "arm, suj", "io refused what it was asked for",
-    "trocar logs IO --commands lists what io was asked for, by whom, and what became of it")
+    "trocar logs --commands lists what io was asked for, by whom, and what became of it")
 COMMAND_REFUSED: Final = Code(
     "command-refused", WARNING, "arm, suj, teleop", "a command was refused, and nothing of it done",
     "trocar send NAME lists what can be asked of it")

@@ -25,10 +25,9 @@ class FaultReport:
     value: float = math.nan
     limit: float = math.nan
 
-    @property
-    def words(self) -> str:
-        """What happened, and what a person can do."""
-        return f"{self.text}; {self.code.remedy}" if self.code else self.text
+    def words(self, component: str) -> str:
+        """What happened to this arm or process, and what a person can do."""
+        return f"{self.text}; {self.code.remedy_for(component)}" if self.code else self.text
 
 
 NO_FAULT: Final = FaultReport()

@@ -34,9 +34,8 @@ class EventCode(Protocol):
     def severity(self) -> int:
         """WARNING or ERROR."""
 
-    @property
-    def remedy(self) -> str:
-        """What a person can do about it."""
+    def remedy_for(self, component: str) -> str:
+        """What a person can do about it; `component`: the message is about it."""
 
 
 def sentence(text: str, component: str) -> str:
@@ -47,9 +46,9 @@ def sentence(text: str, component: str) -> str:
 class Events:
     """The writing end. Stamps increase strictly: clients compare them."""
 
-    def __init__(self, ring: RingWriter, now_ns: Callable[[], int], log: Log | None = None) -> None:
-        """`now_ns` is the process's clock; `log` is given severity and whole text of every message."""
-        self._ring, self._now_ns, self._log = ring, now_ns, log
+    def __init__(self, ring: RingWriter, now_ns: Callable[[], int], log: Log | None = None, name: str = "") -> None:
+        """Of the instance `name`, whose clock is `now_ns`; `log` gets severity and whole text of every message."""
+        self._ring, self._now_ns, self._log, self._name = ring, now_ns, log, name
         self._fields = {name: ring.field(name) for name in NAMES}
         self._room = {name: field.dtype.itemsize for name, field in self._fields.items()}
 
@@ -85,7 +84,7 @@ class Events:
                limit: float = math.nan, board: int = -1) -> None:
         """A warning: something a person should know; or an error: something failed, and the robot has reacted."""
         self.emit(SEVERITIES[code.severity], text, severity=code.severity, code=code.code, component=component,
-                  axis=axis, value=value, limit=limit, board=board, hint=code.remedy)
+                  axis=axis, value=value, limit=limit, board=board, hint=code.remedy_for(component or self._name))
 
     def operating_state(self, state: str, sub_state: str, is_homed: bool, is_busy: bool) -> None:
         """The operating state, on every change and as the answer to every state command."""

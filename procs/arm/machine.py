@@ -82,7 +82,7 @@ class ArmStates:
 
     def fault(self, found: FaultReport) -> None:
         """Something went wrong: say it, and stop driving the arm."""
-        self.reason, self.fault_text = found.words, found.text
+        self.reason, self.fault_text = found.words(self.name), found.text
         if found.code is not None:
             self.reports.report(found.code, found.text, self.name, found.axis, found.value, found.limit, found.board)
         self.fire(ArmEvent.PROBLEM)

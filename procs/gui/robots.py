@@ -104,6 +104,7 @@ class RobotSource:
 
     def __init__(self, system: str, robot: IoRobot, *, simulated: bool) -> None:
         """Attach; SegmentError when it cannot be read."""
+        self._name = robot.robot.name
         self._record = RecordSource(system, robot.io.name, IO_STATE.name, simulated=simulated,
                                     cuts=robot.cuts(IO_STATE.fields))
 
@@ -113,7 +114,7 @@ class RobotSource:
         _as_old_as(found, "sample_age_ns")
         fault = fault_of(found.get("fault") or 0)
         if fault is not None:
-            found["cause"], found["remedy"] = fault.cause, fault.remedy
+            found["cause"], found["remedy"] = fault.cause, fault.remedy_for(self._name)
         return found
 
     def close(self) -> None:

@@ -134,7 +134,7 @@ class IoCommands:
 
     def _why(self, robot: int, otherwise: str) -> str:
         fault = fault_of(int(self._record.fault[robot]))
-        return f"{fault.cause}; {fault.remedy}" if fault else otherwise
+        return f"{fault.cause}; {fault.remedy_for(self._robots.names[robot])}" if fault else otherwise
 
     def _place(self, command: Request) -> int:
         """What it is about: a robot, an output, a reader of instruments."""

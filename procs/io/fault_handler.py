@@ -72,4 +72,4 @@ class FaultHandler:
                                 faults.figures(fault, trip.value, trip.limit, unit), trip.detail)
         self._reports.events.append(IoEvent(
             SEVERITIES[fault.severity], text, fault.code, name, trip.axis, trip.value, trip.limit,
-            boards[0] if boards else -1, fault.remedy))
+            boards[0] if boards else -1, fault.remedy_for(name)))

@@ -69,7 +69,8 @@ class IoReports:
         text = faults.sentence(faults.place(component, boards=boards), fault.cause.replace(codes.SENDER, sender),
                                 measured)
         board = boards[0] if boards else -1
-        self.events.append(IoEvent("warning", text, fault.code, component, -1, value, limit, board, fault.remedy))
+        self.events.append(IoEvent("warning", text, fault.code, component, -1, value, limit, board,
+                                   fault.remedy_for(component)))
 
     def trip(self, fault: Code, robot: int, axis: int = -1, value: float = math.nan, limit: float = math.nan,
              detail: str = "", boards: tuple[int, ...] = ()) -> None:

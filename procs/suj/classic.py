@@ -6,7 +6,6 @@ as somebody clutches it, the lift moves it or the samples stop.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 
 from procs import codes
 from procs.document.cart import Cart
+from procs.faults import reported
 from procs.requests import Reports
 from procs.suj.brakes import SetupArmBrakes
 from procs.suj.interface_board import InterfaceBoard
@@ -36,11 +36,11 @@ class Classic:
     """What a Classic cart does in each cycle; it is its own power."""
 
     def __init__(self, cart: Cart, setups: Setups, board: InterfaceBoard, reports: Reports, field: Fields,
-                 setpoint: Fields, fault_text: Callable[[int], str], multiplexer: Multiplexer | None = None) -> None:
+                 setpoint: Fields, multiplexer: Multiplexer | None = None) -> None:
         """`field` and `setpoint` give the arrays of the state record and of the setpoints."""
         n = len(cart.arms)
         self._name, self._arms, self._setups, self._board = cart.name, cart.arms, setups, board
-        self._reports, self._fault_text = reports, fault_text
+        self._reports = reports
         self._brakes = SetupArmBrakes(cart.arms)
         self._multiplexer = multiplexer or Multiplexer()
         self._readings = PotReadings(setups, CLASSIC_LIMITS, reports)
@@ -110,7 +110,7 @@ class Classic:
         if board.epoch != self._driving_epoch:
             return "io was restarted"
         if board.has_fault and (not powering or now_ns - self._asked_ns > OLD_FAULT_NS):
-            return self._fault_text(board.fault)
+            return reported(board.fault).words(self._name)
         if powering:
             return "failed to enable power" if now_ns - self._asked_ns > POWER_NS else ""
         if not board.powered or not board.amps_on:

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from procs import codes, runtime
 from procs.document.cart import CLASSIC, SI, Cart
-from procs.faults import reported
 from procs.inputs import SETUP_LATE_S
 from procs.suj.bluetooth import BluetoothBoards
 from procs.suj.classic import Classic
@@ -101,11 +100,6 @@ def tips(node: runtime.Node, cart: Cart) -> list[CarriedTip | None]:
             for arm in cart.arms]
 
 
-def fault_text(number: int) -> str:
-    """A fault of the fault table in words."""
-    return reported(number).words
-
-
 class SetupLoop(runtime.Loop):
     """One patient cart with its rings and mailboxes."""
 
@@ -123,7 +117,7 @@ class SetupLoop(runtime.Loop):
                                    self._mailbox_of(cart.io))
             self._written = board.write_ns
             node.follows(cart.io)
-            source = Classic(cart, setups, board, node.events, field, self._setpoint.field, fault_text)
+            source = Classic(cart, setups, board, node.events, field, self._setpoint.field)
         elif cart.kind == SI and cart.simulation != "KINEMATIC":
             self._link = link_of(cart)
             source = Si(cart, setups, self._link, node.events, field, clutches(node, cart),

@@ -113,3 +113,13 @@ def test_a_late_comer_sees_the_last_events(world: Any, ends: tuple[Events, RingR
     late = directory.reader(world.name, "PSM1", "events")
     assert late.last(2)["text"].tolist() == [b"event 1", b"event 2"]
     late.close()
+
+
+def test_a_remedy_names_whom_it_is_about(ends: tuple[Events, RingReader]) -> None:
+    writer, reader = ends
+    events = Events(writer._ring, lambda: 5000, name="io")
+    events.report(codes.ARM_LOST, "no setpoints", "PSM1")
+    events.report(codes.ARM_LOST, "no setpoints")
+    about, own = reader.last(2)["hint"]
+    assert "trocar start PSM1" in about.decode() and "trocar start io" in own.decode()
+    assert [row.code for row in codes.CODES if "NAME" in row.remedy_for("PSM1")] == []

@@ -90,8 +90,7 @@ class Cart(SetupHarness):
 
     def _classic(self, cart, setups, reports, field, setpoint) -> Classic:
         board = InterfaceBoard(self.harness.io, "SUJ", self.records, self.orders)
-        return Classic(cart, setups, board, reports, field, setpoint, lambda number: f"fault {number}",
-                       self._multiplexer)
+        return Classic(cart, setups, board, reports, field, setpoint, self._multiplexer)
 
     @property
     def plant(self) -> Plant:

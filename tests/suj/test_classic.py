@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from procs.faults import reported
 from procs.suj.machine import SetupState
 from tests.suj.cart import PLACES, Cart
 
@@ -347,5 +348,6 @@ def test_power_that_does_not_come_is_told(cart: Cart) -> None:
     cart.lose_supply(True)
     request = cart.say("state_command", "enable")
     cart.run(3.5)
+    words = reported(11).words("SUJ")
     assert cart.joints.machine.state is SetupState.FAULT and request.outcome == "failed"
-    assert cart.reports.of("error") == ["SUJ: fault 11"] and request.answers[-1][1] == "fault 11"
+    assert cart.reports.of("error") == [f"SUJ: {words}"] and request.answers[-1][1] == words

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from procs.document.cart import CLASSIC, SI
+from procs.faults import reported
 from procs.kinematics.poses import matrix_from_pose
 from procs.suj.classic import CLUTCH_COMMAND_NS, LIFT_COMMAND_NS, MAX_ROUND_NS, OLD_FAULT_NS, POWER_NS
 from procs.suj.machine import SetupState
@@ -137,14 +138,14 @@ def test_a_fault_of_before_is_cleared_by_power_on_or_counts_after_a_fifth_of_a_s
         cart.step()
         assert cart.now_in is SetupState.POWERING
     cart.step()
-    assert cart.now_in is SetupState.FAULT and cart.joints.machine.reason == "fault 9"
+    assert cart.now_in is SetupState.FAULT and cart.joints.machine.reason == reported(9).words("SUJ")
 
 
 @pytest.mark.parametrize(("breaks", "reason"), [
     (lambda io: setattr(io, "has_supply", False), "detected power loss"),
     (lambda io: io.flags.update(pid_enabled=0), "the current of the brakes was switched off"),
-    (lambda io: io.restart(), "io was restarted"), (lambda io: io.trip(9), "fault 9"),
-    (lambda io: io.flags.update(fault=9), "fault 9")])
+    (lambda io: io.restart(), "io was restarted"), (lambda io: io.trip(9), reported(9).words("SUJ")),
+    (lambda io: io.flags.update(fault=9), reported(9).words("SUJ"))])
 def test_what_brakes_need_and_is_gone_is_a_fault_at_once(enabled: QuietCart, breaks: Any, reason: str) -> None:
     breaks(enabled.io)
     enabled.step()

@@ -77,7 +77,7 @@ class CartPlay:
         if self.kind == CLASSIC:
             board = InterfaceBoard(self.io.document, "SUJ", self.io, self.io)  # type: ignore[arg-type]
             self.classic = source = Classic(self.cart, setups, board, reports, field, self.setpoint.field,
-                                            lambda number: f"fault {number}", Multiplexer(2, 4 * MS))
+                                            Multiplexer(2, 4 * MS))
         tips = [CarriedTip(arm.carries, Input(ring, SETUP_LATE_S))  # type: ignore[arg-type]
                 for arm, ring in zip(self.cart.arms, self.tips, strict=True)]
         made = source or (Si(self.cart, setups, self.link, reports, field,  # type: ignore[arg-type]

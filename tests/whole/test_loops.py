@@ -297,7 +297,3 @@ def test_an_si_cart_reads_its_boards_unless_it_is_kinematic(simulation: str, mea
     monkeypatch.setattr(EmulatedBoards, "close", lambda self: closed.append(True))
     loop.close()
     assert closed == [True] * measured
-
-
-def test_faults_are_told_in_words() -> None:
-    assert suj_loop.fault_text(9) and suj_loop.fault_text(9) != suj_loop.fault_text(11)
