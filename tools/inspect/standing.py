@@ -191,7 +191,7 @@ def _cause_first(one: Standing) -> tuple[bool, int]:
 def next_step(found: Sequence[Standing]) -> str:
     """What may come next where all is well; empty: nothing in particular."""
     arms = [one for one in found if one.kind in ("arm", "suj")]
-    off = [one for one in arms if one.state.startswith("DISABLED")]
+    off = [one for one in arms if one.state == "DISABLED"]  # with a sub-state it is on its way
     if off and len(off) == len(arms):
         return "trocar home"
     return ""
