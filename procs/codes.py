@@ -42,7 +42,7 @@ class Code:
     bound: str = "allowed"
 
     def remedy_for(self, component: str) -> str:
-        """The remedy with this name in place of NAME: that of the arm or process that the message is about."""
+        """The remedy with the name of the arm or process that the message is about."""
         return self.remedy.replace("NAME", component) if component else self.remedy
 
 
@@ -116,8 +116,7 @@ CALIBRATION_MODE: Final = Code(
     "for calibrating only; without calibration_mode the checks are back", 22, NOTHING)
 CALIBRATION_MOTORS: Final = Code(
     "calibration-motors", WARNING, "io", "in calibration mode the motor amplifiers of a dRA1 stay off",
-    "its brakes can be released, the arm moved by hand; without calibration_mode the motors are switched on",
-    23, NOTHING)
+    "brakes can be released and the arm moved by hand; without calibration_mode motors go on", 23, NOTHING)
 PERIOD: Final = Code(
     "period", ERROR, "io", "the I/O loop took more than twice its period on average over a second",
     "the computer is too slow or too busy: trocar doctor, docs/operating.md (real time), io.period_s",
@@ -385,7 +384,6 @@ THIRD_PARTY_ERROR: Final = Code(
 USER_ERROR: Final = Code(
     "user-error", ERROR, "user", "a process of a user's own reports that something is wrong with it",
     "remove what it names; if it does not resume by itself: trocar restart NAME")
-
 USER_SLOW: Final = Code(
     "user-slow", WARNING, "filters", "a filter took longer than its period, and the others of its process waited",
     "make its update faster, its process's period longer, or give it a process of its own")

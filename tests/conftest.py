@@ -13,13 +13,14 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import psutil
 import pytest
 from hypothesis import settings
 
 from shm.segment import names_of, segment_name, unlink
-from tests import searches
+from tests import retries, searches
 
 ROOT = Path(__file__).resolve().parent.parent
 SYSTEMS = ROOT / "tests" / "system"  # whole robots: on the wall clock nobody else may take their cores
@@ -67,9 +68,26 @@ def pytest_runtest_logreport(report: pytest.TestReport) -> None:
         SEARCHED.add(report.nodeid)
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node: Any) -> None:
+    """What a worker of xdist tells at its end."""
+    retries.made += getattr(node, "workeroutput", {}).get("retries", [])
+
+
 def pytest_sessionfinish(session: pytest.Session) -> None:
-    """They need not run again before something changes."""
+    """Searches need not run again before something changes; too many retries fail."""
     searches.remember(session.config, SEARCHED)
+    if hasattr(session.config, "workeroutput"):
+        session.config.workeroutput["retries"] = retries.made
+    elif len(retries.made) > retries.BUDGET:
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """How often a busy machine made a test try again."""
+    terminalreporter.write_line(f"{len(retries.made)} retries on a busy machine, allowed are {retries.BUDGET}")
+    for line in retries.made:
+        terminalreporter.write_line(f"  {line}")
 
 
 @pytest.fixture(scope="session")

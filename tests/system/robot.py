@@ -21,6 +21,7 @@ from typer.main import get_command
 from shm import directory
 from shm.control_page import ControlPage
 from shm.segment import SegmentError, names_of
+from tests.retries import retry
 from tools.cli import build
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -136,11 +137,8 @@ class Robot:
                                     stdout=out, stderr=out, text=True)
 
     def home(self, *arms: str, timeout: float = 120.0) -> None:
-        """`trocar home`; asked for again where a busy machine held somebody up meanwhile."""
-        for _ in range(2):
-            if self.types("home", *arms, timeout=timeout).returncode == 0:
-                return
-        self.trocar("home", *arms, timeout=timeout)
+        """`trocar home`, see `insist`."""
+        self.insist("home", *arms, timeout=timeout)
 
     def trocar(self, *words: str, code: int | None = 0, timeout: float = 120.0) -> str:
         """Run a verb; returns its output, fails on another exit code than expected."""
@@ -149,9 +147,30 @@ class Robot:
             pytest.fail(f"trocar {' '.join(words)} → {done.returncode}\n{done.stdout}\n{done.stderr}\n{self.output()}")
         return done.stdout + done.stderr if code else done.stdout
 
-    def insist(self, *words: str) -> None:
-        """Run a verb until it does what it should: a busy machine may hold somebody up meanwhile."""
-        wait_for(lambda: self.types(*words).returncode == 0, 60, f"trocar {' '.join(words)}")
+    def insist(self, *words: str, timeout: float = 120.0) -> str:
+        """Run a verb, again where the machine was too busy for it, until it succeeds; returns its output."""
+        done = self.patiently(*words, timeout=timeout)
+        if done.returncode:
+            pytest.fail(f"trocar {' '.join(words)} → {done.returncode}\n{done.stdout}\n{done.stderr}\n{self.output()}")
+        return done.stdout
+
+    def patiently(self, *words: str, timeout: float = 120.0) -> subprocess.CompletedProcess[str]:
+        """What becomes of a verb where the machine was not too busy for it."""
+        done: list[subprocess.CompletedProcess[str]] = []
+
+        def attempt() -> str:
+            done.append(self.types(*words, timeout=timeout))
+            return f"{done[-1].stdout}{done[-1].stderr}" if done[-1].returncode else ""
+
+        self.retry(attempt, f"trocar {' '.join(words)}")
+        return done[-1]
+
+    def retry(self, attempt: Callable[[], str], what: str) -> str:
+        """See tests/retries.py."""
+        return retry(attempt, self._written, what)
+
+    def _written(self) -> list[Path]:
+        return [*self.logs.rglob("*.log"), *self.logs.glob("supervisor.txt")]
 
     def down(self) -> int:
         """Ask the supervisor to end and wait for it."""

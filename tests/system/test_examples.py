@@ -17,6 +17,7 @@ import pytest
 
 from tests.old import config, three
 from tests.recordings.made import a_recording
+from tests.retries import retry
 from tests.system.robot import ROOT, Robot
 from tools.cli import VERBS, Verb, examples_of, loaded
 
@@ -25,7 +26,6 @@ pytestmark = [pytest.mark.slow, pytest.mark.simulated]  # paced, as everything w
 SHELL = f'trocar() {{ "{sys.executable}" -P -m tools "$@"; }}\n'  # what the script of that name does
 ENDLESS_S = 4.0  # from their first words on those are watched that go on until Ctrl-C
 ENDLESS = re.compile(r"trocar (echo (?!.*(--once|-n ))|bus watch (?!.*--once)|replay .*--as)")
-HELD_UP = re.compile("this program was held up|is not up after")
 # Those that start a system, or end one; and what needs a process of a user's own.
 ALONE = re.compile(r"trocar (demo|bench|commission|up|down|set|replay)\b")
 # Tests of their own have bench, commission and set: test_bench_system.py, test_commission.py, test_user_process.py.
@@ -42,13 +42,17 @@ class Person:
         self.environment.pop("TROCAR_RECORDER", None)  # people have one
 
     def types(self, line: str, timeout: float = 180.0) -> str:
-        """Run a line as it stands, again where a busy machine held it up; fails when that does, or on a traceback."""
-        for _ in range(10):
+        """Run a line as it stands, again where the machine was too busy for it; fails also on a traceback."""
+        reported = ""
+
+        def attempt() -> str:
+            nonlocal reported
             code, reported = self._once(line, timeout)
-            if not HELD_UP.search(reported):
-                break
-        fine = code == 0 or (line == "trocar doctor" and "\nbad " in reported)  # such is this machine
-        assert "Traceback" not in reported and fine, f"{line} → {code}:\n{reported}"
+            fine = code == 0 or (line == "trocar doctor" and "\nbad " in reported)  # such is this machine
+            return "" if fine and "Traceback" not in reported else f"{code}:\n{reported}"
+
+        problem = retry(attempt, lambda: (self.folder / "state").rglob("*.log"), line)
+        assert not problem, problem
         return reported
 
     def _once(self, line: str, timeout: float) -> tuple[int, str]:

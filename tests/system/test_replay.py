@@ -23,15 +23,6 @@ KINEMATIC = ROOT / "configs/systems/kinematic.yaml"
 GOAL = (0.2, -0.1, 0.15, 0.4, 0.3, -0.2)
 
 
-def patiently(robot: Robot, *words: str) -> subprocess.CompletedProcess[str]:
-    """What a verb says that keeps time, or holds it; asked for again where a busy machine held it up."""
-    for _ in range(10):
-        said = robot.types(*words)
-        if "held up" not in said.stderr:
-            break
-    return said
-
-
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("replay")
@@ -58,10 +49,7 @@ def recorded(robot: Robot, folder: Path) -> Path:
         robot.home("PSM1")
         made.unlink(missing_ok=True)
         robot.trocar("send", "PSM1", "move_jp", *map(str, GOAL), "--wait")
-        streamed = robot.types("stream", "PSM1", "configs/recordings/psm-wave.csv", "--rate", "200", "--for", "0.5")
-        if "held up" in streamed.stderr:
-            return False
-        assert streamed.returncode == 0, streamed.stderr
+        robot.insist("stream", "PSM1", "configs/recordings/psm-wave.csv", "--rate", "200", "--for", "0.5")
         robot.trocar("dump", str(made))
         with open_recording(made) as recording:
             began = recording.records("PSM1/state").rows["stamp_ns"][0]
@@ -73,7 +61,7 @@ def recorded(robot: Robot, folder: Path) -> Path:
 
 
 def test_a_run_in_lock_step_replays_bit_for_bit(robot: Robot, recorded: Path, folder: Path) -> None:
-    replay = patiently(robot, "replay", str(recorded), "--fresh", "--into", str(folder / "again.mcap"), "--json")
+    replay = robot.patiently("replay", str(recorded), "--fresh", "--into", str(folder / "again.mcap"), "--json")
     assert replay.returncode == 0, replay.stdout + replay.stderr
     said = json.loads(replay.stdout)
     assert said["difference"]["outcome"] == "equal" and said["commands"] > 20, said
@@ -97,7 +85,7 @@ def test_what_cannot_be_repeated_is_refused(robot: Robot, recorded: Path, folder
 
 def test_recorded_setpoints_move_the_arm_of_a_running_system(robot: Robot, recorded: Path) -> None:
     robot.trocar("send", "PSM1", "move_jp", "0", "0", "0.12", "0", "0", "0", "--wait")
-    replay = patiently(robot, "replay", str(recorded), "--arms", "PSM1", "--speed", "2", "--json")
+    replay = robot.patiently("replay", str(recorded), "--arms", "PSM1", "--speed", "2", "--json")
     assert replay.returncode == 0, replay.stderr
     said = json.loads(replay.stdout)
     assert said["arm"] == "PSM1" and not said["refused"] and said["samples"] > 100
@@ -109,7 +97,7 @@ def test_recorded_setpoints_move_the_arm_of_a_running_system(robot: Robot, recor
 
 
 def test_recorded_commands_are_asked_for_again(robot: Robot, recorded: Path) -> None:
-    replay = patiently(robot, "replay", str(recorded), "--commands", "--arms", "PSM1", "--speed", "4", "--json")
+    replay = robot.patiently("replay", str(recorded), "--commands", "--arms", "PSM1", "--speed", "4", "--json")
     rows = [json.loads(line) for line in replay.stdout.splitlines()]
     assert replay.returncode == 0, replay.stderr
     assert rows and {row["command"] for row in rows} <= {"move_jp", "hold"}, rows  # what fell into the last 3 s
@@ -181,7 +169,7 @@ def test_a_run_on_emulated_boards_that_was_recorded_whole_replays_bit_for_bit(ro
         robot = robots()
         if (made := recorded_whole(robot)) is None:
             continue
-        replayed = patiently(robot, "replay", str(made), "--fresh", "--json")
+        replayed = robot.patiently("replay", str(made), "--fresh", "--json")
         said = json.loads(replayed.stdout or "{}")
         different = [row["topic"] for row in said["difference"]["topics"] if not row["equal"]] if said else []
         if said and "IO1/events" not in different:
@@ -205,7 +193,7 @@ def test_a_stream_comes_as_near_as_is_said_on_a_clock_that_does_not_wait(robots:
 
     def done(*words: str) -> dict[str, Any]:
         """What it says at its end."""
-        said = patiently(robot, *words, "--json")
+        said = robot.patiently(*words, "--json")
         assert said.returncode == 0, said.stderr
         found: dict[str, Any] = json.loads(said.stdout.splitlines()[-1])
         return found

@@ -13,6 +13,7 @@ import pytest
 
 from shm.client import MailboxFull
 from shm.segment import names_of
+from tests.retries import measured
 from tools.bench import system as bench_system
 from tools.bench.system import Mark, figures, row
 from tools.cli import VERBS, examples_of
@@ -80,15 +81,22 @@ def test_missing_file_is_a_problem_that_names_it(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.alone
-def test_the_example_of_help_measures_every_process_and_whoever_follows() -> None:
+def test_the_example_of_help_measures_every_process_and_whoever_follows(
+        monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     (example,) = (line for verb in VERBS for line in examples_of(verb) if line.startswith("trocar bench"))
     command = [sys.executable, "-m", "tools", *shlex.split(example.replace("--seconds 5", "--seconds 1"))[1:]]
-    for _ in range(3):  # on the wall clock: on a busy machine seven arms may not home, or a pause ends the following
-        with subprocess.Popen(command, cwd=bench_system.ROOT, text=True, stdout=subprocess.PIPE) as done:
-            reported, _ = done.communicate(timeout=180)
-        result = json.loads(reported or '{"homed": []}')  # nothing: an arm took no commands
-        if len(result["homed"]) == 7 and len(result["following"]) == 2:
-            break
+
+    def run() -> dict[str, Any]:
+        with subprocess.Popen(command, cwd=bench_system.ROOT, text=True, stdout=subprocess.PIPE,
+                              stderr=subprocess.PIPE) as done:
+            reported, problem = done.communicate(timeout=180)
+        assert not names_of(f"bench-system-{done.pid}")
+        if not reported:
+            raise bench_system.Problem(problem)
+        return dict(json.loads(reported))
+
+    result = measured(monkeypatch, tmp_path, run,
+                      lambda found: len(found["homed"]) == 7 and len(found["following"]) == 2)
     rows = {each["name"]: each for each in result["processes"]}
     assert {"io", "MTMR", "PSM1", "MTMR_PSM1", "console", "system", "bench"} <= set(rows)
     assert result["homed"] == ["ECM", "MTML", "MTMR", "PSM1", "PSM2", "PSM3", "SUJ"] and result["figures"]["arms"] == 7
@@ -96,4 +104,3 @@ def test_the_example_of_help_measures_every_process_and_whoever_follows() -> Non
     assert all(rows[name]["cpu_percent"] > 0.0 for name in ("io", "PSM1", "MTMR_PSM1"))
     rights = [each["scheduling"] for each in rows.values() if "scheduling" in each]
     assert (result["figures"]["locked_mb"] > 100.0) == any(words.endswith(", locked") for words in rights)
-    assert not names_of(f"bench-system-{done.pid}")

@@ -20,6 +20,7 @@ from shm.client import Client, LoopClient
 from shm.clock import monotonic_ns
 from shm.command_row import ANY, JOINTS, SOME, ZERO, Argument, CommandRow, Effect
 from shm.commands import COMMANDS
+from shm.control_page import create_control
 from shm.faults import FaultCell, Faults, create_faults
 from shm.mailbox import Mailbox
 from shm.mailbox_map import create_mailbox
@@ -85,6 +86,7 @@ def kind(request: pytest.FixtureRequest) -> str:
 
 @pytest.fixture
 def box(world: World, kind: str) -> Iterator[Mailbox]:
+    create_control(world.name, OWNER)
     create_mailbox(world.name, OWNER, kind)
     create_faults(world.name, (OWNER,))
     faults = Faults(world.name, write=True)
