@@ -52,6 +52,7 @@ ITSELF: Final = "="
 ZERO: Final = "=0"
 """In `stops`: with values that are all 0."""
 ANYTHING: Final = 1e9
+LARGEST: Final = ANYTHING**2
 """No quantity of a robot is larger: a number beyond it is a mistake, whatever it is."""
 EVERYTHING: Final = "*.*"
 """In `causes`: every command of every kind."""
@@ -185,13 +186,14 @@ class CommandRow:
 
     def objection(self, values: Numbers, joints: int | None = None) -> str:
         """Why these numbers are none for it, "": they are. `joints`: of the arm; None: not known, any number fits."""
-        if joints not in self._known:
-            self._known[joints] = self._sizes(joints), not any(each.is_bounded for each in self.arguments)
-        sizes, is_free = self._known[joints]
+        known = self._known.get(joints)
+        if known is None:
+            known = self._known[joints] = self._sizes(joints), not any(each.is_bounded for each in self.arguments)
+        sizes, is_free = known
         if len(values) not in sizes:
             given = "none was given" if not len(values) else f"{len(values)} given"
             return f"takes {self._wanted(joints)}; {given}"
-        if is_free and float(np.dot(values, values)) < ANYTHING**2:
+        if is_free and isinstance(values, np.ndarray) and values.dot(values) < LARGEST:
             return ""
         at = 0
         for argument in self.arguments:
