@@ -16,14 +16,14 @@ import pytest
 from shm import directory
 from shm.ring import RingReader
 from shm.segment import names_of, segment_name, unlink
-from tests.system.robot import Robot
+from tests.system.robot import LED, Robot
 
 COUNTER = itertools.count()
 
 
 def clock_of(node: pytest.Item | pytest.Collector) -> str:
     """The usual clock of a test's systems."""
-    return "paced" if node.get_closest_marker("simulated") else "wall"
+    return LED if node.get_closest_marker("simulated") else "wall"
 
 
 @contextlib.contextmanager

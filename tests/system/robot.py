@@ -10,7 +10,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from unittest import mock
 
@@ -20,6 +20,7 @@ from typer.main import get_command
 
 from shm import directory
 from shm.control_page import ControlPage
+from shm.held_time import HeldTime
 from shm.segment import SegmentError, names_of
 from tests.retries import retry
 from tools.cli import build
@@ -30,13 +31,36 @@ UP_S = 180.0
 OWN_PROCESS = ("up", "demo", "stream", "bench", "commission")
 
 
+LED = "led"
+"""A clock of tests: lockstep, and time stands but while a verb runs or something is waited for."""
+STANDING: dict[str, HeldTime] = {}
+"""By system that is led: its time, while it stands."""
+SLOWER = tuple(word for section in ("io", "arm", "emulation") for word in ("--set", f"{section}.period_s=0.002"))
+"""Of those that are led: a third of the turns."""
+
+
 def wait_for(condition: Callable[[], object], seconds: float, what: str) -> None:
     """Wait for a condition with a generous deadline; fails naming what did not happen."""
     end = time.monotonic() + seconds
-    while not condition():
-        if time.monotonic() > end:
-            pytest.fail(f"did not happen within {seconds} s: {what}")
-        time.sleep(0.005)
+    with time_passes():
+        while not condition():
+            if time.monotonic() > end:
+                pytest.fail(f"did not happen within {seconds} s: {what}")
+            time.sleep(0.002 if STANDING else 0.005)
+
+
+@contextlib.contextmanager
+def time_passes() -> Iterator[None]:
+    """The time of all systems that are led goes on, as fast as the machine allows."""
+    names = list(STANDING)
+    for name in names:
+        STANDING.pop(name).close()
+    try:
+        yield
+    finally:
+        for name in names:
+            with contextlib.suppress(SegmentError):  # it has ended
+                STANDING[name] = HeldTime(name)
 
 
 @functools.cache
@@ -59,12 +83,18 @@ class Robot:
 
     def up(self, file: Path = DEMO, *options: str, wait: bool = True) -> None:
         """`trocar up FILE …` with our clock unless options name another one, and wait until everything runs."""
+        self._let_time_go()  # of the system before
+        is_led = self.clock == LED
         if "--clock" not in options and not any(option.startswith("clock=") for option in options):
-            options = (*options, "--clock", self.clock)
+            options = (*(SLOWER if is_led else ()), *options, "--clock", "lockstep" if is_led else self.clock)
+        else:
+            is_led = False
         self.supervisor = self.popen("up", str(file), "--system", self.name, *options)
         if wait:
             wait_for(self.is_up, UP_S, f"system up; supervisor said:\n{self.output()}")
             self.pids |= {self.pid(i) for i in directory.instances(self.name)} - {0}  # who has begun
+            if is_led:
+                STANDING[self.name] = HeldTime(self.name)
 
     def output(self) -> str:
         """What the supervisor printed so far."""
@@ -119,10 +149,11 @@ class Robot:
         Verbs that start processes or keep time get one all the same, and those of another tree.
         """
         if self.are_verbs_apart or words[0] in OWN_PROCESS or self.root != ROOT:
-            return subprocess.run([sys.executable, "-m", "tools", *words], cwd=self.root, env=self.environment,
-                                  timeout=timeout, capture_output=True, text=True, check=False)
+            with time_passes():
+                return subprocess.run([sys.executable, "-m", "tools", *words], cwd=self.root, env=self.environment,
+                                      timeout=timeout, capture_output=True, text=True, check=False)
         out, err, code = io.StringIO(), io.StringIO(), 0
-        with mock.patch.dict(os.environ, self.environment), contextlib.redirect_stdout(out), \
+        with time_passes(), mock.patch.dict(os.environ, self.environment), contextlib.redirect_stdout(out), \
                 contextlib.redirect_stderr(err), contextlib.chdir(self.root):
             try:
                 verb(words[0])(words, prog_name="trocar")
@@ -174,11 +205,16 @@ class Robot:
 
     def down(self) -> int:
         """Ask the supervisor to end and wait for it."""
+        self._let_time_go()
         if self.supervisor is None:
             return 0
         if self.supervisor.poll() is None:
             self.supervisor.send_signal(signal.SIGINT)
         return self.supervisor.wait(timeout=60)
+
+    def _let_time_go(self) -> None:
+        if self.name in STANDING:
+            STANDING.pop(self.name).close()
 
     def left_over(self) -> list[str]:
         """Processes and segments that are still there."""

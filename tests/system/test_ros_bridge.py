@@ -11,7 +11,6 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -54,8 +53,9 @@ ENDED = "this stream has ended: ros_bridge stopped the arm (hold)"
 class Client:
     """What came, by topic, and what is to go out."""
 
-    def __init__(self, domain: int) -> None:
+    def __init__(self, domain: int, robot: Robot | None = None) -> None:
         self.domain, self.participant = domain, Participant(domain, name="client")
+        self.robot = robot
         self.readers: dict[str, TopicReader[Any]] = {}
         self.writers: dict[str, TopicWriter[Any]] = {}
         self.got: dict[str, list[Any]] = {}
@@ -81,17 +81,18 @@ class Client:
         wait_for(lambda: self.spin() and condition(), 60, what)
 
     def insist(self, do: Callable[[], object], condition: Callable[[], object], what: str) -> None:
-        """Do it again now and then until it has come true: a bridge that is held up leaves out what it was told."""
-        next_s = 0.0
+        """Do it, and wait until it has come true: again where the bridge was too late for it, and left it out."""
+        def attempt() -> str:
+            do()
+            try:
+                self.wait(condition, what)
+            except pytest.fail.Exception as problem:
+                return str(problem)
+            return ""
 
-        def again() -> object:
-            nonlocal next_s
-            if time.monotonic() > next_s:
-                next_s = time.monotonic() + 5.0
-                do()
-            return condition()
-
-        self.wait(again, what)
+        assert self.robot is not None
+        problem = self.robot.retry(attempt, what)
+        assert not problem, problem
 
     def last(self, topic: str) -> Any:
         return self.got[topic][-1]
@@ -164,7 +165,7 @@ def bridged(robot: Robot, folder: Path, *sets: str, **ros: Any) -> Iterator[Clie
     made, domain = file_with(folder, **ros)
     options = [word for each in ("hung_s=60", *sets) for word in ("--set", f"processes.ros_bridge.{each}")]
     robot.up(made, "--path", str(ROOT / "configs"), *options)
-    client = Client(domain)
+    client = Client(domain, robot)
     for topic, message in (("PSM1/operating_state", OperatingState), ("PSM1/measured_js", JointStates),
                            ("PSM1/measured_cp", PoseStamped), ("PSM1/warning", String)):
         client.hear(topic, message)
@@ -270,7 +271,7 @@ def test_a_console_is_operated_and_says_what_it_does(robot: Robot, tmp_path: Pat
 
 def test_old_commands_are_not_carried_out_by_a_bridge_that_begins(robot: Robot, tmp_path: Path) -> None:
     made, domain = file_with(tmp_path)
-    client = Client(domain)
+    client = Client(domain, robot)
     try:
         latched = client.participant.writer("PSM1/state_command", StringStamped, latched=10)
         latched.write(StringStamped(string="enable"))

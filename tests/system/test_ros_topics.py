@@ -159,7 +159,7 @@ def test_topics_types_and_settings_are_those_of_the_original(
 
 
 def test_pedals_and_joint_controllers_of_boards_are_heard_and_asked(robot: Robot, tmp_path: Path) -> None:
-    client = Client(up(robot, tmp_path, "demo-teleop"))
+    client = Client(up(robot, tmp_path, "demo-teleop"), robot)
     try:
         for topic, message in (("IO/IO1/coag", Joy), ("PSM1/IO/arm_clutch", Joy), ("PID/PSM1/measured_js", JointStates),
                                ("PID/PSM1/error_state/measured_js", JointStates), ("PID/PSM1/enabled", Bool),
