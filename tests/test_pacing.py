@@ -87,6 +87,7 @@ def test_many_missed_deadlines_mean_that_time_is_short_for_a_while(page: Page) -
     assert pacing.short_until_ns > now and pacing.short_until_ns <= now + SHORT_NS[0]
 
 
+@pytest.mark.slow
 def test_where_time_is_short_again_soon_it_counts_as_short_for_twice_as_long_up_to_a_limit(page: Page) -> None:
     pacing = Pacing(page, PERIOD, 0)  # type: ignore[arg-type]
     pacing.begin(0, False)

@@ -158,6 +158,7 @@ class PausedProcess(runtime.Loop):
         self.ask_io()
 
 
+@pytest.mark.slow
 def test_a_held_up_process_drops_everything_and_begins_anew(
     memory: Callable[[str, str], Node], clock: PausedClock, world: World
 ) -> None:
@@ -195,6 +196,7 @@ class TwoLives(runtime.Loop):
     ("PSM1", "asks 60, back, made, asks 60, back, made, asks 60"),  # others of its priority run meanwhile
     ("io", "asks 80, made, made"),
 ])
+@pytest.mark.slow
 def test_a_loop_is_made_with_the_lowest_priority_unless_a_share_is_reserved(
     world: World, monkeypatch: pytest.MonkeyPatch, clock: PausedClock, name: str, expected: str
 ) -> None:
@@ -256,6 +258,7 @@ class OneCycle(runtime.Loop):
 
 
 @pytest.mark.parametrize("name", LOOPS)
+@pytest.mark.slow
 def test_pauses_leak_no_file_no_memory_and_no_place_in_a_mailbox(
     memory: Callable[[str, str], Node], clock: PausedClock, name: str
 ) -> None:

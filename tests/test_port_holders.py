@@ -69,6 +69,7 @@ def test_emulated_boards_name_who_has_their_address(taken: int, monkeypatch: pyt
         Endpoints((BusConfig("IO1", "127.91.8.16", (Controller(0),)),), lambda *_: None, lambda: 0, simulated=True)
 
 
+@pytest.mark.slow
 def test_a_system_that_gets_no_address_ends_with_one_line(taken: int, tmp_path: Path) -> None:
     words = [sys.executable, "-c", SUPERVISOR, str(taken), str(ROOT / "configs/systems/demo.yaml"), "--system", "taken"]
     done = subprocess.run(words, cwd=ROOT, env={**os.environ, "TROCAR_STATE": str(tmp_path)}, capture_output=True,

@@ -96,6 +96,7 @@ def test_in_lockstep_nobody_has_priority() -> None:
     assert asked("lockstep", 0.8) == ("other", os.SCHED_OTHER)
 
 
+@pytest.mark.slow
 def test_own_memory_is_locked_and_shared_memory_is_there(tmp_path: Path) -> None:
     file = tmp_path / "shared"
     file.write_bytes(b"x" * MEGABYTE)
@@ -120,6 +121,7 @@ def test_own_memory_is_locked_and_shared_memory_is_there(tmp_path: Path) -> None
     assert found["used"][0] == found["used"][1] >= USED_TOGETHER
 
 
+@pytest.mark.slow
 def test_who_may_not_look_at_itself_locks_everything(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*arguments: Any) -> int:
         raise PermissionError
@@ -147,6 +149,7 @@ def pages(place: mmap.mmap, offset: int = 0) -> tuple[int, int]:
 
 
 @pytest.mark.parametrize(("priority", "collects"), [("arm", False), ("", True)])
+@pytest.mark.slow
 def test_only_real_time_kinds_collect_no_garbage(
     monkeypatch: pytest.MonkeyPatch, priority: Literal["arm", ""], collects: bool
 ) -> None:

@@ -37,6 +37,7 @@ def reached(harness: ArmHarness) -> list[bool]:
 
 
 @pytest.mark.parametrize("name", ["move_jp", "move_jr", "move_cp", "move_cr", "jaw/move_jp"])
+@pytest.mark.slow
 def test_a_move_that_does_not_arrive_says_by_how_much_and_loses_no_power(harness: ArmHarness, name: str) -> None:
     pose = harness.state["measured_cp"].copy()
     pose[0] += 0.02

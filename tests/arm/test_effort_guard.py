@@ -181,6 +181,7 @@ def test_nothing_is_changed_at_ordinary_speeds_away_from_limits(kind: str) -> No
     assert not motion.effort.any(), "a hand is not braked below the limit"
 
 
+@pytest.mark.slow
 def test_each_can_be_switched_off_by_itself() -> None:
     arm = mechanism("PSM")
     fast = Run(far(arm), np.zeros(arm.n), speed=0.0)

@@ -25,6 +25,7 @@ def test_unhome_and_disable_leave_what_is_engaged_engaged() -> None:
 
 
 @pytest.mark.parametrize("what", ("adapter", "tool"))
+@pytest.mark.slow
 def test_successor_begins_the_engaging_anew_without_a_jump(what: str) -> None:
     psm = SwitchedPsm().homed() if what == "adapter" else with_adapter().retracted()
     psm.put_on(what)
@@ -105,6 +106,7 @@ def test_an_arm_that_waits_for_a_type_stays_homed_in_its_successor() -> None:
 
 
 @pytest.mark.parametrize("word", ("pause", "disable"))
+@pytest.mark.slow
 def test_engaging_is_begun_again_after_an_interruption(word: str) -> None:
     psm = SwitchedPsm().homed()
     psm.put_on("adapter")

@@ -42,6 +42,7 @@ NUMBERS = st.floats(-3.0, 3.0) | st.sampled_from((math.nan, math.inf, -math.inf,
 @settings(max_examples=300, deadline=None)
 @given(st.lists(st.tuples(st.tuples(*[NUMBERS] * 3), STEPS_NS), max_size=60))
 @example([((math.nan, 1e300, -math.inf), CYCLE_NS)])
+@pytest.mark.slow
 def test_whatever_is_asked_for_no_joint_exceeds_its_bounds(steps: list[tuple[tuple[float, ...], int]]) -> None:
     made = governor()
     for target, passed_ns in steps:
@@ -59,6 +60,7 @@ def test_whatever_is_asked_for_no_joint_exceeds_its_bounds(steps: list[tuple[tup
 
 @settings(max_examples=200, deadline=None)
 @given(st.tuples(*[st.floats(-2.0, 2.0)] * 3), st.tuples(*[st.floats(-1.0, 1.0)] * 3), st.sampled_from((1, 2, 5)))
+@pytest.mark.slow
 def test_a_constant_target_is_reached_exactly_and_never_passed(target: Any, rate: Any, cycles: int) -> None:
     made = governor()
     made.start(np.array(rate) * SPEED)

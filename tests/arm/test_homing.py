@@ -137,6 +137,7 @@ def test_power_that_io_gives_up_is_tried_once_more(works: bool, fault: Code) -> 
         assert f"fault number {fault.number}" in harness.reports.of("error")[0][2]
 
 
+@pytest.mark.slow
 def test_bias_that_never_ends_is_a_fault_after_30_seconds() -> None:
     harness = ArmHarness()
     harness.reach("ENABLED")
@@ -147,6 +148,7 @@ def test_bias_that_never_ends_is_a_fault_after_30_seconds() -> None:
     assert "timeout" in harness.reports.of("error")[0][2]
 
 
+@pytest.mark.slow
 def test_refused_bias_is_told_and_asked_at_most_once_a_second() -> None:
     harness = ArmHarness()
     harness.reach("ENABLED")

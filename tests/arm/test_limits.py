@@ -102,6 +102,7 @@ def test_along_a_limit_the_tip_goes_on(stream: Stream) -> None:
 
 
 @pytest.mark.parametrize("back", (0.5, 1.0))
+@pytest.mark.slow
 def test_a_roll_at_its_end_does_not_turn_once_around(stream: Stream, back: float) -> None:
     end = stream.limits[1][3]
     about = np.array((0.0, 0.0, -1.0))  # the shaft
@@ -122,6 +123,7 @@ def test_the_tip_keeps_its_place_where_the_wrist_can_bend_no_further(stream: Str
     assert stream.reported.startswith("at its limit: ") and stream.place((0.0, 0.0, 0.0)) < 1e-3
 
 
+@pytest.mark.slow
 def test_through_the_cannula_nothing_jumps(stream: Stream) -> None:
     stream.follow((0.001, 0.0005, 0.0))
     stream.largest[:] = 0.0
@@ -155,6 +157,7 @@ def test_wherever_the_goals_go_it_follows_without_a_jump(made: Stream, points: l
     assert (made.largest <= SERVO * PERIOD_NS * 1e-9 * 1.01).all()
 
 
+@pytest.mark.slow
 def test_a_stream_that_was_held_up_does_not_make_up_for_it_at_once(stream: Stream) -> None:
     for angle in np.linspace(0.0, 1.2, 300):
         stream.follow(turn=(angle, 0.0, 0.0))

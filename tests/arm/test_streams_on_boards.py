@@ -48,6 +48,7 @@ def largest_error(robot: OnBoards) -> float:
 
 
 @pytest.mark.parametrize("joint", range(6))
+@pytest.mark.slow
 def test_the_largest_jumps_that_a_stream_may_make_are_followed(robot: OnBoards, joint: int) -> None:
     far = min(0.99 * MAX_LAG_S * robot.arm.joints.servo_speed[joint], RANGE[joint] / 3)
     worst, goal = 0.0, DEEP.copy()
@@ -59,6 +60,7 @@ def test_the_largest_jumps_that_a_stream_may_make_are_followed(robot: OnBoards, 
     assert worst < 0.8
 
 
+@pytest.mark.slow
 def test_the_worst_stream_that_is_not_ended_is_followed(robot: OnBoards) -> None:
     chance, worst, goal = np.random.default_rng(7), 0.0, DEEP
     span = np.minimum(0.49 * MAX_LAG_S * robot.arm.joints.servo_speed[:6], RANGE)

@@ -84,6 +84,7 @@ def test_nothing_is_seen_before_a_whole_record(harness: TornHarness) -> None:
     assert harness.arm.state == "DISABLED" and not harness.state["valid"]
 
 
+@pytest.mark.slow
 def test_a_torn_record_now_and_then_changes_nothing(harness: TornHarness) -> None:
     harness.homed()
     before = harness.setpoint["position"].copy()

@@ -59,6 +59,7 @@ def test_a_wrong_encoder_counts_too_much_from_where_it_is(psm: BoardsHarness, fa
         faults.scale_encoder("PSM1", 0, 0.0)
 
 
+@pytest.mark.slow
 def test_swapped_motors_move_each_other_until_swapped_back(psm: BoardsHarness, faults: BoardFaults) -> None:
     assert psm.do("power_on", "PSM1").outcome == "done"
     for moving, resting in ((1, 0), (0, 1)):

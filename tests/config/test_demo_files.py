@@ -79,6 +79,7 @@ def test_potentiometers_see_the_whole_range(demo: document.SystemConfig) -> None
         assert pot.bits_to_voltage.scale * 65536 == pytest.approx(4.5)
 
 
+@pytest.mark.slow
 def test_every_own_file_checks_clean() -> None:
     paths = sorted(PROJECT_CONFIGS.rglob("*.yaml"))
     assert len(paths) >= 7

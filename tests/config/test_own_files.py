@@ -55,6 +55,7 @@ def test_every_kind_of_arm_has_a_system_of_its_own(name: str) -> None:
     assert document.from_json(document.to_json(system)) == system
 
 
+@pytest.mark.slow
 def test_every_file_of_ours_is_checked_without_a_word() -> None:
     for path in sorted(PROJECT_CONFIGS.rglob("*.yaml")):
         assert check_file(path).problems == (), path

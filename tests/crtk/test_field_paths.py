@@ -73,6 +73,7 @@ def test_indices_written_are_indices_read(indices: list[Any]) -> None:
     assert path.indices == tuple(index if isinstance(index, int) else slice(*index) for index in indices)
 
 
+@pytest.mark.slow
 def test_a_view_has_the_joints_of_its_arm(played: ScriptedRobot) -> None:
     rows, cells = rows_and_cells(played, "PSM1/measured_js.position")
     assert cells.labels == tuple(f"PSM1/measured_js.position[{k}]" for k in range(6))
@@ -120,6 +121,7 @@ def test_fields_that_are_not_there_are_named_with_those_near(played: ScriptedRob
         rows_and_cells(played, "PSM1/error.value")
 
 
+@pytest.mark.slow
 def test_every_label_is_a_path_of_one_cell(played: ScriptedRobot) -> None:
     for topic in ("PSM1/state", "PSM1/measured_js", "PSM1/measured_cp", "PSM1/jaw/measured_js"):
         entry = find(played.name, topic)

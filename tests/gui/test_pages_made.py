@@ -34,6 +34,7 @@ def system(which: str, folder: Path) -> SystemConfig:
 
 
 @pytest.mark.parametrize("which", ["two consoles", "kinematic-full.yaml", "demo-ecm-si.yaml", "demo-teleop.yaml"])
+@pytest.mark.slow
 def test_pages_are_in_the_bar_have_all_keys_no_name_twice_and_ask_before_something_moves(
         which: str, tmp_path: Path) -> None:
     document = system(which, tmp_path)
@@ -69,6 +70,7 @@ def flags(part: Element) -> set[str]:
 
 
 @pytest.mark.parametrize("which", ["kinematic-full.yaml", "demo-ecm-si.yaml", "demo-teleop.yaml"])
+@pytest.mark.slow
 def test_every_number_is_shown_while_its_flag_is_true_and_no_other_one_hides_it(which: str, tmp_path: Path) -> None:
     document = system(which, tmp_path)
     known = {f"{row.name}/state": flags_of(row.kind, "state") for row in document.processes if row.kind != "io"}

@@ -25,6 +25,7 @@ from tests.system.robot import ROOT
 NAME = "plot:PSM1/state.position[1]"
 
 
+@pytest.mark.slow
 def test_every_sample_comes_once_and_those_of_before_first(world: World) -> None:
     async def story(console: Console) -> None:
         browser, page = console.page()

@@ -82,6 +82,7 @@ def test_what_moves_while_a_button_is_held_can_be_stopped_when_control_is_lost()
     assert free("suj", [0.0]) == {"set_lift_velocity", "clutch"} and free("suj", [-1.0]) == set()
 
 
+@pytest.mark.slow
 def test_a_page_is_sent_the_gains_of_its_robot_however_old(world: World) -> None:
     with robot(world.name) as scripted:
         sources = sources_of(from_json(directory.document(scripted.name)))

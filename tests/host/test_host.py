@@ -36,10 +36,12 @@ def played(file: str, boards: str | None, sets: tuple[str, ...]) -> str:
 
 
 @pytest.mark.parametrize("system", [KINEMATIC, BOARDS])
+@pytest.mark.slow
 def test_an_arm_homes_and_moves_bit_by_bit_the_same_each_time(system: tuple[str, str | None, tuple[str, ...]]) -> None:
     assert played(*system) == played(*system)
 
 
+@pytest.mark.slow
 def test_time_passes_when_it_is_let_and_not_else() -> None:
     with Host(document(*KINEMATIC)) as host:
         state = host.reader("PSM1")
@@ -99,6 +101,7 @@ def test_nothing_of_it_has_a_name_or_is_left() -> None:
     assert not names_of(host.name)
 
 
+@pytest.mark.slow
 def test_who_forgets_to_close_it_keeps_no_descriptors() -> None:
     gc.collect()
     before = len(list(DESCRIPTORS.iterdir()))
@@ -123,6 +126,7 @@ def test_where_descriptors_end_it_says_how_to_have_more() -> None:
         resource.setrlimit(resource.RLIMIT_NOFILE, limits)
 
 
+@pytest.mark.slow
 def test_a_master_carries_its_slave() -> None:
     with Host(document("kinematic-teleop.yaml", None, ())) as host:
         assert {"console", "system", "MTMR_PSM1"} <= set(host.loops)

@@ -126,6 +126,7 @@ def snapshot(homed: HashedHost) -> HostSnapshot:
     return homed.host.snapshot()
 
 
+@pytest.mark.slow
 def test_what_happens_after_it_is_the_same_each_time(homed: HashedHost, snapshot: HostSnapshot) -> None:
     homed.host.restore(snapshot)
     first = homed.hash_of(moves)
@@ -136,6 +137,7 @@ def test_what_happens_after_it_is_the_same_each_time(homed: HashedHost, snapshot
         assert homed.hash_of(moves) == first
 
 
+@pytest.mark.slow
 def test_it_can_be_taken_in_a_move_with_commands_under_way(homed: HashedHost, snapshot: HostSnapshot) -> None:
     homed.host.restore(snapshot)
     homed.arm.send("move_jp", GOAL)
@@ -157,6 +159,7 @@ def test_a_fault_comes_at_the_same_cycle_each_time(homed: HashedHost, snapshot: 
     assert homed.hash_of(stops) == first
 
 
+@pytest.mark.slow
 def test_two_hosts_go_the_same_way_whichever_was_restored() -> None:
     with Host(document(*SMALL), history=64) as first, Host(document(*SMALL), history=64) as second:
         one, other = begun(first), begun(second)
@@ -169,6 +172,7 @@ def test_two_hosts_go_the_same_way_whichever_was_restored() -> None:
         assert one.hash_of(moves) == other.hash_of(moves)
 
 
+@pytest.mark.slow
 def test_nothing_grows_with_restores(homed: HashedHost, snapshot: HostSnapshot) -> None:
     def files() -> int:
         gc.collect()
@@ -235,6 +239,7 @@ def test_a_snapshot_of_another_host_is_refused(homed: HashedHost, snapshot: Host
             other.restore(snapshot)
 
 
+@pytest.mark.slow
 def test_an_instrument_that_was_exchanged_since_is_back_in_its_place(homed: HashedHost, snapshot: HostSnapshot) -> None:
     homed.host.restore(snapshot)
     first = homed.hash_of(moves)
@@ -246,6 +251,7 @@ def test_an_instrument_that_was_exchanged_since_is_back_in_its_place(homed: Hash
     assert homed.hash_of(moves) == first
 
 
+@pytest.mark.slow
 def test_a_master_and_its_slave_are_taken_back_with_their_console() -> None:
     with Host(document("kinematic-teleop.yaml", None, ()), history=64) as host:
         watched = begun(host)
@@ -259,6 +265,7 @@ def test_a_master_and_its_slave_are_taken_back_with_their_console() -> None:
         assert watched.hash_of(moves) == first
 
 
+@pytest.mark.slow
 def test_another_seed_is_other_noise_and_the_same_seed_the_same() -> None:
     with Host(document("demo.yaml", "emulated", (*COARSE, "emulation.pot_noise_v=0.001"))) as host:
         watched = HashedHost(host)

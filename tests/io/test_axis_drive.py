@@ -77,6 +77,7 @@ def test_whoever_stops_it_is_heard_at_once(psm: BoardsHarness, ending: str) -> N
     assert psm.record.current_request[0] == 0.0
 
 
+@pytest.mark.slow
 def test_brakes_hold_against_it_and_only_its_own_lets_go_for_it() -> None:
     harness = _powered(_rig("demo-ecm.yaml"), "ECM")
     before = harness.record.position.copy()

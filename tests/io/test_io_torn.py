@@ -105,6 +105,7 @@ def test_set_points_that_are_not_whole_are_missing_ones(torn: Torn, how: str) ->
     assert not record.holding[0] and (record.setpoint_position == 0.11).all()
 
 
+@pytest.mark.slow
 def test_one_that_is_not_whole_now_and_then_is_no_matter(torn: Torn) -> None:
     harness, record = torn.harness, torn.harness.record
     harness.control()

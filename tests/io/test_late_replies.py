@@ -225,6 +225,7 @@ def problems(draw: Callable[[st.SearchStrategy[Any]], Any], begin_ns: int, lates
 @settings(deadline=None, max_examples=5, phases=(Phase.explicit, Phase.generate),
           suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
+@pytest.mark.slow
 def test_replies_in_any_disorder_are_taken_for_what_they_are(kind, has_ports, data) -> None:
     """Where labels are all there is, boards that run answer soon; but they may stand still for long."""
     host = LateHost(kind, has_ports=has_ports, seed=data.draw(st.integers(0, 1 << 30)))
@@ -276,6 +277,7 @@ def test_the_label_of_a_missing_reply_rests_where_that_may_still_come(kind, has_
 
 @pytest.mark.parametrize("has_ports", [True, False], ids=["ports", "labels alone"])
 @pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.slow
 def test_boards_that_are_away_are_asked_seldom(kind, has_ports) -> None:
     host = LateHost(kind, has_ports=has_ports)
     host.line.problem = Disorder(stops=((0, ALWAYS),), end_ns=ALWAYS)

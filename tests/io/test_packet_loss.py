@@ -13,6 +13,8 @@ from tests import stock
 from tests.io.boards_harness import BoardsHarness
 from tests.system.robot import ROOT
 
+pytestmark = pytest.mark.slow
+
 SWING, HZ = 0.15, 0.8  # rad: 0.75 rad/s, 65 counts a cycle
 JOINT = 0
 

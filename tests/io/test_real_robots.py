@@ -56,6 +56,7 @@ def test_potentiometers_of_an_si_arm_agree_with_its_encoders() -> None:
     assert np.abs(harness.record.pot_position - truth).max() < 0.01
 
 
+@pytest.mark.slow
 def test_a_reading_without_a_position_cuts_power_and_opens_the_relays_each_time_it_is_met() -> None:
     harness = rig_of("jhu-daVinci-Si/system-PSM1")
     harness.bring_up("PSM1")

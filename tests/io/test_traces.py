@@ -193,6 +193,7 @@ def test_io_does_in_a_long_play_what_it_did(made: Callable[[], IoHarness]) -> No
     play.trace.compare(FOLDER / f"{made.__name__}.txt")
 
 
+@pytest.mark.slow
 def test_a_calm_cycle_is_one_call_and_step_by_step_would_do_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     harness = braked()
     ends: list[int] = []

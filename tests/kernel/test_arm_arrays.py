@@ -30,6 +30,7 @@ def moved(arm: Any) -> list[str]:
     return [name for function in functions for name in bound(function).moved()]
 
 
+@pytest.mark.slow
 def test_nothing_moves_with_commands_base_and_instruments() -> None:
     psm = with_adapter(tool_detection="AUTOMATIC")
     for memory in ("LARGE_NEEDLE_DRIVER:400006[3]", "MEGA_NEEDLE_DRIVER:400194[1]"):

@@ -201,6 +201,7 @@ def test_goals_and_seeds_that_are_no_numbers_end_at_the_seed(name: str, value: f
         assert not solver.solve(forward.fk(middle, np.eye(4)), np.full(len(middle), math.nan))
 
 
+@pytest.mark.slow
 def test_the_recording_of_a_real_arm_is_followed_the_same_both_ways() -> None:
     recorded = np.loadtxt(stock.find("real/classic_tool_fixed.csv"), delimiter=",", skiprows=1)[:, 1:7]
     quick, python = solvers("LARGE_NEEDLE_DRIVER_400006")

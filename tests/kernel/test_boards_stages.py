@@ -57,6 +57,7 @@ def curve_from(x0: Floats, span: int, rng: np.random.Generator) -> Floats:
 @pytest.mark.usefixtures("both_ways")
 @settings(deadline=None)
 @given(st.integers(0, 2**32 - 1), st.sampled_from((4, 7, 10)))
+@pytest.mark.slow
 def test_encoders_show_the_same_bits_after_any_motion(seed: int, width: int) -> None:
     rng = np.random.default_rng(seed)
     encoders = Encoders(3, width, (Quirks(), Quirks(direction_lag=False), Quirks(sticky_overflow=False)))
@@ -82,6 +83,7 @@ def test_encoders_show_the_same_bits_after_any_motion(seed: int, width: int) -> 
 @pytest.mark.usefixtures("both_ways")
 @settings(deadline=None)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(MIXES))
+@pytest.mark.slow
 def test_a_host_gets_the_same_bits_from_controllers_of_every_kind(seed: int, mix: tuple[tuple[str, int], ...]) -> None:
     rng = np.random.default_rng(seed)
     desk = Desk(*(board(firmware, hardware, number, qla=str(rng.choice(("1.4", "1.5"))))
@@ -122,6 +124,7 @@ def group_of(model: Model, top: int, control: int, rng: np.random.Generator) -> 
 @pytest.mark.usefixtures("both_ways")
 @settings(deadline=None)
 @given(st.integers(0, 2**32 - 1))
+@pytest.mark.slow
 def test_sensors_and_motion_are_the_same_bits_from_anything(seed: int) -> None:
     rng = np.random.default_rng(seed)
     rails = BrakedRails(7)

@@ -24,6 +24,7 @@ NUMBERS = st.floats(-1.0, 1.0) | st.floats() | st.sampled_from((-0.0, math.nan, 
 
 @settings(max_examples=400, deadline=None)
 @given(st.sampled_from(sorted(ARM_TYPES)), st.data())
+@pytest.mark.slow
 def test_both_come_to_the_same_setpoints(name: str, data: st.DataObject) -> None:
     servo = ARM_TYPES[name].servo
     n = len(servo.speed)

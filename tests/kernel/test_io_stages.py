@@ -64,6 +64,7 @@ def stir(bound: BoundStruct, rng: np.random.Generator, odd: float) -> None:
 
 @settings(deadline=None)
 @given(st.integers(0, 2**32 - 1), st.sampled_from((0.0, 0.02, 0.3)), st.booleans())
+@pytest.mark.slow
 def test_every_stage_leaves_the_same_bits_from_anything(seed: int, odd: float, rich: bool) -> None:
     rng = np.random.default_rng(seed)
     harness = with_everything() if rich else IoHarness()

@@ -69,6 +69,7 @@ def both(world: Any) -> Iterator[BothKinematic]:
 
 
 @pytest.mark.parametrize("seed", range(6))
+@pytest.mark.slow
 def test_both_come_to_the_same_in_every_cycle(both: BothKinematic, seed: int) -> None:
     both.rng = np.random.default_rng(seed)
     assert isinstance(both.bound[0], BoundStruct)
@@ -80,6 +81,7 @@ def test_both_come_to_the_same_in_every_cycle(both: BothKinematic, seed: int) ->
     assert moved > 50, "hardly anything ever moved"
 
 
+@pytest.mark.slow
 def test_robots_that_follow_call_the_tracker_for_nothing(both: BothKinematic, monkeypatch: pytest.MonkeyPatch) -> None:
     stand = both.stands[0]
     name, *values = COMMANDS[0]

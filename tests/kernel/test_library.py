@@ -85,6 +85,7 @@ def test_the_switch_turns_it_off() -> None:
     assert asked(**{SWITCH: "0"}) == "TROCAR_KERNEL is 0"
 
 
+@pytest.mark.slow
 def test_a_file_that_is_no_library_is_not_believed(tmp_path: Path) -> None:
     file = tmp_path / "kernel.so"
     file.write_bytes(b"\x7fELF" + bytes(200))
@@ -92,6 +93,7 @@ def test_a_file_that_is_no_library_is_not_believed(tmp_path: Path) -> None:
     assert asked(**{SWITCH: str(tmp_path / "absent.so")}).startswith("it is not compiled")
 
 
+@pytest.mark.slow
 def test_a_library_of_other_sources_is_not_believed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     if library.kernel().library is None:
         pytest.skip("no compiler here")

@@ -74,6 +74,7 @@ def test_both_come_to_the_same_in_every_cycle(cycles: list[tuple[int, int, int, 
     assert not by_kernel.moved()
 
 
+@pytest.mark.slow
 def test_more_cycles_than_there_is_room_for_are_counted_not_kept() -> None:
     cells, pacing = paced(10_000)
     by_kernel = bound(pacing)

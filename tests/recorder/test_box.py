@@ -18,6 +18,7 @@ from procs.recordings.reading import open_recording
 from tests.recorder.harness import RingsOfATest
 
 
+@pytest.mark.slow
 def test_events_are_complete_and_records_are_samples(rings: RingsOfATest) -> None:
     rings.events.status("before it began", "PSM1")
     box = rings.box()

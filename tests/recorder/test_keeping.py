@@ -99,6 +99,7 @@ def test_what_comes_soon_after_is_in_the_same_file_and_what_comes_later_in_the_n
     assert len(keeping_of.told) == 3
 
 
+@pytest.mark.slow
 def test_of_the_black_box_the_second_of_two_has_what_the_first_has_not(keeping_of: Kept) -> None:
     keeping_of.goes_on(3.0)
     keeping_of.saw("PSM1")
@@ -199,6 +200,7 @@ def test_the_oldest_of_the_black_box_makes_room_for_a_fault(keeping_of: Kept) ->
     assert "box-19700101-000000.000.mcap" not in left and len(left) >= 2
 
 
+@pytest.mark.slow
 def test_more_wishes_than_can_wait_are_refused(keeping_of: Kept, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(keeping, "MAX_QUEUE", 2)
     keeping_of.saw("PSM1")

@@ -122,6 +122,7 @@ def test_it_is_in_a_folder_of_its_system_and_ends_with_its_last_figures(recordin
     assert count
 
 
+@pytest.mark.slow
 def test_whoever_hears_of_the_end_finds_the_last_figures(recording: Recording) -> None:
     asked = AskedRecorder("record", "grasp", values=np.array([0.05]), heard=recording.state)
     recording.asks(asked)
@@ -132,6 +133,7 @@ def test_whoever_hears_of_the_end_finds_the_last_figures(recording: Recording) -
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, None],
                          ids=["killed", "asked to end", "terminal closed", "nobody reads"])
+@pytest.mark.slow
 def test_it_ends_with_the_program_that_asked_for_it(recording: Recording, how: signal.Signals | None) -> None:
     command = [sys.executable, "-m", "tools", "record", "run", "PSM1", "--json", "--system", recording.robot.name]
 
@@ -169,6 +171,7 @@ def test_what_is_begun_for_good_goes_on_without_its_client(recording: Recording)
     assert recording.loop._named is not None and not recording.loop._named.is_ending
 
 
+@pytest.mark.slow
 def test_it_ends_when_another_program_has_its_client_s_place(recording: Recording) -> None:
     asked = AskedRecorder("record", "run", values=np.array([0.0, 1.0]))
     recording.asks(asked)
@@ -201,6 +204,7 @@ def test_no_recording_is_called_as_files_of_others(recording: Recording, word: s
     recording.asks(AskedRecorder("record", f"{word}x", values=np.array([0.05])))
 
 
+@pytest.mark.slow
 def test_what_is_to_be_kept_is_named(recording: Recording) -> None:
     said = recording.types("--keep", "it shook", "--json")
     assert said.exit_code == 0, said.output
@@ -235,6 +239,7 @@ def test_ctrl_c_before_it_was_accepted_ends_it_too(recording: Recording) -> None
     recording.until(lambda: any("run has ended" in row["text"] for row in recording.events()))
 
 
+@pytest.mark.slow
 def test_a_stop_that_is_refused_is_told(recording: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
     def refused(request: Any) -> object:
         raise ValueError("not now")

@@ -44,6 +44,7 @@ def test_a_chosen_view_is_told_of_every_record(rings: RingsOfATest) -> None:
         assert len(recording.records("PSM1/state").rows) == 150
 
 
+@pytest.mark.slow
 def test_an_instance_means_all_that_it_writes(rings: RingsOfATest) -> None:
     named, recording = recorded(rings, "PSM1", steps=3)
     with recording:

@@ -65,6 +65,7 @@ def test_what_is_written_is_what_is_read(tmp_path_factory, drawn, seed, compress
 
 @settings(max_examples=40)
 @given(fields, st.integers(0, 1 << 30))
+@pytest.mark.slow
 def test_a_record_is_the_message_that_ros_would_write(drawn, seed):
     schema = schema_from(drawn)
     layout, row = layout_of("user", schema), rows_of(schema, 1, seed)
@@ -161,6 +162,7 @@ def test_a_file_is_readable_up_to_its_last_chunk_wherever_it_is_cut(tmp_path: Pa
 
 @settings(max_examples=150)
 @given(st.data())
+@pytest.mark.slow
 def test_a_damaged_file_is_told_and_never_an_accident(tmp_path_factory, data):
     whole = bytearray(in_memory(20, compression=data.draw(st.sampled_from(("", "lz4", "zstd")))))
     for _ in range(data.draw(st.integers(1, 5))):

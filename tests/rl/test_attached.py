@@ -21,6 +21,7 @@ from tools.errors import Problem
 
 
 @pytest.mark.parametrize("control", ["joint", "cartesian"])
+@pytest.mark.slow
 def test_a_policy_goes_the_same_way_bit_by_bit_where_arms_are_ideal(psm: Host, control: str) -> None:
     env, other = made(psm, control=control), PsmReach(control=control, starts=2)
     rows = [np.frombuffer(drawn(each, 5, 12)) for each in (env, other)]
@@ -29,6 +30,7 @@ def test_a_policy_goes_the_same_way_bit_by_bit_where_arms_are_ideal(psm: Host, c
     other.close()
 
 
+@pytest.mark.slow
 def test_it_powers_and_homes_nothing(system: Callable[..., Host]) -> None:
     host = system("kinematic.yaml")
     with pytest.raises(RobotStopped, match=r"PSM1 is DISABLED and not homed; first: trocar home PSM1"):
@@ -38,6 +40,7 @@ def test_it_powers_and_homes_nothing(system: Callable[..., Host]) -> None:
     assert state.newest() and state.field("state")[()] == b"DISABLED"
 
 
+@pytest.mark.slow
 def test_who_was_held_up_does_not_go_on(psm: Host) -> None:
     env = made(psm)
     env.reset()
@@ -50,6 +53,7 @@ def test_who_was_held_up_does_not_go_on(psm: Host) -> None:
     env.close()
 
 
+@pytest.mark.slow
 def test_after_a_fault_it_waits_for_a_person_to_make_it_anew(system: Callable[..., Host]) -> None:
     host = system("demo.yaml", "boards")
     home(host, "PSM1")
@@ -110,6 +114,7 @@ def hand(system: Callable[..., Host]) -> HandAtArm:
     return HandAtArm(host)
 
 
+@pytest.mark.slow
 def test_an_arm_that_a_hand_takes_is_let_go(hand: HandAtArm) -> None:
     env = made(HostTime.host)
     env.reset()
@@ -124,6 +129,7 @@ def test_an_arm_that_a_hand_takes_is_let_go(hand: HandAtArm) -> None:
 
 
 @pytest.mark.parametrize("steps", [0, 3])
+@pytest.mark.slow
 def test_an_arm_that_a_hand_has_moved_unseen_does_not_leap_back(hand: HandAtArm, monkeypatch: pytest.MonkeyPatch,
                                                                 steps: int) -> None:
     env = made(HostTime.host)
@@ -168,6 +174,7 @@ def test_who_shows_nothing_any_more_is_asked_for_nothing(psm: Host, monkeypatch:
     env.close()
 
 
+@pytest.mark.slow
 def test_an_arm_that_moves_for_somebody_else_is_not_taken(psm: Host) -> None:
     person, state, env = psm.client("PSM1"), psm.reader("PSM1"), made(psm)
     goal = (0.6, 0.5, 0.2, 0.0, 0.0, 0.0)
@@ -204,6 +211,7 @@ def test_who_else_commands_the_arm_has_it(psm: Host, command: str, values: tuple
     env.close()
 
 
+@pytest.mark.slow
 def test_a_person_s_stop_counts_between_episodes_too(psm: Host) -> None:
     person, env = psm.client("PSM1"), made(psm)
     env.reset()
@@ -263,6 +271,7 @@ def test_what_cannot_be_attached_is_refused(system: Callable[..., Host], monkeyp
         made(host)
 
 
+@pytest.mark.slow
 def test_two_arms_hand_over_as_in_a_host(system: Callable[..., Host]) -> None:
     host = system("kinematic-hand-over.yaml")
     home(host, "PSM1", "PSM2")

@@ -17,6 +17,7 @@ from shm.ring import RingReader
 from tests.rl.running import HostTime, ask, home, made
 
 
+@pytest.mark.slow
 def test_reset_is_a_slow_move_and_leaves_the_speed_as_it_was(psm: Host) -> None:
     assert ask(psm, psm.client("PSM1"), "trajectory_j/set_ratio", (0.7,)) == "done"
     env, reader = made(psm), psm.reader("PSM1")
@@ -38,6 +39,7 @@ def quickest(state: RingReader) -> float:
     return float(np.abs(state.last(2000)["setpoint_velocity"][:, 0]).max())
 
 
+@pytest.mark.slow
 def test_reset_is_no_faster_than_a_person_has_set(system: Callable[..., Host]) -> None:
     host = system("kinematic.yaml", history=2000)
     home(host, "PSM1")
@@ -60,6 +62,7 @@ def test_resets_one_after_the_other_leave_the_speed_as_it_was(psm: Host) -> None
     env.close()
 
 
+@pytest.mark.slow
 def test_who_makes_the_slow_move_faster_ends_it(system: Callable[..., Host], monkeypatch: pytest.MonkeyPatch) -> None:
     host = system("kinematic.yaml", history=2000)
     home(host, "PSM1")

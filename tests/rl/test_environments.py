@@ -59,6 +59,7 @@ def test_gymnasium_finds_nothing_wrong_with_it(task: type[RobotEnv]) -> None:
 
 
 @pytest.mark.parametrize("control", ["joint", "cartesian"])
+@pytest.mark.slow
 def test_episodes_are_the_same_in_any_environment_and_order(control: str) -> None:
     one, other = PsmReach(control=control, starts=2), PsmReach(control=control, starts=2)
     first = drawn(one, 5, 12)
@@ -69,6 +70,7 @@ def test_episodes_are_the_same_in_any_environment_and_order(control: str) -> Non
     other.close()
 
 
+@pytest.mark.slow
 def test_episodes_on_boards_are_the_same_also_out_of_an_emergency_stop(boards: PsmReach) -> None:
     first = drawn(boards, 5, 12)
     boards.reset(seed=8)
@@ -85,6 +87,7 @@ def test_episodes_on_boards_are_the_same_also_out_of_an_emergency_stop(boards: P
     assert drawn(boards, 5, 12) == first
 
 
+@pytest.mark.slow
 def test_time_truncates_and_a_goal_that_is_reached_does_not_end_it(reach: PsmReach) -> None:
     observation, info = reach.reset(seed=3)
     first_m, ends = info["distance_m"], []
@@ -117,6 +120,7 @@ def test_rewards_are_for_many_goals_at_a_time(reach: PsmReach) -> None:
     assert over.compute_reward(np.zeros(4), np.array((0.0, 0.0, 0.0, 1.0)), {}) == -0.1
 
 
+@pytest.mark.slow
 def test_noise_is_of_the_seed_and_not_in_what_counts_as_success() -> None:
     env = PsmReach(noise_m=0.002, starts=1)
     one, info = env.reset(seed=4)
@@ -141,6 +145,7 @@ def test_a_goal_moves_smoothly_and_its_velocity_is_told() -> None:
     env.close()
 
 
+@pytest.mark.slow
 def test_an_endoscope_looks_at_its_goal() -> None:
     env = EcmAim(starts=1, horizon=60)
     observation, info = env.reset(seed=2)
@@ -152,6 +157,7 @@ def test_an_endoscope_looks_at_its_goal() -> None:
     env.close()
 
 
+@pytest.mark.slow
 def test_a_peg_is_handed_over_and_falls_when_nobody_holds_it() -> None:
     env = PsmHandOver(starts=1, horizon=300)
     env.reset(seed=3)
@@ -225,6 +231,7 @@ def test_the_task_on_the_page_can_be_played() -> None:
     del gymnasium.registry["mine/Circle-v0"]
 
 
+@pytest.mark.slow
 def test_an_episode_begins_with_reset() -> None:
     env = PsmReach(starts=1)
     for _ in range(2):
@@ -234,6 +241,7 @@ def test_an_episode_begins_with_reset() -> None:
         env.close()
 
 
+@pytest.mark.slow
 def test_pickled_it_is_made_anew(reach: PsmReach) -> None:
     first = drawn(reach, 5, 3)
     again = pickle.loads(pickle.dumps(reach))
@@ -262,6 +270,7 @@ class CartReach(PsmReach):
     FILES = MappingProxyType({"kinematic": "kinematic-cart.yaml"})
 
 
+@pytest.mark.slow
 def test_an_arm_whose_base_nobody_knows_is_not_begun_with() -> None:
     env = CartReach(starts=1)
     with pytest.raises(RobotStopped, match="PSM1 is ENABLED: where its base is is not known"):
@@ -271,6 +280,7 @@ def test_an_arm_whose_base_nobody_knows_is_not_begun_with() -> None:
     env.close()
 
 
+@pytest.mark.slow
 def test_an_arm_that_has_failed_stays_where_it_was_seen_noise_and_all() -> None:
     env = PsmReach(backend="boards", noise_m=0.002, starts=1)
     env.reset(seed=4)
@@ -283,6 +293,7 @@ def test_an_arm_that_has_failed_stays_where_it_was_seen_noise_and_all() -> None:
     env.close()
 
 
+@pytest.mark.slow
 def test_several_are_stepped_side_by_side_and_leave_nothing() -> None:
     before = ours()
     vector = gymnasium.vector.SyncVectorEnv([lambda: PsmReach(starts=1, horizon=3)] * 2)

@@ -34,6 +34,7 @@ def share(image: np.ndarray, lower: tuple[int, int, int], upper: tuple[int, int,
 
 
 @pytest.mark.parametrize(("task", "size"), [(PsmReach, (480, 360)), (PsmReach, (160, 120)), (EcmAim, (320, 240))])
+@pytest.mark.slow
 def test_the_instrument_and_its_goal_are_on_the_ground_before_the_sky(task: type[RobotEnv],
                                                                     size: tuple[int, int]) -> None:
     env = task(render_mode="rgb_array", width=size[0], height=size[1], starts=1)
@@ -69,6 +70,7 @@ def test_what_is_drawn_stands_where_the_chain_says() -> None:
     assert abs(np.cross(shaft.middle - model.base[:3, 3], shaft.axes[:, 2])).max() < 1e-4, "through the remote centre"
 
 
+@pytest.mark.slow
 def test_two_arms_and_a_peg_are_drawn() -> None:
     env = PsmHandOver(starts=1)
     env.reset(seed=1)

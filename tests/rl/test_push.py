@@ -64,6 +64,7 @@ class Pusher:
 
 
 @pytest.mark.parametrize("seed", [0, 3, 5])
+@pytest.mark.slow
 def test_a_policy_that_knows_the_way_pushes_the_block_to_its_goal(env: PsmPush, seed: int) -> None:
     env.reset(seed=seed)
     pusher = Pusher(env)
@@ -84,6 +85,7 @@ def test_a_block_that_nobody_touches_lies_where_it_was_put(env: PsmPush) -> None
     assert abs(before[2, 3] - env.goal[2]) < 1e-4, "it is not in the table"
 
 
+@pytest.mark.slow
 def test_episodes_are_the_same_whatever_was_pushed_before(env: PsmPush) -> None:
     other = PsmPush(speed=0.3, starts=2)
     first = drawn(env, 5, 25)
@@ -92,6 +94,7 @@ def test_episodes_are_the_same_whatever_was_pushed_before(env: PsmPush) -> None:
     other.close()
 
 
+@pytest.mark.slow
 def test_jaws_that_come_down_on_a_block_do_not_press_it_through_the_table(env: PsmPush) -> None:
     env.reset(seed=1)
     pusher = Pusher(env)

@@ -21,6 +21,7 @@ def test_its_network_shifts_the_tip_and_nothing_else() -> None:
     np.testing.assert_array_equal(action, (0.5, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0))
 
 
+@pytest.mark.slow
 def test_who_goes_where_its_features_point_reaches_the_goal() -> None:
     env = made({"starts": 1})
     assert isinstance(env.unwrapped, PsmReach) and env.unwrapped.horizon == HORIZON

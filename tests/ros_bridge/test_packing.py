@@ -26,6 +26,7 @@ def blocks_of(kind: str, draw: Any) -> list[np.ndarray]:
 
 @pytest.mark.parametrize("kind", VIEW_MESSAGES)
 @given(data=st.data())
+@pytest.mark.slow
 def test_packed_messages_are_those_that_the_library_writes(kind: str, data: Any) -> None:
     row = VIEW_MESSAGES[kind]
     packed, plain = PackedMessage(row.message, row.put), row.message()

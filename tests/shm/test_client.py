@@ -153,6 +153,7 @@ def test_a_system_that_was_made_anew_gets_a_place_of_its_own(system: str, open_n
     assert taken(system) == [0]
 
 
+@pytest.mark.slow
 def test_threads_with_a_handle_each_lose_nothing(box: Mailbox, open_now: Open) -> None:
     count, heard, over = 200, [0] * 4, threading.Event()
 

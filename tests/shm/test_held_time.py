@@ -42,6 +42,7 @@ def begin(world: Any, time_: Timekeeper) -> None:
     time_.admit(["A", "B"])
 
 
+@pytest.mark.slow
 def test_time_goes_as_far_as_the_holder_says(world: Any, time_: Timekeeper) -> None:
     with HeldTime(world.name) as held:
         begin(world, time_)
@@ -56,6 +57,7 @@ def test_time_goes_as_far_as_the_holder_says(world: Any, time_: Timekeeper) -> N
         world.kill(child)
 
 
+@pytest.mark.slow
 def test_time_goes_on_when_the_holder_dies(world: Any, time_: Timekeeper) -> None:
     holder = world.start(HOLDER)
     assert holder.stdout.readline() == "holds\n"

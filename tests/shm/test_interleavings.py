@@ -250,6 +250,7 @@ def test_plain_words_need_an_ordered_memory(model: str) -> None:
 
 
 @pytest.mark.parametrize(("model", "states"), [("pso", 3_000), ("weak", 10_000)])
+@pytest.mark.slow
 def test_fenced_words_do_without(model: str, states: int) -> None:
     assert ring(Real(fenced=True), 2, 2, "newest next", model=model).explore().states > states
     assert ring(Real(fenced=True), 3, 1, "next", heir=1, kill="writer", model=model).explore().states > states

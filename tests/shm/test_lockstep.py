@@ -59,6 +59,7 @@ def once() -> Callable[[], bool]:
     return lambda: next(looks, True)
 
 
+@pytest.mark.slow
 def test_two_processes_advance_exactly_in_lock_step(world: Any, keeper: Make) -> None:
     time_ = keeper("A", "B")
     time_.admit(["A", "B"])
@@ -87,6 +88,7 @@ def test_time_stands_while_a_member_works(world: Any, keeper: Make) -> None:
         clock.close()
 
 
+@pytest.mark.slow
 def test_a_dead_member_is_dropped_and_the_others_go_on(world: Any, keeper: Make) -> None:
     time_ = keeper("A", "B")
     time_.admit(["A", "B"])

@@ -13,6 +13,8 @@ from tests.shm.interleave import Broken, Explorer, Outcome
 from tests.shm.process import Actor, Address, Program
 from tests.shm.simulated import Change, Real
 
+pytestmark = pytest.mark.slow
+
 Wishes = dict[str, tuple[int, ...]]
 NEWS: Address = "news", 0
 NOW = 4096 + SCHEMA.offset("now_ns")

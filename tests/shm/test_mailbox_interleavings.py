@@ -12,6 +12,8 @@ from tests.shm.interleave import Broken, Explorer, Outcome
 from tests.shm.process import Actor, Address, Program
 from tests.shm.simulated import FIRST, Change, Real, private
 
+pytestmark = pytest.mark.slow
+
 PLACE_LOCKS = FIRST + 16 + CURSOR_BYTES * CURSORS.index("place")
 SOMEBODY = 50  # holds a lock for ever
 ONE_REPLY: Change = "mailbox_map", "REPLIES_DEPTH = 2", "REPLIES_DEPTH = 1"

@@ -84,6 +84,7 @@ def test_two_who_stop_while_their_owner_looks_are_both_heard() -> None:
     assert two(Real()).explore().states > 50_000
 
 
+@pytest.mark.slow
 def test_who_dies_in_the_place_for_stops_leaves_it_usable() -> None:
     assert two(Real(), kill="one", heir=True).explore().states > 10_000
 
@@ -119,6 +120,7 @@ MUTANTS: dict[str, tuple[dict[str, Any], tuple[Change, ...]]] = {
 
 
 @pytest.mark.parametrize("name", MUTANTS)
+@pytest.mark.slow
 def test_a_seeded_mutant_of_the_place_for_stops_is_caught(name: str) -> None:
     scenario, changes = MUTANTS[name]
     with pytest.raises(Broken, match=r"AssertionError|at the end"):

@@ -59,6 +59,7 @@ def replies(place: Place) -> list[tuple[int, str, str]]:
     return [(r.id, r.outcome, r.text) for r in place.poll()]
 
 
+@pytest.mark.slow
 def test_who_has_all_places_is_named(world: Any, open_now: Any) -> None:
     children = []
     for program, count in (("trocar attach", "3"), ("plan\x1b[31m.py", "1")):

@@ -38,6 +38,7 @@ def test_random_bytes_are_messages_or_mistakes(data: bytes) -> None:
 
 @given(st.sampled_from(["hello", "read", "subscribe", "call", "set", "x"]),
        st.dictionaries(st.sampled_from(["id", "topic", "to", "command", "values", "text", "rate_hz", "of"]), ANY))
+@pytest.mark.slow
 def test_random_parts_are_messages_or_mistakes(op: str, parts: dict[str, Any]) -> None:
     found = outcome(json.dumps({"op": op, **parts}).encode())
     if isinstance(found, Message):

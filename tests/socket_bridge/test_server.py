@@ -103,6 +103,7 @@ def test_a_command_is_a_person_s_and_its_end_is_told(world: Any) -> None:
         assert first == second != origin, "a stream is one command of a person"
 
 
+@pytest.mark.slow
 def test_what_a_client_holds_down_is_let_go_when_it_leaves(world: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     rows = {row.name: row for row in COMMANDS["arm"]}
     rows["servo_jf"] = dataclasses.replace(rows["servo_jf"], ended_by="hold")
@@ -187,6 +188,7 @@ def test_others_show_the_token_first(world: Any, monkeypatch: pytest.MonkeyPatch
             assert await client.hear() == {}
 
 
+@pytest.mark.slow
 def test_programs_of_others_are_refused_without_a_token(world: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("procs.socket_bridge.server.is_ours", lambda peer, port: False)
 
@@ -251,6 +253,7 @@ def port_of(client: Any) -> int:
     return int(client.writer.get_extra_info("sockname")[1])
 
 
+@pytest.mark.slow
 def test_who_asks_and_never_reads_is_disconnected(world: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(connection, "MOST", 1 << 16)
 
@@ -278,6 +281,7 @@ def test_long_lines_end_a_connection_and_no_other(world: Any) -> None:
             await made.until(lambda: len(made.server.sessions) == 1)
 
 
+@pytest.mark.slow
 def test_a_thousand_connections_leave_the_first_ones_alone(world: Any) -> None:
     @story(world, dataclasses.replace(LOCAL, max_clients=8))
     async def _(made: Bridge) -> None:
@@ -293,6 +297,7 @@ def test_a_thousand_connections_leave_the_first_ones_alone(world: Any) -> None:
             assert (await good.ask("ping"))["op"] == "answer"
 
 
+@pytest.mark.slow
 def test_another_protocol_is_shown_the_door(world: Any) -> None:
     @story(world)
     async def _(made: Bridge) -> None:

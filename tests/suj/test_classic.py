@@ -9,6 +9,8 @@ from procs.faults import reported
 from procs.suj.machine import SetupState
 from tests.suj.cart import PLACES, Cart
 
+pytestmark = pytest.mark.slow
+
 ROUND_S, WHOLE_S = (16 * (settle + samples / 1500) for settle, samples in ((0.005, 6), (0.03, 60)))
 CLOSE = 2e-4  # m and rad; half a bit of the converter is 2e-5 m and 1e-4 rad
 

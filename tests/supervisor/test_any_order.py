@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 
+import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
@@ -15,6 +16,8 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 from procs import lifecycle
 from procs.supervisor.requests import Requests
 from tests.supervisor.played import Clock, PlayedRequest, played
+
+pytestmark = pytest.mark.slow
 
 CLIENTS = st.integers(0, 2)
 NEXT = {"setup": ("main", "quit", "killed"), "main": ("quit", "killed"), "quit": ("setup",), "killed": ("setup",)}

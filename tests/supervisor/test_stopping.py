@@ -162,6 +162,7 @@ def test_a_supervisor_that_was_held_up_ends_instead_of_starting_all_again(
     assert re.match(r"was held up for \d+\.\d s; its processes have ended", supervisor.stopping)
 
 
+@pytest.mark.slow
 def test_being_asked_to_stop_while_starting_starts_nobody_else(
     supervisor: Supervisor, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -221,6 +221,7 @@ def test_the_camera_does_not_follow_a_master_whose_encoder_jumps(which: str) -> 
     assert harness.following and np.allclose(harness.slave.ring.field("setpoint_position"), before)
 
 
+@pytest.mark.slow
 def test_a_real_master_that_moves_all_its_joints_as_fast_as_it_can_is_believed(data: Callable[[str], Path]) -> None:
     kinematics = Kinematics(stock.chain("MTML"))
     rows = np.loadtxt(data("real/mtm_measured_one.csv"), delimiter=",")

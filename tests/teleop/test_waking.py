@@ -40,6 +40,7 @@ def test_a_command_wakes_who_sleeps(system: str, kind: type[Client], name: str, 
     page.close()
 
 
+@pytest.mark.slow
 def test_a_tele_operation_at_rest_begins_a_cycle_when_it_is_asked(system: str) -> None:
     node = runtime.Node("teleop", system, "MTMR_PSM1")
     loop, client = TeleopLoop(node), Client(system, "MTMR_PSM1")

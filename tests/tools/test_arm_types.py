@@ -39,6 +39,7 @@ def test_a_psm_lists_no_commands_of_masters_and_cameras(kinematic: ScriptedRobot
     assert "set_endoscope_type" not in text and "lock_orientation" not in text
 
 
+@pytest.mark.slow
 def test_a_psm_lists_no_events_and_views_of_masters_and_cameras(kinematic: ScriptedRobot) -> None:
     text = listed(kinematic, "list")
     assert "PSM1/tool_type" in text and "PSM1/jaw/measured_js" in text and "PSM1/goal_reached" in text

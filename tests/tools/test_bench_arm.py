@@ -64,6 +64,7 @@ def test_an_arm_at_rest_takes_every_cycle_while_somebody_has_subscribed_to_its_r
             assert loop.periods(False, bench.now_ns) == PERIODS_AT_REST
 
 
+@pytest.mark.slow
 def test_an_arm_that_moves_or_pushes_or_follows_takes_every_cycle() -> None:
     with bench_arm.ArmBench("kinematic") as bench:
         loop, motion = bench._loop, bench.arm.control.motion

@@ -67,6 +67,7 @@ def test_boards_that_fail_end_the_bench(monkeypatch: pytest.MonkeyPatch, tmp_pat
     assert not [parts for parts in names_of() if parts[0].startswith(f"bench{os.getpid()}-")]
 
 
+@pytest.mark.slow
 def test_the_measuring_half_says_who_starts_it() -> None:
     done = subprocess.run([sys.executable, "-m", "procs.boards.cost"], cwd=ROOT, capture_output=True, text=True,
                           check=False)

@@ -46,6 +46,7 @@ def test_the_rate_is_sought_from_3_khz_in_the_direction_it_lies(limit_hz: float,
     assert kept == [hz for hz in missed if hz <= limit_hz]
 
 
+@pytest.mark.slow
 def test_figures_without_a_number_are_of_eight_boards(monkeypatch: pytest.MonkeyPatch) -> None:
     def measure(file: Path, seconds: float, *sets: str) -> dict[str, Any]:
         awake = bench_io.AWAKE[0] in sets

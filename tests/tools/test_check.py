@@ -17,6 +17,7 @@ from tools.verbs import check
 DEMO = PROJECT_CONFIGS / "systems/demo.yaml"
 
 
+@pytest.mark.slow
 def test_fine_files_exit_zero(capsys: pytest.CaptureFixture[str]) -> None:
     files = sorted(PROJECT_CONFIGS.rglob("*.yaml"))
     assert check.run(files, [], False) == 0
@@ -84,6 +85,7 @@ def test_missing_file_exits_one(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert "no such file" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_pipe_a_huge_file_and_a_huge_gain_are_refused_at_once(tmp_path: Path) -> None:
     pipe, huge, stiff = tmp_path / "pipe.yaml", tmp_path / "huge.json", tmp_path / "stiff.yaml"
     stiff.write_text((PROJECT_CONFIGS / "pid/PSM.yaml").read_text().replace("p_gain: 120", "p_gain: 1e308", 1))
@@ -100,6 +102,7 @@ def test_a_pipe_a_huge_file_and_a_huge_gain_are_refused_at_once(tmp_path: Path) 
 @pytest.mark.parametrize("verb", [("check",), ("up", "--boards", "emulated", "--system", "nothing-starts")])
 @pytest.mark.parametrize(("key", "name"), [("IO_file", "io/sawRobotIO1394-MTMR-foot-pedals-QLA1.json"),
                                            ("kinematic", "kinematic/stock.json")])
+@pytest.mark.slow
 def test_what_lies_in_the_share_of_the_dvrk_is_told_with_path_and_the_folders_looked_in(
     tmp_path: Path, verb: tuple[str, ...], key: str, name: str
 ) -> None:

@@ -17,6 +17,8 @@ from tests.lib.test_convert_back import ROBOTS, Writer
 from tests.old import config, joint, pid, three
 from tools.systems import ROOT
 
+pytestmark = pytest.mark.slow
+
 IO = "sawRobotIO1394-PSM1-11111"
 
 

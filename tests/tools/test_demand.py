@@ -55,6 +55,7 @@ def test_echo_wants_what_it_shows_and_nothing_afterwards(arm: Playing) -> None:
     assert not arm.is_wanted
 
 
+@pytest.mark.slow
 def test_echo_shows_null_where_nobody_computes_it(arm: Playing, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(arm, "bit", 0)
     (row,) = lines(run("echo", "PSM1/body/measured_cf", "--once", "--json", "--system", arm.scripted.name))

@@ -30,6 +30,7 @@ def run(played: ScriptedRobot, *words: str) -> Result:
     return CliRunner().invoke(APP, [*words, "--system", played.name])
 
 
+@pytest.mark.slow
 def test_a_field_is_a_line(played: ScriptedRobot) -> None:
     shown = run(played, "echo", "PSM1/measured_js.position[0:3]", "--once")
     assert re.fullmatch(r"\d+\.\d{6}  0\.25 0\.25 0\.25  rad\|m\n", shown.stdout) and shown.exit_code == 0

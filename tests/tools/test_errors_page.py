@@ -5,6 +5,8 @@ from __future__ import annotations
 import ast
 import re
 
+import pytest
+
 from procs import codes
 from procs.codes import CODES, FAULTS
 from procs.manifest import PROCS
@@ -60,6 +62,7 @@ def test_codes_are_unique_and_their_owners_are_kinds() -> None:
     assert all(set(row.owner.split(", ")) <= kinds for row in CODES)
 
 
+@pytest.mark.slow
 def test_every_code_is_told_by_those_who_own_it() -> None:
     """That no other code is told is a matter of types: processes give rows to what tells, not names."""
     found = used()

@@ -8,6 +8,8 @@ import sys
 from importlib.metadata import requires
 from typing import Any
 
+import pytest
+
 from tests.tools.robot import robot
 from tools import cli
 
@@ -33,6 +35,7 @@ def loaded_with(*verbs: str) -> set[str]:
     return loaded_by("from tools.cli import loaded\nfor door in sys.argv[1:]: loaded(door)", *doors)
 
 
+@pytest.mark.slow
 def test_verbs_load_no_readers_of_files() -> None:
     found = loaded_with(*{verb.name for verb in cli.VERBS} - HEAVY)
     assert not found & {*READERS, *LIBRARIES, "procs.runtime", "procs.supervisor"}

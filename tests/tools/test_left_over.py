@@ -37,6 +37,7 @@ def dead(world: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterato
     world.remove()
 
 
+@pytest.mark.slow
 def test_what_was_kept_before_is_never_written_over(dead: ScriptedRobot, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(dumping, "local_ns", lambda: 1_700_000_000_123_000_000)
     kept = [keep_left_over(dead.name, QUIET) for _ in range(3)]

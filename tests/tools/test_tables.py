@@ -43,6 +43,7 @@ def assert_fits(lines: list[str], width: int) -> None:
 
 @given(st.integers(1, 9).flatmap(lambda n: st.lists(st.tuples(*[TEXTS] * n), min_size=1, max_size=5)),
        st.sampled_from(WIDTHS), st.integers(0, 9))
+@pytest.mark.slow
 def test_no_word_of_a_table_is_cut_at_any_width(rows: list[tuple[str, ...]], width: int, right: int) -> None:
     columns = [f"column {k}" for k in range(len(rows[0]))]
     lines = table_lines(columns, rows, columns[1 : 1 + right], width)

@@ -87,6 +87,7 @@ def test_echo_prints_a_view_as_json(kinematic: ScriptedRobot) -> None:
     assert row["sequence"] == 1
 
 
+@pytest.mark.slow
 def test_invalid_values_are_null(kinematic: ScriptedRobot) -> None:
     kinematic.show_arm(valid=False, jaw=False)
     (js,) = lines(run("echo", "PSM1/measured_js", "--once", "--json", "--system", kinematic.name))

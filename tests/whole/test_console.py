@@ -17,6 +17,8 @@ from shm.origins import Origin, new_id
 from shm.place import Place
 from tests.whole.host import STEP_NS, WholeHost
 
+pytestmark = pytest.mark.slow
+
 TELEOPS = ("MTML_MTMR_ECM", "MTMR_PSM1", "MTML_PSM2", "MTML_PSM3")
 CARRIED = ("ECM", "PSM1", "PSM2", "PSM3")
 

@@ -18,6 +18,8 @@ from shm.origins import program_name
 from tests.whole.host import WholeHost
 from tests.whole.test_console import Room
 
+pytestmark = pytest.mark.slow
+
 LATE_STEPS = 5  # 25 ms: a process that is later begins anew
 PATIENCE_STEPS = 800
 CAMERA, RIGHT, LEFT, THIRD = "MTML_MTMR_ECM", "MTMR_PSM1", "MTML_PSM2", "MTML_PSM3"

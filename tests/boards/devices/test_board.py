@@ -143,6 +143,7 @@ ADDRESSES = st.one_of(st.integers(0, 0xF), st.builds(lambda region, offset: regi
 @settings(max_examples=200, deadline=None)
 @given(st.sampled_from(((7, 2), (8, 2), (8, 3), (9, 2), (9, 3))), st.lists(st.tuples(
     ADDRESSES, st.integers(0, 0xFFFF_FFFF), st.integers(0, 30), st.integers(0, 99 * MS)), max_size=30))
+@pytest.mark.slow
 def test_any_access_is_answered(kind: tuple[int, int], accesses: list[tuple[int, int, int, int]]) -> None:
     board, tick = made(62, kind[0], "", fpga=kind[1], board_id=15), 0
     for address, value, size, wait in accesses:

@@ -241,6 +241,7 @@ EVENTS = st.lists(st.tuples(st.integers(0, 90 * MS), st.sampled_from(
 
 @settings(max_examples=60, deadline=None)
 @given(EVENTS, st.integers(5_000, 500_000), st.sampled_from((7, 8)))
+@pytest.mark.slow
 def test_asking_often_changes_nothing(events: list[tuple[int, int | str]], period: int, firmware: int) -> None:
     seldom, often, tick = present(firmware), present(firmware), 0
     for wait, event in [*events, (200 * MS, 1)]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -73,6 +74,7 @@ def test_a_load_beyond_the_limit_is_diminished_by_it() -> None:
 
 @settings(deadline=None, max_examples=30)
 @given(kick=shares, coupled=couplings)
+@pytest.mark.slow
 def test_what_was_kicked_comes_to_rest_and_stays(kick: np.ndarray, coupled: np.ndarray) -> None:
     masses = Masses(coupled)
     masses.velocity[:] = 0.1 * kick * LIMIT / ARMATURE

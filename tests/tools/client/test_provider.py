@@ -221,6 +221,7 @@ def test_a_button_wakes_its_console_when_the_record_is_out(place: Place) -> None
     console.close()
 
 
+@pytest.mark.slow
 def test_a_place_is_taken_once(place: Place) -> None:
     with trocar.provide("MTMR", place.name), pytest.raises(TimeoutError, match="MTMR"):
         trocar.provide("MTMR", place.name, timeout=0.0)

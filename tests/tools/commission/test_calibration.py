@@ -60,6 +60,7 @@ def test_what_calibrating_would_only_hide_stops_it_and_writes_nothing(breaks, sa
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_master_is_calibrated_in_the_space_of_its_potentiometers_and_so_is_its_gripper(tmp_path: Path) -> None:
     bench = RigBench("demo-mtm.yaml")
     bench.subjects = tuple(subject for subject in bench.subjects if subject.name.startswith("MTML"))

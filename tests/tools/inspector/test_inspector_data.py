@@ -46,6 +46,7 @@ def run(played: ScriptedRobot, *words: str) -> Result:
 # what stands above
 
 
+@pytest.mark.slow
 def test_a_dead_supervisor_is_told_with_the_time_since(played: ScriptedRobot) -> None:
     seen = overview.overview(played.name)
     assert seen.lives and seen.words == "supervisor runs"
@@ -150,6 +151,7 @@ def test_values_have_units_words_courses_and_ages(played: ScriptedRobot) -> None
         data.close()
 
 
+@pytest.mark.slow
 def test_looking_wants_nothing_until_a_person_does(played: ScriptedRobot) -> None:
     wanted = Subscriptions(played.pages["PSM1"])
     data = values_of(played, "PSM1/state")
@@ -262,6 +264,7 @@ def test_everything_is_one_document(played: ScriptedRobot) -> None:
     assert {row["name"] for row in found["topics"]} >= {"PSM1/state", "IO1/state"} and found["commands"] == []
 
 
+@pytest.mark.slow
 def test_without_a_terminal_it_is_printed_once(played: ScriptedRobot) -> None:
     played.events.status("PSM1: HOMED", "PSM1")
     shown = run(played, "attach")

@@ -20,6 +20,8 @@ from tools.inspector.pages.page import InspectorPage
 from tools.inspector.pages.palette import DARK, LIGHT
 from tools.inspector.pages.values import ValuesPage
 
+pytestmark = pytest.mark.slow
+
 SIZES = ((80, 24), (160, 50))
 PATIENCE = 200  # looks at the screen
 

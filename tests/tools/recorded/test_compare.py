@@ -79,6 +79,7 @@ def test_what_the_first_has_not_recorded_is_not_compared_where_the_second_repeat
         assert Comparing(STAMP, as_a=True).of(other, one).outcome == "different"
 
 
+@pytest.mark.slow
 def test_a_difference_is_told_with_its_place_and_size(tmp_path: Path) -> None:
     rows = sane()
     other = rows.copy()
@@ -96,6 +97,7 @@ def test_a_difference_is_told_with_its_place_and_size(tmp_path: Path) -> None:
     assert "PSM1/state.position" in shown.stdout and "different" in shown.stdout.splitlines()[-1]
 
 
+@pytest.mark.slow
 def test_what_is_within_its_tolerance_is_fine(tmp_path: Path) -> None:
     rows = sane()
     other = rows.copy()
@@ -109,6 +111,7 @@ def test_what_is_within_its_tolerance_is_fine(tmp_path: Path) -> None:
     assert run(a, b, "--tolerance", "position=1parsec").returncode == 2
 
 
+@pytest.mark.slow
 def test_records_that_one_lacks_are_told(tmp_path: Path) -> None:
     rows = sane()
     a, b = saved(tmp_path, "a.mcap", rows), saved(tmp_path, "b.mcap", np.delete(rows, [3, 4, 39]))
@@ -118,6 +121,7 @@ def test_records_that_one_lacks_are_told(tmp_path: Path) -> None:
     assert run(a, saved(tmp_path, "c.mcap", rows[5:30]), "--common").returncode == 0
 
 
+@pytest.mark.slow
 def test_a_topic_that_one_lacks_is_told(tmp_path: Path) -> None:
     a, b = saved(tmp_path, "a.mcap", sane()), saved(tmp_path, "b.mcap", sane(), topic="setpoint")
     found = run(a, b)
@@ -125,6 +129,7 @@ def test_a_topic_that_one_lacks_is_told(tmp_path: Path) -> None:
     assert run(a, a, "--topics", "PSM2/state").returncode == 1 and run(a, a, "--topics", "PSM?/*").returncode == 0
 
 
+@pytest.mark.slow
 def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
     good, bad = saved(tmp_path, "a.mcap", sane()), tmp_path / "bad.mcap"
     bad.write_bytes(b"x" * 100)
@@ -191,6 +196,7 @@ def test_tolerances_by_name_count_before_those_by_unit() -> None:
             parsed(text)
 
 
+@pytest.mark.slow
 def test_a_picture_shows_what_differs(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     rows = sane()
@@ -202,6 +208,7 @@ def test_a_picture_shows_what_differs(tmp_path: Path) -> None:
     assert (tmp_path / "d.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
 
 
+@pytest.mark.slow
 def test_what_was_computed_on_demand_in_one_of_them_is_left_out(tmp_path: Path) -> None:
     schema = schema_of(ARM_STATE)
     rows = np.zeros(20, schema.dtype)

@@ -50,6 +50,7 @@ def test_a_table_has_each_element_under_its_joint(tmp_path: Path) -> None:
     assert [float(row["matrix[1,2]"] or "nan") for row in table] == pytest.approx(rows["matrix"][:, 1, 2], nan_ok=True)
 
 
+@pytest.mark.slow
 def test_one_topic_goes_to_the_output(tmp_path: Path) -> None:
     path, rows = a_recording(tmp_path)
     found = run(path, "-o", "-", "--topics", "PSM1/state", "--from", 10 * STEP_NS * 1e-9, "--to", 0.02)
@@ -73,6 +74,7 @@ def test_a_table_is_whole_and_in_order_however_it_was_recorded(tmp_path: Path, o
     assert [int(row["fault"]) for row in table] == rows["fault"].tolist()
 
 
+@pytest.mark.slow
 def test_how_much_memory_a_table_takes_does_not_depend_on_its_length(tmp_path: Path,
                                                                       monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(exporting, "AT_ONCE", 500)
@@ -88,6 +90,7 @@ def test_how_much_memory_a_table_takes_does_not_depend_on_its_length(tmp_path: P
     assert peaks[1] < 1.3 * peaks[0], peaks
 
 
+@pytest.mark.slow
 def test_topics_without_records_are_left_out_unless_they_are_named(tmp_path: Path) -> None:
     path = tmp_path / "two.mcap"
     with path.open("wb", buffering=0) as stream:
@@ -100,6 +103,7 @@ def test_topics_without_records_are_left_out_unless_they_are_named(tmp_path: Pat
     assert "no records there" in said.stdout
 
 
+@pytest.mark.slow
 def test_what_is_there_is_not_overwritten(tmp_path: Path) -> None:
     path, _ = a_recording(tmp_path)
     assert run(path).returncode == 0 and (tmp_path / "one" / "PSM1-state.csv").is_file()

@@ -58,6 +58,7 @@ def asked(verb: str, *words: str) -> tuple[int, str]:
     return result.exit_code, result.output
 
 
+@pytest.mark.slow
 def test_its_rings_are_read_as_those_of_a_dead_system(fault: Path) -> None:
     with recording_as_system(fault) as system:
         assert "PSM1/setpoint" in [entry.name for entry in catalogue(system)]
@@ -95,6 +96,7 @@ def test_of_a_recording_that_is_longer_than_rings_a_stretch_is_looked_at(
 
 @pytest.mark.parametrize(("part", "most", "shown"), [(LookedAt(0.5, 1.0), 5000, 500), (LookedAt(), 500, 500)],
                          ids=["a stretch", "what a ring holds"])
+@pytest.mark.slow
 def test_how_much_memory_it_takes_does_not_depend_on_the_length_of_the_recording(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch, part: LookedAt, most: int, shown: int) -> None:
     monkeypatch.setattr(as_system, "MOST", most)

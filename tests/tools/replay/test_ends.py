@@ -157,6 +157,7 @@ def test_whatever_ends_it_the_arm_is_asked_to_hold(arm: PlayedArm, tmp_path: Pat
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 @pytest.mark.parametrize("verb", ["stream", "replay"])
+@pytest.mark.slow
 def test_a_program_that_is_asked_to_end_while_an_arm_approaches_asks_it_to_hold(
         world: Any, tmp_path: Path, verb: str, number: signal.Signals) -> None:
     with robot(world.name) as made:
@@ -194,6 +195,7 @@ def _words_of(verb: str, made: ScriptedRobot, folder: Path) -> list[str]:
 
 
 @WAYS
+@pytest.mark.slow
 def test_an_arm_that_does_not_get_there_is_asked_to_hold(arm: PlayedArm, tmp_path: Path, way: Any) -> None:
     arm.moves_end = False
     with pytest.raises(Problem, match="has not ended after 60 s"):

@@ -150,6 +150,7 @@ def test_a_recording_without_a_configuration_is_not_started(recording: Recording
     assert not (tmp_path / "again.mcap").exists()
 
 
+@pytest.mark.slow
 def test_records_are_shown_with_the_times_between_them(recording: RecordingReader) -> None:
     name = f"t{os.getpid()}shown"
     with Showing(name, recording, ["PSM1/state", "PSM1/audit"], Stretch()) as showing:

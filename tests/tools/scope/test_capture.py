@@ -54,6 +54,7 @@ def values(found: Capture | None) -> list[float]:
     return [round(float(value), 3) for value in next(series_of(found)).values]
 
 
+@pytest.mark.slow
 def test_the_last_seconds_are_every_record_once(played: ScriptedRobot) -> None:
     for k in range(100):
         show(played, 0.01 * k, 1.0 * k - 96.0)
@@ -144,6 +145,7 @@ def test_the_last_time_is_taken_of_several(played: ScriptedRobot) -> None:
         assert values(capturing.past(0.015, 0.015)) == [0.0, 2.0, 2.5]
 
 
+@pytest.mark.slow
 def test_what_is_not_valid_triggers_nothing(played: ScriptedRobot) -> None:
     show(played, 9.0, 0.0, valid=False)
     show(played, 0.1, 0.1)
@@ -192,6 +194,7 @@ def test_a_fault_of_the_state_machine_is_one(played: ScriptedRobot) -> None:
         assert values(capturing.past(1.0, 1.0)) == [0.1]
 
 
+@pytest.mark.slow
 def test_it_waits_and_takes_what_comes_after(played: ScriptedRobot, monkeypatch: pytest.MonkeyPatch) -> None:
     positions = iter([0.1, 0.2, 0.9, 0.3, 0.4, 0.5])
     played.show_arm(0.95, age_s=1.0)  # before it began to wait: this is no moment
@@ -241,6 +244,7 @@ def test_what_was_written_long_before_is_found_behind_many_records(played: Scrip
         assert before["position"][:, 0].tolist() == [0.25] and not len(window.newest_before(1))
 
 
+@pytest.mark.slow
 def test_what_is_written_on_change_is_waited_for_until_the_window_ends(
         played: ScriptedRobot, monkeypatch: pytest.MonkeyPatch) -> None:
     played.show_arm(0.1)
@@ -251,6 +255,7 @@ def test_what_is_written_on_change_is_waited_for_until_the_window_ends(
     assert monotonic_ns() >= found.moment_ns + 300_000_000
 
 
+@pytest.mark.slow
 def test_what_did_not_come_at_the_end_of_a_window_is_told(
         played: ScriptedRobot, monkeypatch: pytest.MonkeyPatch) -> None:
     played.show_arm(0.1)
@@ -262,6 +267,7 @@ def test_what_did_not_come_at_the_end_of_a_window_is_told(
     assert as_json(found, "", 0.0, 0.25)["missing_after_s"] == found.unseen
 
 
+@pytest.mark.slow
 def test_numbers_are_compared_with_texts_as_they_are_written(played: ScriptedRobot) -> None:
     for k, reason in enumerate(("", "1234567", "0.10", "1e3")):
         played.arm.field("reason")[...] = reason.encode()
@@ -277,6 +283,7 @@ def test_what_does_not_happen_in_time_is_none(played: ScriptedRobot) -> None:
         assert capturing.wait(1.0, 1.0, 0.05) is None
 
 
+@pytest.mark.slow
 def test_rings_are_aligned_on_their_stamps(played: ScriptedRobot) -> None:
     stamp = monotonic_ns() - 10**9
     for k in range(10):
@@ -315,6 +322,7 @@ def filled(played: ScriptedRobot) -> None:
         show(played, float(np.sin(k * 0.1)), 0.01 * k)
 
 
+@pytest.mark.slow
 def test_a_plot_fits_eighty_columns(played: ScriptedRobot) -> None:
     filled(played)
     shown = run(played, "PSM1/measured_js.position[0:2]", "PSM1/state.state", "--before", "1.005")
@@ -336,6 +344,7 @@ def test_tables_and_documents_have_every_record(played: ScriptedRobot, tmp_path:
     assert run(played, FIELD, "--csv", str(file)).exit_code == 0 and len(file.read_text().splitlines()) > 100
 
 
+@pytest.mark.slow
 def test_what_did_not_happen_is_exit_code_one(played: ScriptedRobot) -> None:
     filled(played)
     shown = run(played, FIELD, "--when", f"{FIELD} > 5", "--timeout", "0.05")
@@ -350,11 +359,13 @@ def test_what_is_used_wrongly_says_so(played: ScriptedRobot, words: tuple[str, .
     assert run(played, *words).exit_code == 2
 
 
+@pytest.mark.slow
 def test_an_empty_ring_is_a_problem(played: ScriptedRobot) -> None:
     shown = run(played, FIELD)
     assert shown.exit_code == 1 and "nothing was written to PSM1/state yet" in shown.stderr
 
 
+@pytest.mark.slow
 def test_a_picture_is_made_or_says_what_it_needs(played: ScriptedRobot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
                                                  ) -> None:
     filled(played)
