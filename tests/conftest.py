@@ -20,7 +20,7 @@ import pytest
 from hypothesis import settings
 
 from shm.segment import names_of, segment_name, unlink
-from tests import retries, searches
+from tests import retries, searches, skips
 
 ROOT = Path(__file__).resolve().parent.parent
 SYSTEMS = ROOT / "tests" / "system"  # whole robots: on the wall clock nobody else may take their cores
@@ -62,8 +62,14 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     config.hook.pytest_deselected(items=items_left)
 
 
+def pytest_collectreport(report: pytest.CollectReport) -> None:
+    """Whole files may be skipped."""
+    skips.note(report)
+
+
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
-    """Which searches have passed."""
+    """Which searches have passed; what was skipped."""
+    skips.note(report)
     if report.when == "call" and report.passed and searches.MARK in report.keywords:
         SEARCHED.add(report.nodeid)
 
@@ -75,16 +81,18 @@ def pytest_testnodedown(node: Any) -> None:
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
-    """Searches need not run again before something changes; too many retries fail."""
+    """Searches need not run again before something changes; too many retries fail, and skips that CI does not allow."""
     searches.remember(session.config, SEARCHED)
     if hasattr(session.config, "workeroutput"):
         session.config.workeroutput["retries"] = retries.made
-    elif len(retries.made) > retries.BUDGET:
+    elif len(retries.made) > retries.BUDGET or skips.are_too_many():
         session.exitstatus = pytest.ExitCode.TESTS_FAILED
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """How often a busy machine made a test try again."""
+    """How often a busy machine made a test try again; what CI would not leave out."""
+    for line in sorted(skips.found):
+        terminalreporter.write_line(f"skipped, which CI does not allow: {line}")
     terminalreporter.write_line(f"{len(retries.made)} retries on a busy machine, allowed are {retries.BUDGET}")
     for line in retries.made:
         terminalreporter.write_line(f"  {line}")

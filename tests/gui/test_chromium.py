@@ -19,7 +19,7 @@ from tests.system.conftest import robots as robots
 from tests.system.robot import ROOT, Robot
 from tests.system.test_socket_bridge import free
 
-pytestmark = [pytest.mark.slow, pytest.mark.peers, pytest.mark.simulated]
+pytestmark = [pytest.mark.slow, pytest.mark.peers, pytest.mark.simulated("paced")]
 KINEMATIC = ROOT / "configs" / "systems" / "kinematic-teleop.yaml"
 DEMO = ROOT / "configs" / "systems" / "demo-teleop.yaml"
 Records = Callable[[Robot, str, str], RingReader]

@@ -14,7 +14,7 @@ from tests.gui.test_chromium import KINEMATIC, homed
 from tests.system.conftest import systems
 from tests.system.test_socket_bridge import free
 
-pytestmark = [pytest.mark.slow, pytest.mark.peers, pytest.mark.simulated]
+pytestmark = [pytest.mark.slow, pytest.mark.peers, pytest.mark.simulated("paced")]
 
 
 @pytest.fixture(scope="module")

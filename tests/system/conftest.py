@@ -22,8 +22,9 @@ COUNTER = itertools.count()
 
 
 def clock_of(node: pytest.Item | pytest.Collector) -> str:
-    """The usual clock of a test's systems."""
-    return LED if node.get_closest_marker("simulated") else "wall"
+    """The usual clock of a test's systems: LED, or that which the mark names, where time is simulated."""
+    simulated = node.get_closest_marker("simulated")
+    return "wall" if simulated is None else str(simulated.args[0]) if simulated.args else LED
 
 
 @contextlib.contextmanager

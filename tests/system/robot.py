@@ -36,7 +36,7 @@ LED = "led"
 STANDING: dict[str, HeldTime] = {}
 """By system that is led: its time, while it stands."""
 SLOWER = tuple(word for section in ("io", "arm", "emulation") for word in ("--set", f"{section}.period_s=0.002"))
-"""Of those that are led: a third of the turns."""
+"""Of those in simulated time: a third of the turns."""
 
 
 def wait_for(condition: Callable[[], object], seconds: float, what: str) -> None:
@@ -84,9 +84,10 @@ class Robot:
     def up(self, file: Path = DEMO, *options: str, wait: bool = True) -> None:
         """`trocar up FILE …` with our clock unless options name another one, and wait until everything runs."""
         self._let_time_go()  # of the system before
-        is_led = self.clock == LED
         if "--clock" not in options and not any(option.startswith("clock=") for option in options):
-            options = (*(SLOWER if is_led else ()), *options, "--clock", "lockstep" if is_led else self.clock)
+            slower = () if self.clock == "wall" else SLOWER
+            options = (*slower, *options, "--clock", "lockstep" if self.clock == LED else self.clock)
+            is_led = self.clock == LED
         else:
             is_led = False
         self.supervisor = self.popen("up", str(file), "--system", self.name, *options)

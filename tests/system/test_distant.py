@@ -13,7 +13,7 @@ import trocar
 from tests.system.robot import ROOT, Robot, wait_for
 from tests.system.test_socket_bridge import PATIENT, free
 
-pytestmark = [pytest.mark.slow, pytest.mark.simulated]
+pytestmark = [pytest.mark.slow, pytest.mark.simulated("paced")]
 TELEOP = ROOT / "configs" / "systems" / "kinematic-teleop.yaml"
 PSM = ROOT / "configs" / "systems" / "kinematic.yaml"
 CART = ROOT / "configs" / "systems" / "kinematic-cart.yaml"

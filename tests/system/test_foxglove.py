@@ -25,7 +25,7 @@ from shm.subscriptions import Subscriptions
 from tests.system.robot import ROOT, Robot, wait_for
 from tests.system.test_socket_bridge import free
 
-pytestmark = [pytest.mark.slow, pytest.mark.simulated]
+pytestmark = [pytest.mark.slow, pytest.mark.simulated("paced")]
 KINEMATIC = ROOT / "configs" / "systems" / "kinematic.yaml"
 FULL = ROOT / "configs" / "systems" / "kinematic-full.yaml"
 PROTOCOL, MESSAGE = "foxglove.sdk.v1", 1

@@ -13,7 +13,7 @@ import trocar
 from shm.segment import names_of
 from tests.system.robot import ROOT, Robot, wait_for
 
-pytestmark = [pytest.mark.slow, pytest.mark.simulated]
+pytestmark = [pytest.mark.slow, pytest.mark.simulated("paced")]
 TELEOP = ROOT / "configs/systems/kinematic-teleop.yaml"
 PLAN = """
 import sys

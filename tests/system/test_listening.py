@@ -12,7 +12,7 @@ from tests.supervisor.test_listening import free
 from tests.system.robot import Robot, wait_for
 from tests.system.test_single_processes import row
 
-pytestmark = [pytest.mark.slow, pytest.mark.simulated]
+pytestmark = [pytest.mark.slow, pytest.mark.simulated("paced")]
 ECHO = """
 import os, trocar
 

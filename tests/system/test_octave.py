@@ -11,7 +11,7 @@ import pytest
 from tests.system.robot import ROOT, Robot
 from tests.system.test_socket_bridge import PATIENT, free, has_octave, started
 
-pytestmark = [pytest.mark.peers, pytest.mark.slow, pytest.mark.simulated,
+pytestmark = [pytest.mark.peers, pytest.mark.slow, pytest.mark.simulated("paced"),
               pytest.mark.skipif(not has_octave(), reason="no Octave with instrument-control: tools/peers installs it")]
 PACKAGE = ROOT / "tools" / "matlab"
 SCRIPT = Path(__file__).parent / "octave_words.m"

@@ -13,7 +13,7 @@ import pytest
 from shm.system_time import SystemTime
 from tests.system.robot import DEMO, Robot, wait_for
 
-pytestmark = [pytest.mark.slow, pytest.mark.simulated]
+pytestmark = [pytest.mark.slow, pytest.mark.simulated("paced")]
 PACED = ("--clock", "paced")
 
 

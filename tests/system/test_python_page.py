@@ -10,7 +10,7 @@ import pytest
 
 from tests.system.robot import ROOT, Robot
 
-pytestmark = [pytest.mark.slow, pytest.mark.simulated]
+pytestmark = [pytest.mark.slow, pytest.mark.simulated("paced")]
 EXAMPLE = re.compile(r"^    trocar up (\S+)\n\n```python\n(.*?)```", re.DOTALL | re.MULTILINE)
 PAGE = EXAMPLE.findall((ROOT / "docs/python.md").read_text())
 

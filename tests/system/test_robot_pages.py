@@ -14,7 +14,7 @@ from tests.system.robot import Robot
 from tests.system.robot_pages import OPTIONS, system_file
 from tests.system.test_socket_bridge import free
 
-pytestmark = [pytest.mark.peers, pytest.mark.slow, pytest.mark.simulated]
+pytestmark = [pytest.mark.peers, pytest.mark.slow, pytest.mark.simulated("paced")]
 
 
 @pytest.fixture(scope="module")

@@ -41,7 +41,7 @@ from procs.ros.messages import (
 from procs.ros_bridge.services import SERVICES, framed
 from shm.clock import monotonic_ns
 from shm.system_time import SystemTime
-from tests.system.robot import ROOT, Robot, wait_for
+from tests.system.robot import ROOT, Robot, time_passes, wait_for
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 DOMAINS: dict[int, socket.socket] = {}
@@ -382,7 +382,7 @@ def test_an_arm_whose_bridge_dies_or_stops_in_a_stream_stays_where_it_is(
         stream.send(20)
         pid = robot.pid("ros_bridge")
         os.kill(pid, how)
-        with SystemTime(robot.name) as system_time:
+        with time_passes(), SystemTime(robot.name) as system_time:
             system_time.pause(0.2, 60.0)  # what waits for the arm is carried out
         stood = echo_position(robot)
         stream.send(50)

@@ -23,7 +23,7 @@ from tests.system.test_ros_bridge import file_with
 HOME = Path(os.environ.get("TROCAR_ROS", ROOT / ".venv-ros"))
 PYTHON, HAS_ROS = HOME / "bin" / "python", any(HOME.glob("lib/python*/site-packages/rclpy"))
 HERE = Path(__file__).parent
-pytestmark = [pytest.mark.peers, pytest.mark.slow, pytest.mark.simulated,
+pytestmark = [pytest.mark.peers, pytest.mark.slow, pytest.mark.simulated("paced"),
               pytest.mark.skipif(not HAS_ROS, reason=f"no rclpy at {HOME}: tools/peers installs it")]
 SHARE = HOME / "share"
 ALL = {ros_name(kind): kind for _, kind in inspect.getmembers(messages, inspect.isclass)

@@ -25,7 +25,7 @@ from shm.ring import RingReader
 from tests.system.robot import ROOT, Robot, wait_for
 from tests.system.test_single_processes import row
 
-pytestmark = [pytest.mark.slow, pytest.mark.simulated]
+pytestmark = [pytest.mark.slow, pytest.mark.simulated("paced")]
 PAGE = (ROOT / "docs" / "socket.md").read_text(encoding="utf-8")
 KINEMATIC = ROOT / "configs" / "systems" / "kinematic.yaml"
 PATIENT = ("--set", "processes.socket_bridge.late_s=10")

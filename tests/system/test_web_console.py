@@ -23,7 +23,7 @@ from tests.system.robot import ROOT, Robot, wait_for
 from tests.system.test_single_processes import row
 from tests.system.test_socket_bridge import free
 
-pytestmark = [pytest.mark.slow, pytest.mark.simulated]
+pytestmark = [pytest.mark.slow, pytest.mark.simulated("paced")]
 KINEMATIC = ROOT / "configs" / "systems" / "kinematic.yaml"
 Records = Callable[[Robot, str, str], RingReader]
 
