@@ -15,7 +15,7 @@ from tests.system.robot import ROOT, Robot, wait_for
 from tests.system.test_ros_bridge import file_with
 from tests.system.test_socket_bridge import SocketClient, free
 
-pytestmark = [pytest.mark.slow, pytest.mark.simulated]
+pytestmark = [pytest.mark.slow, pytest.mark.simulated("paced")]
 
 BLINK: Recipe = {
     "shm/commands.py": (('        CommandRow("crtk_version", READ,', '''

@@ -131,13 +131,13 @@ def test_stages_stop_at_a_stop_without_effect_a_dead_amplifier_and_a_missing_boa
     assert "allowed: homed" in failing
     assert not np.any(bench.sample("IO1", 0.3).fields["amp_on"][-1])
     _order(robot, "unplug_board", 7, text="IO1")
-    (missing,) = _found(scan.run, bench)
+    (missing,) = _found(robot, scan.run, bench)
     assert "board 7 on IO1" in missing
 
 
 def test_a_stuck_axis_ends_the_slow_move_and_is_named(running: tuple[Robot, RunningBench]) -> None:
     robot, bench = running
     _order(robot, "jam", 0, 1, text="PSM1")
-    (found,) = _found(move.run, bench)
+    (found,) = _found(robot, move.run, bench)
     assert "yaw" in found and "allowed: " in found
     assert not np.any(bench.sample("IO1", 0.3).fields["amp_on"][-1])

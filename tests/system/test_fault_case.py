@@ -11,7 +11,7 @@ import pytest
 from shm.held_time import HeldTime
 from tests.system.robot import DEMO, ROOT, Robot, wait_for
 
-pytestmark = [pytest.mark.slow, pytest.mark.simulated]
+pytestmark = [pytest.mark.slow, pytest.mark.simulated("paced")]
 
 
 def test_three_commands_of_the_page_say_why_an_arm_faulted(robot: Robot) -> None:

@@ -65,7 +65,7 @@ def test_kinematic_arm_is_powered_homed_moved_and_shown_as_such(robot: Robot) ->
     assert state["simulated"] is True or state["simulated"] == [True]
     assert set(state["current"]) == {None} and echo(robot, "PSM1/state")["simulated"] is True
     (rate,) = [json.loads(line) for line in robot.trocar("hz", "io/state", "--json").splitlines()]
-    assert rate["hz"] > 500
+    assert rate["hz"] > 450
     history = directory.reader(robot.name, "io", "state")
     assert len(history.last(1000)) == 1000 and history.last(1000)["simulated"].all()
     history.close()

@@ -14,7 +14,7 @@ from tests.system.robot import ROOT, Robot, wait_for
 from tools.examples.operator_sim import OperatorSim, SeenRecord
 from tools.remote import Remote
 
-pytestmark = [pytest.mark.slow, pytest.mark.simulated]
+pytestmark = [pytest.mark.slow, pytest.mark.simulated("paced")]
 QUIET_NS = 2_000_000_000
 PINCH, NEAR = 1.0, 0.1  # rad
 

@@ -83,12 +83,13 @@ class Client:
     def insist(self, do: Callable[[], object], condition: Callable[[], object], what: str) -> None:
         """Do it, and wait until it has come true: again where the bridge was too late for it, and left it out."""
         def attempt() -> str:
-            do()
-            try:
-                self.wait(condition, what)
-            except pytest.fail.Exception as problem:
-                return str(problem)
-            return ""
+            with time_passes():
+                do()
+                try:
+                    self.wait(condition, what)
+                except pytest.fail.Exception as problem:
+                    return str(problem)
+                return ""
 
         assert self.robot is not None
         problem = self.robot.retry(attempt, what)
