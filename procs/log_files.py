@@ -34,6 +34,14 @@ def put_aside(path: Path, keep: int = KEEP) -> None:
             path.unlink()
 
 
+def put_run_aside(folder: Path, keep: int = KEEP) -> None:
+    """All logs of the last run become old ones; the file that our own output goes to belongs to the run that begins."""
+    output = Path("/proc/self/fd/2")
+    for path in sorted(folder.glob("*.log")):
+        if not is_old(path) and not (output.exists() and output.samefile(path)):
+            put_aside(path, keep)
+
+
 def is_old(path: Path) -> bool:
     """Whether it is not what its process writes now."""
     return "." in path.stem

@@ -11,7 +11,7 @@ from pathlib import Path
 import psutil
 
 from procs.document.system import Logs
-from procs.log_files import CHUNK, LogFolder, is_old, put_aside
+from procs.log_files import CHUNK, LogFolder, is_old, put_aside, put_run_aside
 from procs.supervisor.log_keeper import AGAIN_NS, LogKeeper
 from shm.loglines import parsed
 from tests.conftest import ROOT
@@ -92,6 +92,14 @@ def test_the_run_before_is_put_aside(tmp_path: Path) -> None:
     assert there(tmp_path) == {"PSM1.log": b"3", "PSM1.1.log": b"2", "PSM1.2.log": b"1"}
     put_aside(path, 0)
     assert there(tmp_path) == {}
+
+
+def test_the_file_that_a_run_writes_already_is_not_put_aside(tmp_path: Path) -> None:
+    words = [sys.executable, "-c", f"from {put_run_aside.__module__} import *; put_run_aside(Path({str(tmp_path)!r}))"]
+    (tmp_path / "PSM1.log").write_text("of the last run")
+    with (tmp_path / "supervisor.log").open("wb") as log:
+        subprocess.run(words, cwd=ROOT, stderr=log, check=True)
+    assert there(tmp_path) == {"PSM1.1.log": b"of the last run", "supervisor.log": b""}
 
 
 def test_who_looks_after_them_ends_with_its_parent(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from procs import codes, lifecycle
 from procs.config.build.placement import ROBOTS
 from procs.document.process import ELSEWHERE, ON_DEMAND
 from procs.document.system import WALL, Process, SystemConfig
-from procs.log_files import put_aside
+from procs.log_files import put_run_aside
 from procs.manifest import hung_s, late_s, proc
 from procs.paths import made_log_folder
 from procs.realtime import in_words, lacking, realtime, step_back
@@ -81,6 +81,7 @@ class Supervisor:
         with ExitStack() as held:
             self._folder = made_log_folder(os.environ, system.name)
             held.enter_context(memory.hold_name(system.name))
+            put_run_aside(self._folder, system.logs.keep)
             held.enter_context(gui_token(system))
             self._listening = {row.name: held.enter_context(closing(Listening(row))) for row in system.processes}
             self._make(memory.maker(system.group))
@@ -130,7 +131,6 @@ class Supervisor:
 
     def _child(self, row: Process) -> Child:
         path = self._folder / f"{row.name}.log"
-        put_aside(path, self.system.logs.keep)
         page = self._pages[row.name] = ControlPage(self.system.name, row.name, write=True)
         process = OsProcess(self.system.name, row, page, path, self._template, self._listening[row.name].sockets)
         return Child(row, process)

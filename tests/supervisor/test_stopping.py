@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import signal
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -54,6 +55,19 @@ def supervisor(world: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> I
     process_of(made).popen, made.children[0].state = child, lifecycle.RUNNING
     yield made
     made.close()
+
+
+def test_logs_of_an_earlier_run_are_put_aside_also_those_of_processes_that_this_run_lacks(
+    world: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TROCAR_STATE", str(tmp_path))
+    monkeypatch.setattr(running, "realtime", lambda *_, **__: "other")
+    folder = tmp_path / world.name
+    folder.mkdir()
+    for name in ("PSM1", "ECM", "supervisor"):
+        (folder / f"{name}.log").write_text("of an earlier run\n")
+    with closing(Supervisor(SystemConfig(world.name, "", "wall", (), (), None, (Process("PSM1", "teleop", 0.01),)))):
+        assert sorted(path.name for path in folder.glob("*.log")) == ["ECM.1.log", "PSM1.1.log", "supervisor.1.log"]
 
 
 def test_whoever_is_answered_finds_it_shown(supervisor: Supervisor, monkeypatch: pytest.MonkeyPatch) -> None:
