@@ -6,7 +6,8 @@ import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Final, NoReturn
+from functools import partial
+from typing import Any, Final
 
 from procs.crtk.names import none_such
 
@@ -53,36 +54,43 @@ def _text(value: Any) -> Any:
     raise ValueError
 
 
+def _any_number(value: Any) -> float:
+    """Also one that is not finite, which is `null` in JSON; ValueError otherwise."""
+    if value is None:
+        return math.nan
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return float(value)
+    raise ValueError
+
+
 def a_number(value: Any) -> float:
     """A finite one; ValueError otherwise."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(found := float(value)):
+    if not math.isfinite(found := _any_number(value)):
         raise ValueError
     return found
 
 
-def _numbers(value: Any) -> list[float]:
+def _numbers(value: Any, number: Callable[[Any], float] = a_number) -> list[float]:
     if not isinstance(value, list) or len(value) > MAX_VALUES:
         raise ValueError
-    return [a_number(item) for item in value]
+    return [number(item) for item in value]
 
 
 TEXT: Final = "a text of up to 256 characters"
 NUMBERS: Final = f"a list of up to {MAX_VALUES} numbers"
 WORD: Final = MessagePart(TEXT, _text)
 NO_WORD: Final = MessagePart(TEXT, _text, "")
-NUMBER: Final = MessagePart("a number", a_number)
 SOME_NUMBERS: Final = MessagePart(NUMBERS, _numbers, ())
+VALUE: Final = MessagePart("a number", _any_number)
+VALUES: Final = MessagePart(NUMBERS, partial(_numbers, number=_any_number), ())
+"""Arguments of a command: the process that gets it refuses what is not finite, and its audit has the refusal."""
 Ops = Mapping[str, Mapping[str, MessagePart]]
-
-
-def _no_number(word: str) -> NoReturn:
-    raise ValueError(f"{word} is no number")
 
 
 def parsed(data: bytes | str, ops: Ops) -> Message:
     """One message, one of `ops` with their parts; WrongMessage says what of it is not as it should be."""
     try:
-        found = json.loads(data, parse_constant=_no_number)
+        found = json.loads(data)
     except (ValueError, RecursionError) as error:
         raise NoMessage(f"this is no JSON: {error}"[:200]) from None
     if not isinstance(found, dict):

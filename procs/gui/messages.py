@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from procs.crtk.messages import NO_WORD, SOME_NUMBERS, WORD, MessagePart, Ops
+from procs.crtk.messages import NO_WORD, SOME_NUMBERS, VALUES, WORD, MessagePart, Ops
 
 MAX_SOURCES: Final = 64
 MAX_NAME: Final = 160
@@ -38,5 +38,5 @@ OPS: Final[Ops] = {
     "preview": {"arm": WORD, "position": SOME_NUMBERS, "pose": SOME_NUMBERS},
     "jog": {"arm": WORD, "twist": SOME_NUMBERS, "in_tip": MessagePart("true or false", _flag, False),
             "tick": TICK},
-    "call": {"to": WORD, "command": WORD, "values": SOME_NUMBERS, "text": NO_WORD, "tick": TICK},
+    "call": {"to": WORD, "command": WORD, "values": VALUES, "text": NO_WORD, "tick": TICK},
 }

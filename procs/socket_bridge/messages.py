@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from procs.crtk.messages import NO_WORD, NUMBER, SOME_NUMBERS, WORD, MessagePart, Ops, a_number
+from procs.crtk.messages import NO_WORD, VALUE, VALUES, WORD, MessagePart, Ops, a_number
 
 MAX_RATE_HZ: Final = 1000.0
 MIN_RATE_HZ: Final = 0.01
@@ -40,8 +40,7 @@ OPS: Final[Ops] = {
     "subscribe": {"topic": WORD, "rate_hz": MessagePart(RATE, _rate, 10.0),
                   "last": MessagePart("true or false", _flag, True)},
     "unsubscribe": {"topic": WORD},
-    "call": {"to": WORD, "command": WORD, "values": SOME_NUMBERS,
-             "text": NO_WORD},
+    "call": {"to": WORD, "command": WORD, "values": VALUES, "text": NO_WORD},
     "get": {"of": WORD},
-    "set": {"of": WORD, "property": WORD, "value": NUMBER},
+    "set": {"of": WORD, "property": WORD, "value": VALUE},
 }

@@ -208,7 +208,7 @@ def test_every_page_may_stop_the_robot(world: World, command: str, text: str) ->
     ("[]", "an object"), ("{", "no JSON"), ('{"op": "shout"}', "no op shout"), ('{"op": "want"}', "sources is missing"),
     ('{"op": "want", "sources": ["nothing/state"]}', "no source nothing/state"),
     ('{"op": "want", "sources": "PSM1/state"}', "a list"), ('{"op": "control", "take": 1}', "true or false"),
-    ('{"op": "call", "to": "PSM1", "command": "move_jp", "values": [NaN]}', "no number"),
+    ('{"op": "call", "to": "PSM1", "command": "move_jp", "values": [true]}', "numbers"),
     ('{"op": "call", "to": "PSM1", "command": "move_jp", "values": ["1"]}', "numbers"),
     ('{"op": "call", "to": "PSM9", "command": "hold"}', "no component PSM9"),
     ('{"op": "call", "to": "PSM1", "command": "hold", "as": "root"}', "no part as"),

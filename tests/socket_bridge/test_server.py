@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import dataclasses
+import math
 import socket
 from typing import Any
 
@@ -12,11 +13,17 @@ import pytest
 from procs.access import is_ours
 from procs.crtk.messages import MAX_BYTES
 from procs.document.bridges import SocketBridge
+from procs.requests import carry_out
 from procs.socket_bridge import connection, session, topics
+from shm import directory
+from shm.audit import Audit
+from shm.clock import monotonic_ns
 from shm.commands import COMMANDS
+from shm.mailbox import Mailbox
 from shm.subscriptions import Subscriptions
 from tests.socket_bridge.bridge import LOCAL, Bridge, bridge, run
 from tests.tools.robot import ScriptedRobot
+from tools.inspect.asked import rows_of
 
 TOKEN = b"0123456789abcdef"
 
@@ -83,6 +90,23 @@ def answering(robot: ScriptedRobot, seen: list[Any]) -> asyncio.Task[None]:
     return asyncio.ensure_future(answer())
 
 
+@pytest.mark.parametrize("value", [math.nan, None])
+def test_what_is_not_finite_is_refused_by_the_arm_and_is_in_its_list_of_commands(
+    world: Any, value: float | None
+) -> None:
+    @story(world)
+    async def _(made: Bridge) -> None:
+        audit = Audit(directory.writer(world.name, "PSM1", "audit", "arm"), monotonic_ns)
+        made.robot.mailbox.close()
+        arm = made.robot.mailbox = Mailbox(world.name, "PSM1", "arm", audit=audit)
+        async with made.client() as client:
+            client.say("call", id="m", to="PSM1", command="move_jp", values=[0.1, 0, 0.12, 0, 0, value])
+            await made.until(lambda: [carry_out(request, lambda _: None, 6) for request in arm.drain(0)])
+            assert (await client.hear("reply"))["outcome"] == "refused"
+        (row,) = rows_of(world.name, "PSM1", 20)
+        assert row["outcome"] == "refused" and "finite" in row["reason"]
+
+
 def test_a_command_is_a_person_s_and_its_end_is_told(world: Any) -> None:
     @story(world)
     async def _(made: Bridge) -> None:
@@ -125,7 +149,7 @@ def test_what_a_client_holds_down_is_let_go_when_it_leaves(world: Any, monkeypat
 @pytest.mark.parametrize(("message", "why"), [
     ({"op": "call", "to": "PSM9", "command": "hold"}, "no component PSM9; near are: PSM1"),
     ({"op": "call", "to": "PSM1", "command": "move_jpp"}, "near are: move_jp"),
-    ({"op": "call", "to": "PSM1", "command": "move_jp", "values": [1, None]}, "numbers"),
+    ({"op": "call", "to": "PSM1", "command": "move_jp", "values": [1, "2"]}, "numbers"),
     ({"op": "call", "to": "PSM1", "command": "move_jp", "values": [0.0] * 65}, "up to 64"),
     ({"op": "call", "to": "PSM1", "command": "set_tool_type", "text": "x" * 65}, "allowed are 64"),
     ({"op": "call", "to": "../PSM1", "command": "hold"}, "no component"),

@@ -54,10 +54,8 @@ class DistantRemote:
         return rows
 
     def _sent(self, command: str, values: ArrayLike, text: str) -> int:
-        given = numbers(values)
-        if not np.isfinite(given).all():
-            raise Refused("values must be finite numbers")
-        return self._connection.say("call", to=self.instance, command=command, values=given.tolist(), text=text)
+        given = [value if math.isfinite(value) else None for value in numbers(values).tolist()]
+        return self._connection.say("call", to=self.instance, command=command, values=given, text=text)
 
     def ask(self, command: str, values: ArrayLike = (), text: str = "", timeout: float = 2.0) -> DistantReply:
         """Send and make sure that it was accepted: Refused carries the reason. Returns the first answer."""
