@@ -19,7 +19,7 @@ from procs.port_holders import SocketHolder, holders
 from procs.realtime import LIMITS_FILE, NO_FIFO, NOT_LOCKED, SYSTEMD, is_urgent, limits_lines, user
 from shm.segment import FOLDER
 from tools.running import running
-from tools.systems import ROOT, environment, left_over
+from tools.systems import ROOT, environment, left_over, other_owner
 
 OK, NOTE, BAD = "ok", "note", "bad"
 BOARDS_PORT: Final = 1394
@@ -135,7 +135,7 @@ def shared_memory(folder: Path = FOLDER) -> MachineFinding:
     left = left_over()
     if left:
         return MachineFinding("shared memory", NOTE, f"{found}; dead systems have left something: {', '.join(left)}",
-                              "trocar down")
+                              "; ".join(map(_down, left)))
     return MachineFinding("shared memory", OK, found)
 
 
@@ -186,7 +186,7 @@ def load() -> Iterator[MachineFinding]:
     usage = psutil.cpu_percent(interval=LOOK_S, percpu=True)
     allowed = psutil.Process().cpu_affinity()
     free = sum(100.0 - percent for core, percent in enumerate(usage) if core in allowed) / 100.0
-    own = {row.pid: row.system for row in running()}
+    own = {row.pid: row.system for row in running(foreign=True)}
     busy = [Busy(_percent(process), process.pid, str(process.info["name"]), own.get(process.pid, ""))
             for process in processes if process.pid != os.getpid()]
     yield free_cpu(free, sorted(busy, key=lambda row: -row.percent))
@@ -195,7 +195,7 @@ def load() -> Iterator[MachineFinding]:
 
 @dataclass(frozen=True, slots=True)
 class Busy:
-    """A process, its share of a core, and which of our systems it belongs to; empty: to none."""
+    """A process, its share of a core, and which system it belongs to; empty: to none."""
 
     percent: float
     pid: int
@@ -212,8 +212,8 @@ def free_cpu(free: float, busy: Iterable[Busy]) -> MachineFinding:
     if free >= FREE_CORES:
         return MachineFinding("free CPU", OK, found)
     most = [row for row in busy if row.percent >= BUSY_PERCENT][:NAMED]
-    others = [str(row.pid) for row in most if not row.system]  # our own systems are not to be made slower
-    own = next((f"trocar down --system {row.system}" for row in most if row.system), "top")
+    others = [str(row.pid) for row in most if not row.system]  # no system is to be made slower
+    own = next((_down(row.system) for row in most if row.system), "top")
     names = ", ".join(map(str, most)) or "nobody for long"
     mend = f"sudo renice 19 -p {' '.join(others)}" if others else own
     return MachineFinding("free CPU", BAD if free < 1.0 else NOTE, f"{found}; busy: {names}", mend)
@@ -227,6 +227,12 @@ def urgent(others: Iterable[tuple[int, str]]) -> MachineFinding:
     names = ", ".join(f"{name} (pid {pid})" for pid, name in rows[:NAMED])
     return MachineFinding("other real time", NOTE, f"{names}{', …' if len(rows) > NAMED else ''}",
                           f"sudo chrt -o -p 0 {rows[0][0]}")
+
+
+def _down(system: str) -> str:
+    """What ends a system, and who can do that where it belongs to another user."""
+    owner = other_owner(system)
+    return f"trocar down --system {system}{f'    # by {owner}: it is their system' if owner else ''}"
 
 
 def _is_realtime(pid: int) -> bool:

@@ -38,15 +38,15 @@ class RunningProcess:
         return f"{self.instance} (pid {self.pid})"
 
 
-def running(system: str | None = None) -> list[RunningProcess]:
-    """All processes of a system, or of all, whose users we trust; the supervisor first."""
-    trusted = owners.accepted()
+def running(system: str | None = None, *, foreign: bool = False) -> list[RunningProcess]:
+    """All processes of a system, or of all, whose users we trust; with `foreign` of all users. The supervisor first."""
+    trusted = None if foreign else owners.accepted()
     found = [_parsed(folder, trusted) for folder in Path("/proc").iterdir() if folder.name.isdigit()]
     rows = [row for row in found if row is not None and system in (None, row.system)]
     return sorted(rows, key=lambda row: (row.instance != SUPERVISOR, row.start, row.pid))
 
 
-def _parsed(folder: Path, trusted: frozenset[int]) -> RunningProcess | None:
+def _parsed(folder: Path, trusted: frozenset[int] | None) -> RunningProcess | None:
     """One of ours, or None; a process that has ended and was not waited for has no command line."""
     try:
         words = (folder / "cmdline").read_bytes().decode(errors="replace").split("\0")
@@ -55,7 +55,8 @@ def _parsed(folder: Path, trusted: frozenset[int]) -> RunningProcess | None:
         return None
     door = DOOR.fullmatch(_after(words, "-m"))
     pid, system = int(folder.name), _after(words, "--system")
-    if door is None or not system or uid not in trusted or not (start := start_time(pid)):
+    is_trusted = trusted is None or uid in trusted
+    if door is None or not system or not is_trusted or not (start := start_time(pid)):
         return None
     instance = SUPERVISOR if door.group(1) == SUPERVISOR else _after(words, "--name")
     return RunningProcess(system, instance, pid, start)

@@ -99,10 +99,20 @@ def _forbidden(system: str, ours: Sequence[str]) -> str:
     """The same, when its segments of accepted owners are known."""
     if any(os.access(path_of(name), os.R_OK) for name in ours):
         return ""
-    theirs = ours or [segment_name(*parts) for parts in names_of(system, foreign=True)]
-    owner = next(filter(None, map(owner_of, theirs)), "")
+    owner = _owner(system, ours)
     hint = "its `group` decides who else may attach" if ours else f"{SERVICE_USER} names a user to trust"
     return f"not permitted: system {system} belongs to {owner}; {hint}" if owner else ""
+
+
+def other_owner(system: str) -> str:
+    """Who a system belongs to ("user bob"); empty: to us, or it is not there."""
+    return _owner(system, [segment_name(*parts) for parts in names_of(system)])
+
+
+def _owner(system: str, ours: Sequence[str]) -> str:
+    """The same, when its segments of accepted owners are known."""
+    theirs = ours or [segment_name(*parts) for parts in names_of(system, foreign=True)]
+    return next(filter(None, map(owner_of, theirs)), "")
 
 
 def is_simulated(system: str) -> bool:

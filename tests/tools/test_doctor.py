@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -10,8 +11,12 @@ import pytest
 from typer.testing import CliRunner
 
 from procs.port_holders import SocketHolder
+from shm.segment import names_of, path_of, segment_name
+from tests.conftest import World
+from tests.tools.robot import robot
 from tools import cli, machine
 from tools.machine import BAD, NOTE, OK, Busy, MachineFinding
+from tools.systems import other_owner
 
 
 def file(root: Path, name: str, text: str) -> None:
@@ -65,7 +70,8 @@ def test_shared_memory_without_room_is_bad(tmp_path: Path, monkeypatch: pytest.M
         assert machine.shared_memory(tmp_path).state == state
     monkeypatch.setattr(machine, "left_over", lambda: ["old"])
     assert machine.shared_memory(tmp_path) == MachineFinding(
-        "shared memory", NOTE, f"1000 MB free in {tmp_path}; dead systems have left something: old", "trocar down")
+        "shared memory", NOTE, f"1000 MB free in {tmp_path}; dead systems have left something: old",
+        "trocar down --system old")
 
 
 def test_who_has_the_boards_port_is_named() -> None:
@@ -105,6 +111,25 @@ def test_busy_programs_are_named_and_our_own_never_slowed() -> None:
     assert machine.free_cpu(1.4, [own]).mend == "trocar down --system lab"
     assert machine.urgent([(9, "jackd")]) == MachineFinding("other real time", NOTE, "jackd (pid 9)",
                                                             "sudo chrt -o -p 0 9")
+
+
+def test_whose_a_system_is_is_named_where_another_user_has_to_stop_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(machine, "other_owner", {"theirs": "user bob", "ours": ""}.get)
+    for name, is_named in (("theirs", True), ("ours", False)):
+        monkeypatch.setattr(machine, "left_over", lambda name=name: [name])
+        busy = machine.free_cpu(1.4, [Busy(60.0, 6, "IO1", name)])
+        assert all(("user bob" in found.mend) == is_named for found in (machine.shared_memory(), busy))
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="gives a segment away")
+def test_a_system_of_another_user_is_known_as_theirs(world: World) -> None:
+    with robot(world.name):
+        assert other_owner(world.name) == ""
+        for parts in names_of(world.name):
+            os.chown(path_of(segment_name(*parts)), 65534, 65534)
+        assert other_owner(world.name) == "user nobody"
+        for parts in names_of(world.name, foreign=True):
+            os.chown(path_of(segment_name(*parts)), 0, 0)
 
 
 def test_the_verb_prints_one_object_a_finding_and_mends_what_is_amiss() -> None:
