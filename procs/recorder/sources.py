@@ -41,7 +41,7 @@ class RecordedRing:
         self.topic, self._table = f"{instance}/{ring}", table
         self.sampler = self.reader()
         info = self.sampler.info
-        self._kind, self._info = str(info.get("kind", "")), info
+        self.kind, self._info = str(info.get("kind", "")), info
         self.rate_hz = float(info.get("rate_hz") or 0.0)
         self._epoch, self._channel, self._size = -1, 0, 0
         self._seen = 0
@@ -60,7 +60,7 @@ class RecordedRing:
     def begin(self) -> None:
         """The channel of the writer there is now."""
         self._epoch, schema = self.sampler.epoch, self.sampler.schema
-        self._channel, layout = self._table.ring(self.instance, self.ring, self._kind, schema, self._epoch, self._info)
+        self._channel, layout = self._table.ring(self.instance, self.ring, self.kind, schema, self._epoch, self._info)
         self._size = layout.size
 
     @property

@@ -51,9 +51,9 @@ class FaultWatch:
     """Sees the faults of a system: who goes to FAULT, and errors with which an io powers off."""
 
     def __init__(self, sources: SystemSources) -> None:
-        """From now on; events of before say how things are now."""
+        """From now on; events of before say how things are now. The process `system` only repeats those of others."""
         self._rings: list[tuple[RecordedRing, RingReader]] = [
-            (ring, ring.reader()) for ring in sources.rings.values() if ring.ring == "events"]
+            (ring, ring.reader()) for ring in sources.rings.values() if ring.ring == "events" and ring.kind != "system"]
         self._states = {ring.instance: ring for ring in sources.rings.values() if ring.ring == "state"}
         self._errors: deque[_SeenError] = deque(maxlen=ERRORS)
         self._unwell: dict[str, int] = {}

@@ -7,7 +7,13 @@ from collections.abc import Iterator
 import pytest
 
 from procs import codes
+from procs.recorder.sources import SystemSources
 from procs.recorder.watch import WELL_NS, FaultWatch
+from shm import directory
+from shm.clock import monotonic_ns
+from shm.control_page import create_control
+from shm.events import Events
+from shm.topics import EVENTS
 from tests.recorder.harness import RingsOfATest
 
 
@@ -35,6 +41,18 @@ def test_fault_and_errors_that_power_off_are_faults(rings: RingsOfATest, watch: 
     found = [watch.explained(fault) for fault in watch.look()]
     assert [(fault.code, fault.reason) for fault in found] == [("temperature", "PSM1: amplifier 3 is too hot")] * 2
     assert watch.look() == []
+
+
+def test_what_the_process_system_repeats_is_no_other_fault(rings: RingsOfATest) -> None:
+    create_control(rings.system, "system", topics=(EVENTS,))
+    directory.create_ring(rings.system, "system", EVENTS, {}, {"kind": "system"})
+    watch = FaultWatch(SystemSources(rings.system, rings.table, "recorder"))
+    repeats = directory.writer(rings.system, "system", "events", "system")
+    Events(repeats, monotonic_ns).report(codes.TEMPERATURE, "PSM1: amplifier 3 is too hot", "PSM1")
+    rings.events.report(codes.TEMPERATURE, "amplifier 3 is too hot", "PSM1")
+    assert [fault.instance for fault in watch.look()] == ["PSM1"]
+    for part in (watch, repeats):
+        part.close()
 
 
 @pytest.mark.parametrize("states", [("FAULT",), ("FAULT", "FAULT")])
