@@ -17,6 +17,7 @@ from procs.manifest import IN_TIME
 from procs.paths import given_file, not_found
 from procs.recordings.reading import RecordingError, RecordingReader, Records, open_recording
 from tools.errors import Misuse, Problem
+from tools.recorded.places import all_folders
 
 END_NS: Final = 1 << 62
 TIMED: Final = IN_TIME - {"supervisor"}
@@ -50,10 +51,11 @@ class Stretch:
 
 
 def opened(path: Path) -> RecordingReader:
-    """A recording as a person names it; Problem where there is none."""
-    found = given_file(path)
+    """A recording as a person names it, also by its name in a list of `trocar recordings`; Problem where there is none.
+    """
+    found = given_file(path, all_folders())
     if not found.is_file():
-        raise Problem(f"{path}: {not_found(path)}")
+        raise Problem(f"{path}: {not_found(path)}; trocar recordings lists those of a system")
     try:
         return open_recording(found)
     except RecordingError as error:

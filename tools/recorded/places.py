@@ -6,7 +6,7 @@ import contextlib
 import os
 from pathlib import Path
 
-from procs.paths import recordings_folder
+from procs.paths import is_folder, log_folder, recordings_folder
 from shm import directory
 from shm.segment import SegmentError
 
@@ -19,3 +19,10 @@ def folder_of(system: str) -> Path:
         row = from_json(directory.document(system)).recorder
         return recordings_folder(os.environ, system, row.folder if row is not None else "")
     return recordings_folder(os.environ, system)
+
+
+def all_folders() -> list[Path]:
+    """Those of all systems that are in memory or have kept logs."""
+    state = log_folder(os.environ, "any").parent
+    kept = [entry.name for entry in state.iterdir()] if is_folder(state) else []
+    return [folder_of(system) for system in sorted({*directory.systems(), *kept})]

@@ -26,6 +26,7 @@ from tools import cli
 from tools.errors import Problem
 from tools.recorded import as_system
 from tools.recorded.as_system import LookedAt, recording_as_system, system_or_recording
+from tools.recorded.choosing import opened
 
 SECOND_NS = 1_000_000_000
 
@@ -142,6 +143,19 @@ def test_logs_say_what_was_said(fault: Path) -> None:
     assert json.loads(said)["code"] == "jump"
     assert asked("logs", "PSM2", "--recording", str(fault)) == (0, "")
     assert asked("logs", "--commands", "--recording", str(fault)) == (0, "")
+
+
+def test_a_recording_is_found_by_the_name_in_the_list_of_recordings(
+        fault: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TROCAR_STATE", str(tmp_path))
+    folder = tmp_path / "lab" / "recordings"
+    folder.mkdir(parents=True)
+    fault.rename(folder / fault.name)
+    listed = json.loads(asked("recordings", "--json", "--system", "lab")[1])["file"]
+    code, said = asked("logs", "--recording", listed)
+    assert code == 0 and "it jumped" in said
+    with pytest.raises(Problem):
+        opened(Path("fault-20260101-000000.000-PSM2.mcap"))
 
 
 def test_logs_say_what_is_wrong_with_a_recording(fault: Path) -> None:
