@@ -186,6 +186,21 @@ def test_a_fault_is_shown_with_its_remedy(world: World) -> None:
     play(world, story)
 
 
+def test_a_long_reason_is_whole_in_the_table_of_arms(world: World) -> None:
+    words = [f"word{number}" for number in range(20)]
+
+    async def story(app: InspectorApp, pilot: Pilot[None], played: ScriptedRobot) -> None:
+        played.arm.field("reason")[...] = " ".join(words).encode()
+        played.show_arm(state="FAULT")
+        await pilot.press("5")
+        await until(app, pilot, "word0")
+        table = app.query_one("#arms", InspectorPage).table
+        shown = "\n".join(str(cell) for cell in table.get_row_at(0))
+        assert shown.split()[-len(words):] == words
+
+    play(world, story, SIZES[1])
+
+
 def test_a_dead_supervisor_is_said_and_old_values_are_grey(world: World) -> None:
     async def story(app: InspectorApp, pilot: Pilot[None], played: ScriptedRobot) -> None:
         await pilot.press("3")

@@ -9,6 +9,7 @@ from rich.text import Text
 from textual.widgets import DataTable
 
 from tools.printing import printable
+from tools.tables import wrapped
 
 WIDE = 110
 """From so many columns of the terminal on, those columns of a table that are for wide ones are shown."""
@@ -16,12 +17,16 @@ WIDE = 110
 
 @dataclass(frozen=True, slots=True)
 class Head:
-    """A column: its title, characters (0: what is left over, shared), flush right, only where the terminal is wide."""
+    """A column: its title, characters (0: what is left over, shared), flush right, only where the terminal is wide.
+
+    `is_whole`: a text that is too long goes on in the next line; elsewhere it is cut.
+    """
 
     title: str
     width: int
     is_right: bool = False
     is_wide: bool = False
+    is_whole: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,12 +40,20 @@ class TableRow:
 
     def texts(self, columns: Sequence[Head], widths: Mapping[int, int]) -> list[Text]:
         """The cells that are shown, by their places, in so many characters each."""
-        own = dict(self.styles)
-        made = [Text(printable(self.cells[k].replace("\n", " "), ""), style=own.get(k, self.style), no_wrap=True,
-                     justify="right" if columns[k].is_right else "left", end="") for k in widths]
-        for text, width in zip(made, widths.values(), strict=True):
-            text.truncate(width, overflow="ellipsis")
+        own, made = dict(self.styles), []
+        for k, width in widths.items():
+            words = printable(self.cells[k].replace("\n", " "), "")
+            text = Text("\n".join(wrapped(words, width)) if columns[k].is_whole else words, no_wrap=True, end="",
+                        style=own.get(k, self.style), justify="right" if columns[k].is_right else "left")
+            if not columns[k].is_whole:
+                text.truncate(width, overflow="ellipsis")
+            made.append(text)
         return made
+
+
+def _height(texts: Sequence[Text]) -> int:
+    """Lines of a row."""
+    return max(text.plain.count("\n") + 1 for text in texts)
 
 
 class LiveTable(DataTable[Text]):
@@ -57,7 +70,7 @@ class LiveTable(DataTable[Text]):
         """These rows, in this order. `at_end`: the cursor stays on the last row while it is there."""
         self._lay_out()
         made = [(row.key, row.texts(self._all, self._widths)) for row in rows]
-        if [key for key, _ in made] != [key for key, _ in self._shown]:
+        if [(key, _height(texts)) for key, texts in made] != [(key, _height(texts)) for key, texts in self._shown]:
             self._refill(made, at_end)
         else:
             keys = list(self.columns)
@@ -78,7 +91,7 @@ class LiveTable(DataTable[Text]):
         with self.app.batch_update():
             self.clear()
             for row_key, texts in made:
-                self.add_row(*texts, key=row_key)
+                self.add_row(*texts, key=row_key, height=_height(texts))
             keys = [row_key for row_key, _ in made]
             if at_end and was_last:
                 self.move_cursor(row=len(made) - 1, animate=False)
