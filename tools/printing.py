@@ -31,9 +31,15 @@ def printable(text: str, keep: str = "\n\t") -> str:
     return text if text.isprintable() else "".join(c if c.isprintable() or c in keep else REPLACED for c in text)
 
 
-def tell(text: str, *, flush: bool = False) -> None:
-    """A line, or some, for a person."""
-    print(printable(text), flush=flush)
+def tell(text: str, *, flush: bool = False, indent: str | None = "") -> None:
+    """A line, or some, for a person; a terminal gets them broken between words, and all but the first ones indented.
+
+    `indent` None: not broken, as a command that a person copies.
+    """
+    shown = printable(text)
+    if indent is not None and sys.stdout.isatty():
+        shown = "\n".join(wrapped(shown, width(), indent))
+    print(shown, flush=flush)
 
 
 def need_reader() -> None:

@@ -39,6 +39,27 @@ def test_who_waits_notices_that_nobody_reads_any_more(monkeypatch: pytest.Monkey
     printing.need_reader()
 
 
+class TerminalOutput(io.StringIO):
+    """What a terminal gets."""
+
+    def isatty(self) -> bool:
+        """It is one."""
+        return True
+
+
+@pytest.mark.parametrize(("output", "lines"), [(TerminalOutput(), 3), (io.StringIO(), 1)])
+def test_a_terminal_gets_lines_that_are_broken_between_words_and_a_pipe_one_line(
+    output: io.StringIO, lines: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "stdout", output)
+    monkeypatch.setenv("COLUMNS", "20")
+    printing.tell("first: check the potentiometer, then home", indent="  ")
+    shown = output.getvalue().splitlines()
+    assert len(shown) == lines and " ".join(map(str.strip, shown)) == "first: check the potentiometer, then home"
+    printing.tell("a command that a person copies", indent=None)
+    assert output.getvalue().splitlines()[lines:] == ["a command that a person copies"]
+
+
 @pytest.fixture
 def evil(world: World) -> Iterator[ScriptedRobot]:
     """A system whose arm says what a terminal would obey."""

@@ -22,7 +22,7 @@ def doctor(as_json: JsonOption = False) -> int:
         if as_json:
             emit(dataclasses.asdict(finding))
             continue
-        tell(f"{finding.state:5} {finding.check:16} {finding.found}", flush=True)
+        tell(f"{finding.state:5} {finding.check:16} {finding.found}", flush=True, indent=f"{'':23}")
         if finding.mend:
-            tell(f"{'':22} → {finding.mend}")
+            tell(f"{'':22} → {finding.mend}", indent=None)
     return 1 if bad else 0
