@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import importlib
 import importlib.util
@@ -20,6 +21,7 @@ from gymnasium.envs.registration import load_env_creator
 from numpy.typing import NDArray
 
 import procs.rl.registration  # noqa: F401  # the names of our own
+from procs.crtk.names import none_such
 
 Policy = Callable[[Any], Any]
 """From an observation to an action."""
@@ -69,7 +71,18 @@ class Episode:
 def check(task: RolloutTask) -> None:
     """NoPolicy, or gymnasium's error for an environment that is not known: what can be told without making it."""
     policy_of(task.policy)
-    gymnasium.spec(task.environment)
+    with _near(task.environment):
+        gymnasium.spec(task.environment)
+
+
+@contextlib.contextmanager
+def _near(environment: str) -> Iterator[None]:
+    """Gymnasium's error for an environment that is not known, with those whose names are near."""
+    try:
+        yield
+    except gymnasium.error.UnregisteredEnv:
+        known = sorted(gymnasium.registry, key=lambda name: not name.startswith("trocar/"))
+        raise gymnasium.error.UnregisteredEnv(none_such("environment", environment, known)) from None
 
 
 class EpisodeRunner:
@@ -81,7 +94,8 @@ class EpisodeRunner:
         self._keeps = task.keeps
         self._environment: gymnasium.Env[Any, Any]
         try:
-            self._environment = gymnasium.make(task.environment, **task.options)
+            with _near(task.environment):
+                self._environment = gymnasium.make(task.environment, **task.options)
         except TypeError as error:
             raise TypeError(_not_taken(task) or str(error)) from error
         self._step_s = 1.0 / float(self._environment.metadata["render_fps"])

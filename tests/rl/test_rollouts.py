@@ -8,6 +8,7 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -17,6 +18,7 @@ import pytest
 from typer.testing import CliRunner
 
 from procs.rl import ray_actors
+from procs.rl.backend import RobotStopped
 from procs.rl.rollouts import EpisodeRunner, NoPolicy, PolicyFailed, RolloutTask, check, policy_of, run
 from tools import cli
 
@@ -174,6 +176,35 @@ def test_the_fault_that_ended_an_episode_is_told() -> None:
     assert code == 0, done.output + str(done.exception)
     assert rows[0]["fault"] == "PSM1 is FAULT: an amplifier is hot" and rows[0]["is_terminated"]
     assert {"an", "amplifier", "is", "hot"} <= set(done.stdout.split()) and "itself" not in done.stdout
+
+
+class StopsLater(Trips):
+    """A robot that faults in its first episode, so that no other one begins."""
+
+    episodes = 0
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[int, dict[str, Any]]:
+        self.episodes += 1
+        if self.episodes > 1:
+            raise RobotStopped("PSM1 is FAULT: an amplifier is hot; first: trocar home PSM1")
+        return super().reset(seed=seed, options=options)
+
+
+def test_episodes_before_a_fault_are_printed_with_the_reason_of_the_early_end() -> None:
+    gymnasium.register("Stops-v0", entry_point=StopsLater)
+    try:
+        code, rows = rollout("Stops-v0", "-n", "5")
+        done = CliRunner().invoke(cli.build("rl"), ["rl", "rollout", "Stops-v0", "-n", "5"])
+    finally:
+        del gymnasium.registry["Stops-v0"]
+    assert code == 1 and (rows[-1]["summary"]["episodes"], rows[-1]["summary"]["asked"]) == (1, 5)
+    assert done.exit_code == 1 and "1 of 5" in done.stdout and "trocar home PSM1" in done.stderr
+
+
+@pytest.mark.parametrize("check_it", [check, EpisodeRunner])
+def test_an_environment_whose_name_is_incomplete_is_suggested(check_it: Callable[[RolloutTask], object]) -> None:
+    with pytest.raises(gymnasium.error.Error, match="near are: trocar/PsmReach-v0"):
+        check_it(RolloutTask("PsmReach", {}))
 
 
 @pytest.mark.parametrize(("words", "code"), [

@@ -59,21 +59,21 @@ def rollout(
     from procs.ended_by import ended_by_term
 
     begin, done, output = perf_counter(), [], sys.stdout
-    # an arm that is attached holds in the end; Ray prints, too
-    with ended_by_term(), _problems(), contextlib.redirect_stdout(sys.stderr), progress(task.environment) as say:
-        for episode in _run(task, seeds, actors, address):
-            done.append(episode)
-            say(f"{len(done)} of {episodes} episodes", len(done) / episodes)
-            if save is not None:
-                _save(save, episode)
-            if as_json:
-                with contextlib.redirect_stdout(output):
-                    emit(_row(episode))
-    summary = _summary(task, done, perf_counter() - begin, actors)
-    if as_json:
-        emit({"summary": summary})
-    else:
-        _show(done, summary)
+    try:
+        # an arm that is attached holds in the end; Ray prints, too
+        with ended_by_term(), _problems(), contextlib.redirect_stdout(sys.stderr), progress(task.environment) as say:
+            for episode in _run(task, seeds, actors, address):
+                done.append(episode)
+                say(f"{len(done)} of {episodes} episodes", len(done) / episodes)
+                if save is not None:
+                    _save(save, episode)
+                if as_json:
+                    with contextlib.redirect_stdout(output):
+                        emit(_row(episode))
+    finally:  # also of those before a fault or Ctrl-C
+        if done:
+            summary = _summary(task, done, perf_counter() - begin, actors) | {"asked": episodes}
+            emit({"summary": summary}) if as_json else _show(done, summary)
     return 0
 
 
@@ -160,5 +160,7 @@ def _show(done: Sequence[Episode], summary: dict[str, Any]) -> None:
         (str(row.seed), str(row.steps), number(row.reward, ".3f"), "yes" if row.is_success else "no",
          row.fault or ("itself" if row.is_terminated else "time"), row.state, row.hash)
         for row in rows), ("seed", "steps", "return"))
-    tell(f"{summary['episodes']} episodes, {100 * summary['success']:.0f} % with success; "
+    count, asked = summary["episodes"], summary["asked"]
+    what = f"{'ended early: ' if count < asked else ''}{count} of {asked} episodes"
+    tell(f"{what}, {100 * summary['success']:.0f} % with success; "
          f"{summary['steps_per_s']:.0f} steps/s, {summary['simulated_per_cpu_s']:.1f} s simulated a CPU second")
