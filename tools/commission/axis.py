@@ -190,4 +190,4 @@ def _against_pot(up: Drive, down: Drive, subject: Subject, axis: int) -> list[Fi
 
 def _stopped(drive: Drive, subject: Subject, axis: int) -> Finding:
     return Finding(subject.where(axis), f"driving it {became(drive.answer.outcome)}: {drive.answer.text}", "done",
-                   "trocar logs tells what happened; mend it and repeat this stage")
+                   "the logs say why; fix it and repeat this stage")

@@ -73,7 +73,7 @@ def judge_samples(io: str, window: Window, period_s: float) -> list[Finding]:
     found, good, rate = [], float(window.fields["valid"].mean()), rate_of(window)
     if not good >= MIN_VALID:
         found.append(Finding(io, f"{100 * good:.1f} % of its samples are good", f"{100 * MIN_VALID:g} % at least",
-                             "look at cables, hub and network; trocar logs names the board"))
+                             "look at cables, hub and network; the logs name the board"))
     if not abs(rate * period_s - 1.0) <= RATE_WITHIN:
         found.append(Finding(io, f"{rate:.0f} samples a second", f"{1 / period_s:.0f} within {100 * RATE_WITHIN:g} %",
                              "the computer is too slow or too busy: trocar bench io, docs/operating.md, Real time"))

@@ -103,7 +103,7 @@ def judge_stays_off(window: Window, subject: Subject) -> list[Finding]:
     if not on.any():
         return []
     return [Finding(subject.where(int(on.argmax())), "its amplifier came on by itself", "off until a person asks",
-                    "switch the controllers off, and tell us: trocar logs --commands says who asked")]
+                    "switch the controllers off, and report it with the logs")]
 
 
 @dataclass(frozen=True, slots=True)

@@ -161,13 +161,13 @@ def _go(job: Job, book: CommissionReport, files: str, due: list[CommissionStage]
                 emit({"stage": row.name, "passed": tried.passed, "seconds": tried.seconds, "problems": tried.problems,
                       "figures": tried.figures})
             if not tried.passed:
-                if not as_json:
-                    tell("\n".join(f"STOP {text}" for text in tried.problems))
-                note(f"stage {row.name} stopped, everything is off; mend it and run the same command again "
-                     f"({book.path})")
                 if row.real_time and job.boards == "emulated":
                     note(f"{row.name} measures real time, and was rehearsed {REHEARSALS} times: where other programs "
                          "keep this computer busy, that alone may have stopped it; end them first")
+                if not as_json:
+                    tell("\n".join(f"STOP {text}" for text in tried.problems), flush=True)
+                note(f"stage {row.name} stopped, everything is off; trocar logs --system {job.request.system} has "
+                     f"details; fix it and run the same command again ({book.path})")
                 return 1
             note(f"{row.name} passed")
             if row.name == "calibrate" and job.write:
@@ -196,7 +196,7 @@ def _tried_once(row: CommissionStage, job: Job, bench: RunningBench | None, fold
     except (Declined, Misuse):
         raise
     except (Problem, TimeoutError) as problem:
-        return Outcome([Finding(f"stage {row.name}", str(problem), "no such error", "trocar logs tells more; "
+        return Outcome([Finding(f"stage {row.name}", str(problem), "no such error",
                                 "docs/errors.md has causes and remedies")])
 
 

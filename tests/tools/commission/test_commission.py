@@ -143,7 +143,14 @@ def test_what_the_system_says_is_a_finding_like_any_other(kinematic) -> None:
     stopped = _run()
     assert stopped.exit_code == 1
     assert "STOP stage home: PSM1: not homed in time" in stopped.output
+    assert "trocar logs --system commission " in stopped.output
     assert ran[-1] == "home"
+
+
+def test_what_stopped_comes_last_but_one_and_what_to_do_last(kinematic) -> None:
+    kinematic["stop"] = Outcome([Finding("IO1, board 6", "its watchdog did not act", "0.03 s", "have it looked at")])
+    *_, stop, to_do = _run().output.splitlines()
+    assert stop.startswith("STOP IO1, board 6") and "run the same command again" in to_do
 
 
 def test_the_stages_are_listed_with_what_they_stop_at(kinematic) -> None:
