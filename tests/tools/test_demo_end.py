@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
+import json
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from typer.testing import CliRunner
 
 from shm.clock import monotonic_ns
+from shm.segment import SegmentError
 from shm.system_time import SystemTime
+from tools import cli
 from tools.errors import Problem
-from tools.verbs.demo import _draw
+from tools.verbs import demo
+from tools.verbs.demo import MOST, _draw, judged
 
 
 class Idle:
@@ -23,3 +30,35 @@ def test_a_demo_that_a_busy_machine_left_no_time_says_so_as_a_problem() -> None:
     idle: Any = Idle()
     with SystemTime("") as time, pytest.raises(Problem, match=r"ended after 0\.0 of 3 s: this machine is busy"):
         _draw(idle, idle, (idle, idle), 3.0, [0], time, monotonic_ns(), lambda text: None)
+
+
+def test_what_is_only_late_in_real_time_is_no_problem_but_an_error_and_a_lost_slave_are() -> None:
+    run = {**dict.fromkeys(MOST, 1.0), "latency_ms_p99": 90.0, "late": ["IO1 ran at 300 Hz"], "problems": []}
+    late = judged(run, "", simulated=False)
+    assert late["problems"] == [] and len(late["late"]) == 2
+    assert len(judged(run, "", simulated=True)["problems"]) == 2
+    assert judged({**run, "problems": ["PSM1: tracking"]}, "MTMR_PSM1 waits", simulated=False)["problems"] == [
+        "PSM1: tracking", "MTMR_PSM1 waits"]
+
+
+class Stopping:
+    """A supervisor that another terminal has stopped."""
+
+    popen = SimpleNamespace(returncode=0)
+
+    def state(self) -> str:
+        """It has no shared memory any more."""
+        return ""
+
+
+def test_a_demo_that_is_stopped_from_outside_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    def gone(*_: object) -> None:
+        raise SegmentError("/trocar~demo~console~mailbox: no such segment")
+
+    monkeypatch.setattr(demo, "up_meanwhile", lambda *_: contextlib.nullcontext(Stopping()))
+    for name in ("web_addresses", "_bring_up"):
+        monkeypatch.setattr(demo, name, lambda *_: [])
+    for name in ("_operate", "power_off"):
+        monkeypatch.setattr(demo, name, lambda *_, **__: gone())
+    result = CliRunner().invoke(cli.build("demo"), ["demo", "--json"])
+    assert result.exit_code == 1 and json.loads(result.stdout)["problems"] == [demo.STOPPED]

@@ -10,7 +10,7 @@ import numpy as np
 from procs.document.system import from_json
 from shm import directory
 from shm.events import ERROR
-from tools.inspect.processes import ProcessStatus, statuses
+from tools.inspect.processes import SILENT, STALLED, ProcessStatus, statuses
 from tools.printing import plain
 
 KEPT = 300_000  # cycles; more would only cost memory
@@ -27,6 +27,8 @@ class HealthWatch:
         self._recv, self._write = self._reader.field("recv_ns"), self._reader.field("write_ns")
         self._stamps: deque[int] = deque(maxlen=KEPT)
         self._latency: deque[int] = deque(maxlen=KEPT)
+        self._first: tuple[int, int] | None = None  # number and stamp of a record
+        self._last = (0, 0)
         self._events = {
             instance: directory.reader(system, instance, ring)
             for instance, ring in directory.rings(system) if ring == "events"
@@ -39,6 +41,8 @@ class HealthWatch:
         while self._reader.next():
             stamp = self._reader.stamp_ns
             self._stamps.append(stamp)
+            self._last = self._reader.sequence, stamp
+            self._first = self._first or self._last
             self._latency.append(int(self._write) - int(self._recv))
         for instance, reader in self._events.items():
             while reader.next():
@@ -46,22 +50,25 @@ class HealthWatch:
                     self.errors.append(f"{instance}: {plain(reader.field('text').item())}")
 
     def summary(self) -> dict[str, Any]:
-        """Figures of the run; what was not healthy stands in `problems`."""
+        """Figures of the run; `problems`: errors and dead processes; `late`: what a busy machine can cause, too."""
         self.collect()
         now = {process.name: process for process in statuses(self.system)}
         processes = [self._process(process) for process in now.values()]
         stamps, latency = np.array(self._stamps, dtype=np.int64), np.array(self._latency) * 1e-3
         periods = np.diff(stamps) * 1e-3
         nominal = 1.0 / from_json(directory.document(self.system)).io(self._io).period_s
-        rate = 1e6 / periods.mean() if len(periods) else 0.0
-        problems = list(self.errors)
-        problems += [f"{process.name}: {process.problem}" for process in now.values() if process.problem]
+        first, last = self._first or self._last, self._last  # with the records that we were too late to see
+        rate = 1e9 * (last[0] - first[0]) / (last[1] - first[1]) if last[1] > first[1] else 0.0
+        unwell = [process for process in now.values() if process.problem]
+        late = [process.said for process in unwell if process.problem in (SILENT, STALLED)]
+        problems = self.errors + [process.said for process in unwell if process.problem not in (SILENT, STALLED)]
         problems += [f"{row['name']} ended and was started again" for row in processes if row["restarts"]]
         if rate < FEWER * nominal:
-            problems.append(f"{self._io} ran at {rate:.0f} Hz instead of {nominal:.0f}")
+            late.append(f"{self._io} ran at {rate:.0f} Hz instead of {nominal:.0f}")
         return {
             "io_rate_hz": rate, "io_cycles": len(stamps), **_spread("io_period_us", periods),
             **_spread("read_to_write_us", latency), "processes": processes, "problems": problems,
+            "late": late,
         }
 
     def _process(self, process: ProcessStatus) -> dict[str, Any]:

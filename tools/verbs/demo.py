@@ -12,6 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from shm.clock import monotonic_ns
+from shm.segment import SegmentError
 from shm.system_time import WALL, SystemTime, speed_in_words
 from tools.arms import home, power_off, power_on
 from tools.errors import Problem
@@ -42,6 +43,7 @@ SLOWEST, AROUND_S = 5.0, 60.0  # real time: so many times what was asked for, an
 # What is good: well within what a surgeon's hand notices, and far from what a loop with a fault in it shows.
 # Latencies: 4 and 10 periods of the system's loops.
 MOST = {"error_mm_rms": 2.0, "error_deg_rms": 3.0, "latency_ms_p50": 8.0, "latency_ms_p99": 20.0}
+STOPPED = "the system was stopped"
 UNITS = {"mm": "mm", "deg": "°", "ms": "ms"}
 
 
@@ -59,7 +61,8 @@ def demo(
     send console teleop_enable 1; until then the hand does not touch the master.
 
     Seconds are in the system's time: a busy machine takes longer. After 5 times as long and a minute the demo ends in
-    any case, with exit code 1.
+    any case, with exit code 1. The same exit code means an error, a process that died, or a PSM that does not follow;
+    lateness in real time is printed, but does not count.
 
     Example: trocar demo --for 10
     """
@@ -76,10 +79,10 @@ def demo(
             summary = _operate(system, begin, seconds, end)
         except KeyboardInterrupt:
             note("stopped before the drawing began")
-        except Problem as problem:
-            summary["problems"].append(str(problem))
+        except (Problem, SegmentError) as problem:
+            summary["problems"].append(str(problem) if background.state() == "RUNNING" else STOPPED)
         finally:
-            with contextlib.suppress(Problem), progress("power off") as say:
+            with contextlib.suppress(Problem, SegmentError), progress("power off") as say:
                 power_off(system, say=say)
     summary["supervisor_exit"] = background.popen.returncode
     if background.popen.returncode:
@@ -128,7 +131,7 @@ def _operate(system: str, begin: int, seconds: float, end: int | None) -> dict[s
         speed = (time.now_ns() - drawing_ns) * 1e-9 / _since(drawing)
         reported = "" if teleop.is_following else teleop.reported
         around = {"clock": time.clock, "speed": speed, "homed_after_s": homed_s, "hand_skipped": skipped[0]}
-        return {**around, **_summary(run, trace, reported)}
+        return {**around, **judged({**trace.figures(), **run.summary()}, reported, time.simulated)}
 
 
 def _draw(hand: Hand, teleop: SimTeleop, watched: tuple[HealthWatch, Trace], seconds: float, skipped: list[int],
@@ -179,11 +182,14 @@ def _state(system: str, teleop: SimTeleop, time: SystemTime) -> tuple[list[str],
     return parts, first_thing(processes, found) if faults else ""
 
 
-def _summary(run: HealthWatch, trace: Trace, reported: str) -> dict[str, Any]:
-    figures, summary = trace.figures(), run.summary()
-    summary["problems"] += [reported] if reported else []
-    summary["problems"] += too_much(figures)
-    return {"following": not reported, **figures, **summary}
+def judged(summary: dict[str, Any], reported: str, simulated: bool) -> dict[str, Any]:
+    """The summary with `problems`: errors, dead processes, a slave that does not follow in the end (`reported`).
+
+    `late`: figures that are not good. In simulated time, which a busy machine does not change, they are problems.
+    """
+    late = [*summary["late"], *too_much(summary)]
+    problems = [*summary["problems"], *([reported] if reported else []), *(late if simulated else [])]
+    return {**summary, "following": not reported, "problems": problems, "late": [] if simulated else late}
 
 
 def too_much(figures: dict[str, float]) -> list[str]:
@@ -214,7 +220,8 @@ def _show(summary: dict[str, Any]) -> None:
                       str(p["restarts"])) for p in summary["processes"]]
         table("processes, while following", ("process", "Hz", "cycles", "missed", "overruns", "restarts"), processes,
               ("Hz", "cycles", "missed", "overruns", "restarts"))
-    for problem in summary["problems"]:
-        tell(f"PROBLEM: {problem}")
+    late = summary.get("late", [])
+    for text in (*(f"PROBLEM: {problem}" for problem in summary["problems"]), *(f"LATE: {text}" for text in late)):
+        tell(text)
     if "processes" in summary and not summary["problems"]:
-        tell("everything stayed healthy")
+        tell(f"everything stayed healthy{'; this machine was too busy for real time' if late else ''}")
