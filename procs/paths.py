@@ -66,7 +66,8 @@ def not_found(path: Path, search: Sequence[Path] | None = None, configs: Path = 
     there = {entry.stem: entry.name for folder in folders for entry in _entries(folder / path.parent)}
     near = difflib.get_close_matches(path.stem, there, n=1, cutoff=0.6)
     hint = f" (did you mean {path.parent / there[near[0]]}?)" if near else ""
-    looked = "" if path.is_absolute() else f"; looked in {', '.join(str(folder.absolute()) for folder in folders)}"
+    places = dict.fromkeys(str(folder.absolute()) for folder in folders)
+    looked = "" if path.is_absolute() else f"; looked in {', '.join(places)}"
     return f"no such file{hint}{looked}{f'; {ADDS_FOLDER}' if looked and search is not None else ''}"
 
 

@@ -38,7 +38,7 @@ def system_file(file: Path, path: Sequence[Path] = ()) -> Path:
     """A system file as a person names it, also along `--path` and in configs/; Problem when there is none."""
     found = given_file(file, path)
     if not found.exists():
-        raise Problem(f"{file}: {not_found(file, path)}; --path adds a folder")
+        raise Problem(f"{file}: {not_found(file, path)}")
     return found
 
 
@@ -201,6 +201,6 @@ def instances_of_kind(system: str, kind: str) -> list[str]:
     return found
 
 
-def unknown(what: str, name: str, known: Iterable[str]) -> Problem:
+def unknown(what: str, name: str, known: Iterable[str], owner: str = "") -> Problem:
     """The error for a name that is not there: the nearest ones, or all when there are few."""
-    return Problem(none_such(what, name, known))
+    return Problem(none_such(what, name, known, owner))

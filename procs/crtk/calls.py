@@ -71,7 +71,7 @@ class Calls:
         owner = self.owner(to)
         row = owner.rows.get(command)
         if row is None:
-            raise WrongMessage(none_such(f"command of {to}", command[:80], owner.rows))
+            raise WrongMessage(none_such("command", command[:80], owner.rows, to))
         if not self._rights.commands:
             raise WrongMessage("this connection may only look (trocar.socket.grants)")
         if not self._rights.powers and may_power(row, text, values):

@@ -12,8 +12,11 @@ class Unknown(SegmentError):
     """There is nothing of this name; the message has the nearest ones."""
 
 
-def none_such(what: str, name: str, known: Iterable[str]) -> str:
-    """That there is no `name`: the nearest ones, or all when there are few."""
+def none_such(what: str, name: str, known: Iterable[str], owner: str = "") -> str:
+    """That there is no `name`, or that `owner` has none: the nearest ones, or all when there are few."""
     names = list(known)
-    near = difflib.get_close_matches(name, names, 3, 0.5) or (names if len(names) <= 8 else names[:8] + ["…"])
-    return f"no {what} {name}; " + (f"near are: {', '.join(near)}" if near else "there is none at all")
+    said = f"{owner} has no {what} {name}" if owner else f"no {what} {name}"
+    if near := difflib.get_close_matches(name, names, 3, 0.5):
+        return f"{said}; did you mean {', '.join(near)}?"
+    there = names if len(names) <= 8 else [*names[:8], "…"]
+    return f"{said}; " + (f"there are: {', '.join(there)}" if there else "there is none at all")

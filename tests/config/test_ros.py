@@ -56,3 +56,8 @@ def test_elsewhere_only_where_the_file_says_so_and_everybody_is_told(sets: tuple
                                   "ros.namespace=1x", "ros.io=yes", "ros.unknown=1"])
 def test_what_makes_no_sense_is_refused(text: str) -> None:
     assert load_system(FILE, sets=[text]).errors
+
+
+def test_which_characters_a_namespace_may_have_is_said() -> None:
+    (problem,) = load_system(FILE, sets=["ros.namespace=a b"]).errors
+    assert "letters, digits" in problem.allowed

@@ -190,6 +190,11 @@ class StopsLater(Trips):
         return super().reset(seed=seed, options=options)
 
 
+def test_a_single_episode_is_called_one() -> None:
+    done = CliRunner().invoke(cli.build("rl"), ["rl", "rollout", "CartPole-v1", "-n", "1"])
+    assert "1 episodes" not in done.stdout and "1 episode" in done.stdout
+
+
 def test_episodes_before_a_fault_are_printed_with_the_reason_of_the_early_end() -> None:
     gymnasium.register("Stops-v0", entry_point=StopsLater)
     try:
@@ -203,7 +208,7 @@ def test_episodes_before_a_fault_are_printed_with_the_reason_of_the_early_end() 
 
 @pytest.mark.parametrize("check_it", [check, EpisodeRunner])
 def test_an_environment_whose_name_is_incomplete_is_suggested(check_it: Callable[[RolloutTask], object]) -> None:
-    with pytest.raises(gymnasium.error.Error, match="near are: trocar/PsmReach-v0"):
+    with pytest.raises(gymnasium.error.Error, match="did you mean trocar/PsmReach-v0"):
         check_it(RolloutTask("PsmReach", {}))
 
 

@@ -147,13 +147,13 @@ def test_what_a_client_holds_down_is_let_go_when_it_leaves(world: Any, monkeypat
 
 
 @pytest.mark.parametrize(("message", "why"), [
-    ({"op": "call", "to": "PSM9", "command": "hold"}, "no component PSM9; near are: PSM1"),
-    ({"op": "call", "to": "PSM1", "command": "move_jpp"}, "near are: move_jp"),
+    ({"op": "call", "to": "PSM9", "command": "hold"}, "no component PSM9; did you mean PSM1"),
+    ({"op": "call", "to": "PSM1", "command": "move_jpp"}, "PSM1 has no command move_jpp; did you mean move_jp"),
     ({"op": "call", "to": "PSM1", "command": "move_jp", "values": [1, "2"]}, "numbers"),
     ({"op": "call", "to": "PSM1", "command": "move_jp", "values": [0.0] * 65}, "up to 64"),
     ({"op": "call", "to": "PSM1", "command": "set_tool_type", "text": "x" * 65}, "allowed are 64"),
     ({"op": "call", "to": "../PSM1", "command": "hold"}, "no component"),
-    ({"op": "read", "topic": "PSM1/measured_jss"}, "near are"),
+    ({"op": "read", "topic": "PSM1/measured_jss"}, "did you mean"),
     ({"op": "read", "topic": "PSM1/measured_js", "rat": 3}, "no part rat"),
     ({"op": "subscribe", "topic": "PSM1/measured_js", "rate_hz": 1e9}, "rate_hz has to be"),
     ({"op": "subscribe", "topic": "PSM1/measured_js", "rate_hz": 0}, "give a rate_hz"),

@@ -191,7 +191,7 @@ def test_events_and_sounds_are_the_same_from_elsewhere(robot: Robot) -> None:
         same.on_event("volume", seen["volume"].append)
         console.on_event("operator_present", seen["present"].append)
         for each in (here, there):
-            with pytest.raises(trocar.Problem, match="near are: operating_state"):
+            with pytest.raises(trocar.Problem, match="did you mean operating_state"):
                 each.on_event("operating_stat", print)
         here.home()
         wait_for(lambda: here.process_events() + there.process_events() == 0 and seen["there"] == seen["here"], 20,

@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 
 from procs.config import PROJECT_CONFIGS
-from tools.systems import ROOT
+from tools.errors import Problem
+from tools.systems import ROOT, system_file
 from tools.verbs import check
 
 DEMO = PROJECT_CONFIGS / "systems/demo.yaml"
@@ -83,6 +84,14 @@ def test_kind_is_told_from_id_or_keys(tmp_path: Path, text: str, kind: str, code
 def test_missing_file_exits_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert check.run([tmp_path / "nowhere.json"], [], False) == 1
     assert "no such file" in capsys.readouterr().out
+
+
+def test_a_file_that_is_not_found_names_the_option_that_adds_a_folder_once(capsys: pytest.CaptureFixture[str]) -> None:
+    assert check.run([Path("nosuch.json")], [], False) == 1
+    assert capsys.readouterr().out.splitlines()[0].count("--path") == 1
+    with pytest.raises(Problem) as caught:
+        system_file(Path("nosuch.json"))
+    assert str(caught.value).count("--path") == 1
 
 
 @pytest.mark.slow

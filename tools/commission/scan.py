@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any, Final, Protocol
 
 from procs.document.system import IoConfig, Robot, SystemConfig
+from procs.faults import place
 from procs.fpga import blocks
 from tools.bus_client import BusClient, FoundBoard
 from tools.commission.finding import Finding, Outcome
@@ -30,7 +31,7 @@ def run(bench: Scanned) -> Outcome:
             outcome.add(judge(io, desk.boards))
         extra = sorted({board.board for board in desk.boards} - set(boards_of(io)))
         if extra:
-            outcome.notes.append(f"{io.name}: boards {', '.join(map(str, extra))} are in no file")
+            outcome.notes.append(f"{place(io.name, boards=extra)}: in no file")
         if not asks:
             outcome.notes.append(f"{io.name}: no serial numbers were asked for, because {io.name} runs")
     return outcome

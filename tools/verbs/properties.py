@@ -35,7 +35,7 @@ def get(
     for instance in [owner] if owner else owners:
         values = _values(chosen, instance)
         if wanted and wanted not in values:
-            raise unknown(f"property of {instance}", wanted, values)
+            raise unknown("property", wanted, values, instance)
         for key in [wanted] if wanted else values:
             if as_json:
                 emit({"name": instance, "property": key, "value": values[key]})

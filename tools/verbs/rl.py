@@ -161,6 +161,6 @@ def _show(done: Sequence[Episode], summary: dict[str, Any]) -> None:
          row.fault or ("itself" if row.is_terminated else "time"), row.state, row.hash)
         for row in rows), ("seed", "steps", "return"))
     count, asked = summary["episodes"], summary["asked"]
-    what = f"{'ended early: ' if count < asked else ''}{count} of {asked} episodes"
-    tell(f"{what}, {100 * summary['success']:.0f} % with success; "
+    what = f"ended early: {count} of {asked}" if count < asked else str(count)
+    tell(f"{what} episode{'s' if asked != 1 else ''}, {100 * summary['success']:.0f} % with success; "
          f"{summary['steps_per_s']:.0f} steps/s, {summary['simulated_per_cpu_s']:.1f} s simulated a CPU second")

@@ -49,7 +49,7 @@ def send(
         if component == "boards":
             command, arguments = renamed(command, arguments or [])
         if command not in known:
-            raise unknown(f"command of {component}", command, known)
+            raise unknown("command", command, known, component)
         values, text = parsed(known[command], arguments or [])
         limit = timeout or (60.0 if wait else 2.0)
         reply = remote.settled(command, values, text, limit) if wait else remote.answered(command, values, text, limit)

@@ -66,8 +66,7 @@ def check_file(
     """
     path = given_file(path, search, configs)
     if not path.exists():
-        return Checked(path, UNKNOWN, (FileProblem(str(path), 0, "", "", not_found(path, search, configs),
-                                                  "a file here or in a folder that --path adds"),))
+        return Checked(path, UNKNOWN, (FileProblem(str(path), 0, "", "", not_found(path, search, configs), ""),))
     source, problems = read_source(path)
     if source is None:
         return Checked(path, UNKNOWN, tuple(problems))

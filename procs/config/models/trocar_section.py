@@ -14,7 +14,8 @@ from procs.config.models.user_section import CommandKeys, PropertyKeys, TopicKey
 from procs.config.read.validate import Rows, Section
 from procs.document.recorder import MAX_RATE_HZ
 
-Account = Annotated[str, Field(pattern=r"^[a-z_][a-z0-9_-]{0,31}$|^$")]
+Account = Annotated[str, Field(pattern=r"^[a-z_][a-z0-9_-]{0,31}$|^$",
+                               description="lower-case letters, digits, _ and -, a letter or _ first, at most 32")]
 OnExit = Annotated[Literal["restart", "stay-down"], Field()]
 
 
@@ -37,7 +38,8 @@ class ProcessKeys(Section):
     commands: Rows[CommandKeys] = ()
     properties: Rows[PropertyKeys] = ()
     host: str | None = Field(default=None, pattern=r"^[A-Za-z0-9_-]{1,40}$",
-                             description="the process that calls its update, with those of others")
+                             description="the process that calls its update, with those of others: letters, digits, _ "
+                             "and -, at most 40")
 
 
 class IoOptions(Section):
@@ -91,9 +93,11 @@ class RosOptions(Section):
     counts_when_empty = True
     domain: int = Field(default=0, ge=0, le=232, description="ROS_DOMAIN_ID of its clients")
     interface: str = Field(default="lo", pattern=r"^[A-Za-z0-9][A-Za-z0-9_.:-]{0,39}$",
-                           description="network interface by name or address; lo: this machine alone")
+                           description="network interface by name or address (letters, digits and _ . : -, at most "
+                           "40); lo: this machine alone")
     period_s: float = Field(default=0.01, ge=0.001, le=1.0, description="s between two messages of a topic")
-    namespace: str = Field(default="", pattern=r"^[A-Za-z][A-Za-z0-9_/]{0,39}$|^$", description="in front of all names")
+    namespace: str = Field(default="", pattern=r"^[A-Za-z][A-Za-z0-9_/]{0,39}$|^$",
+                           description="in front of all names: letters, digits, _ and /, a letter first, at most 40")
     may_power: bool | None = Field(default=None, description="people there may power and home; usually on lo only")
     pid: Literal["off", "ro", "rw"] = "off"
     io: Literal["off", "ro", "rw"] = "off"

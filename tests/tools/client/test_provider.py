@@ -225,7 +225,7 @@ def test_a_button_wakes_its_console_when_the_record_is_out(place: Place) -> None
 def test_a_place_is_taken_once(place: Place) -> None:
     with trocar.provide("MTMR", place.name), pytest.raises(TimeoutError, match="MTMR"):
         trocar.provide("MTMR", place.name, timeout=0.0)
-    with pytest.raises(TimeoutError, match="no place for a program of yours PSM1; near are: MTMR"):
+    with pytest.raises(TimeoutError, match="no place for a program of yours PSM1; there are: MTMR"):
         trocar.provide("PSM1", place.name, timeout=0.0)
     trocar.provide("MTMR", place.name).close()
 

@@ -302,7 +302,7 @@ def test_fields_that_do_not_fit_are_used_wrongly(played: ScriptedRobot) -> None:
     played.show_arm(0.1)
     for when, why in (("PSM1/state.state > 1", "is text: allowed are == and !="),
                       ("PSM1/measured_js.position[0] == FAULT", "'FAULT' is none of its words"),
-                      ("PSM1/measured_js.positon > 1", "near are: position")):
+                      ("PSM1/measured_js.positon > 1", "did you mean position")):
         with pytest.raises(Misuse, match=why):
             opened(played, when)
     for when in ("fault PSM9", "event PSM9 error"):

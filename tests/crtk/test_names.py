@@ -1,0 +1,15 @@
+"""Names that are not there, in words."""
+
+from __future__ import annotations
+
+from procs.crtk.names import none_such
+
+
+def test_the_owner_and_the_nearest_names_are_in_the_sentence() -> None:
+    known = ["servo_jp", "hold", "move_cp"]
+    assert none_such("command", "servo_jpp", known, "PSM1") == "PSM1 has no command servo_jpp; did you mean servo_jp?"
+
+
+def test_where_no_name_is_near_all_are_listed() -> None:
+    assert none_such("arm", "x", ["PSM1", "ECM"]) == "no arm x; there are: PSM1, ECM"
+    assert "none at all" in none_such("arm", "x", [])
