@@ -41,7 +41,7 @@ def test_what_is_only_late_in_real_time_is_no_problem_but_an_error_and_a_lost_sl
         "PSM1: tracking", "MTMR_PSM1 waits"]
 
 
-class Stopping:
+class StoppedSupervisor:
     """A supervisor that another terminal has stopped."""
 
     popen = SimpleNamespace(returncode=0)
@@ -55,7 +55,7 @@ def test_a_demo_that_is_stopped_from_outside_says_so(monkeypatch: pytest.MonkeyP
     def gone(*_: object) -> None:
         raise SegmentError("/trocar~demo~console~mailbox: no such segment")
 
-    monkeypatch.setattr(demo, "up_meanwhile", lambda *_: contextlib.nullcontext(Stopping()))
+    monkeypatch.setattr(demo, "up_meanwhile", lambda *_: contextlib.nullcontext(StoppedSupervisor()))
     for name in ("web_addresses", "_bring_up"):
         monkeypatch.setattr(demo, name, lambda *_: [])
     for name in ("_operate", "power_off"):

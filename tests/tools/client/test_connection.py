@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import socket
 import threading
 from collections.abc import Callable, Iterator
@@ -63,10 +64,20 @@ def test_an_error_is_a_problem_and_a_refusal_is_one_of_a_command(bridge: Callabl
         connection.ask("read", topic="x")
     with pytest.raises(Refused, match="no topic here"):
         DistantRemote(connection, "PSM1").ask("hold")
-    with pytest.raises(Refused, match="finite"):
-        DistantRemote(connection, "PSM1").ask("move_jp", [float("nan")])
     with pytest.raises(ValueError, match="no numbers"):
         DistantRemote(connection, "PSM1").ask("move_jp", {"a": 1})  # type: ignore[arg-type]
+
+
+def test_what_is_not_finite_is_sent_as_null_for_the_robot_to_refuse(bridge: Callable[[Says], BridgeConnection]) -> None:
+    sent: list[object] = []
+
+    def says(asked: dict[str, object]) -> bytes:
+        sent.append(asked.get("values"))
+        return json.dumps({"op": "error", "id": asked["id"], "error": "allowed: finite numbers"}).encode() + b"\n"
+
+    with pytest.raises(Refused, match="finite"):
+        DistantRemote(bridge(says), "PSM1").ask("move_jp", [0.5, math.nan, math.inf])
+    assert sent[-1] == [0.5, None, None]
 
 
 def test_a_flag_is_not_made_up_when_the_bridge_goes(bridge: Callable[[Says], BridgeConnection]) -> None:
