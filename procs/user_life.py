@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import faulthandler
 import logging
 import sys
 from collections.abc import Callable
@@ -25,6 +26,7 @@ def classes_in(module: ModuleType) -> list[type[OwnProcess]]:
 
 def live(kind: str, find: Callable[[SystemConfig, str], type[OwnProcess]]) -> None:
     """Exit code 0: ended as asked, 3: setup failed, 4: its main did. `find` gives the class of an instance."""
+    faulthandler.enable()  # its log shows where it was when the supervisor ends it (SIGABRT), or C code crashes
     chosen = runtime.arguments(kind)
     log = logging.getLogger(chosen.name)
     ACTING.origin = NOBODY  # it was started by nobody: what it does is what persons ask it for

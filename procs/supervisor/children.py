@@ -18,6 +18,7 @@ from shm.clock import monotonic_ns
 
 HEALTHY_NS: Final = 10_000_000_000
 SETUP_S: Final = 60.0
+TRACE_S: Final = 1.0  # how long a process may take to write where it hangs
 
 
 class Running(Protocol):
@@ -36,6 +37,9 @@ class Running(Protocol):
 
     def ask_to_end(self) -> None:
         """It may take its time."""
+
+    def abort(self) -> None:
+        """It writes in its log where it hangs, and ends."""
 
     def kill(self) -> None:
         """It ends at once."""
@@ -109,7 +113,7 @@ class Child:
 
     def look(self) -> Ending | None:
         """What became of it: how it ended, if it has. Kills who takes too long to begin or to end."""
-        if self.kill_at_ns and self.state == lifecycle.RUNNING and self.process.ready:
+        if self.kill_at_ns and self.state == lifecycle.RUNNING and self.process.ready and not self.verdict:
             self.kill_at_ns = 0  # its setup has succeeded
         if self.kill_at_ns and self.now_ns() >= self.kill_at_ns:
             begins = self.state == lifecycle.RUNNING
@@ -150,14 +154,21 @@ class Child:
             self.refused = f"could not be started: {error}"
 
     def _kill(self, verdict: str) -> None:
-        self.kill_at_ns, self.verdict = 0, verdict
-        self.process.kill()
+        """A process that can write where it hangs has TRACE_S to do so, and is killed when it is not gone by then."""
+        if proc(self.row.kind).declared and not self.verdict:
+            self.kill_at_ns, self.verdict = self.now_ns() + round(TRACE_S * 1e9), verdict
+            self.process.abort()
+        else:
+            self.kill_at_ns, self.verdict = 0, self.verdict or verdict
+            self.process.kill()
 
     def _ended(self, code: int | None, pid: int) -> Ending:
         asked, why = self.state != lifecycle.RUNNING, self.refused or self.verdict
         well = asked and code in (0, -signal.SIGTERM)  # by the signal: it had not come so far as to hear it
         self.is_done = not asked and not why and code == 0 and not self.is_wanted
         self.reason = "stopped" if well else "done" if self.is_done else why or self.process.in_words(code or 0)
+        if self.verdict and code == -signal.SIGABRT:
+            self.reason += f"; where: trocar logs {self.row.name}"
         killed, ran_s = bool(self.verdict) and not well, (self.now_ns() - self.begun_ns) * 1e-9
         if asked:
             self.process.show_stopped()

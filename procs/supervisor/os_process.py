@@ -67,6 +67,12 @@ class OsProcess:
             self.popen.send_signal(signal.SIGTERM)
             self.popen.send_signal(signal.SIGCONT)  # a stopped process must wake to end
 
+    def abort(self) -> None:
+        """SIGABRT, at which Python writes where each thread is (faulthandler, procs/user_life.py)."""
+        if self.popen is not None:
+            self.popen.send_signal(signal.SIGABRT)
+            self.popen.send_signal(signal.SIGCONT)
+
     def kill(self) -> None:
         """SIGKILL."""
         if self.popen is not None:

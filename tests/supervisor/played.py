@@ -19,6 +19,7 @@ class PlayedProcess:
     ready: bool = False
     asked: bool = False
     hangs: bool = False
+    stopped: bool = False
     lacks_memory: bool = False
     said: str = ""
     _code: int | None = None
@@ -56,6 +57,11 @@ class PlayedProcess:
     def ask_to_end(self) -> None:
         """It does so when it goes on."""
         self.asked = True
+
+    def abort(self) -> None:
+        """It ends unless it is stopped."""
+        if not self.stopped:
+            self.ends(-signal.SIGABRT)
 
     def kill(self) -> None:
         """It ends whatever it does."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from procs import lifecycle
-from procs.supervisor.children import SETUP_S, Child
+from procs.supervisor.children import SETUP_S, TRACE_S, Child
 from procs.supervisor.dependencies import Circle, waves
 from procs.supervisor.requests import Requests
 from tests.supervisor.played import Clock, PlayedProcess, PlayedRequest, played
@@ -123,6 +123,21 @@ def test_who_does_not_get_through_setup_in_time_is_killed(system: IoAndArm) -> N
     system.clock.passes(SETUP_S + 0.1)
     ending = system.arm.look()
     assert ending is not None and ending.text == "setup was not done within 60 s, killed" and not ending.asked
+
+
+def test_a_users_process_writes_where_it_hangs_and_is_killed_when_it_cannot() -> None:
+    clock = Clock()
+    child, process = played("camera", "user", clock)
+    for stopped in False, True:
+        child.start()
+        process.goes_on()
+        process.stopped = stopped
+        child.kill_hung(5.0)
+        ending = child.look()
+        clock.passes(TRACE_S)
+        ending = ending or child.look()
+        assert ending is not None and ending.text.startswith("hung for 5.0 s, killed")
+        assert ("trocar logs camera" in ending.text) != stopped
 
 
 def test_deaths_are_repeated_ever_later_until_nobody_tries_any_more(system: IoAndArm) -> None:
