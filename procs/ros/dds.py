@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Final, Generic, TypeVar
 
+import psutil
 from cyclonedds.core import DDSException, DDSStatus, WaitSet
 from cyclonedds.domain import Domain, DomainParticipant
 from cyclonedds.idl import IdlStruct
@@ -118,6 +119,14 @@ class TopicReader(Generic[Message]):
         return self._reader
 
 
+def _missing(interface: str) -> str:
+    """That this machine has no such interface now, and which it has; empty: it has."""
+    found = psutil.net_if_addrs()
+    if interface in found or any(interface == row.address for rows in found.values() for row in rows):
+        return ""
+    return f"there is no such network interface; there are {', '.join(sorted(found))} (ros.interface)"
+
+
 def _gid(entity: DataWriter[Any] | DataReader[Any]) -> Gid:
     return Gid(entity.get_guid().bytes)
 
@@ -132,7 +141,7 @@ class Participant:
             self._domain = Domain(domain, settings(interface))
             self._participant = DomainParticipant(domain, Qos(Policy.Userdata(b"enclave=/;")))
         except DDSException as error:
-            raise DdsError(f"ROS domain {domain} on interface {interface}: {error.msg}") from error
+            raise DdsError(f"ROS domain {domain} on interface {interface}: {_missing(interface) or error.msg}") from error
         self._waitset, self._matches = WaitSet(self._participant), WaitSet(self._participant)
         self.is_read = False
         """Somebody reads one of our topics."""

@@ -290,7 +290,7 @@ def _assemble(
 def _ros(context: Context, options: RosOptions | None) -> document.RosBridge | None:
     if options is None:
         return None
-    here = options.interface in ("lo", "localhost") or options.interface.startswith("127.")
+    here = options.interface == "lo" or options.interface.startswith("127.")
     may_power = here if options.may_power is None else options.may_power
     if not here:
         what = "see, command, power and home" if may_power else "see and command"
