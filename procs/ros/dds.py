@@ -141,7 +141,8 @@ class Participant:
             self._domain = Domain(domain, settings(interface))
             self._participant = DomainParticipant(domain, Qos(Policy.Userdata(b"enclave=/;")))
         except DDSException as error:
-            raise DdsError(f"ROS domain {domain} on interface {interface}: {_missing(interface) or error.msg}") from error
+            why = _missing(interface) or error.msg
+            raise DdsError(f"ROS domain {domain} on interface {interface}: {why}") from error
         self._waitset, self._matches = WaitSet(self._participant), WaitSet(self._participant)
         self.is_read = False
         """Somebody reads one of our topics."""

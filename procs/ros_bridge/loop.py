@@ -128,8 +128,6 @@ class RosLoop(OwnProcess):
         for (instance, ring), entries in rings.items():
             if ring == "events":
                 found = [entry.event for entry in entries if entry.kind == EVENT]
-                if not (shown.buttons(instance) or any(shown.events(instance, event) for event in found)):
-                    continue
                 self.events[instance] = EventTopics(self.participant, instance, shown,
                                                     directory.reader(self.system, instance, ring), found,
                                                     self._rosout.write)
