@@ -39,7 +39,9 @@ class ArmStates:
         self.reason = self.fault_text = ""
         self.moving = False
         self._desired_before = ArmState.ENABLED
-        self._pending: tuple[Request, ArmEvent] | None = None
+        self._pending: list[Request] = []
+        """State commands under way: all ask for `_asked`."""
+        self._asked = ArmEvent.DISABLE
 
     @property
     def is_busy(self) -> bool:
@@ -113,9 +115,11 @@ class ArmStates:
             self.publish()
             return False
         event = next(e for e in COMMANDS if e == word)
-        self._answer_pending(f"{event} was asked for")
+        if event is not self._asked:
+            self._answer_pending(f"{event} was asked for")
         request.accept()
-        self._pending = (request, event)
+        self._pending.append(request)
+        self._asked = event
         self.publish()
         self._desire(event)
         self.fire(event)
@@ -123,13 +127,11 @@ class ArmStates:
         return True
 
     def settle(self, is_power_off: bool) -> None:
-        """Answer the state_command under way when it has come to its end."""
-        if self._pending is None:
-            return
-        request, event = self._pending
-        if self._is_done(event, is_power_off):
-            self._pending = None
-            request.done(self.state)
+        """Answer the state commands under way when they have come to their end."""
+        if self._is_done(self._asked, is_power_off):
+            for request in self._pending:
+                request.done(self.state)
+            self._pending.clear()
         elif self.state is ArmState.FAULT:
             self._answer_pending(self.reason)
 
@@ -147,9 +149,9 @@ class ArmStates:
                 return True
 
     def _answer_pending(self, reason: str) -> None:
-        if self._pending is not None:
-            self._pending[0].fail(reason)
-            self._pending = None
+        for request in self._pending:
+            request.fail(reason)
+        self._pending.clear()
 
     def _desire(self, event: ArmEvent) -> None:
         published = PUBLISHED[self.state]

@@ -67,7 +67,9 @@ class SetupStates:
         self._reports, self._power, self._enter = reports, power, enter
         self._homed, self._is_beginning = False, False
         self._now_ns = 0
-        self._pending: Request | None = None
+        self._pending: list[Request] = []
+        """State commands under way: all ask for `_asked`."""
+        self._asked = ""
         self.reason = ""
 
     @property
@@ -104,10 +106,12 @@ class SetupStates:
             request.refuse(reason)
             self.publish()
             return
-        self._answer(f"{word} was asked for")
+        if word != self._asked:
+            self._answer(f"{word} was asked for")
         self.publish()
         request.accept()
-        self._pending = request
+        self._pending.append(request)
+        self._asked = word
         self._homed = {HOME: True, UNHOME: False, DISABLE: False}.get(word, self._homed)
         if word == DISABLE:
             self.desired = SetupState.DISABLED
@@ -129,9 +133,10 @@ class SetupStates:
                 self.fault(problem)
             elif self.state is SetupState.POWERING and self._power.is_on():
                 self._set(SetupState.ENABLED)
-        if self._pending is not None and not self.is_busy:
-            self._pending.done(str(self.state))
-            self._pending = None
+        if not self.is_busy:
+            for request in self._pending:
+                request.done(str(self.state))
+            self._pending.clear()
 
     @property
     def waits(self) -> str:
@@ -153,9 +158,9 @@ class SetupStates:
         self._reports.operating_state(self.published, self.state, self.is_homed, self.is_busy)
 
     def _answer(self, reason: str) -> None:
-        if self._pending is not None:
-            self._pending.fail(reason)
-            self._pending = None
+        for request in self._pending:
+            request.fail(reason)
+        self._pending.clear()
 
     def _set(self, state: SetupState) -> None:
         self.state = state

@@ -27,7 +27,8 @@ class SystemCommands:
         self._arms, self._consoles, self._events, self._sound = arms, consoles, events, sound
         self.volume, self.beeps = volume, 0
         self.bring_up: BringUp | None = None
-        self._asked: Request | None = None
+        self._asked: list[Request] = []
+        """Those that wait for its end."""
         self._now_ns = 0
         self._table: dict[str, Handler] = {
             **dict.fromkeys((POWER_ON, HOME, POWER_OFF), self._begin), "set_volume": self._set_volume,
@@ -42,7 +43,7 @@ class SystemCommands:
         if self.bring_up is not None:
             self.bring_up.step(now_ns)
             if self.bring_up.is_over:
-                self._end(self.bring_up.problems)
+                self._end(self.bring_up)
 
     def beep(self, duration_s: float = BEEP_S, frequency_hz: float = BEEP_HZ, volume: float | None = None) -> None:
         """A beep, at the system's volume unless told otherwise; an event in any case."""
@@ -52,28 +53,30 @@ class SystemCommands:
         self._sound.beep(duration_s, frequency_hz, loud)
 
     def _begin(self, request: Request) -> str:
-        if self.bring_up is not None:
-            self._end(f"{request.name} was asked for")
+        if self.bring_up is not None and self.bring_up.goal != request.name:
+            self._answer(f"{request.name} was asked for")
         if request.name == POWER_OFF:
             for console in self._consoles:
                 console.send("teleop_enable", (0.0,))
                 console.poll()
         self._events.status(f"system: {request.name}", "system")
         request.accept()
-        self.bring_up, self._asked = BringUp(request.name, self._arms, self._now_ns, request.origin), request
+        self.bring_up = BringUp(request.name, self._arms, self._now_ns, request.origin)
+        self._asked.append(request)
         return ANSWERED
 
-    def _end(self, problems: str) -> None:
-        bring_up, request = self.bring_up, self._asked
-        self.bring_up = self._asked = None
-        if bring_up is None or request is None:
-            return
+    def _end(self, bring_up: BringUp) -> None:
+        self.bring_up, problems = None, bring_up.problems
         if problems:
             self._events.report(codes.SYSTEM_INCOMPLETE, f"{bring_up.goal} is not complete: {problems}", "system")
-            request.fail(problems)
         else:
             self._events.status(f"system: {bring_up.goal} done", "system")
-            request.done()
+        self._answer(problems)
+
+    def _answer(self, problems: str) -> None:
+        for request in self._asked:
+            request.fail(problems) if problems else request.done()
+        self._asked.clear()
 
     def _set_volume(self, request: Request) -> None:
         self.volume = min(max(float(request.values[0]), 0.0), 1.0)

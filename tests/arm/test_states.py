@@ -142,6 +142,15 @@ def test_an_accepted_command_without_change_is_answered_twice() -> None:
     assert harness.reports.events == [state, state]
 
 
+def test_a_second_home_while_homing_is_done_with_the_first() -> None:
+    harness = ArmHarness()
+    harness.reach("HOMING")
+    both = harness.state_command("home"), harness.state_command("home")
+    harness.until(lambda: harness.arm.state == "HOMED")
+    harness.run(0.1)
+    assert [one.outcomes for one in both] == [["accepted", "done"]] * 2
+
+
 def test_unhome_takes_homing_away_and_home_biases_again() -> None:
     harness = ArmHarness().homed()
     biases = harness.io.flag("bias_generation")

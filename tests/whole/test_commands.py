@@ -84,6 +84,17 @@ def test_power_off_ends_homing() -> None:
     homing = stage.ask("home")
     off = stage.ask("power_off")
     assert homing.outcome == "failed" and "power_off" in homing.answers[-1][1] and off.outcome == "accepted"
+    assert not [what for what, _ in stage.events.reported if what != "status"], "it was asked for: no error"
+
+
+def test_home_asked_again_while_arms_are_homed_ends_with_the_first_and_is_no_error() -> None:
+    stage = CommandStage(FakeArm("PSM1", "ENABLED"))
+    both = stage.ask("home"), stage.ask("home")
+    assert [one.outcome for one in both] == ["accepted"] * 2
+    stage.arms[0].pass_time(1.0)
+    stage.commands.execute([], 2)
+    assert [one.outcome for one in both] == ["done"] * 2
+    assert not [what for what, _ in stage.events.reported if what != "status"]
 
 
 def test_volume_is_clamped() -> None:
