@@ -23,7 +23,7 @@ class Settings:
 
     def __init__(self, control: Control, base_from: str) -> None:
         """`base_from`: the setup joints that give the base frame, "" where commands do."""
-        self._control, self._base_from = control, base_from
+        self._control, self._base_from, self._has_reported_no_model = control, base_from, False
         self.table: Table = {
             "trajectory_j/set_ratio": ArmCommandRow(self._set_ratio),
             "trajectory_j/set_ratio_v": ArmCommandRow(self._set_ratio_v),
@@ -68,6 +68,9 @@ class Settings:
         if wanted and not gravity.known:
             why = ("this arm has no gravity model; its arm file names one: gravity_compensation of a master, "
                    "kinematic_gc of others")
+            if self._has_reported_no_model:  # a teleoperation asks whenever it begins to follow
+                raise CommandRefused(why)
+            self._has_reported_no_model = True
             raise self._control.refusal(codes.COMMAND_REFUSED, request.name, why)
         gravity.used = wanted
 
