@@ -135,10 +135,8 @@ class Reading:
 
 
 def subscribed(topics: Topics, name: str, rate_hz: float, wants_last: bool = True) -> Feed:
-    """A subscription; ValueError for each record of what comes all the time, SegmentError where there is no topic."""
+    """A subscription; SegmentError where there is no topic."""
     entry = topics.find(name)
-    if not rate_hz and not comes_each(entry):
-        raise ValueError(f"{name} comes {entry.rate_hz:g} times a second; give a rate_hz")
     source = topics.share(entry)
     try:
         return Each(topics, source, wants_last) if comes_each(entry) else Periodic(topics, source, rate_hz)

@@ -18,7 +18,7 @@ def _name(value: Any) -> Any:
 
 def _rate(value: Any) -> float:
     rate = a_number(value)
-    if rate and not MIN_RATE_HZ <= rate <= MAX_RATE_HZ:
+    if not MIN_RATE_HZ <= rate <= MAX_RATE_HZ:
         raise ValueError
     return rate
 
@@ -29,7 +29,7 @@ def _flag(value: Any) -> bool:
     raise ValueError
 
 
-RATE: Final = f"{MIN_RATE_HZ:g} to {MAX_RATE_HZ:g}, or 0: every record"
+RATE: Final = f"{MIN_RATE_HZ:g} to {MAX_RATE_HZ:g}"
 OPS: Final[Ops] = {
     "hello": {"token": NO_WORD,
               "name": MessagePart("1 to 16 printable characters", _name, "socket")},

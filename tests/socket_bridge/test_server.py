@@ -156,7 +156,7 @@ def test_what_a_client_holds_down_is_let_go_when_it_leaves(world: Any, monkeypat
     ({"op": "read", "topic": "PSM1/measured_jss"}, "did you mean"),
     ({"op": "read", "topic": "PSM1/measured_js", "rat": 3}, "no part rat"),
     ({"op": "subscribe", "topic": "PSM1/measured_js", "rate_hz": 1e9}, "rate_hz has to be"),
-    ({"op": "subscribe", "topic": "PSM1/measured_js", "rate_hz": 0}, "give a rate_hz"),
+    ({"op": "subscribe", "topic": "PSM1/measured_js", "rate_hz": 0}, "rate_hz has to be"),
     ({"op": "get", "of": "PSM1"}, "no topic PSM1/properties"),
     ({"op": "dance"}, "no op dance"),
     ({"op": "read"}, "topic is missing"),
