@@ -20,6 +20,7 @@ CUT: Final = 3  # and the safety relays opened
 
 JOINT: Final = "joint"
 SENDER: Final = "ADDRESS:PORT"  # in the cause of a row: who it was
+BUSY: Final = "the computer is too slow or too busy: trocar doctor, docs/operating.md (real time)"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,8 +68,7 @@ TEMPERATURE_HIGH: Final = Code(
     "lower the load or improve the cooling", 6, NOTHING, "°C")
 POTENTIOMETER: Final = Code(
     "potentiometer", ERROR, "io", "potentiometer and encoder disagree for longer than tolerated",
-    "home again; if it returns, check the potentiometer, its calibration and the tolerance in the IO file",
-    7, POWER_OFF, JOINT)
+    "home again; if it returns, check potentiometer, calibration and the tolerance in the IO file", 7, POWER_OFF, JOINT)
 ENCODER_OVERFLOW: Final = Code(
     "encoder-overflow", ERROR, "io", "encoder counter overflow",
     "power on, bias and home again; check the encoder", 8, POWER_OFF)
@@ -110,7 +110,7 @@ POT_MISSING: Final = Code(
     "check that the table belongs to this arm, and the arm's cable; move the joint by hand and try again", 20, CUT)
 CURRENT_ERROR: Final = Code(
     "current-error", ERROR, "io", "measured and requested motor current differ for longer than tolerated",
-    "check motor, motor cable and current calibration; the tolerance is io.current_error_a and _s", 21, POWER_OFF, "A")
+    "check motor, motor cable and current calibration; see io.current_error_a, io.current_error_s", 21, POWER_OFF, "A")
 CALIBRATION_MODE: Final = Code(
     "calibration-mode", WARNING, "io", "calibration mode: potentiometers are not compared with encoders",
     "for calibrating only; without calibration_mode the checks are back", 22, NOTHING)
@@ -119,16 +119,13 @@ CALIBRATION_MOTORS: Final = Code(
     "brakes can be released and the arm moved by hand; without calibration_mode motors go on", 23, NOTHING)
 PERIOD: Final = Code(
     "period", ERROR, "io", "the I/O loop took more than twice its period on average over a second",
-    "the computer is too slow or too busy: trocar doctor, docs/operating.md (real time), io.period_s",
-    24, STOP, "s")
+    f"{BUSY}, io.period_s", 24, STOP, "s")
 PERIOD_LONG: Final = Code(
     "period-long", WARNING, "io", "an I/O cycle works longer than its period on average over a second",
-    "the computer is too slow or too busy: trocar doctor, docs/operating.md (real time), io.period_s",
-    25, NOTHING, "s")
+    f"{BUSY}, io.period_s", 25, NOTHING, "s")
 FOREIGN_DATAGRAMS: Final = Code(
     "foreign-datagrams", WARNING, "io", f"datagrams from {SENDER} are ignored: no controller is there",
-    "find the program that sends them; on a network of their own nobody else reaches io or the controllers",
-    26, NOTHING)
+    "find the program that sends them; on a network of their own only io reaches the controllers", 26, NOTHING)
 BOARD_AWAY: Final = Code(
     "board-away", ERROR, "io", "the controller has left the bus: it has no power, or its cable is out",
     "check its supply and its cables; the other controllers are not affected; then power on and home", 27, POWER_OFF)
@@ -268,7 +265,7 @@ ENDOSCOPE_TYPE: Final = Code(
     "give one of those that are allowed")
 CPU_OVERLOAD: Final = Code(
     "cpu-overload", WARNING, "arm", "the machine is short of time: the arm works in every second or third period only",
-    "the computer is too slow or too busy: trocar doctor, docs/operating.md (real time)")
+    BUSY)
 
 # setup joints
 SUJ_FAULT: Final = Code(
@@ -300,7 +297,7 @@ SETUP_BOARD: Final = Code(
 # teleoperations
 FAULT_SINCE: Final = Code(
     "fault-since", ERROR, "teleop", "there was a fault since the teleoperation was asked for",
-    "trocar send console teleop_enable 1")
+    "enable teleoperation again (teleop_enable of its console)")
 ARM_ERROR: Final = Code(
     "arm-error", ERROR, "teleop", "one of its arms reported an error; following has stopped",
     "do what the arm's error says, then enable teleoperation again")
@@ -349,7 +346,7 @@ TOOL_CHANGED: Final = Code(
     "enable teleoperation again")
 OPERATOR_TIMEOUT: Final = Code(
     "operator-timeout", ERROR, "teleop", "the console went silent while the camera was moved; following has stopped",
-    "press the pedal again; if the console does not come back by itself: trocar start console")
+    "press the pedal again; if the console does not come back by itself: trocar start NAME")
 OPERATOR_ABSENT: Final = Code(
     "operator-absent", WARNING, "teleop", "nobody is seen at the console; following has stopped",
     "show presence again: pedal or head sensor")
@@ -360,7 +357,7 @@ TELEOP_WAITING: Final = Code(
 # console, system, programs of others
 TELEOP_DISABLED: Final = Code(
     "teleop-disabled", WARNING, "console", "an arm had a fault; teleoperation is no longer enabled",
-    "when all is well again: trocar send console teleop_enable 1")
+    "when all is well again: trocar send NAME teleop_enable 1")
 HEAD_SENSOR: Final = Code(
     "head-sensor", WARNING, "console", "a head sensor came or went; without it the operator counts as absent",
     "where it went: check its cable, and who may read it")
@@ -379,6 +376,9 @@ SOUND_FAILED: Final = Code(
 THIRD_PARTY_ERROR: Final = Code(
     "third-party-error", ERROR, "third_party", "a third-party program that is an arm reports an error",
     "see that program; teleoperations that use it stop")
+ROS_REFUSED: Final = Code(
+    "ros-refused", WARNING, "ros_bridge", "a message or request from ROS was refused, and nothing of it done",
+    "docs/ros.md says what each topic takes, and what clients may do")
 
 # processes of users' own
 USER_ERROR: Final = Code(

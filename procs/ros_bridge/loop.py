@@ -157,7 +157,7 @@ class RosLoop(OwnProcess):
         return told.message if told is not None else OperatingState()
 
     def _warn(self, text: str) -> None:
-        self.own.events.report(codes.COMMAND_REFUSED, text, self.name)
+        self.own.events.report(codes.ROS_REFUSED, text, self.name)
 
     def _rest(self, left_ns: int, looks: bool) -> None:
         """Carry out at once what comes from ROS.

@@ -79,7 +79,7 @@ class TeleopEcm(Teleop):
     def lose(self) -> None:
         """See Teleop."""
         if self.operator.is_silent:
-            self.stop(codes.OPERATOR_TIMEOUT, self.operator.absence)
+            self.stop(codes.OPERATOR_TIMEOUT, self.operator.absence, self.operator.console)
 
     # ENABLED
 

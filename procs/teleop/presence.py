@@ -12,7 +12,7 @@ class Operator:
     """
 
     def __init__(self, console: str, record: Input | None) -> None:
-        self._console, self._record = console, record
+        self.console, self._record = console, record
         self.absence, self.is_silent, self.clutch = "", record is not None, False
         if record is not None:
             self._valid, self._present = record.field("valid"), record.field("operator_present")
@@ -27,8 +27,8 @@ class Operator:
         if whole:
             self.clutch = bool(self._clutch)
         if self.is_silent:
-            self.absence = f"console {self._console} is silent"
+            self.absence = f"console {self.console} is silent"
         elif whole and not self._valid:
-            self.absence = f"console {self._console} does not see its inputs"
+            self.absence = f"console {self.console} does not see its inputs"
         elif whole:
-            self.absence = "" if self._present else f"console {self._console} sees no operator"
+            self.absence = "" if self._present else f"console {self.console} sees no operator"

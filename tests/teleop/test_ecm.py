@@ -81,6 +81,7 @@ def test_a_silent_console_or_an_arm_in_trouble_ends_it(harness: EcmHarness) -> N
     harness.console_alive = False
     harness.run(0.04)
     assert harness.text("state") == "DISABLED" and not harness.following
+    assert any(line.startswith("operator-timeout of console:") for line in harness.reports.log), "to be started again"
     harness.console_alive = True
     harness.run(0.01)
     harness.state_command("enable")

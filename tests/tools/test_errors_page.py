@@ -9,7 +9,9 @@ import pytest
 
 from procs import codes
 from procs.codes import CODES, FAULTS
+from procs.config.models.trocar_section import ProcessKeys, TrocarSection
 from procs.manifest import PROCS
+from tests.test_pages import wrong_in
 from tools import errors_page
 
 ROOT = errors_page.PAGE.parent.parent
@@ -54,6 +56,17 @@ def test_no_remedy_is_the_command_that_shows_it() -> None:
             assert "trocar logs NAME" not in row.remedy, row.code
         if owners & {"io", "arm", "suj", "teleop"}:
             assert "trocar status" not in row.remedy, row.code
+
+
+def test_verbs_settings_and_pages_that_a_remedy_names_are_there() -> None:
+    for row in CODES:
+        typed = re.findall(r"trocar [a-z][^;,)]*", row.remedy)
+        assert not [wrong for line in typed if (wrong := wrong_in(line))], row.code
+        assert not [page for page in re.findall(r"docs/[\w-]+\.md", row.remedy) if not (ROOT / page).exists()], row.code
+        for section, key in re.findall(r"\b([a-z]+)\.(?:NAME\.)?([a-z_]+)\b", re.sub(r"docs/\S+", "", row.remedy)):
+            model = TrocarSection.model_fields[section].annotation
+            keys = ProcessKeys if section == "processes" else model
+            assert isinstance(keys, type) and key in keys.model_fields, f"{row.code}: {section}.{key}"  # type: ignore[attr-defined]
 
 
 def test_codes_are_unique_and_their_owners_are_kinds() -> None:
