@@ -29,7 +29,8 @@ from tools.remote import Remote
 pytestmark = [pytest.mark.slow, pytest.mark.patient]
 WATCHDOG_S = 0.3  # the most that boards take: a busy machine holds io up for longer than the usual 0.03 s now and then
 PATIENCE = {"late_s": 5.0, "hung_s": 60.0}
-BUSY = "import time; end = time.monotonic() + 20.0\nwhile time.monotonic() < end: pass"  # beyond the stage that wants time
+# beyond the stage that measures real time
+BUSY = "import time; end = time.monotonic() + 20.0\nwhile time.monotonic() < end: pass"
 
 
 @pytest.fixture
