@@ -7,15 +7,20 @@ from pathlib import Path
 
 import pytest
 
+from procs.config import PROJECT_CONFIGS
 from shm.segment import names_of
 from tests.retries import measured
 from tools.bench import bridges
+
+TWO_ARMS = PROJECT_CONFIGS / "systems" / "kinematic-teleop.yaml"
 
 
 @pytest.mark.slow
 @pytest.mark.alone
 def test_bridges_are_measured_and_nothing_is_left(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    figures = measured(monkeypatch, tmp_path, lambda: bridges.run(seconds=2.0, pairs=1)["figures"],
+    monkeypatch.setattr(bridges, "FULL", TWO_ARMS)
+    monkeypatch.setattr(bridges, "ARMS", ("PSM1", "MTMR"))
+    figures = measured(monkeypatch, tmp_path, lambda: bridges.run(seconds=1.0, pairs=1)["figures"],
                        lambda figures: figures["ros_messages_per_s"] > 30.0)
     assert figures["ros_cpu_percent_30_topics"] > 0.0
     assert figures["socket_command_ms_p50"] > 0.0 and figures["io_period_p99_ratio"] > 0.0
