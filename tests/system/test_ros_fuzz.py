@@ -22,7 +22,7 @@ from procs.ros_bridge.incoming import CommandTopic
 from tests.system.robot import Robot, wait_for
 from tests.system.test_ros_bridge import Client, bridged, echo_position
 
-pytestmark = [pytest.mark.slow, pytest.mark.simulated]
+pytestmark = [pytest.mark.slow, pytest.mark.simulated("paced")]
 NUMBERS = (math.nan, math.inf, -math.inf, 1e300, -1e300, 0.0)
 EFFECTIVE = (Empty, Bool, Float64, Joy, WrenchStamped)
 """Messages of which many a one does what it may do."""

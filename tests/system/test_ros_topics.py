@@ -17,7 +17,7 @@ from procs.ros.messages import Bool, Empty, JointStates, Joy
 from tests.system.robot import ROOT, Robot, wait_for
 from tests.system.test_ros_bridge import Client, own_domain
 
-pytestmark = [pytest.mark.slow, pytest.mark.simulated]
+pytestmark = [pytest.mark.slow, pytest.mark.simulated("paced")]
 PACKAGES = {
     "std_msgs": "Bool Empty Float64 Float64MultiArray String", "sensor_msgs": "JointState Joy",
     "geometry_msgs": "PoseStamped Quaternion QuaternionStamped TwistStamped WrenchStamped",
