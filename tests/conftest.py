@@ -26,7 +26,7 @@ ROOT = Path(__file__).resolve().parent.parent
 SYSTEMS = ROOT / "tests" / "system"  # whole robots: on the wall clock nobody else may take their cores
 COUNTER = itertools.count()
 PATIENCE_S = 30.0
-GONE_S = 5.0  # an orphan that a test's supervisor has adopted may be on its way out
+GONE_S = 5.0  # a process that a test has adopted may need so long to end
 SEARCHED: set[str] = set()
 
 settings.register_profile("trocar", deadline=None)  # a busy machine is no mistake

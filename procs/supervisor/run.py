@@ -87,7 +87,7 @@ def run(chosen: argparse.Namespace, template: Template) -> int:
     return _run(loaded.system, chosen, template)
 
 
-def in_words(children: Sequence[Child]) -> str:
+def by_state(children: Sequence[Child]) -> str:
     """Which processes run, which begin, and which wait until they are needed."""
     parts = {"": [c for c in children if c.is_up],
              "starting: ": [c for c in children if not (c.is_up or c.is_down)],
@@ -105,7 +105,7 @@ def _run(system: SystemConfig, chosen: argparse.Namespace, template: Template) -
             try:
                 supervisor.start_all()
                 if not supervisor.stopping:
-                    log.info("system %s is up: %s", system.name, in_words(supervisor.children))
+                    log.info("system %s is up: %s", system.name, by_state(supervisor.children))
                     if said := told(system, to_a_terminal=sys.stderr.isatty()):
                         log.info("%s", said)
                 supervisor.run(chosen.seconds)

@@ -153,7 +153,7 @@ def test_a_hundred_thousand_sleeps_miss_no_news(world: Any, control_page: Contro
 
 @pytest.mark.slow
 def test_news_looked_for_too_early_are_slept_through(world: Any, control_page: ControlPage) -> None:
-    # whether it is seen is chance: on a busy machine 100,000 sleeps without it were seen once
+    # it is a matter of chance: once, 100,000 sleeps on a busy machine did not show it
     assert any(race(world, "wakeups", "100000", "0.3", "looked_too_early")["lost"] == 1 for _ in range(5))
 
 

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import pytest
 
 from procs import lifecycle
+from procs.document.process import ON_DEMAND
 from procs.supervisor.children import SETUP_S, TRACE_S, Child
 from procs.supervisor.dependencies import Circle, waves
 from procs.supervisor.requests import Requests
+from procs.supervisor.run import by_state
 from tests.supervisor.played import Clock, PlayedProcess, PlayedRequest, played
 
 
@@ -197,3 +201,17 @@ def test_an_end_by_the_signal_to_stop_is_a_good_end(system: IoAndArm) -> None:
     process.ends(-15)
     ending = child.look()
     assert ending is not None and ending.text == "stopped"
+
+
+def test_what_runs_what_starts_and_what_waits_is_listed() -> None:
+    clock = Clock()
+    children = []
+    for name, kind in (("PSM1", "arm"), ("box", "user"), ("gui", "gui")):
+        child, process = played(name, kind, clock)
+        children.append(child)
+        if name != "gui":
+            child.start()
+        if name == "PSM1":
+            process.goes_on()
+    children[2].row = dataclasses.replace(children[2].row, start=ON_DEMAND)
+    assert by_state(children) == "PSM1; starting: box; on demand: gui"

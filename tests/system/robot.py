@@ -32,9 +32,9 @@ OWN_PROCESS = ("up", "demo", "stream", "bench", "commission")
 
 
 LED = "led"
-"""A clock of tests: lockstep, and time stands but while a verb runs or something is waited for."""
+"""A clock of tests: lockstep, whose time passes only while a verb runs or the test waits for something."""
 STANDING: dict[str, HeldTime] = {}
-"""By system that is led: its time, while it stands."""
+"""The time of each such system, while it stands still."""
 SLOWER = tuple(word for section in ("io", "arm", "emulation") for word in ("--set", f"{section}.period_s=0.002"))
 """Of those in simulated time: a third of the turns."""
 
@@ -51,7 +51,7 @@ def wait_for(condition: Callable[[], object], seconds: float, what: str) -> None
 
 @contextlib.contextmanager
 def time_passes() -> Iterator[None]:
-    """The time of all systems that are led goes on, as fast as the machine allows."""
+    """Let the time of all such systems pass, as fast as the machine allows."""
     names = list(STANDING)
     for name in names:
         STANDING.pop(name).close()
