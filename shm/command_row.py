@@ -52,8 +52,8 @@ ITSELF: Final = "="
 ZERO: Final = "=0"
 """In `stops`: with values that are all 0."""
 ANYTHING: Final = 1e9
-LARGEST: Final = ANYTHING**2
 """No quantity of a robot is larger: a number beyond it is a mistake, whatever it is."""
+SQUARED: Final = ANYTHING**2
 EVERYTHING: Final = "*.*"
 """In `causes`: every command of every kind."""
 
@@ -193,7 +193,7 @@ class CommandRow:
         if len(values) not in sizes:
             given = "none was given" if not len(values) else f"{len(values)} given"
             return f"takes {self._wanted(joints)}; {given}"
-        if is_free and isinstance(values, np.ndarray) and values.dot(values) < LARGEST:
+        if is_free and isinstance(values, np.ndarray) and values.dot(values) < SQUARED:
             return ""
         at = 0
         for argument in self.arguments:

@@ -128,6 +128,8 @@ class ArmStates:
 
     def settle(self, is_power_off: bool) -> None:
         """Answer the state commands under way when they have come to their end."""
+        if not self._pending:
+            return
         if self._is_done(self._asked, is_power_off):
             for request in self._pending:
                 request.done(self.state)
