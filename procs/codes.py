@@ -116,7 +116,7 @@ CALIBRATION_MODE: Final = Code(
     "for calibrating only; without calibration_mode the checks are back", 22, NOTHING)
 CALIBRATION_MOTORS: Final = Code(
     "calibration-motors", WARNING, "io", "in calibration mode the motor amplifiers of a dRA1 stay off",
-    "brakes can be released and the arm moved by hand; without calibration_mode motors go on", 23, NOTHING)
+    "brakes can be released and the arm moved by hand; switch calibration_mode off to use the motors", 23, NOTHING)
 PERIOD: Final = Code(
     "period", ERROR, "io", "the I/O loop took more than twice its period on average over a second",
     f"{BUSY}, io.period_s", 24, STOP, "s")
@@ -148,7 +148,7 @@ PROCESS_ENDED: Final = Code(
     "where it is not restarted: trocar start NAME; trocar logs NAME may say why it ended")
 PROCESS_KILLED: Final = Code(
     "process-killed", WARNING, "supervisor", "a process that was asked to end did not, and was killed",
-    "trocar logs NAME may say why; where it was an io, the boards' watchdog has switched off")
+    "trocar logs NAME may say why; where it was an io, the boards' watchdog has switched its amplifiers off")
 PROCESS_LATE: Final = Code(
     "process-late", WARNING, "supervisor", "a process that should go on was silent for longer than its late_s",
     "often: the machine is too slow or too busy (trocar doctor, docs/operating.md)")
@@ -176,7 +176,7 @@ BIAS_CHANGED: Final = Code(
     "trocar home NAME; trocar logs --commands says by whom")
 IO_SWITCH: Final = Code(
     "io-switch", ERROR, "arm", "io did not do what it was asked for in time",
-    "trocar home NAME; if it returns, the log of io says what it lacks")
+    "trocar home NAME; if it returns, the log of io says what is missing")
 BIAS_TIMEOUT: Final = Code(
     "bias-timeout", ERROR, "arm", "the encoders were not set from the potentiometers in time",
     "look at the potentiometers' values")

@@ -25,7 +25,7 @@ POLL_S = 0.001
 KEPT = 1000
 START_S = 2.0
 STARTING = ("CREATED", "STARTING")
-ENDED = ("STOPPED", "FAILED")
+ENDED = {"STOPPED": "is stopped", "FAILED": "has failed"}
 
 
 class Remote:
@@ -55,12 +55,15 @@ class Remote:
         return self._client.send(command, values, text)
 
     def wait_until_it_runs(self) -> None:
-        """While it starts: it refuses what was sent before it ran. Problem when it has been stopped, or has failed."""
+        """Wait while it starts, because it refuses what was sent before it ran.
+
+        Problem when it has been stopped, or has failed.
+        """
         deadline = Deadline(START_S)
         while (state := self._page.state) in STARTING and not deadline.is_over():
             pause(POLL_S)
         if state in ENDED:
-            raise Problem(f"{self.instance} is {state.lower()}; first: trocar start {self.instance}")
+            raise Problem(f"{self.instance} {ENDED[state]}; first: trocar start {self.instance}")
 
     def replies(self) -> list[Reply]:
         """Answers to whatever was sent, that came and were not asked for yet."""

@@ -72,10 +72,11 @@ def test_a_command_waits_while_its_component_starts(kinematic: ScriptedRobot) ->
         starting.join()
 
 
-@pytest.mark.parametrize("state", ["STOPPED", "FAILED"])
-def test_a_command_to_a_component_that_was_stopped_says_so_at_once(kinematic: ScriptedRobot, state: str) -> None:
+@pytest.mark.parametrize(("state", "words"), [("STOPPED", "is stopped"), ("FAILED", "has failed")])
+def test_a_command_to_a_component_that_was_stopped_says_so_at_once(
+        kinematic: ScriptedRobot, state: str, words: str) -> None:
     with contextlib.closing(ControlPage(kinematic.name, "PSM1", write=True)) as page, \
             Remote(kinematic.name, "PSM1") as remote:
         page.show(state)
-        with pytest.raises(Problem, match=f"PSM1 is {state.lower()}; first: trocar start PSM1"):
+        with pytest.raises(Problem, match=f"PSM1 {words}; first: trocar start PSM1"):
             remote.ask("hold")

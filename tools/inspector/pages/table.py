@@ -19,7 +19,7 @@ WIDE = 110
 class Head:
     """A column: its title, characters (0: what is left over, shared), flush right, only where the terminal is wide.
 
-    `is_whole`: a text that is too long goes on in the next line; elsewhere it is cut.
+    `is_whole`: a text that is too long continues on the next line; in other columns it is cut.
     """
 
     title: str
