@@ -72,7 +72,7 @@ class Host:
         self._numbers = CommandNumbers()
         self._memory: HostMemory | None = None
         self._places: list[Client] = []  # one at each mailbox: it has the place that all handles there share
-        self._turns: list[tuple[HostedNode, Callable[[], bool], Callable[[int, int], None]]] = []
+        self._turns: dict[str, tuple[HostedNode, Callable[[], bool], Callable[[int, int], None]]] = {}
         self._held = contextlib.ExitStack()
         weakref.finalize(self, _give_back, self._held, os.getpid()).atexit = False
         wanted = [row for row in document.processes if proc(row.kind).in_time]
@@ -93,13 +93,36 @@ class Host:
 
     def _add(self, node: HostedNode) -> None:
         self._held.callback(node.leave)
+        self._begin(node)
+        loops, name = self.loops, node.name
+        self._held.callback(lambda: loops[name].close())
+
+    def _begin(self, node: HostedNode) -> None:
         boards = self.loops.get("boards")
         loop = made(node, boards if isinstance(boards, HostedBoards) else None)
-        self._held.callback(loop.close)
         node.ready()
         loop.wait()
         self.loops[node.name] = loop
-        self._turns.append((node, loop.wait, loop.cycle))
+        self._turns[node.name] = node, loop.wait, loop.cycle
+
+    def restart(self, instance: str, *, killed: bool = False) -> None:
+        """The loop of an instance anew, as a process that was started again begins; `killed`: it left nothing in order.
+
+        Earlier snapshots do not count any more. HostError: boards stay as they are.
+        """
+        if instance == "boards":
+            raise HostError("boards do not restart in a host")
+        node, _, _ = self._turns[instance]
+        if not killed:
+            self.loops[instance].close()
+        node.give_back()
+        self._memory = None
+        self._begin(node)
+
+    def delay(self, instance: str, seconds: float) -> None:
+        """The next cycle of an instance is so much later, as if its process had no core."""
+        node, _, _ = self._turns[instance]
+        node.due_ns, node.news = max(node.due_ns, self.clock.time_ns) + round(seconds * 1e9), None
 
     @property
     def now_ns(self) -> int:
@@ -112,7 +135,7 @@ class Host:
 
     def run_until(self, end_ns: int) -> None:
         """Let time pass up to this moment; what is due then is done. HostError: it has passed, or all is closed."""
-        clock, turns = self.clock, self._turns
+        clock, turns = self.clock, list(self._turns.values())
         if end_ns < clock.time_ns or not private.is_kept(self.name):
             raise HostError(f"{self.name} is closed" if not private.is_kept(self.name) else
                             f"the time of {self.name} is {clock.time_ns} ns, it does not go back to {end_ns} ns")

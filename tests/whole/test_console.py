@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any
@@ -11,22 +10,24 @@ import pytest
 
 from procs.console.logic import OPERATOR
 from procs.debounce import RELEASED
+from procs.host.host import Host
 from shm import directory
 from shm.client import Client
 from shm.origins import Origin, new_id
 from shm.place import Place
-from tests.whole.host import STEP_NS, WholeHost
+from tests.host.hosted import document
 
 pytestmark = pytest.mark.slow
 
 TELEOPS = ("MTML_MTMR_ECM", "MTMR_PSM1", "MTML_PSM2", "MTML_PSM3")
+PERIOD_NS = 2_000_000
 CARRIED = ("ECM", "PSM1", "PSM2", "PSM3")
 
 
 class Room:
     """A full robot without hardware, and a person in front of it."""
 
-    def __init__(self, host: WholeHost) -> None:
+    def __init__(self, host: Host) -> None:
         self.host, name = host, host.name
         self.people = {each: Client(name, each) for each in ("system", "console", "SUJ", "MTMR_PSM1")}
         self.teleops = {each: directory.reader(name, each, "state", "teleop") for each in TELEOPS}
@@ -63,7 +64,7 @@ class Room:
 
 @pytest.fixture(scope="module")
 def room() -> Iterator[Room]:
-    with WholeHost(f"t{os.getpid()}-room", "kinematic-full") as host:
+    with Host(document("kinematic-full.yaml")) as host:
         made = Room(host)
         try:
             made.says("system", "home")
@@ -170,23 +171,24 @@ def test_who_looks_away_is_heard_by_the_console(driven: Room) -> None:
 
 
 def test_a_teleoperation_keeps_the_pace_of_its_master(driven: Room, monkeypatch: pytest.MonkeyPatch) -> None:
-    node, stamps, late = driven.host.node["MTMR_PSM1"], [], []
+    node, stamps, late = driven.host.loops["MTMR_PSM1"].node, [], []
     monkeypatch.setattr(node, "follow", lambda stamp_ns, lead_ns: stamps.append(stamp_ns))
     monkeypatch.setattr(node, "latency", late.append)
-    for _ in range(3):
-        driven.host.step()
-        assert driven.arms["MTMR"].newest() and stamps[-1] == driven.arms["MTMR"].stamp_ns
-    assert len(late) == 3 and all(0 <= latency_ns < 10 * STEP_NS for latency_ns in late)
+    for number in range(1, 4):
+        driven.host.run(0.001)
+        assert driven.arms["MTMR"].newest() and len(stamps) == number
+        assert 0 <= driven.arms["MTMR"].stamp_ns - stamps[-1] <= PERIOD_NS
+    assert len(late) == 3 and all(0 <= latency_ns < 10 * PERIOD_NS for latency_ns in late)
     driven.says("console", "emulate_operator_present", 0.0)
     late.clear()
-    driven.host.step()
+    driven.host.run(0.001)
     assert not late, "nothing reacts to anything"
 
 
 def test_a_teleoperation_that_refuses_is_reported_once(driven: Room, monkeypatch: pytest.MonkeyPatch) -> None:
     loop: Any = driven.host.loops["console"]
     reported: list[str] = []
-    monkeypatch.setattr(driven.host.node["console"].events, "report", lambda code, text,
+    monkeypatch.setattr(driven.host.loops["console"].node.events, "report", lambda code, text,
                         component: reported.append(text))
     for _ in range(2):
         assert loop._desk.ask("MTMR_PSM1", "clutch", (-1.0,))

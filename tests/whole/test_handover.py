@@ -6,29 +6,29 @@ What one says last may come late, when its successor has begun already: the succ
 from __future__ import annotations
 
 import contextlib
-import os
 from collections.abc import Iterator
 from random import Random
 
 import numpy as np
 import pytest
 
+from procs.host.host import Host
 from shm.client import Client
 from shm.origins import program_name
-from tests.whole.host import WholeHost
+from tests.host.hosted import document
 from tests.whole.test_console import Room
 
 pytestmark = pytest.mark.slow
 
-LATE_STEPS = 5  # 25 ms: a process that is later begins anew
-PATIENCE_STEPS = 800
+LATE_S = 0.025  # a process that is later begins anew
+PATIENCE_S = 4.0
 CAMERA, RIGHT, LEFT, THIRD = "MTML_MTMR_ECM", "MTMR_PSM1", "MTML_PSM2", "MTML_PSM3"
 
 
 class Handovers:
     """A robot in teleoperation, and what its operator does."""
 
-    def __init__(self, host: WholeHost, seed: int) -> None:
+    def __init__(self, host: Host, seed: int) -> None:
         self.host, self.room, self.chance = host, Room(host), Random(seed)
         self.camera, self.left = False, LEFT
         room = self.room
@@ -55,18 +55,18 @@ class Handovers:
         self.host.restart(self.chance.choice((CAMERA, RIGHT, LEFT, THIRD)))
         self.room.people["console"].send("teleop_enable", (1.0,))
 
-    def steps_until_following(self) -> int:
-        late = {self.chance.choice((CAMERA, RIGHT, LEFT, THIRD)): self.chance.randrange(LATE_STEPS + 1)}
-        for steps in range(PATIENCE_STEPS):
-            self.host.step(but=[name for name, until in late.items() if steps < until])
-            if steps > LATE_STEPS + 3 and self.room.following == self.wanted:
-                return steps
-        return PATIENCE_STEPS
+    def follows_again(self) -> bool:
+        self.host.delay(self.chance.choice((CAMERA, RIGHT, LEFT, THIRD)), self.chance.uniform(0.0, LATE_S))
+        self.host.run(LATE_S + 0.015)
+        end_ns = self.host.now_ns + round(PATIENCE_S * 1e9)
+        while self.room.following != self.wanted and self.host.now_ns < end_ns:
+            self.host.run(0.01)
+        return self.room.following == self.wanted
 
 
 @pytest.fixture
 def handovers(request: pytest.FixtureRequest) -> Iterator[Handovers]:
-    with WholeHost(f"t{os.getpid()}-handover", "kinematic-full") as host:
+    with Host(document("kinematic-full.yaml")) as host:
         made = Handovers(host, request.param)
         yield made
         made.room.close()
@@ -80,7 +80,7 @@ def test_after_every_handover_the_successor_follows(handovers: Handovers, times:
         what = handovers.chance.choice((handovers.press_the_camera_pedal, handovers.select_another,
                                         handovers.start_one_again))
         what()
-        assert handovers.steps_until_following() < PATIENCE_STEPS, (
+        assert handovers.follows_again(), (
             f"handover {number}, {what.__name__}: {handovers.room.following} follow, not {handovers.wanted}; "
             f"{[ring.field('reason').item() for ring in handovers.room.teleops.values()]}")
 

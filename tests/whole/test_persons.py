@@ -5,7 +5,6 @@ last fault, power-off or start of io; and a person who asks for it gets it.
 from __future__ import annotations
 
 import contextlib
-import itertools
 from collections.abc import Iterator
 from typing import Any, Final
 
@@ -15,13 +14,14 @@ from hypothesis import strategies as st
 
 from procs import codes
 from procs.debounce import CLICKED, PRESSED, RELEASED
+from procs.host.host import Host
 from shm import directory
 from shm.client import Client
 from shm.faults import Faults
 from tests.conftest import World
-from tests.whole.host import WholeHost
+from tests.host.hosted import document
 
-COUNT = itertools.count()
+STEP_S: Final = 0.005
 ARMS: Final = ("MTMR", "PSM1")
 UP: Final = ("POWERING", "ENABLED", "CALIBRATING_ENCODERS_FROM_POTS", "ENCODERS_BIASED", "HOMING", "HOMED")
 PEDALS: Final = st.tuples(st.just("pedal"), st.sampled_from(("operator_present", "clutch", "camera")),
@@ -44,7 +44,7 @@ EVENTS: Final = st.one_of(
 class Judge:
     """Watches arms and io: what comes up must have been asked for by a person since it went down."""
 
-    def __init__(self, host: WholeHost) -> None:
+    def __init__(self, host: Host) -> None:
         self.host, name = host, host.name
         self.page = Faults(name)
         self.given: dict[int, int] = {}
@@ -73,7 +73,7 @@ class Judge:
         return client.origin.id
 
     def step(self) -> None:
-        self.host.step()
+        self.host.run(STEP_S)
         assert self.io.newest()
         robots = list(self.io.info["robots"])
         for arm in ARMS:
@@ -117,9 +117,9 @@ class Judge:
 
 
 @contextlib.contextmanager
-def judged(world: World) -> Iterator[Judge]:
+def judged() -> Iterator[Judge]:
     """A system of its own, and its judge."""
-    with WholeHost(f"{world.name}-{next(COUNT)}") as host:
+    with Host(document("kinematic-teleop.yaml")) as host:
         judge = Judge(host)
         try:
             yield judge
@@ -172,7 +172,7 @@ RANDOM = settings(deadline=None, suppress_health_check=[HealthCheck.function_sco
 def test_every_power_on_ends_in_a_persons_command_of_the_present_generation(
     world: World, events: list[tuple[Any, ...]]
 ) -> None:
-    with judged(world) as judge:
+    with judged() as judge:
         check(judge, events)
 
 
@@ -182,12 +182,12 @@ def test_every_power_on_ends_in_a_persons_command_of_the_present_generation(
 def test_every_power_on_ends_in_a_persons_command_of_the_present_generation_for_long(
     world: World, events: list[tuple[Any, ...]]
 ) -> None:
-    with judged(world) as judge:
+    with judged() as judge:
         check(judge, events)
 
 
 def test_a_pedal_does_not_power_what_a_fault_switched_off(world: World) -> None:
-    with judged(world) as judge:
+    with judged() as judge:
         pedals_after_a_fault(judge)
 
 

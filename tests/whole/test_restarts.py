@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 import re
@@ -14,11 +13,10 @@ import pytest
 
 from procs.config import load_system
 from procs.host.host import Host
-from procs.host.loops import made
 from shm import directory
 from shm.client import Client
 from tests import stock
-from tests.whole.host import WholeHost
+from tests.host.hosted import document
 from tests.whole.test_console import Room
 
 GUARDED: Final = re.compile(r"person|authori|\d s late|^stopped by")
@@ -71,10 +69,10 @@ class Audits:
 class Restarts(Room):
     """A full robot, and a person."""
 
-    def __init__(self, host: WholeHost) -> None:
+    def __init__(self, host: Host) -> None:
         super().__init__(host)
         self.people |= {"PSM1": Client(host.name, "PSM1")}
-        self.audits = Audits(host.name, {row.name: row.kind for row in host.document.processes})
+        self.audits = Audits(host.name, {name: loop.node.kind for name, loop in host.loops.items()})
 
     def close(self) -> None:
         self.audits.close()
@@ -97,7 +95,7 @@ class Restarts(Room):
 
 @pytest.fixture(scope="module")
 def room() -> Iterator[Restarts]:
-    with WholeHost(f"t{os.getpid()}-restarts", "kinematic-full") as host:
+    with Host(document("kinematic-full.yaml")) as host:
         made_room = Restarts(host)
         try:
             yield made_room
@@ -139,10 +137,8 @@ def lens(tmp_path: Path) -> Iterator[Host]:
         "ISI_focus_controller": {"name": "lens", "IO": "IO1", "IO_file": "focus.json"}}))
     loaded = load_system(file, name=f"t{os.getpid()}-lens", sets=["clock=lockstep"], boards="emulated")
     assert loaded.system is not None, loaded.errors
-    host = Host(loaded.system)
-    yield host
-    with contextlib.suppress(ValueError):  # a loop that was replaced has nothing to write to any more
-        host.close()
+    with Host(loaded.system) as host:
+        yield host
 
 
 @pytest.mark.parametrize("killed", [True, False])
@@ -158,20 +154,7 @@ def test_a_new_loop_of_a_lens_stops_it_whatever_it_was_doing(lens: Host, state: 
         client.send("focus_out" if state == "commanded" else "lock", (1.0,))
     lens.run(0.3)
     boards.send("press", (0.0,), "focus_plus")
-    restart(lens, "lens", killed)
+    lens.restart("lens", killed=killed)
     lens.run(0.5)
     assert io.newest() and io.field("output")[places].tolist() == [True, True] and not audits.refused()
     audits.close()
-
-
-def restart(host: Host, name: str, killed: bool) -> None:
-    """The loop of an instance anew."""
-    at = next(at for at, (node, _, _) in enumerate(host._turns) if node.name == name)
-    node = host._turns[at][0]
-    if not killed:
-        host.loops[name].close()
-    node.give_back()
-    host.loops[name] = loop = made(node, None)
-    node.ready()
-    loop.wait()
-    host._turns[at] = node, loop.wait, loop.cycle
