@@ -14,6 +14,7 @@ from shm.ring import RingReader
 
 COUNTER = itertools.count()
 QUICK = ("io.period_s=0.002", "arm.period_s=0.002")
+AT_200_HZ = ("io.period_s=0.005", "arm.period_s=0.005")
 COARSE = (*QUICK, "emulation.period_s=0.002")
 
 

@@ -171,3 +171,29 @@ def test_what_fails_while_it_begins_leaves_nothing() -> None:
     with pytest.raises(HostError, match="no emulated bus is at"):
         Host(dataclasses.replace(one, emulation=dataclasses.replace(one.emulation, buses=elsewhere)))
     assert not names_of(one.name)
+
+
+def test_a_loop_that_starts_again_refuses_what_waited_and_goes_on() -> None:
+    with Host(document(*KINEMATIC), history=64) as host:
+        watched = HashedArm(host)
+        watched.homes()
+        watched.client.send("move_jp", GOAL)
+        snapshot = host.snapshot()
+        host.restart("PSM1", killed=True)
+        watched.run(0.05)
+        assert list(watched.outcomes.values())[-1] == "refused"
+        assert watched.does("move_jp", GOAL) == "done"
+        with pytest.raises(HostError, match="no snapshot of"):
+            host.restore(snapshot)
+
+
+def test_a_loop_without_a_core_comes_later() -> None:
+    with Host(document(*KINEMATIC)) as host:
+        state = host.reader("PSM1")
+        host.run(0.1)
+        before = state.head
+        host.delay("PSM1", 0.02)
+        host.run(0.018)
+        assert state.head == before
+        host.run(0.01)
+        assert state.head > before

@@ -15,12 +15,12 @@ from shm import directory
 from shm.client import Client
 from shm.origins import Origin, new_id
 from shm.place import Place
-from tests.host.hosted import document
+from tests.host.hosted import AT_200_HZ, document
 
 pytestmark = pytest.mark.slow
 
 TELEOPS = ("MTML_MTMR_ECM", "MTMR_PSM1", "MTML_PSM2", "MTML_PSM3")
-PERIOD_NS = 2_000_000
+PERIOD_NS = 5_000_000
 CARRIED = ("ECM", "PSM1", "PSM2", "PSM3")
 
 
@@ -64,7 +64,7 @@ class Room:
 
 @pytest.fixture(scope="module")
 def room() -> Iterator[Room]:
-    with Host(document("kinematic-full.yaml")) as host:
+    with Host(document("kinematic-full.yaml", sets=AT_200_HZ)) as host:
         made = Room(host)
         try:
             made.says("system", "home")

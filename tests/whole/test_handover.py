@@ -15,7 +15,7 @@ import pytest
 from procs.host.host import Host
 from shm.client import Client
 from shm.origins import program_name
-from tests.host.hosted import document
+from tests.host.hosted import AT_200_HZ, document
 from tests.whole.test_console import Room
 
 pytestmark = pytest.mark.slow
@@ -66,7 +66,7 @@ class Handovers:
 
 @pytest.fixture
 def handovers(request: pytest.FixtureRequest) -> Iterator[Handovers]:
-    with Host(document("kinematic-full.yaml")) as host:
+    with Host(document("kinematic-full.yaml", sets=AT_200_HZ)) as host:
         made = Handovers(host, request.param)
         yield made
         made.room.close()

@@ -16,7 +16,7 @@ from procs.host.host import Host
 from shm import directory
 from shm.client import Client
 from tests import stock
-from tests.host.hosted import document
+from tests.host.hosted import AT_200_HZ, document
 from tests.whole.test_console import Room
 
 GUARDED: Final = re.compile(r"person|authori|\d s late|^stopped by")
@@ -95,7 +95,7 @@ class Restarts(Room):
 
 @pytest.fixture(scope="module")
 def room() -> Iterator[Restarts]:
-    with Host(document("kinematic-full.yaml")) as host:
+    with Host(document("kinematic-full.yaml", sets=AT_200_HZ)) as host:
         made_room = Restarts(host)
         try:
             yield made_room
