@@ -50,6 +50,10 @@ class AuditedCommand(Protocol):
         """The process that sent it; 0: not known."""
 
     @property
+    def origin_id(self) -> int:
+        """The number of the person's command it comes from."""
+
+    @property
     def origin(self) -> Origin:
         """The person's command it comes from."""
 
@@ -71,9 +75,9 @@ class Audit:
     def write(self, received: AuditedCommand, outcome: str, reason: str) -> None:
         """One command has got an answer."""
         command = received.command
-        if command.stream and not (self._every and is_direct(received.origin.id, received.pid)):
+        if command.stream and not (self._every and is_direct(received.origin_id, received.pid)):
             part = command.stream == JAW
-            stream = command.name, received.place, received.origin.id, outcome, reason
+            stream = command.name, received.place, received.origin_id, outcome, reason
             if stream == self._streams.get(part):
                 return
             self._streams[part] = stream

@@ -256,14 +256,15 @@ class Mailbox:
     def _take(self, place: int, n: int) -> Received | None:
         slot = n % COMMANDS_DEPTH
         raw = self._heads[place][slot].tobytes()  # N2
-        sent_ns, number, origin, generation, code, count, _ = COMMAND_HEAD.unpack_from(raw)
+        head = COMMAND_HEAD.unpack_from(raw)
+        sent_ns, number, origin, generation, code, count, _ = head
         if SHORT < count <= MAX_VALUES:
             at = self._slots[place][slot] + COMMAND_START
             raw = raw[:VALUES_IN_RAW] + self._view[at + VALUES_IN_RAW : at + VALUES_IN_RAW + 8 * count].tobytes()
         self._taken[place] = self._words[self._taken_at[place]] = n  # N3
         if number == n and code < len(self._table) and count <= MAX_VALUES:
             values = NDARRAY(SHAPES[count], FLOAT, raw, VALUES_IN_RAW) if count else NO_VALUES
-            received = Received(self, place, n, self._table[code], raw, values)
+            received = Received(self, place, self._table[code], head, raw, values)
             guard = self._guard
             if (self._is_plain[place][code] and sent_ns >= self._stopped_ns and self._now_ns - sent_ns <= LATE_NS
                     and (guard is None or (origin and generation >= guard.void))):

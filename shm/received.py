@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from shm.command_row import CommandRow
 from shm.header import readable
 from shm.holders import Holder
-from shm.mailbox_map import COMMAND_HEAD, MAX_TEXT, PROGRAM_IN_RAW, TEXT_IN_RAW
+from shm.mailbox_map import MAX_TEXT, PROGRAM_IN_RAW, TEXT_IN_RAW
 from shm.origins import Origin, SenderId
 
 ACCEPTED, REFUSED, DONE, FAILED = 1, 2, 3, 4
@@ -36,16 +36,16 @@ class Box(Protocol):
 class Received:
     """One command; answer it once with accept/refuse/done, and later done/fail if it takes time."""
 
-    __slots__ = ("_box", "_raw", "command", "id", "place", "values")
+    __slots__ = ("_box", "_head", "_raw", "command", "id", "place", "values")
 
-    def __init__(self, box: Box, place: int, number: int, command: CommandRow, raw: bytes, values: NDArray[np.float64]
-                 ) -> None:
+    def __init__(self, box: Box, place: int, command: CommandRow, head: tuple[int, ...], raw: bytes,
+                 values: NDArray[np.float64]) -> None:
         """`command` is its row of the table, `values` (count,) its numbers, our own copy, read-only.
 
-        `raw` is its slot, but for the sequence.
+        `raw` is its slot, but for the sequence, and `head` what COMMAND_HEAD says of it.
         """
-        self._box, self.place, self._raw = box, place, raw
-        self.id, self.command, self.values = number, command, values
+        self._box, self.place, self._head, self._raw = box, place, head, raw
+        self.id, self.command, self.values = head[1], command, values
 
     @property
     def name(self) -> str:
@@ -55,7 +55,7 @@ class Received:
     @property
     def sent_ns(self) -> int:
         """Real monotonic time when the client sent it."""
-        return int(COMMAND_HEAD.unpack_from(self._raw)[0])
+        return self._head[0]
 
     @property
     def pid(self) -> int:
@@ -65,7 +65,7 @@ class Received:
     @property
     def sender(self) -> SenderId:
         """Which program, and which client of a bridge, sent it."""
-        return SenderId(self._box.home_of(self.place), COMMAND_HEAD.unpack_from(self._raw)[-1])
+        return SenderId(self._box.home_of(self.place), self._head[6])
 
     @property
     def has_client(self) -> bool:
@@ -78,10 +78,14 @@ class Received:
         return self.command.needs_operator(self.text, self.values)
 
     @property
+    def origin_id(self) -> int:
+        """The number of the person's command it comes from."""
+        return self._head[2]
+
+    @property
     def origin(self) -> Origin:
         """The person's command it comes from."""
-        _, _, number, generation, *_ = COMMAND_HEAD.unpack_from(self._raw)
-        return Origin(number, generation, readable(self._raw[PROGRAM_IN_RAW:TEXT_IN_RAW]))
+        return Origin(self._head[2], self._head[3], readable(self._raw[PROGRAM_IN_RAW:TEXT_IN_RAW]))
 
     @property
     def text(self) -> str:

@@ -18,7 +18,6 @@ from procs.arm.motion import Mode
 from procs.arm.states import ArmState
 from procs.arm.streams import StreamKind
 from procs.requests import CommandRefused, Handler, Request, carry_out
-from shm.command_row import FREE
 
 KINDS: Final = {kind.value: kind for kind in StreamKind}
 
@@ -62,34 +61,31 @@ class ArmCommands:
             self._watch()
 
     def _one(self, request: Request) -> None:
-        row, command = self._rows.get(request.name), request.command
+        command = request.command
         if command.stops and command.is_stop(request.text, request.values):
             self._stop_others(request)
-        if carry_out(request, self._do, self._control.joints.count):
-            if command.move:
-                self._control.machine.publish_refused_move()
-        elif row is not None and row.ready is not Ready.ALWAYS:
-            self._streamed_ns = self._control.now_ns if command.stream and self._timeout_ns else 0
+        if carry_out(request, self._do, self._control.joints.count) and command.move:
+            self._control.machine.publish_refused_move()
 
     def _do(self, request: Request) -> str | None:
-        row, command = self._rows.get(request.name), request.command
+        command = request.command
+        row = self._rows.get(command.name)
         if row is None:
             raise CommandRefused(f"{self._control.arm.name} has no such command")
-        control, streams = self._control, self._control.streams
+        control, streams, sender = self._control, self._control.streams, request.sender
         kind = KINDS.get(command.stream)
-        if kind is None:
-            self._need(request, row)
-            text = row.do(request)
-            if command.move:
-                streams.lead(request.sender)
-            return text
-        why = streams.objection(kind, request.sender, lambda: request.origin.program, control.now_ns,
-                                lambda: command.effect_for(request.text, request.values) <= FREE)
-        self._need(request, row)
+        why = streams.objection(kind, sender, request, control.now_ns) if kind is not None else ""
+        if row.ready is not Ready.ALWAYS:
+            self._need(command.name, row.ready)
         if why:
-            raise control.refusal(codes.STREAM_REFUSED, request.name, why, REPORT_NS)
+            raise control.refusal(codes.STREAM_REFUSED, command.name, why, REPORT_NS)
         text = row.do(request)
-        streams.take(control.now_ns)
+        if kind is not None:
+            streams.take(control.now_ns)
+        elif command.move:
+            streams.lead(sender)
+        if row.ready is not Ready.ALWAYS:
+            self._streamed_ns = control.now_ns if command.stream and self._timeout_ns else 0
         return text
 
     def _stop_others(self, request: Request) -> None:
@@ -99,17 +95,16 @@ class ArmCommands:
         control.record.show_stop(f"{who} {what}")
         control.streams.end(f"{who} stopped the arm {what}", control.now_ns, spared=request.sender)
 
-    def _need(self, request: Request, row: ArmCommandRow) -> None:
+    def _need(self, name: str, ready: Ready) -> None:
         """CommandRefused unless the arm is ready for it."""
-        control, state = self._control, self._control.machine.state
-        if row.ready is not Ready.ALWAYS:
-            if state is not ArmState.HOMED:
-                reason = f"arm not ready, it is in {control.machine.sub_state} and must be in {ArmState.HOMED}"
-                raise control.refusal(codes.NOT_READY, request.name, reason, REPORT_NS)
-            if row.ready is Ready.CARTESIAN and not control.cartesian.valid:
-                raise CommandRefused("there is no instrument, so no tip")
-            if row.ready is Ready.JAW and not control.joints.has_jaw:
-                raise CommandRefused("there is no instrument, so no jaw")
+        control = self._control
+        if control.machine.state is not ArmState.HOMED:
+            reason = f"arm not ready, it is in {control.machine.sub_state} and must be in {ArmState.HOMED}"
+            raise control.refusal(codes.NOT_READY, name, reason, REPORT_NS)
+        if ready is Ready.CARTESIAN and not control.cartesian.valid:
+            raise CommandRefused("there is no instrument, so no tip")
+        if ready is Ready.JAW and not control.joints.has_jaw:
+            raise CommandRefused("there is no instrument, so no jaw")
 
     def _watch(self) -> None:
         """A stream that stopped although its client may not: hold."""

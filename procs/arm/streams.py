@@ -9,12 +9,13 @@ and for three of its periods.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable
+from collections.abc import Hashable, Iterable
 from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
-from procs.requests import STREAM_ENDED, STREAM_PAUSE_NS
+from procs.requests import STREAM_ENDED, STREAM_PAUSE_NS, Request
+from shm.command_row import FREE
 
 STREAM_NS: Final = 100_000_000  # a goal older than this is of no stream
 PERIODS: Final = 3
@@ -69,15 +70,14 @@ class Streams:
         """The process restarts: what asks within STREAM_PAUSE_NS may be a stream that it does not know, and ends."""
         self._restarted_ns = now_ns
 
-    def objection(self, kind: StreamKind, sender: Hashable, program: Callable[[], str], now_ns: int,
-                  is_safe: Callable[[], bool] = bool) -> str:
-        """Why the next goal of a stream is not taken, "": it is. `program` gives the sender's name.
+    def objection(self, kind: StreamKind, sender: Hashable, request: Request, now_ns: int) -> str:
+        """Why the next goal of a stream is not taken, "": it is.
 
-        `is_safe`: the goal takes efforts away, which is not refused to those that a restart has interrupted.
+        What takes efforts away is not refused to those that a restart has interrupted.
         """
         stream = self._streams.get((kind, sender))
         if stream is None:
-            stream = self._begin(kind, sender, program(), now_ns, is_safe)
+            stream = self._begin(kind, sender, request, now_ns)
         gap_ns = now_ns - stream.asked_ns
         if gap_ns >= STREAM_PAUSE_NS and stream.has_paused(now_ns):
             stream.ended, stream.period_ns = "", 0
@@ -142,11 +142,12 @@ class Streams:
         if self._owners.get(stream.kind) is stream:
             del self._owners[stream.kind]
 
-    def _begin(self, kind: StreamKind, sender: Hashable, program: str, now_ns: int, is_safe: Callable[[], bool]
-               ) -> Stream:
+    def _begin(self, kind: StreamKind, sender: Hashable, request: Request, now_ns: int) -> Stream:
         if len(self._streams) >= KEPT:
             self._streams = {key: stream for key, stream in self._streams.items() if not stream.has_paused(now_ns)}
-        stream = self._streams[kind, sender] = Stream(kind, sender, program or "another program", now_ns)
-        if now_ns - self._restarted_ns < STREAM_PAUSE_NS and not is_safe():
+        program = request.origin.program or "another program"
+        stream = self._streams[kind, sender] = Stream(kind, sender, program, now_ns)
+        if (now_ns - self._restarted_ns < STREAM_PAUSE_NS
+                and request.command.effect_for(request.text, request.values) > FREE):
             stream.ended = "the arm's process was restarted"
         return stream

@@ -46,7 +46,8 @@ class WishCommand:
                  report: Callable[[WishCommand, str, str], None]) -> None:
         self.command: CommandRow = ROWS[order[0]]
         self.name, self.values = order[0], np.array(order[1])
-        self.text, self.id, self.origin = robot, generation, origin
+        self.text, self.id = robot, generation
+        self.origin, self.origin_id = origin, origin.id
         self._state, self._report = state, report
 
     def accept(self, text: str = "") -> None:

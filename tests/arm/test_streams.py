@@ -20,6 +20,11 @@ FASTEST = 2.2 * PERIOD_NS * 1e-9 * 1.001  # rad a cycle, of yaw
 OTHER, THIRD = SenderId(1), SenderId(2)
 
 
+def asked(program: str, effort: float = 1.0) -> FakeRequest:
+    """A program asks for an effort."""
+    return FakeRequest("servo_jf", [effort] * 6, origin=Origin(1, 0, program))
+
+
 class Programs:
     """Streams on a fake clock; the first program is A."""
 
@@ -29,7 +34,7 @@ class Programs:
     def goal(self, sender: str = "A", kind: StreamKind = StreamKind.POSITION, after_ms: int = 1) -> str:
         """Why it is refused; "": it was taken."""
         self.now_ns += after_ms * MS
-        why = self.streams.objection(kind, sender, lambda: f"{sender}.py", self.now_ns)
+        why = self.streams.objection(kind, sender, asked(f"{sender}.py"), self.now_ns)
         if not why:
             self.streams.take(self.now_ns)
         return why
@@ -73,8 +78,8 @@ def test_a_stream_that_an_arm_does_not_know_ends_when_its_process_restarts() -> 
 def test_what_takes_efforts_away_is_taken_at_once_after_a_restart() -> None:
     streams = Streams()
     streams.restart(0)
-    assert "restarted" in streams.objection(StreamKind.EFFORT, "A", str, 1)
-    assert not streams.objection(StreamKind.EFFORT, "B", str, 1, lambda: True)
+    assert "restarted" in streams.objection(StreamKind.EFFORT, "A", asked("A", 1.0), 1)
+    assert not streams.objection(StreamKind.EFFORT, "B", asked("B", 0.0), 1)
 
 
 def test_a_stop_ends_the_streams_of_others_until_they_have_paused() -> None:
