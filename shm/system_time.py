@@ -27,6 +27,7 @@ class SystemTime:
             self._words, self._now = self._page.words(), (first + SCHEMA.offset("now_ns")) // 8
             self._speed = self._page.view[first + SCHEMA.offset("speed") :][:8].cast("d")
             self._page.at_close(self._speed.release)
+            self._limit, self._active = ((first + SCHEMA.offset(field)) // 8 for field in ("limit_ns", "active"))
 
     @property
     def simulated(self) -> bool:
@@ -37,6 +38,19 @@ class SystemTime:
     def speed(self) -> float:
         """Of the last second: 0.62 where 0.62 s passed for the system while 1 s passed really."""
         return 1.0 if self._page is None else float(self._speed[0])
+
+    @property
+    def is_held(self) -> bool:
+        """A program holds it back, and it goes no further for now (shm/held_time.py)."""
+        return self._page is not None and 0 < self._words[self._limit] <= self.now_ns()
+
+    @property
+    def members(self) -> tuple[str, ...]:
+        """The processes that it waits for; none on the wall clock."""
+        if self._page is None:
+            return ()
+        members = Table.of_info(self._page.header.info).members
+        return tuple(name for place, name in enumerate(members) if self._words[self._active + place] == 1)
 
     def now_ns(self) -> int:
         """The system's time, as its records are stamped."""

@@ -103,7 +103,7 @@ class CartesianCommands:
         control, inverse = self._control, self._inverse()
         joints = control.take_goal()
         own = joints[: control.joints.count]
-        found, why = self._reach.find(inverse, goal, own)
+        found, why = self._reach.find(name, inverse, goal, own)
         own[...] = found
         if not why:
             return control.follow(name, Space.CARTESIAN, velocity)

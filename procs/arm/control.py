@@ -178,7 +178,7 @@ class Control:
         It is judged as it was sent where a stream begins: a wrong number is one near a limit, too. A running stream
         may pass a limit, and is judged by what is left of it.
         """
-        is_running = self.motion.mode is Mode.POSITION and self.streams.is_running(self.now_ns)
+        is_running = self._is_streaming
         if not is_running:
             self._judge(name, is_running)
         outside = self._clip()
@@ -186,9 +186,21 @@ class Control:
             self._judge(name, is_running)
         return outside
 
+    @property
+    def _is_streaming(self) -> bool:
+        return self.motion.mode is Mode.POSITION and self.streams.is_running(self.now_ns)
+
+    def jump(self, name: str, why: str) -> CommandRefused:
+        """What to raise where the next goal of a stream of commands `name` is too far away; a running stream ends."""
+        streams = self.streams
+        if self._is_streaming and streams.asking is not None:
+            streams.end_one(streams.asking, f"it jumped: {why}")
+            self._hold(why)
+        return self.refusal(codes.STREAM_JUMP, name, f"{why}: move there first (move_jp, move_cp)", REPORT_NS)
+
     def _judge(self, name: str, is_running: bool) -> None:
         """CommandRefused where `goal`, of a stream of commands `name`, is too far away; a running stream ends there."""
-        streams, governor = self.streams, self.motion.governor
+        governor = self.motion.governor
         if is_running and governor.most.item() > LATE_S:
             self._report_slow()
         lag_s, axis = governor.lag()
@@ -197,10 +209,7 @@ class Control:
         far, unit, allowed = abs(self.goal[axis] - self.here[axis]), self.joints.unit(axis), governor.speed[axis]
         why = (f"{self.joints.name(axis)} is {far:.3g} {unit} from the setpoint; "
                f"{allowed * MAX_LAG_S:.3g} {unit} is allowed")
-        if is_running and streams.asking is not None:
-            streams.end_one(streams.asking, f"it jumped: {why}")
-            self._hold(why)
-        raise self.refusal(codes.STREAM_JUMP, name, f"{why}: move there first (move_jp, move_cp)", REPORT_NS)
+        raise self.jump(name, why)
 
     def _report_slow(self) -> None:
         governor = self.motion.governor

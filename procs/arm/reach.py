@@ -1,7 +1,9 @@
 """Joints for a stream of goals of the tip; where one cannot be had as near to it as the limits allow, without a jump.
 
 A surgeon works at limits all the time, so they are nothing to stop for. What is found differs from the goal then, and
-the answer to the command says why; the way there, and back to goals that can be had, is gone at a bounded velocity.
+the answer to the command says why; the way there, and back from there, is gone at a bounded velocity. Goals that
+begin at the tip and go on from each other are no mistake; one that is far away has jumped, as one that the joints
+cannot reach in time (procs/arm/governor.py).
 """
 
 from __future__ import annotations
@@ -27,6 +29,7 @@ QUICKEST: Final = math.pi  # rad/s at and from a limit, if the joint is as quick
 BREAK_NS: Final = 30_000_000  # a goal that comes later than this is none of a stream, and may be gone to at once
 HELD_UP_NS: Final = 1_000_000_000  # but so long a stream that was held up on its way from a limit goes on there
 FIRST_STEP_NS: Final = 5_000_000
+FURTHEST: Final = 0.05  # m
 SAME: Final = 1e-6  # rad or m
 MIN_NS: Final = 1_000
 
@@ -39,9 +42,13 @@ class Reach:
         self._served_ns = -BREAK_NS
         self._is_limited = False
         self._kept: Array = np.zeros(0)  # where that left the joints
+        self._wanted: Array = np.zeros(3)  # where it asked the tip to be, m
 
-    def find(self, inverse: InverseSolver, goal: Array, at: Array) -> tuple[Array, str]:
-        """Joints (count,) for a goal (4, 4) in the arm's base, kept at `at` now; why they are not the goal's, or ""."""
+    def find(self, name: str, inverse: InverseSolver, goal: Array, at: Array) -> tuple[Array, str]:
+        """Joints (count,) for a goal (4, 4) in the arm's base, kept at `at` now; why they are not the goal's, or "".
+
+        CommandRefused where the goal of a command `name` cannot be had and is far away.
+        """
         passed_ns = self._control.now_ns - self._served_ns
         begins = passed_ns >= BREAK_NS and not (passed_ns < HELD_UP_NS and self._is_left_at(at))
         if begins:
@@ -50,6 +57,11 @@ class Reach:
         self._served_ns = self._control.now_ns
         found, why = inverse.q, self._unreachable(inverse, goal, at)
         if why:
+            before = self._wanted if self._is_limited else inverse.kinematics.fk(at, np.eye(4))[:3, 3]
+            far = float(np.linalg.norm(goal[:3, 3] - before))
+            if far > FURTHEST:
+                raise self._control.jump(name, f"{why}, and the tip is asked to go {far * 1e3:.0f} mm at once; "
+                                               f"{FURTHEST * 1e3:.0f} mm is allowed")
             self._is_limited = True
             inverse.approach(goal, at, self._most(len(at), passed_ns))
         why = self._keep_safe(found, at) or why
@@ -61,7 +73,7 @@ class Reach:
         if too_far > 1.0:
             found[...] = at + change / too_far
         if self._is_limited:
-            self._kept = found.copy()
+            self._kept, self._wanted = found.copy(), goal[:3, 3].copy()
         return found, why or ("on the way back from there" if self._is_limited else "")
 
     def _is_left_at(self, at: Array) -> bool:

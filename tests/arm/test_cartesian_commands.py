@@ -150,11 +150,25 @@ def test_a_move_out_of_reach_stops_the_older_one_and_tells_everybody(harness: Ar
     assert harness.io.setpoint == pytest.approx(held)
 
 
-def test_a_stream_out_of_reach_is_no_error(harness: ArmHarness) -> None:
-    for _ in range(400):
-        (answer,) = harness.send("servo_cp", (0.5, 0.5, -0.1, *STRAIGHT)).replies
-        assert answer[0] == "done" and answer[1].startswith("at its limit: ")
-    assert len(harness.reports.of("warning")) == 1 and not harness.reports.of("error")
+def test_a_stream_that_goes_out_of_reach_is_no_error_unless_it_jumps_there(harness: ArmHarness) -> None:
+    goal = pose(harness)
+    for _ in range(2000):
+        goal[0] += 0.0002
+        (answer,) = harness.send("servo_cp", goal).replies
+        assert answer[0] == "done"
+    assert answer[1].startswith("at its limit: ")
+    assert {code for _, code, _ in harness.reports.of("warning", "error")} == {"at-limit"}
+    goal[0] += 0.06
+    (answer,) = harness.send("servo_cp", goal).replies
+    assert answer[0] == "refused" and "60 mm at once; 50 mm is allowed" in answer[1]
+
+
+def test_a_first_goal_that_is_far_away_and_out_of_reach_is_refused(harness: ArmHarness) -> None:
+    before = harness.io.setpoint.copy()
+    for goal in ((0.5, 0.5, -0.1, *STRAIGHT), (20.0, 10.0, -120.0, *STRAIGHT)):
+        assert harness.send("servo_cp", goal).outcomes == ["refused"]
+        harness.run(0.1)
+        assert harness.io.setpoint == pytest.approx(before, abs=1e-9)
 
 
 @pytest.mark.parametrize("values", (

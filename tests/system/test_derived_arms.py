@@ -18,6 +18,8 @@ from tools.inspect.processes import statuses
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 PAGE = (ROOT / "docs/derived-arms.md").read_text(encoding="utf-8")
 BROKEN = """
+import time
+
 from procs.arm.derived import DerivedEcm, DerivedMtm
 
 class Master(DerivedMtm):
@@ -33,6 +35,11 @@ class Broken(DerivedEcm):
         if self.on:
             raise ZeroDivisionError("no more")
         super().watch()
+
+class Slow(Broken):
+    def watch(self):
+        if self.on:
+            time.sleep(0.2)
 """
 
 
@@ -58,7 +65,7 @@ def system_of(folder: Path, second: str) -> Path:
     for arm in system["arms"]:
         arm["arm_file"] = f"{ROOT}/configs/{arm['arm_file']}"
     system["trocar"] = page["trocar"]
-    if second == "broken.Broken":
+    if second.startswith("broken."):
         system["trocar"]["processes"].append({"name": "ECM", "commands": [{"name": "break"}]})
     file = folder / "lab.yaml"
     file.write_text(yaml.safe_dump(system))
@@ -166,3 +173,11 @@ def test_an_arm_whose_class_cannot_be_used_says_so(robot: Robot, tmp_path: Path)
     assert robot.supervisor.wait(timeout=120) != 0
     assert "broken.py has no class Missing that is derived from EcmLogic" in robot.output()
     assert not directory.instances(robot.name)
+
+
+@pytest.mark.simulated("paced")
+def test_an_arm_whose_code_takes_long_for_each_cycle_is_named(robot: Robot, tmp_path: Path) -> None:
+    robot.up(system_of(tmp_path, "broken.Slow"))
+    robot.home()
+    robot.trocar("send", "ECM", "break", code=None)
+    wait_for(lambda: "first: ECM: takes so long for a cycle" in robot.trocar("status", code=None), 60, "it is named")

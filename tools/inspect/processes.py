@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from procs.document.process import ALWAYS, ELSEWHERE, Process, processes_of
-from procs.manifest import THIRD_PARTY, hung_s, late_s
+from procs.manifest import THIRD_PARTY, late_s
 from procs.realtime import NO_FIFO, NOT_LOCKED, ORDINARY
 from shm import directory
 from shm.clock import monotonic_ns, pause
@@ -16,12 +16,14 @@ from shm.control_page import ControlPage
 from shm.segment import Segment, SegmentError, names_of, segment_name
 from tools.inspect.endings import PastProcess, endings
 from tools.inspect.segments import PAGE_GONE, lost_of
+from tools.inspect.slow_time import waited_for
 from tools.printing import number, plain
 from tools.running import SUPERVISOR
 from tools.systems import alive, is_simulated
 
 DEAD, FAILED, NOT_RUNNING = "dead", "failed", "not running"  # problems
 SILENT, STALLED, STOPPED = "silent", "stalled", "stopped"
+SIMULATED_LATE_S = 2.0
 LOOK_AGAIN_S = 0.02
 TRIES = 5
 ALL = 1 << 16  # records: more than any ring has
@@ -118,6 +120,9 @@ def statuses(system: str) -> list[ProcessStatus]:
             page.close()
     if found[0].state != "RUNNING":  # it is being stopped as a whole
         return found
+    slow, speed = waited_for(system) if simulated else ("", 1.0)
+    said = f"takes so long for a cycle that simulated time goes at {speed:.3f} of real time"
+    found = [dataclasses.replace(one, problem=said) if one.name == slow and not one.problem else one for one in found]
     return [dataclasses.replace(one, problem=STOPPED) if _is_stopped(one, rows) else one for one in found]
 
 
@@ -214,8 +219,8 @@ def _problem(row: Process, state: str, lives_on: bool, page: ControlPage, simula
 def _stalled(row: Process, page: ControlPage, simulated: bool) -> bool:
     """Silent for longer than is allowed, and still so when looked at again: one late cycle is no stall."""
     try:
-        # In simulated time nobody is late, all wait for whoever has no core, and the supervisor kills whoever hangs.
-        late_ns = (hung_s(row, simulated=True) if simulated else late_s(row)) * 1e9
+        # In simulated time all wait for a process that has no core, so it may be silent for longer.
+        late_ns = max(late_s(row), SIMULATED_LATE_S if simulated else 0.0) * 1e9
     except KeyError:
         return False
     beat = int(page.get("heartbeat_ns"))
