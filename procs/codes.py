@@ -50,7 +50,7 @@ class Code:
 # io: faults, by number
 BAD_READS: Final = Code(
     "bad-reads", ERROR, "io", "no good sample from the controllers within the watchdog time",
-    "check the cable and the controllers' supply, then power on and home", 1, POWER_OFF, "s")
+    "check the cable and the controllers' supply, then trocar home NAME", 1, POWER_OFF, "s")
 READ_MISSED: Final = Code(
     "read-missed", WARNING, "io", "a read of the controllers failed; the last output is kept",
     "once in a while is harmless; often means a bad cable, or a failing controller", 2, NOTHING, "s")
@@ -59,7 +59,7 @@ CURRENT: Final = Code(
     "look for a blocked joint or a wrong current calibration", 3, POWER_OFF, "A")
 SAFETY_AMP_DISABLE: Final = Code(
     "safety-amp-disable", ERROR, "io", "the controller cut an amplifier: measured and requested current differ",
-    "check the motor cable and the current calibration, then power on", 4, POWER_OFF)
+    "check the motor cable and the current calibration, then trocar home NAME", 4, POWER_OFF)
 TEMPERATURE: Final = Code(
     "temperature", ERROR, "io", "amplifier too hot",
     "let the controller cool down, check its fans and the load", 5, POWER_OFF, "°C")
@@ -68,13 +68,13 @@ TEMPERATURE_HIGH: Final = Code(
     "lower the load or improve the cooling", 6, NOTHING, "°C")
 POTENTIOMETER: Final = Code(
     "potentiometer", ERROR, "io", "potentiometer and encoder disagree for longer than tolerated",
-    "home again; if it returns, check potentiometer, calibration and the tolerance in the IO file", 7, POWER_OFF, JOINT)
+    "trocar home NAME; if it returns, check potentiometer, calibration and tolerance (IO file)", 7, POWER_OFF, JOINT)
 ENCODER_OVERFLOW: Final = Code(
     "encoder-overflow", ERROR, "io", "encoder counter overflow",
-    "power on, bias and home again; check the encoder", 8, POWER_OFF)
+    "check the encoder, then trocar home NAME", 8, POWER_OFF)
 POWER_LOST: Final = Code(
     "power-lost", ERROR, "io, arm", "motor power went off unexpectedly",
-    "check the emergency stop and the safety chain, then power on and home", 9, POWER_OFF)
+    "check the emergency stop and the safety chain, then trocar home NAME", 9, POWER_OFF)
 POWER_TIMEOUT: Final = Code(
     "power-timeout", ERROR, "io, arm", "motor power did not come on in 3 s",
     "check the emergency stop, the safety chain and the controllers' supply", 10, POWER_OFF)
@@ -83,7 +83,7 @@ POWER_FAULT: Final = Code(
     "check the controllers' supply", 11, POWER_OFF)
 WATCHDOG: Final = Code(
     "watchdog", ERROR, "io", "a controller's watchdog has cut the amplifiers",
-    "power on and home; if it returns, the computer is too slow or too busy: trocar doctor", 12, POWER_OFF)
+    "trocar home NAME; if it returns, the computer is too slow or too busy: trocar doctor", 12, POWER_OFF)
 AMPLIFIER: Final = Code(
     "amplifier", ERROR, "io, arm", "an amplifier is off although it should be on",
     "check the motor cable; a short circuit or overheating makes an amplifier fail", 13, POWER_OFF)
@@ -98,7 +98,7 @@ ARM_LOST: Final = Code(
     "if it does not come back by itself: trocar start NAME; power off if in doubt", 16, NOTHING, "s")
 ARM_LOST_POWER_OFF: Final = Code(
     "arm-lost-power-off", ERROR, "io", "the arm's process stayed away; power was switched off",
-    "restart the arm, power on and home", 17, POWER_OFF, "s")
+    "trocar restart NAME, then trocar home NAME", 17, POWER_OFF, "s")
 BIAS_FAILED: Final = Code(
     "bias-failed", ERROR, "io", "an encoder did not take the value it was set to",
     "try again; if it returns, look at the potentiometers' values", 18, NOTHING, JOINT, "set to")
@@ -128,7 +128,7 @@ FOREIGN_DATAGRAMS: Final = Code(
     "find the program that sends them; on a network of their own only io reaches the controllers", 26, NOTHING)
 BOARD_AWAY: Final = Code(
     "board-away", ERROR, "io", "the controller has left the bus: it has no power, or its cable is out",
-    "check its supply and its cables; the other controllers are not affected; then power on and home", 27, POWER_OFF)
+    "check its supply and its cables; the other controllers are not affected; then trocar home NAME", 27, POWER_OFF)
 TASK_OVER_BUDGET: Final = Code(
     "task-over-budget", ERROR, "io", "an in-cycle task was too slow and was detached",
     "shorten its step or raise its budget_us (docs/in-cycle.md)", 31, NOTHING)
@@ -161,7 +161,7 @@ BOARDS_LATE: Final = Code(
 # arm: what makes it go FAULT
 IO_TIMEOUT: Final = Code(
     "io-timeout", ERROR, "arm", "io does not answer",
-    "if io does not come back by itself, start it with trocar start; then trocar home NAME")
+    "trocar start with the name of io, unless it comes back by itself; then trocar home NAME")
 IO_RESTARTED: Final = Code(
     "io-restarted", ERROR, "arm", "io was restarted",
     "trocar home NAME; the log of io may say why it ended")

@@ -73,11 +73,12 @@ def boards_of(drive: Actuator | Brake) -> tuple[int, ...]:
 
 
 def figures(fault: Code, value: float, limit: float, unit: str) -> str:
-    """What was measured and what is allowed, in `unit`; empty where nothing was."""
+    """What was measured and what is allowed, in `unit`, with as many digits as tell them apart; empty: neither is."""
     if math.isnan(value) or not fault.unit:
         return ""
-    allowed = f", {fault.bound} {limit:.4g}{_after(unit)}" if not math.isnan(limit) else ""
-    return f"{value:.4g}{_after(unit)}{allowed}"
+    digits = next((n for n in (4, 6) if f"{value:.{n}g}" != f"{limit:.{n}g}"), 9)
+    allowed = f", {fault.bound} {limit:.{digits}g}{_after(unit)}" if not math.isnan(limit) else ""
+    return f"{value:.{digits}g}{_after(unit)}{allowed}"
 
 
 def _after(unit: str) -> str:

@@ -40,6 +40,7 @@ from procs.faults import FaultReport
 from procs.inputs import FOR_EVER_NS
 from procs.requests import ANSWERED, Reports, Request, Sender
 from shm.faults import NoFaults, OwnCell
+from shm.origins import NOBODY
 
 Array = NDArray[np.float64]
 
@@ -314,6 +315,7 @@ class ArmLogic:
         control, state = self.control, self.machine.state
         if state is ArmState.FAULT:
             self._around.faults.fault()
+            control.io_requests.on_behalf(NOBODY)
         elif state is ArmState.DISABLED and left is not ArmState.FAULT:
             self._around.faults.switched_off(self._switched_off_by)
         control.io_requests.forget_bias()

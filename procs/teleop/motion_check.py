@@ -80,4 +80,4 @@ class MotionCheck:
         linear, angular = math.hypot(*self._twist[:3]), math.hypot(*self._twist[3:])
         if linear <= MAX_M_S and angular <= MAX_RAD_S:  # not a number fails, too
             return ""
-        return f"{self._name} says it goes at {linear:g} m/s, {angular:g} rad/s"
+        return f"{self._name} says it goes at {linear:.3g} m/s, {angular:.3g} rad/s"

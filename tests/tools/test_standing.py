@@ -110,7 +110,7 @@ def test_a_teleoperation_that_stopped_says_why_and_what_to_do(monkeypatch: pytes
 
 
 @pytest.mark.parametrize(("flags", "state", "reason"), [
-    (("valid",), "teleoperation off", "a person: trocar send console teleop_enable 1"),
+    (("valid",), "teleoperation off", "an operator's command: trocar send console teleop_enable 1"),
     (("valid", "teleop_enabled", "clutch"), "teleoperation on, clutch", "the operator: pedal or head sensor"),
     (("valid", "teleop_enabled", "operator_present", "camera"), "teleoperation on, camera", ""),
     (("teleop_enabled", "operator_present"), "teleoperation on",
@@ -211,9 +211,24 @@ def test_what_a_dead_process_left_says_how_old_it_is() -> None:
     assert standing.cells(one) == ("PSM1", "ENABLED HOMED, 12 s ago", "–", "")
 
 
-def test_no_next_step_while_some_arms_have_power() -> None:
-    arms = [Standing("PSM1", "arm", "DISABLED"), Standing("PSM2", "arm", "ENABLED HOMED", True)]
-    assert next_step(arms) == "" and next_step(arms[:1]) == "trocar home"
+def test_the_next_step_leads_to_teleoperation() -> None:
+    off, homed = Standing("PSM1", "arm", "DISABLED", False), Standing("PSM2", "arm", "ENABLED HOMED", True)
+    powered, console = Standing("PSM1", "arm", "ENABLED", False), Standing("console", "console", "teleoperation off")
+    assert next_step([off, console]) == "trocar home" and next_step([off, homed, console]) == ""
+    assert next_step([powered, homed, console]) == "trocar home PSM1"
+    assert next_step([homed, console]) == "trocar send console teleop_enable 1" and next_step([homed]) == ""
+
+
+def test_what_waits_for_a_silent_process_is_not_well() -> None:
+    one = Standing("MTMR_PSM1", "teleop", "SETTING_ARMS_STATE", None, "waiting: MTMR is silent", silent=True)
+    assert first_thing([], [one]) == "MTMR_PSM1: waiting: MTMR is silent"
+
+
+def test_a_remedy_that_ends_in_home_is_not_followed_by_another() -> None:
+    fault = {"hint": "check its cable, then trocar home PSM1", "code": "x", "monotonic_ns": 1}
+    arms = [Standing(name, "arm", "FAULT", False, "power was lost", fault=fault) for name in ("PSM1", "PSM2")]
+    assert first_thing([], arms[:1]) == "PSM1: power was lost; check its cable, then trocar home PSM1"
+    assert first_thing([], arms).endswith("then trocar home PSM1. Then: trocar home PSM2")
 
 
 def test_home_says_what_an_arm_waits_for(kinematic: ScriptedRobot, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from typing import Any
 
 import numpy as np
@@ -34,7 +34,8 @@ class HealthWatch:
             for instance, ring in directory.rings(system) if ring == "events"
         }
         self._begin = {process.name: process for process in statuses(system)}
-        self.errors: list[str] = []
+        self.errors: Counter[str] = Counter()
+        """How often each came."""
 
     def collect(self) -> None:
         """Take in what happened since."""
@@ -47,7 +48,8 @@ class HealthWatch:
         for instance, reader in self._events.items():
             while reader.next():
                 if int(reader.field("severity")) == ERROR:
-                    self.errors.append(f"{instance}: {plain(reader.field('text').item())}")
+                    text = str(plain(reader.field("text").item()))
+                    self.errors[text if text.startswith(f"{instance}: ") else f"{instance}: {text}"] += 1
 
     def summary(self) -> dict[str, Any]:
         """Figures of the run; `problems`: errors and dead processes; `late`: what a busy machine can cause, too."""
@@ -61,7 +63,8 @@ class HealthWatch:
         rate = 1e9 * (last[0] - first[0]) / (last[1] - first[1]) if last[1] > first[1] else 0.0
         unwell = [process for process in now.values() if process.problem]
         late = [process.said for process in unwell if process.problem in (SILENT, STALLED)]
-        problems = self.errors + [process.said for process in unwell if process.problem not in (SILENT, STALLED)]
+        problems = [f"{text} ({times} times)" if times > 1 else text for text, times in self.errors.items()]
+        problems += [process.said for process in unwell if process.problem not in (SILENT, STALLED)]
         problems += [f"{row['name']} ended and was started again" for row in processes if row["restarts"]]
         if rate < FEWER * nominal:
             late.append(f"{self._io} ran at {rate:.0f} Hz instead of {nominal:.0f}")

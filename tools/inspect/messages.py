@@ -56,7 +56,12 @@ def in_full(system: str, instance: str, text: str) -> str:
         finally:
             reader.close()
         begin = text.removesuffix(MORE)
-        return next((each[each.index(begin):] for each in reversed(found) if begin in each), text)
+        for start in (begin, begin.partition(": ")[2]):  # "the arm went FAULT: " and what the event says
+            if start:
+                known = begin.removesuffix(start)
+                whole = next((known + each[each.index(start):] for each in reversed(found) if start in each), "")
+                if whole:
+                    return whole
     return text
 
 

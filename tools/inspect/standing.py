@@ -20,7 +20,7 @@ from tools.inspect.segments import GONE
 from tools.printing import plain, span
 from tools.running import SUPERVISOR
 
-FAULT = "FAULT"
+FAULT, OFF = "FAULT", "teleoperation off"
 FAULT_KEYS = ("code", "component", "axis", "board", "value", "limit", "text", "hint", "monotonic_ns", "local_ns")
 COLUMNS = ("name", "state", "homed", "why, or what it waits for")
 
@@ -38,6 +38,8 @@ class Standing:
     homed: bool | None = None
     reason: str = ""
     person: bool = False
+    silent: bool = False
+    """It waits for a process that says nothing."""
     fault: dict[str, Any] | None = None
     since_ns: int = 0
     """In FAULT: since when (monotonic); 0: nobody knows any more."""
@@ -82,7 +84,7 @@ def _arm(system: str, process: ProcessStatus, reader: RingReader) -> Standing:
     shown = state if inner == state else f"{state} {inner}"
     events = _events(system, process) if state == FAULT else None
     return Standing(process.name, process.kind, shown, _flag(reader, "is_homed"), reason, "trocar send" in reason,
-                    _last_error(events), _fault_ns(events))
+                    fault=_last_error(events), since_ns=_fault_ns(events))
 
 
 def _third_party(system: str, process: ProcessStatus, reader: RingReader) -> Standing:
@@ -97,20 +99,25 @@ def _teleop(system: str, process: ProcessStatus, reader: RingReader) -> Standing
     fault = _last_error(_events(system, process))
     if reason and fault and str(fault["text"]).endswith(reason):
         reason += f"; {fault['hint']}"
-    return Standing(process.name, process.kind, state, None, reason)
+    return Standing(process.name, process.kind, state, None, reason, silent=reason.endswith(" is silent"))
 
 
 def _console(system: str, process: ProcessStatus, reader: RingReader) -> Standing:
     enabled, present = _flag(reader, "teleop_enabled"), _flag(reader, "operator_present")
     pressed = [word for word in ("clutch", "camera") if _flag(reader, word)]
-    state = ", ".join(["teleoperation on" if enabled else "teleoperation off", *pressed])
-    if not _flag(reader, "valid"):
+    state = ", ".join(["teleoperation on" if enabled else OFF, *pressed])
+    silent = not _flag(reader, "valid")
+    if silent:
         reason = "one of its inputs is silent: the operator counts as absent"
     elif not enabled:
-        reason = f"a person: trocar send {process.name} teleop_enable 1"
+        reason = f"an operator's command: {_enable(process.name)}"
     else:
         reason = "" if present else "the operator: pedal or head sensor"
-    return Standing(process.name, process.kind, state, None, reason)
+    return Standing(process.name, process.kind, state, None, reason, silent=silent)
+
+
+def _enable(console: str) -> str:
+    return f"trocar send {console} teleop_enable 1"
 
 
 def _events(system: str, process: ProcessStatus) -> NDArray[Any]:
@@ -150,14 +157,17 @@ def first_thing(processes: Sequence[ProcessStatus], found: Sequence[Standing]) -
     if faults:
         one = faults[0]
         hint = f"; {one.fault['hint']}" if one.fault and one.fault["hint"] else ""
-        names = " ".join(each.name for each in faults)
+        others = " ".join(each.name for each in faults if f"trocar home {each.name}" not in hint)
         what = one.reason if one.name in one.reason else f"{one.name}: {one.reason}" if one.reason else (
             f"{one.name} is in FAULT")
-        return f"{what}{hint}. Then: trocar home {names}"
+        return f"{what}{hint}{f'. Then: trocar home {others}' if others else ''}"
     waiting = next((one for one in found if one.person), None)
     if waiting is not None:
         return f"{waiting.name} waits: {waiting.reason}"
     begins = [process.name for process in processes if process.begins]
+    silent = next((one for one in found if one.silent), None)
+    if silent is not None and not begins:
+        return f"{silent.name}: {silent.reason}"
     return f"{', '.join(begins)} {'is' if len(begins) == 1 else 'are'} not up yet; wait for it" if begins else ""
 
 
@@ -191,10 +201,13 @@ def _cause_first(one: Standing) -> tuple[bool, int]:
 def next_step(found: Sequence[Standing]) -> str:
     """What may come next where all is well; empty: nothing in particular."""
     arms = [one for one in found if one.kind in ("arm", "suj")]
-    off = [one for one in arms if one.state == "DISABLED"]  # with a sub-state it is on its way
-    if off and len(off) == len(arms):
+    if arms and all(one.state == "DISABLED" for one in arms):  # with a sub-state it is on its way
         return "trocar home"
-    return ""
+    powered = [one.name for one in arms if one.state == "ENABLED" and one.homed is False]
+    if powered:
+        return f"trocar home {' '.join(powered)}"
+    console = next((one for one in found if one.kind == "console" and one.state.startswith(OFF)), None)
+    return _enable(console.name) if console is not None and all(one.homed for one in arms) else ""
 
 
 def cells(one: Standing) -> tuple[str, ...]:
