@@ -127,7 +127,7 @@ def _operate(system: str, begin: int, seconds: float, end: int | None) -> dict[s
             try:
                 _draw(hand, teleop, (run, trace), seconds, skipped, time, end, line)
             except Problem as problem:  # it goes into the summary
-                run.errors.append(str(problem))
+                run.errors[str(problem)] += 1
         speed = (time.now_ns() - drawing_ns) * 1e-9 / _since(drawing)
         reported = "" if teleop.is_following else teleop.reported
         around = {"clock": time.clock, "speed": speed, "homed_after_s": homed_s, "hand_skipped": skipped[0]}
