@@ -18,7 +18,7 @@ import pytest
 from tests.old import config, three
 from tests.recordings.made import a_recording
 from tests.retries import retry
-from tests.system.robot import ROOT, Robot
+from tests.system.robot import ROOT, Robot, wait_for
 from tools.cli import VERBS, Verb, examples_of, loaded
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]  # paced, as everything without hardware is
@@ -80,9 +80,9 @@ def person(tmp_path: Path) -> Iterator[Person]:
                    check=False)
 
 
-def readme() -> list[list[str]]:
-    """The blocks of its section Use, line by line without remarks."""
-    section = (ROOT / "README.md").read_text(encoding="utf-8").partition("## Use")[2].partition("\n## ")[0]
+def blocks_of(page: str, heading: str) -> list[list[str]]:
+    """The blocks of a page's section, line by line without remarks."""
+    section = (ROOT / page).read_text(encoding="utf-8").partition(f"## {heading}\n")[2].partition("\n## ")[0]
     blocks = [re.findall(r"    (trocar .*)", block) for block in section.split("\n\n")]
     return [[re.sub(r"\s{2,}# .*", "", line) for line in block] for block in blocks if block]
 
@@ -91,13 +91,31 @@ def python_of_the_readme() -> str:
     return (ROOT / "README.md").read_text(encoding="utf-8").partition("```python\n")[2].partition("```")[0]
 
 
-@pytest.mark.parametrize("number", range(len(readme())))
+@pytest.mark.parametrize("number", range(len(blocks_of("README.md", "Use"))))
 def test_the_readme_works_as_it_stands(person: Person, number: int) -> None:
-    for line in readme()[number]:
+    for line in blocks_of("README.md", "Use")[number]:
         person.types(line)
         if line == "trocar stream PSM1 configs/recordings/psm-wave.csv --rate 200":
             (person.folder / "script.py").write_text(python_of_the_readme())
             person.types(f"{sys.executable} script.py")
+
+
+def test_the_demo_of_teleoperation_in_the_docs_follows_to_its_end(person: Person) -> None:
+    (lines,) = [block for block in blocks_of("docs/operating.md", "Teleoperation") if "demo-teleop.yaml" in block[0]]
+    for line in lines:
+        if "MTMR_gripper" in line:
+            wait_for(lambda: "waiting: pinch" in person.types("trocar status"), 60, "it is aligned")
+        if "clutch" in line:
+            until_it_follows(person)
+        person.types(line)
+        if "clutch" in line:
+            person.types(line.replace("clutch 1", "clutch 0"))
+            until_it_follows(person)
+    person.types("trocar down")
+
+
+def until_it_follows(person: Person) -> None:
+    wait_for(lambda: "ENABLED, following" in person.types("trocar status"), 60, "it follows")
 
 
 def files_of(examples: list[str], folder: Path) -> None:
