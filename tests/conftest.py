@@ -17,10 +17,9 @@ from typing import Any
 
 import psutil
 import pytest
-from hypothesis import settings
 
 from shm.segment import names_of, segment_name, unlink
-from tests import retries, searches, skips
+from tests import examples, retries, searches, skips
 
 ROOT = Path(__file__).resolve().parent.parent
 SYSTEMS = ROOT / "tests" / "system"  # whole robots: on the wall clock nobody else may take their cores
@@ -29,16 +28,14 @@ PATIENCE_S = 30.0
 GONE_S = 5.0  # a process that a test has adopted may need so long to end
 SEARCHED: set[str] = set()
 
-settings.register_profile("trocar", deadline=None)  # a busy machine is no mistake
-settings.load_profile("trocar")
 
-
-def pytest_configure() -> None:
+def pytest_configure(config: pytest.Config) -> None:
     """Ctrl-C works in what the tests start, also where we run in the background of a shell, which turns it off.
 
     Bytecode is kept, also where the environment says not to, as container images do: the tests start hundreds of
     interpreters, and each would compile every module anew. None of their systems has a recorder unless it asks for one.
     """
+    examples.choose(config.option.markexpr)
     os.environ["TROCAR_RECORDER"] = "0"
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     sys.dont_write_bytecode = False

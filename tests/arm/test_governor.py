@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from procs.arm.governor import LATE_S, MAX_LAG_S, MAX_STEP_NS, Governor
 from procs.arm_types import ARM_TYPES
+from tests.examples import examples
 
 DATA = Path(os.environ.get("TROCAR_TEST_DATA", Path(__file__).parents[3] / "shared/data")) / "real"
 SPEED, ACCELERATION = np.array((2.0, 0.5, 20.0)), np.array((300.0, 60.0, 400.0))
@@ -39,7 +40,7 @@ def step(made: Governor, target: Any, passed_ns: int = CYCLE_NS, *, has_feed: bo
 NUMBERS = st.floats(-3.0, 3.0) | st.sampled_from((math.nan, math.inf, -math.inf, 1e6, -1e300, 5e-324))
 
 
-@settings(max_examples=300, deadline=None)
+@examples(300)
 @given(st.lists(st.tuples(st.tuples(*[NUMBERS] * 3), STEPS_NS), max_size=60))
 @example([((math.nan, 1e300, -math.inf), CYCLE_NS)])
 @pytest.mark.slow
@@ -58,7 +59,7 @@ def test_whatever_is_asked_for_no_joint_exceeds_its_bounds(steps: list[tuple[tup
         assert (np.abs(made.rate) <= fastest * (1 + 1e-9) + 1e-9).all(), "it remembers more than there was"
 
 
-@settings(max_examples=200, deadline=None)
+@examples(200)
 @given(st.tuples(*[st.floats(-2.0, 2.0)] * 3), st.tuples(*[st.floats(-1.0, 1.0)] * 3), st.sampled_from((1, 2, 5)))
 @pytest.mark.slow
 def test_a_constant_target_is_reached_exactly_and_never_passed(target: Any, rate: Any, cycles: int) -> None:
@@ -75,7 +76,7 @@ def test_a_constant_target_is_reached_exactly_and_never_passed(target: Any, rate
     assert made.most[0] == 0.0
 
 
-@settings(max_examples=100, deadline=None)
+@examples(100)
 @given(st.lists(st.tuples(*[st.floats(-1.0, 1.0)] * 3), min_size=1, max_size=50))
 def test_a_stream_within_the_bounds_is_passed_on_unchanged(accelerations: list[tuple[float, ...]]) -> None:
     made, dt = governor(), CYCLE_NS * 1e-9

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from procs.arm.reach import QUICKEST
@@ -15,6 +15,7 @@ from procs.arm_types import ARM_TYPES
 from procs.kinematics.poses import matrix_from_pose, pose_from_matrix, rotation_from_vector
 from tests.arm.arm_configs import fixed_arm
 from tests.arm.fake_io import PERIOD_NS, ArmHarness
+from tests.examples import examples
 
 STRAIGHT = (0.0, 0.0, 0.12, 0.0, 0.0, 0.0)
 SERVO = np.array(ARM_TYPES["PSM"].servo.speed[:6])
@@ -137,7 +138,7 @@ def test_through_the_cannula_nothing_jumps(stream: Stream) -> None:
 
 
 @pytest.mark.slow
-@settings(max_examples=8, deadline=None)
+@examples(8)
 @given(st.lists(st.tuples(*[st.floats(-0.3, 0.3)] * 3, *[st.floats(-2.0, 2.0)] * 3), min_size=2, max_size=5))
 def test_wherever_the_goals_go_it_follows_without_a_jump(made: Stream, points: list[tuple[float, ...]]) -> None:
     made.harness.run(0.6)

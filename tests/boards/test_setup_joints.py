@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from procs.boards.controllers.interface_board import FEW_CHANGES, EmulatedInterfaceBoard
@@ -35,6 +35,7 @@ from tests.boards.carts import (
     with_arms,
 )
 from tests.boards.rails import START, Rails, two_buses
+from tests.examples import examples
 
 
 @pytest.fixture(scope="module")
@@ -186,7 +187,7 @@ DEEDS = st.one_of(
     st.tuples(st.just("play"), st.integers(1, 15), st.lists(st.integers(0, 0x1FFF), max_size=6)))
 
 
-@settings(max_examples=80, deadline=None)
+@examples(80)
 @given(st.lists(st.tuples(st.integers(0, 900), DEEDS), max_size=10), st.integers(1, 200))
 def test_nothing_depends_on_how_often_it_is_looked_at(deeds: list[tuple[int, tuple[object, ...]]], every: int) -> None:
     rigs = [(EmulatedInterfaceBoard(PINS, outputs), outputs) for outputs in (BoardOutputs(), BoardOutputs())]

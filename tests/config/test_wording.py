@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 from pydantic import BaseModel
 
@@ -18,6 +18,7 @@ from procs.config.read.problem import FileProblem, value_text
 from procs.config.read.source import SourceFile
 from procs.config.read.validate import fields_of, validate
 from tests.config.conftest import SYSTEM, Home
+from tests.examples import examples
 
 MARK = "zqx"  # in every value, and in nothing that is allowed
 FILE, LINE = "spoiled.json", 47
@@ -43,7 +44,7 @@ def told_once(problem: FileProblem, value: object) -> None:
 
 
 @pytest.mark.parametrize(("model", "key"), KEYS, ids=lambda part: getattr(part, "__name__", part))
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@examples(25, suppress_health_check=[HealthCheck.too_slow])
 @given(value=values)
 def test_a_wrong_value_is_told_with_file_line_key_value_and_what_is_allowed_each_once(
     model: type[BaseModel], key: str, value: Any

@@ -6,7 +6,7 @@ import random
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from procs.boards.board_faults import BoardFaults
@@ -20,6 +20,7 @@ from procs.io.instruments import MAX_NS, InstrumentReaders
 from procs.io.reports import IoReports
 from procs.io.robots import Robots
 from tests import stock
+from tests.examples import examples
 from tests.io.boards_harness import BoardsHarness
 from tests.io.harness import FakeCommand, document
 
@@ -144,7 +145,7 @@ def test_taken_out_while_it_is_read_is_no_instrument(after_s: float) -> None:
     assert command.outcome == "failed" and bench.shown()[0] in ("ABSENT", "ERROR") and bench.shown()[1] == ""
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(st.binary(min_size=CHUNK_BYTES, max_size=CHUNK_BYTES), st.booleans(), st.binary(max_size=28))
 def test_whatever_is_in_the_memory_is_an_instrument_or_an_error(record: bytes, ours: bool, name: bytes) -> None:
     if ours:

@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from procs.document.system import PidConfig
+from tests.examples import examples
 from tests.io.harness import PERIOD_NS, IoHarness, actuator, gains, robot
 
 TIMEOUT = 30_000_000 // PERIOD_NS
@@ -430,7 +431,7 @@ LOOKED_AT = [(False, "position"), (False, "velocity"), (False, "feed_forward"),
 
 
 @given(bad, st.sampled_from(LOOKED_AT), st.integers(0, 6))
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_what_is_not_a_number_never_reaches_the_motors(value: float, field: tuple[bool, str], axis: int) -> None:
     in_effort, row = field
     harness = IoHarness()
@@ -454,7 +455,7 @@ def test_what_is_not_a_number_never_reaches_the_motors(value: float, field: tupl
 
 
 @given(st.lists(st.floats(-1e300, 1e300), min_size=7, max_size=7), st.booleans())
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_currents_stay_within_the_motors_limits(values: list[float], in_effort: bool) -> None:
     harness = IoHarness()
     harness.control()

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import HealthCheck, Phase, given
 from hypothesis import strategies as st
 
 from procs.boards.controllers.bus import GROUP, EmulatedBus
@@ -21,6 +21,7 @@ from procs.fpga import blocks, registers, wire
 from procs.io.bus import discovery
 from procs.io.bus.bus_port import BusPort
 from procs.io.bus.port import BROADCAST_QUERY, SEQUENTIAL, SEQUENTIAL_BROADCAST
+from tests.examples import examples
 from tests.lib import board_side
 
 PERIOD_NS = 666_667
@@ -222,8 +223,7 @@ def problems(draw: Callable[[st.SearchStrategy[Any]], Any], begin_ns: int, lates
 
 @pytest.mark.parametrize("has_ports", [True, False], ids=["ports", "labels alone"])
 @pytest.mark.parametrize("kind", KINDS)
-@settings(deadline=None, max_examples=5, phases=(Phase.explicit, Phase.generate),
-          suppress_health_check=[HealthCheck.function_scoped_fixture])
+@examples(5, phases=(Phase.explicit, Phase.generate), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 @pytest.mark.slow
 def test_replies_in_any_disorder_are_taken_for_what_they_are(kind, has_ports, data) -> None:

@@ -12,7 +12,7 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from procs.arm.cartesian import Cartesian
@@ -25,6 +25,7 @@ from procs.kinematics.inverse.arms import BENDS, inverse_of
 from procs.kinematics.inverse.solver import InverseSolver
 from procs.kinematics.poses import rotation_from_vector
 from tests import stock
+from tests.examples import examples
 from tests.kernel.pinocchio_chain import PinocchioChain, twist_between
 
 pytestmark = pytest.mark.skipif(kernel().library is None, reason=f"no kernel: {kernel().why}")
@@ -98,7 +99,7 @@ def assert_same_solution(quick: InverseSolver, python: InverseSolver, goal: np.n
 
 @pytest.mark.parametrize("name", ARMS)
 @given(seeds)
-@settings(max_examples=30, deadline=None)
+@examples(30)
 def test_poses_and_jacobians_are_the_same_three_ways(name: str, seed: int) -> None:
     quick, python, truth = chains(name)
     rng = np.random.default_rng(seed)
@@ -130,7 +131,7 @@ def test_joints_that_are_no_numbers_do_no_harm(name: str, value: float) -> None:
 
 
 @given(seeds)
-@settings(max_examples=200, deadline=None)
+@examples(200)
 def test_the_twist_between_frames_is_that_of_pinocchio(seed: int) -> None:
     rng = np.random.default_rng(seed)
     f, g = np.eye(4), np.eye(4)
@@ -151,7 +152,7 @@ def test_the_twist_of_half_a_turn_is_found() -> None:
 
 @pytest.mark.parametrize("name", ARMS)
 @given(seeds, st.sampled_from((1e-4, 1e-2, 0.3, 3.0)))
-@settings(max_examples=30, deadline=None)
+@examples(30)
 def test_joints_for_a_pose_are_the_same_both_ways_and_true(name: str, seed: int, away: float) -> None:
     (quick, python), (forward, _, truth) = solvers(name), chains(name)
     rng = np.random.default_rng(seed)
@@ -167,7 +168,7 @@ def test_joints_for_a_pose_are_the_same_both_ways_and_true(name: str, seed: int,
 
 @pytest.mark.parametrize("name", ARMS)
 @given(seeds, st.sampled_from((0.1, 0.6, 10.0, 1e9)))
-@settings(max_examples=30, deadline=None)
+@examples(30)
 def test_goals_out_of_reach_end_the_same_both_ways(name: str, seed: int, size: float) -> None:
     (quick, python), (forward, *_) = solvers(name), chains(name)
     rng = np.random.default_rng(seed)
@@ -229,7 +230,7 @@ def cartesian(name: str, rows: np.ndarray, base: np.ndarray) -> tuple[Cartesian,
 
 @pytest.mark.parametrize("name", ARMS)
 @given(seeds, st.booleans(), st.sampled_from((0.0, 1e-9, 1.0)), st.sampled_from((0, 1, 2, 3)))
-@settings(max_examples=30, deadline=None)
+@examples(30)
 def test_records_of_the_tip_are_the_same_both_ways(name: str, seed: int, absolute: bool, speed: float, parts: int
                                                    ) -> None:
     rng = np.random.default_rng(seed)
@@ -269,7 +270,7 @@ def test_records_of_the_tip_are_the_same_both_ways(name: str, seed: int, absolut
 @pytest.mark.parametrize(("name", "camera", "link"), [("ECM", 1.5, 2), ("ECM_Si_physical", 1.8, 5),
                                                       ("PSM_Si_physical", None, 0)])
 @given(seeds)
-@settings(max_examples=50, deadline=None)
+@examples(50)
 def test_holding_efforts_are_the_same_three_ways(name: str, camera: float | None, link: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     chain, up = stock.chain(name), rng.normal(0.0, 9.81, 3)

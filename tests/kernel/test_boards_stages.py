@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import procs.kernel.library
@@ -55,7 +55,6 @@ def curve_from(x0: Floats, span: int, rng: np.random.Generator) -> Floats:
 
 
 @pytest.mark.usefixtures("both_ways")
-@settings(deadline=None)
 @given(st.integers(0, 2**32 - 1), st.sampled_from((4, 7, 10)))
 @pytest.mark.slow
 def test_encoders_show_the_same_bits_after_any_motion(seed: int, width: int) -> None:
@@ -81,7 +80,6 @@ def test_encoders_show_the_same_bits_after_any_motion(seed: int, width: int) -> 
 
 
 @pytest.mark.usefixtures("both_ways")
-@settings(deadline=None)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(MIXES))
 @pytest.mark.slow
 def test_a_host_gets_the_same_bits_from_controllers_of_every_kind(seed: int, mix: tuple[tuple[str, int], ...]) -> None:
@@ -122,7 +120,6 @@ def group_of(model: Model, top: int, control: int, rng: np.random.Generator) -> 
 
 
 @pytest.mark.usefixtures("both_ways")
-@settings(deadline=None)
 @given(st.integers(0, 2**32 - 1))
 @pytest.mark.slow
 def test_sensors_and_motion_are_the_same_bits_from_anything(seed: int) -> None:

@@ -7,7 +7,7 @@ import weakref
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from procs.fpga import blocks, registers, wire
@@ -45,7 +45,6 @@ def answered(found: HubBlocks, link: Link, rng: np.random.Generator) -> None:
             link.rx_quads[at] = link.rx_quads[at] & ~mask | value
 
 
-@settings(deadline=None)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(MIXES), st.integers(1, 0xFFFF), st.booleans())
 def test_queries_and_what_answers_them(seed: int, mix: tuple[int, tuple[str, ...]], sequence: int, away: bool) -> None:
     rng, rows = np.random.default_rng(seed), rows_of(*mix)
@@ -85,7 +84,6 @@ def test_what_is_made_anew_when_boards_come_and_go_leaves_nothing_for_the_garbag
         gc.enable()
 
 
-@settings(deadline=None)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(MIXES))
 def test_commands_of_all_boards(seed: int, mix: tuple[int, tuple[str, ...]]) -> None:
     rng, rows = np.random.default_rng(seed), rows_of(*mix)

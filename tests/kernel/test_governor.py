@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from procs.arm.governor import Governor
@@ -15,6 +15,7 @@ from procs.arm_types import ARM_TYPES
 from procs.kernel.bound import BoundStruct
 from procs.kernel.governor_fields import GOVERNOR
 from procs.kernel.library import bind, kernel
+from tests.examples import examples
 from tests.kernel.shadow import both
 
 pytestmark = pytest.mark.skipif(kernel().library is None, reason=f"no kernel: {kernel().why}")
@@ -22,7 +23,7 @@ pytestmark = pytest.mark.skipif(kernel().library is None, reason=f"no kernel: {k
 NUMBERS = st.floats(-1.0, 1.0) | st.floats() | st.sampled_from((-0.0, math.nan, 1e-320))
 
 
-@settings(max_examples=400, deadline=None)
+@examples(400)
 @given(st.sampled_from(sorted(ARM_TYPES)), st.data())
 @pytest.mark.slow
 def test_both_come_to_the_same_setpoints(name: str, data: st.DataObject) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from procs.document.system import Brake, Linear
@@ -62,7 +62,6 @@ def stir(bound: BoundStruct, rng: np.random.Generator, odd: float) -> None:
             array[...] = rng.integers(0, np.iinfo(array.dtype).max // 2, array.shape, dtype=array.dtype)
 
 
-@settings(deadline=None)
 @given(st.integers(0, 2**32 - 1), st.sampled_from((0.0, 0.02, 0.3)), st.booleans())
 @pytest.mark.slow
 def test_every_stage_leaves_the_same_bits_from_anything(seed: int, odd: float, rich: bool) -> None:

@@ -8,13 +8,14 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from procs.document.gravity_parameters import MasterGravityParameters
 from procs.kinematics.gravity import Gravity, up_of
 from procs.kinematics.master_gravity import MasterGravity
 from tests import stock
+from tests.examples import examples
 
 FILES = {"gravity_PSM_Si": ("PSM_Si_physical", None), "gravity_ECM_Classic_SD": ("ECM", 1.5)}
 
@@ -47,7 +48,7 @@ def test_an_independent_model_gives_the_same_efforts(
     np.testing.assert_allclose(found[: len(expected)], expected, atol=2e-5, rtol=0)
 
 
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(st.lists(st.floats(-0.8, 0.8), min_size=3, max_size=3), st.floats(-1.5, 1.5))
 def test_efforts_turn_with_the_mounting(parts: list[float], pitch: float) -> None:
     chain, q = stock.chain("PSM_Si_physical"), np.array([*parts, 0.0, 0.0, 0.0])

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from procs.kinematics.forward import Kinematics
@@ -18,6 +18,7 @@ from procs.kinematics.inverse.master import Master
 from procs.kinematics.inverse.solver import InverseSolver
 from procs.kinematics.poses import rotation_from_vector
 from tests import stock
+from tests.examples import examples
 
 STRAIGHT = np.array(((0.0, 1.0, 0.0, 0.0), (-1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.0)))
 TILT = rotation_from_vector(np.array((math.radians(30.0), 0.0, 0.0)))
@@ -79,7 +80,7 @@ def test_goals_of_the_original_routines_are_reached_from_near_and_from_home(name
 
 
 @pytest.mark.parametrize("name", ARMS)
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(parts=st.lists(st.floats(0.0, 1.0), min_size=7, max_size=7), seed=st.lists(st.floats(0.0, 1.0), min_size=7,
                                                                                  max_size=7))
 def test_wherever_an_arm_can_be_it_can_be_sent(name: str, parts: list[float], seed: list[float]) -> None:
@@ -201,7 +202,7 @@ def test_what_no_solver_fits_is_refused_by_name() -> None:
 
 @pytest.mark.parametrize("name", ("MTML", "MTMR"))
 @given(st.lists(st.floats(0.0, 1.0), min_size=17, max_size=17))
-@settings(max_examples=40)
+@examples(40)
 def test_a_masters_wrist_faces_where_it_is_told_wherever_the_arm_is(name: str, parts: list[float]) -> None:
     _, forward = arm(name)
     here, seed = spread(forward, parts[:7]), spread(forward, parts[7:14])

@@ -6,11 +6,12 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from procs.kinematics.poses import angle_between, matrix_from_pose, pose_from_matrix, rotation_from_vector
 from procs.teleop.teleoperation import JawMapping, PoseMapping, Presence, Start, roll_between, waiting_for
+from tests.examples import examples
 
 DEGREE = math.pi / 180
 NEAR = st.floats(-0.3, 0.3)
@@ -73,7 +74,7 @@ def test_locks_keep_what_they_lock(master: np.ndarray, slave: np.ndarray, later:
 
 
 @given(poses, poses, poses, poses, poses)
-@settings(max_examples=30)
+@examples(30)
 def test_a_base_that_moves_is_made_up_for(
     master: np.ndarray, slave: np.ndarray, later: np.ndarray, base: np.ndarray, moved: np.ndarray
 ) -> None:

@@ -6,11 +6,12 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from procs.arm_types import ARM_TYPES
 from procs.kinematics.trajectory import PlanError, Trajectory
+from tests.examples import examples
 
 
 def plan(arm: str, goal: np.ndarray, ratio: float = 1.0, velocity: np.ndarray | None = None) -> Trajectory:
@@ -62,7 +63,7 @@ coordinates = st.lists(st.floats(-1.0, 1.0), min_size=7, max_size=7)
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=25)
+@examples(25)
 @given(coordinates, coordinates)
 def test_a_moving_start_is_continued_within_limits(goal: list[float], speed: list[float]) -> None:
     v_max, a_max = ARM_TYPES["PSM"].moves.scaled()

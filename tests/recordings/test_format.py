@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from mcap.exceptions import EndOfFile
 from mcap.reader import NonSeekingReader, make_reader
@@ -29,6 +29,7 @@ from procs.ros.hashes import ros_name
 from procs.ros.messages import JointStates, MessageHeader, Time
 from shm.layout import schema_of
 from shm.rows import Field, Topic
+from tests.examples import examples
 from tests.recordings.made import BEGIN_NS, FACTS, STATE, a_recording, in_memory, rows_of, written
 
 TYPE_NAME = re.compile(r"[a-z][a-z0-9_]*/msg/[A-Z][A-Za-z0-9]*")
@@ -45,7 +46,7 @@ def schema_from(drawn: list[tuple[str, str]]) -> object:
     return schema_of(Topic("odd-topic", "user", 10, 1.0, rows))
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(fields, st.integers(0, 1 << 30), st.sampled_from(sorted(COMPRESSIONS)))
 def test_what_is_written_is_what_is_read(tmp_path_factory, drawn, seed, compression):
     schema = schema_from(drawn)
@@ -63,7 +64,7 @@ def test_what_is_written_is_what_is_read(tmp_path_factory, drawn, seed, compress
     assert found.missing == 0
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(fields, st.integers(0, 1 << 30))
 @pytest.mark.slow
 def test_a_record_is_the_message_that_ros_would_write(drawn, seed):
@@ -160,7 +161,7 @@ def test_a_file_is_readable_up_to_its_last_chunk_wherever_it_is_cut(tmp_path: Pa
     assert sum(isinstance(record, Message) for record in found) == 30
 
 
-@settings(max_examples=150)
+@examples(150)
 @given(st.data())
 @pytest.mark.slow
 def test_a_damaged_file_is_told_and_never_an_accident(tmp_path_factory, data):

@@ -8,13 +8,14 @@ from collections.abc import Callable
 from contextlib import closing
 from typing import Any
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from shm.directory import create_ring
 from shm.ring import HEAD, RingReader, RingWriter
 from shm.segment import Segment, segment_name, unlink
 from tests.conftest import World
+from tests.examples import examples
 from tests.shm.witness import Author, Lives, Witness, topic
 
 SLOTS = 8
@@ -78,7 +79,7 @@ class RingPair:
 PACES = st.lists(st.sampled_from([0, 0, 0, 0, 1, 1, 2, 3, KEPT, 3 * KEPT]), max_size=40)
 
 
-@settings(deadline=None, max_examples=150)
+@examples(150)
 @given(pace=PACES, count=st.integers(0, SLOTS + 2))
 def test_last_gives_all_that_was_not_overwritten(pace: list[int], count: int) -> None:
     with closing(RingPair(pace)) as pair:
@@ -86,7 +87,7 @@ def test_last_gives_all_that_was_not_overwritten(pace: list[int], count: int) ->
         assert found == pair.expected(pair.words.newest_at[HEAD] - count + 1)
 
 
-@settings(deadline=None, max_examples=150)
+@examples(150)
 @given(pace=PACES, back=st.integers(-3, SLOTS + 2))
 def test_since_gives_all_that_was_not_overwritten(pace: list[int], back: int) -> None:
     with closing(RingPair(pace)) as pair:
@@ -94,7 +95,7 @@ def test_since_gives_all_that_was_not_overwritten(pace: list[int], back: int) ->
         assert found == pair.expected(BEFORE - back)
 
 
-@settings(deadline=None, max_examples=150)
+@examples(150)
 @given(pace=PACES)
 def test_a_late_reader_counts_all_that_is_overwritten_from_then_on(pace: list[int]) -> None:
     with closing(RingPair(pace)) as pair:

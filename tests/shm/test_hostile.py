@@ -15,7 +15,7 @@ from types import FrameType
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from procs.document.system import SystemConfig, from_json
@@ -28,6 +28,7 @@ from shm.mailbox import Mailbox
 from shm.mailbox_map import create_mailbox
 from shm.segment import FIXED, SegmentError, names_of, path_of, segment_name, unlink
 from shm.topics import SUPERVISOR_STATE
+from tests.examples import examples
 
 SYSTEM = f"thostile{os.getpid()}"
 HANG_S = 10
@@ -220,7 +221,7 @@ SPOILT = st.lists(CHANGES, min_size=1, max_size=6)
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@settings(deadline=None, max_examples=40)
+@examples(40)
 @given(changes=SPOILT)
 def test_a_spoilt_segment_is_refused_or_harmless(
     templates: Templates, kind: str, changes: list[tuple[str, int, Any]]
@@ -230,7 +231,7 @@ def test_a_spoilt_segment_is_refused_or_harmless(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
-@settings(deadline=None, max_examples=200)
+@examples(200)
 @given(changes=SPOILT)
 def test_many_spoilt_segments_are_refused_or_harmless(
     templates: Templates, kind: str, changes: list[tuple[str, int, Any]]
@@ -239,14 +240,14 @@ def test_many_spoilt_segments_are_refused_or_harmless(
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@settings(deadline=None, max_examples=15)
+@examples(15)
 @given(raw=st.binary(max_size=9000))
 def test_random_bytes_are_refused(templates: Templates, kind: str, raw: bytes) -> None:
     try_out(KINDS[kind], raw)
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@settings(deadline=None, max_examples=30)
+@examples(30)
 @given(rest=st.binary(min_size=1, max_size=4000), data=st.data())
 def test_a_good_header_over_garbage_is_harmless(
     templates: Templates, kind: str, rest: bytes, data: st.DataObject
@@ -259,7 +260,7 @@ def test_a_good_header_over_garbage_is_harmless(
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@settings(deadline=None, max_examples=30)
+@examples(30)
 @given(other=st.sampled_from(sorted(KINDS)), data=st.data())
 def test_one_kind_is_not_taken_for_another(
     templates: Templates, kind: str, other: str, data: st.DataObject
@@ -305,7 +306,7 @@ def rebuilt(good: bytes, schema: bytes | None, info: bytes | None) -> bytes:
 
 
 @pytest.mark.parametrize("kind", ["ring", "writer", "mailbox", "control"])
-@settings(deadline=None, max_examples=40)
+@examples(40)
 @given(info=st.one_of(INFO, JSON))
 def test_any_constants_are_refused_or_harmless(templates: Templates, kind: str, info: Any) -> None:
     raw = rebuilt(templates[kind], None, json.dumps(info).encode())
@@ -319,13 +320,13 @@ def test_any_constants_are_refused_or_harmless(templates: Templates, kind: str, 
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@settings(deadline=None, max_examples=40)
+@examples(40)
 @given(schema=SCHEMAS)
 def test_any_schema_is_refused_or_harmless(templates: Templates, kind: str, schema: Any) -> None:
     try_out(KINDS[kind], rebuilt(templates[kind], json.dumps(schema).encode(), None))
 
 
-@settings(deadline=None, max_examples=60)
+@examples(60)
 @given(content=st.one_of(JSON,
                          st.dictionaries(st.sampled_from([f.name for f in dataclasses.fields(SystemConfig)]), JSON)))
 def test_any_document_is_refused_or_harmless(templates: Templates, content: Any) -> None:

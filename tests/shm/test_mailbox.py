@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from shm import mailbox as m
@@ -21,6 +21,7 @@ from shm.mailbox_map import CLIENTS, create_mailbox
 from shm.place import MailboxFull, Place, take_place
 from shm.received import DONE
 from shm.segment import SegmentError, segment_name, unlink
+from tests.examples import examples
 
 CLIENT = """
 import sys
@@ -84,7 +85,7 @@ def test_a_command_arrives_as_it_was_sent(box: Mailbox, client: Place) -> None:
     assert list(box.drain()) == []
 
 
-@settings(deadline=None, max_examples=100)
+@examples(100)
 @given(values=st.lists(st.floats(allow_nan=False), max_size=64),
        text=st.text(st.characters(exclude_characters="\0", exclude_categories=["Cs"]), max_size=16))
 def test_any_numbers_and_text_survive(values: list[float], text: str) -> None:

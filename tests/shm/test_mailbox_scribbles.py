@@ -7,7 +7,6 @@ import itertools
 import os
 
 import pytest
-from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, rule
 
@@ -16,6 +15,7 @@ from shm.mailbox import Mailbox
 from shm.mailbox_map import CLIENTS, COMMAND_SCHEMA, MAX_VALUES, REPLY_SCHEMA, MailboxMap, create_mailbox
 from shm.place import MailboxFull, Place, take_place
 from shm.segment import SegmentError, segment_name, unlink
+from tests.examples import examples
 from tests.shm.test_hostile import bounded
 
 SYSTEM = f"tbox{os.getpid()}"
@@ -162,13 +162,13 @@ def test_who_believed_a_false_cursor_still_gets_its_answers() -> None:
 
 
 TestOneBadClient = OneBadClient.TestCase
-TestOneBadClient.settings = settings(max_examples=30, stateful_step_count=25, deadline=None)
+TestOneBadClient.settings = examples(30, stateful_step_count=25)
 
 
 @pytest.mark.slow
 def test_a_long_life_with_a_bad_client_loses_nothing() -> None:
     case = OneBadClient.TestCase()
-    case.settings = settings(max_examples=150, stateful_step_count=50, deadline=None)
+    case.settings = examples(15, stateful_step_count=50)
     case.runTest()
 
 
@@ -273,11 +273,11 @@ class NobodyIsSpared(RuleBasedStateMachine):
 
 
 TestNobodyIsSpared = NobodyIsSpared.TestCase
-TestNobodyIsSpared.settings = settings(max_examples=20, stateful_step_count=20, deadline=None)
+TestNobodyIsSpared.settings = examples(20, stateful_step_count=20)
 
 
 @pytest.mark.slow
 def test_a_long_life_of_scribbles_leaves_a_mailbox_usable() -> None:
     case = NobodyIsSpared.TestCase()
-    case.settings = settings(max_examples=100, stateful_step_count=40, deadline=None)
+    case.settings = examples(10, stateful_step_count=40)
     case.runTest()

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from shm.directory import create_ring
@@ -17,6 +17,7 @@ from shm.order import FencedWords
 from shm.ring import HEAD, RingError, RingReader, RingWriter
 from shm.segment import Segment, SegmentError, names_of, segment_name, unlink
 from shm.topics import SETPOINT, Field, Topic
+from tests.examples import examples
 
 DEPTH = 4  # slots; one is always busy, so 3 records are kept
 NUMBER = Topic("number", "io", 0, 0, (Field("value", "<i8", "", "a number"), Field("pair", "(2,)<f8", "", "two")),
@@ -325,7 +326,7 @@ STEPS = st.lists(st.sampled_from(["put", "put", "put", "newest", "next", "last",
                  max_size=60)
 
 
-@settings(deadline=None, max_examples=150)
+@examples(150)
 @given(steps=STEPS)
 def test_any_sequence_of_verbs_equals_a_plain_list(steps: list[str]) -> None:
     name = segment_name(MODEL_SYSTEM, "model", "number")

@@ -9,7 +9,7 @@ import signal
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
@@ -19,6 +19,7 @@ from shm.lockstep import SCHEMA, LockstepClock, Table, Timekeeper
 from shm.ring import BUSY, HEAD, LAST_SEQUENCE, RingReader, RingWriter
 from shm.segment import Segment, SegmentError, names_of, segment_name, unlink
 from shm.topics import Field, Topic
+from tests.examples import examples
 from tests.shm.test_hostile import bounded
 
 SYSTEM = f"tscribble{os.getpid()}"
@@ -168,13 +169,13 @@ class ScribbledRing(RuleBasedStateMachine):
 
 
 TestScribbledRing = ScribbledRing.TestCase
-TestScribbledRing.settings = settings(max_examples=40, stateful_step_count=30, deadline=None)
+TestScribbledRing.settings = examples(40, stateful_step_count=30)
 
 
 @pytest.mark.slow
 def test_a_long_life_of_scribbles_leaves_rings_usable() -> None:
     case = ScribbledRing.TestCase()
-    case.settings = settings(max_examples=300, stateful_step_count=60, deadline=None)
+    case.settings = examples(30, stateful_step_count=60)
     case.runTest()
 
 
@@ -195,7 +196,7 @@ def test_a_reader_that_comes_while_the_head_lies_says_so(world: Any) -> None:
     world.remove()
 
 
-@settings(deadline=None, max_examples=40)
+@examples(40)
 @given(at=st.integers(0, 4096), data=st.binary(min_size=1, max_size=1200))
 def test_a_scribbled_control_page_stops_nobody(at: int, data: bytes) -> None:
     create_control(SYSTEM, "PSM1")

@@ -7,7 +7,6 @@ import os
 from collections.abc import Iterator
 
 import pytest
-from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
@@ -18,6 +17,7 @@ from shm.segment import SegmentError, names_of, segment_name, unlink
 from shm.subscriptions import CELLS, Cells, Clearing, Subscriber, Subscriptions
 from shm.topics import EVENTS
 from tests.conftest import World
+from tests.examples import examples
 
 STATE = Topic("state", "arm", 100, 1.0, (Field("valid", "?", "", ""), Field("force", "<f8", "N", "", "wrench"),
                                          Field("torque", "<f8", "N·m", "", "wrench"),
@@ -280,4 +280,4 @@ class Subscribed(RuleBasedStateMachine):
 
 
 TestSubscribed = Subscribed.TestCase
-TestSubscribed.settings = settings(max_examples=60, stateful_step_count=30, deadline=None)
+TestSubscribed.settings = examples(60, stateful_step_count=30)

@@ -9,12 +9,12 @@ from __future__ import annotations
 import itertools
 
 import pytest
-from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
 from procs import lifecycle
 from procs.supervisor.requests import Requests
+from tests.examples import examples
 from tests.supervisor.played import Clock, PlayedRequest, played
 
 pytestmark = pytest.mark.slow
@@ -108,4 +108,4 @@ class AnyOrder(RuleBasedStateMachine):
 
 
 TestAnyOrder = AnyOrder.TestCase
-TestAnyOrder.settings = settings(max_examples=100, stateful_step_count=60, deadline=None)
+TestAnyOrder.settings = examples(100, stateful_step_count=60)

@@ -10,7 +10,7 @@ from typing import Any, Final, NoReturn
 
 import orjson
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
@@ -22,6 +22,7 @@ from procs.packed_view import PackedView
 from procs.ros.view_messages import VIEW_MESSAGES
 from procs.ros_bridge.outgoing import EVENT_MESSAGES, FIELD_TOPICS
 from procs.socket_bridge.topics import SharedTopic, Topics
+from tests.examples import examples
 from tests.tools.wild import Field, WildSystem
 from tools import cli
 from tools.inspector.values import ValuesData
@@ -133,7 +134,7 @@ def showing(pages: Any, name: str) -> Callable[[], None]:
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=25, suppress_health_check=list(HealthCheck))
+@examples(25, suppress_health_check=list(HealthCheck))
 @given(pattern=PATTERNS)
 def test_bridges_and_pages_show_any_value(wild: WildSystem, readers: list[Callable[[], None]],
                                           pattern: list[int]) -> None:
@@ -143,7 +144,7 @@ def test_bridges_and_pages_show_any_value(wild: WildSystem, readers: list[Callab
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=60, suppress_health_check=list(HealthCheck))
+@examples(60, suppress_health_check=list(HealthCheck))
 @given(pattern=PATTERNS, data=st.data())
 def test_verbs_print_any_value(wild: WildSystem, topics: Topics, pattern: list[int], data: st.DataObject) -> None:
     wild.beat()
@@ -154,7 +155,7 @@ def test_verbs_print_any_value(wild: WildSystem, topics: Topics, pattern: list[i
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=10, suppress_health_check=list(HealthCheck))
+@examples(10, suppress_health_check=list(HealthCheck))
 @given(pattern=PATTERNS)
 def test_recordings_of_any_value_are_read(wild: WildSystem, tmp_path: Path, pattern: list[int]) -> None:
     file = tmp_path / "wild.mcap"

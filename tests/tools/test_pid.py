@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import CliRunner, Result
 
@@ -26,6 +26,7 @@ from shm import directory
 from shm.clock import monotonic_ns, pause
 from shm.mailbox import Mailbox
 from shm.ring import RingWriter
+from tests.examples import examples
 from tests.tools.robot import robot
 from tools import cli
 from tools.errors import Misuse, Problem
@@ -120,7 +121,7 @@ def test_what_cannot_be_saved_is_said_and_leaves_nothing(tmp_path: Path, stock_f
     assert list(tmp_path.iterdir()) == []
 
 
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(st.lists(st.tuples(st.sampled_from(GAINS), st.floats(allow_nan=False, allow_infinity=False)), max_size=12))
 def test_every_gain_comes_back_to_the_last_digit(
     tmp_path_factory: pytest.TempPathFactory, values: list[tuple[Any, float]]

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 from typer.testing import CliRunner, Result
 
@@ -21,6 +21,7 @@ from shm.clock import monotonic_ns
 from shm.ring import HEAD, RingReader, RingWriter
 from shm.segment import Segment, path_of, segment_name, unlink
 from shm.topics import SETPOINT
+from tests.examples import examples
 from tests.tools.robot import ScriptedRobot, nothing_ages, robot
 from tools import cli
 from tools.bench import io_loop as bench_io
@@ -318,7 +319,7 @@ def test_status_says_where_numpy_does_the_kernels_work_and_why(kinematic: Script
     assert process.computes == computes.decode() and ("numpy: " in remarks(process)) == (computes != b"kernel")
 
 
-@settings(deadline=None, max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@examples(30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(at=st.integers(0, 1000), data=st.binary(min_size=1, max_size=1000))
 def test_status_survives_a_scribbled_control_page(kinematic: ScriptedRobot, at: int, data: bytes) -> None:
     control_page = kinematic.pages["PSM1"]

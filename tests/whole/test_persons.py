@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from typing import Any, Final
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
 from procs import codes
@@ -18,7 +18,7 @@ from procs.host.host import Host
 from shm import directory
 from shm.client import Client
 from shm.faults import Faults
-from tests.conftest import World
+from tests.examples import examples
 from tests.host.hosted import document
 
 STEP_S: Final = 0.005
@@ -164,13 +164,13 @@ def check(judge: Judge, events: list[tuple[Any, ...]]) -> None:
     pytest.fail(f"a person asked for home; arms are {judge.states}")
 
 
-RANDOM = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
+TOO_SLOW: Final = [HealthCheck.too_slow]
 
 
 @given(st.lists(EVENTS, max_size=20))
-@settings(RANDOM, max_examples=10)
+@examples(10, suppress_health_check=TOO_SLOW)
 def test_every_power_on_ends_in_a_persons_command_of_the_present_generation(
-    world: World, events: list[tuple[Any, ...]]
+    events: list[tuple[Any, ...]]
 ) -> None:
     with judged() as judge:
         check(judge, events)
@@ -178,15 +178,15 @@ def test_every_power_on_ends_in_a_persons_command_of_the_present_generation(
 
 @pytest.mark.soak
 @given(st.lists(EVENTS, max_size=60))
-@settings(RANDOM, max_examples=500)
+@examples(50, suppress_health_check=TOO_SLOW)
 def test_every_power_on_ends_in_a_persons_command_of_the_present_generation_for_long(
-    world: World, events: list[tuple[Any, ...]]
+    events: list[tuple[Any, ...]]
 ) -> None:
     with judged() as judge:
         check(judge, events)
 
 
-def test_a_pedal_does_not_power_what_a_fault_switched_off(world: World) -> None:
+def test_a_pedal_does_not_power_what_a_fault_switched_off() -> None:
     with judged() as judge:
         pedals_after_a_fault(judge)
 

@@ -6,12 +6,13 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from procs.boards.controllers.encoder import Encoders, Floats
 from procs.document.system import Quirks
 from procs.fpga import registers as reg
+from tests.examples import examples
 
 STEP = 49152  # ticks of a millisecond
 FAITHFUL = Quirks()
@@ -101,7 +102,7 @@ _deeds = st.lists(st.one_of(_steps, _steps, _loads, st.tuples(st.just("power up"
 
 
 @pytest.mark.slow
-@settings(max_examples=120, deadline=None)
+@examples(120)
 @given(lag=st.booleans(), sticky=st.booleans(), first=_loads, deeds=_deeds)
 def test_counters_follow_the_law_of_transitions(
         lag: bool, sticky: bool, first: tuple[object, ...], deeds: list[tuple[object, ...]]) -> None:

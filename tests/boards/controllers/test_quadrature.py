@@ -8,13 +8,14 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from procs.boards.controllers.encoder import Encoders, Floats
 from procs.boards.controllers.quadrature import DELAY, Quadrature
 from procs.document.system import Quirks
 from procs.fpga import registers as reg
+from tests.examples import examples
 
 Words = tuple[int, ...]
 Lines = tuple[int, int]
@@ -86,7 +87,7 @@ _changes = st.lists(st.tuples(_gaps, _lines), max_size=30)
 
 
 @pytest.mark.slow
-@settings(max_examples=150, deadline=None)
+@examples(150)
 @given(lag=st.booleans(), start=_lines, changes=_changes, looks=st.lists(st.booleans(), min_size=8, max_size=8))
 def test_every_tick_is_as_in_the_clocked_registers(
         lag: bool, start: Lines, changes: list[tuple[int, Lines]], looks: list[bool]) -> None:
@@ -236,7 +237,7 @@ def _bisect(x: Callable[[float], float], k: float, first: float, last: float, up
 _goals = st.lists(st.tuples(st.floats(-9.0, 9.0), st.floats(-40.0, 40.0)), min_size=1, max_size=8)
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(goals=_goals, lag=st.booleans(), samples=st.lists(st.integers(1, STEP), max_size=3),
        value=st.integers(0, 0xFFFFFF))
 def test_smooth_motion_gives_the_words_of_the_closed_form(

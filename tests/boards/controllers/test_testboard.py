@@ -8,7 +8,7 @@ from statistics import median
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from procs.boards.controllers.quadrature import DELAY
@@ -17,6 +17,7 @@ from procs.boards.devices.outputs import PLAY, BoardOutputs
 from procs.boards.devices.waveform import VALID
 from procs.document.system import Quirks
 from procs.fpga import registers as reg
+from tests.examples import examples
 
 A, B, INDEX, SWITCHES = 1, 2, 4, 8  # pins of outputs 1 to 4
 ZERO = reg.ENCODER_ZERO
@@ -235,7 +236,7 @@ _pwm = st.tuples(st.just("pwm"), st.integers(0, 3), st.integers(0, 200) | st.int
 _plays = st.tuples(st.just("play"), st.integers(1, ALL), st.lists(st.integers(0, 0x3FFF), max_size=12).map(tuple))
 
 
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(deeds=st.lists(st.tuples(st.integers(0, 3000), _writes | _pwm | _plays), max_size=8), every=st.integers(1, 300))
 def test_words_do_not_depend_on_how_often_they_are_read(
         deeds: list[tuple[int, tuple[object, ...]]], every: int) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from procs.boards.controllers.models import Model
@@ -14,6 +14,7 @@ from procs.boards.devices.dallas import instrument_memory
 from procs.boards.devices.outputs import PLAY
 from procs.document.system import Controller
 from procs.fpga import registers as reg
+from tests.examples import examples
 
 MS = 49152
 
@@ -140,7 +141,7 @@ ADDRESSES = st.one_of(st.integers(0, 0xF), st.builds(lambda region, offset: regi
                                                      st.one_of(st.integers(0, 0x120), st.integers(0, 0xFFF))))
 
 
-@settings(max_examples=200, deadline=None)
+@examples(200)
 @given(st.sampled_from(((7, 2), (8, 2), (8, 3), (9, 2), (9, 3))), st.lists(st.tuples(
     ADDRESSES, st.integers(0, 0xFFFF_FFFF), st.integers(0, 30), st.integers(0, 99 * MS)), max_size=30))
 @pytest.mark.slow

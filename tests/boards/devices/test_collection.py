@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from procs.boards.devices.collection import COLLECTING, LATE, MEASURED, Collection
 from procs.fpga import registers as reg
+from tests.examples import examples
 
 MS = 49152
 ON = reg.DAC_VALID | reg.DAC_COLLECT
@@ -149,7 +150,7 @@ EVENTS = st.lists(st.tuples(st.integers(0, 3000), st.one_of(
 
 
 @pytest.mark.slow
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(EVENTS, st.sampled_from((8, 9)))
 def test_stepping_in_one_go_equals_tick_by_tick(
         events: list[tuple[int, tuple[int, bool, int] | int | str]], firmware: int) -> None:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import weakref
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from procs.boards.devices.dallas import BIDIRECTIONAL, BUSY, PROBING, Dallas, instrument_memory
 from procs.fpga.instrument import MEMORY_BYTES
+from tests.examples import examples
 
 MS = 49152
 RESET_OK, RESET_NO_ANSWER = 1, 3  # as the tools know them
@@ -239,7 +240,7 @@ EVENTS = st.lists(st.tuples(st.integers(0, 90 * MS), st.sampled_from(
     ("insert", "remove", 0, 1, 2, 3, 0x7F0 << 16 | 2, 9))), max_size=8)
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(EVENTS, st.integers(5_000, 500_000), st.sampled_from((7, 8)))
 @pytest.mark.slow
 def test_asking_often_changes_nothing(events: list[tuple[int, int | str]], period: int, firmware: int) -> None:

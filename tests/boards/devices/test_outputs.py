@@ -6,11 +6,12 @@ import copy
 from dataclasses import dataclass, field
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from procs.boards.devices.outputs import PLAY, BoardOutputs
 from procs.boards.devices.waveform import NEVER, VALID
+from tests.examples import examples
 
 MS = 49152
 
@@ -244,7 +245,7 @@ def carry_out(outputs: BoardOutputs, slow: SlowOutputs, order: tuple[object, ...
 
 
 @pytest.mark.slow
-@settings(max_examples=120, deadline=None)
+@examples(120)
 @given(st.lists(st.tuples(st.integers(0, 40), WRITES), max_size=12), st.integers(0, 80))
 def test_stepping_in_one_go_equals_tick_by_tick(orders: list[tuple[int, tuple[object, ...]]], rest: int) -> None:
     outputs, asked, slow = BoardOutputs(), BoardOutputs(), SlowOutputs()

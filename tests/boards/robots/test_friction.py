@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from procs.boards.robots.friction import STIFFNESS, Friction
+from tests.examples import examples
 
 PERIOD = 1e-3
 ARMATURE = np.array((0.1, 4e-4, 2.0))
@@ -38,7 +39,7 @@ couplings = st.lists(st.floats(-1.0, 1.0), min_size=9, max_size=9).map(
 LEAST = LIMIT * PERIOD**2 / (STIFFNESS * ARMATURE)  # what the spring yields at the limit
 
 
-@settings(deadline=None, max_examples=20)
+@examples(20)
 @given(share=shares, coupled=couplings)
 def test_a_load_below_the_limit_never_moves_a_joint(share: np.ndarray, coupled: np.ndarray) -> None:
     masses = Masses(coupled)
@@ -52,7 +53,7 @@ def test_a_load_below_the_limit_never_moves_a_joint(share: np.ndarray, coupled: 
     np.testing.assert_allclose(masses.friction.oppose(masses.velocity), 0.9 * LIMIT * share, atol=1e-3 * LIMIT.max())
 
 
-@settings(deadline=None, max_examples=20)
+@examples(20)
 @given(steady=shares, shaking=shares, pace=st.floats(0.01, 2.0))
 def test_shaking_below_the_limit_moves_a_joint_nowhere(steady: np.ndarray, shaking: np.ndarray, pace: float) -> None:
     masses = Masses()
@@ -72,7 +73,7 @@ def test_a_load_beyond_the_limit_is_diminished_by_it() -> None:
     np.testing.assert_allclose(masses.velocity, 0.4 * 2.0 * LIMIT / ARMATURE, rtol=0.01)
 
 
-@settings(deadline=None, max_examples=30)
+@examples(30)
 @given(kick=shares, coupled=couplings)
 @pytest.mark.slow
 def test_what_was_kicked_comes_to_rest_and_stays(kick: np.ndarray, coupled: np.ndarray) -> None:

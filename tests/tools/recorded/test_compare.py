@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -21,6 +21,7 @@ from procs.recordings.reading import Records, open_recording
 from procs.recordings.writing import ChannelTable, RecordingFile
 from shm.layout import schema_of
 from shm.topics import ARM_STATE
+from tests.examples import examples
 from tests.recordings.made import BEGIN_NS, STATE, STEP_NS, rows_of, written
 from tools.errors import Misuse, Problem
 from tools.recorded.choosing import Stretch
@@ -147,7 +148,7 @@ def test_runs_that_begin_at_other_times_are_aligned() -> None:
     assert len(in_common(records(rows), records(later))[0].rows) == 0
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(st.lists(st.integers(-400_000, 400_000), min_size=40, max_size=40), st.sets(st.integers(1, 38), max_size=10))
 def test_jitter_below_half_a_period_pairs_the_right_records(jitter: list[int], gone: set[int]) -> None:
     rows = sane()
@@ -158,7 +159,7 @@ def test_jitter_below_half_a_period_pairs_the_right_records(jitter: list[int], g
     assert set(rows["sequence"][pairs.only_a] - 1) == gone and not len(pairs.only_b)
 
 
-@settings(max_examples=100, deadline=None)
+@examples(100)
 @given(st.lists(st.tuples(st.integers(-(2**63), 2**63 - 1), st.integers(-(2**63), 2**63 - 1)), min_size=1))
 def test_whole_numbers_do_not_overflow(pairs: list[tuple[int, int]]) -> None:
     a, b = np.array(pairs, np.int64).T.reshape(2, -1, 1)
