@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import gc
+import re
 import resource
 from pathlib import Path
 from types import SimpleNamespace
@@ -197,3 +198,12 @@ def test_a_loop_without_a_core_comes_later() -> None:
         assert state.head == before
         host.run(0.01)
         assert state.head > before
+
+
+@pytest.mark.slow
+def test_the_program_of_the_page_runs_as_it_stands(capsys: pytest.CaptureFixture[str]) -> None:
+    page = (Path(__file__).resolve().parents[2] / "docs/hosts.md").read_text(encoding="utf-8")
+    (program,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    exec(compile(program, "docs/hosts.md", "exec"), {})
+    said = [float(number) for number in re.findall(r"-?\d+\.\d*(?:e-?\d+)?", capsys.readouterr().out)]
+    assert said[:6] == pytest.approx(GOAL, abs=2e-3)
