@@ -18,6 +18,7 @@ from shm.origins import Origin
 
 REFUSED_NS = 1_000_000_000
 MEMORY = 64
+WRAP = 1 << 32  # generations are 32-bit numbers
 
 
 class Switch:
@@ -163,9 +164,11 @@ class IoRequests:
             self._bias_id = self._sender.send("bias_encoders", (self._samples, *self._left_out), self._robot)
 
     def _publish(self) -> None:
-        """Another generation; not one that a predecessor has had."""
+        """Another generation; not one that a predecessor has had. It wraps, and is never 0."""
         self._is_new = False
-        self._generation = max(self._generation, int(self._io.wish_generation.item())) + 1
+        seen = int(self._io.wish_generation.item())
+        is_ahead = (seen - self._generation) % WRAP < WRAP // 2
+        self._generation = (seen if is_ahead else self._generation) % (WRAP - 1) + 1
         self._generation_out[...] = self._generation
         for switch, cell in self._out:
             cell[...] = switch.code

@@ -49,6 +49,17 @@ def test_generations_count_changes_and_not_cycles() -> None:
     assert generation(harness) == before + 1, "a person's command makes all count anew"
 
 
+def test_generations_go_on_from_1_after_the_largest() -> None:
+    harness = ArmHarness().homed()
+    harness.arm.control.io_requests._generation = 2**32 - 2
+    seen = []
+    for word in ("pause", "resume", "pause"):
+        harness.state_command(word)
+        harness.step()
+        seen.append((generation(harness), int(harness.io.flag("wish_generation"))))
+    assert seen == [(2**32 - 1, 2**32 - 1), (1, 1), (2, 2)]
+
+
 def test_a_restarted_arm_begins_with_generation_0_and_goes_on_above_its_predecessor() -> None:
     harness = ArmHarness().homed()
     before = generation(harness)
