@@ -51,8 +51,10 @@ def test_generations_count_changes_and_not_cycles() -> None:
 
 def test_generations_go_on_from_1_after_the_largest() -> None:
     harness = ArmHarness().homed()
-    harness.arm.control.io_requests._generation = 2**32 - 2
-    harness.io.flag("wish_generation", 2**32 - 2)
+    requests = harness.arm.control.io_requests
+    requests._generation = 2**32 - 2
+    requests._generation_out[...] = 2**32 - 2
+    harness.step()
     seen = []
     for word in ("pause", "resume", "pause"):
         harness.state_command(word)
