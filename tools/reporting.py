@@ -116,11 +116,12 @@ def report(system: str, file: Path, most: int, say: Say) -> Reported:
         _add_logs(made, say)
         _add_recordings(made, file, most, say)
         made.text("CONTENTS.txt", _contents(made).encode())
-    except BaseException:
         made.close()
+    except BaseException:
+        with contextlib.suppress(OSError):  # what it still holds has no room either
+            made.close()
         file.unlink(missing_ok=True)
         raise
-    made.close()
     return Reported(made.files, tuple(made.problems))
 
 
