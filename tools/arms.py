@@ -18,7 +18,7 @@ from tools.inspect.amplifiers import Amplifiers
 from tools.inspect.watch import Watch, powered_names
 from tools.printing import Say
 from tools.remote import Remote
-from tools.systems import is_simulated
+from tools.systems import is_simulated, orphaned
 
 POLL_S = 0.02
 ENABLED, HOMED, DISABLED = "enabled", "homed", "disabled"
@@ -98,6 +98,9 @@ class ArmBringUp:
         return Deadline(self.limit_s or LIMITS_S[word], (lambda: self.watch.stamp_ns) if self.simulated else None)
 
     def _check_time(self, how: str) -> None:
+        if self.watch.problem() and (lost := orphaned(self.watch.system)):
+            self._fail(lost)
+            return
         self._deadline = self._deadline or self._limit(WORDS[self.goal])
         if self._deadline.is_over():
             error = self.watch.last_error()

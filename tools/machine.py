@@ -5,6 +5,7 @@ from __future__ import annotations
 import ipaddress
 import os
 import platform
+import resource
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -26,6 +27,7 @@ BOARDS_PORT: Final = 1394
 BOARDS_NET: Final = ipaddress.ip_network("169.254.0.0/16")
 MEGABYTE: Final = 1e6
 ENOUGH_MB, MIN_MB = 256.0, 64.0  # a full system of seven arms takes about 100
+ENOUGH_FILES: Final = 512  # the recorder of a full system has 165 open
 GOOD_CORES: Final = 4
 FREE_CORES: Final = 2.0  # io and arms of one robot, and what else they need
 LOOK_S: Final = 1.0
@@ -57,6 +59,7 @@ def findings() -> Iterator[MachineFinding]:
     yield cores(len(psutil.Process().cpu_affinity()))
     yield governor()
     yield shared_memory()
+    yield open_files(resource.getrlimit(resource.RLIMIT_NOFILE)[0])
     yield ports(holders(BOARDS_PORT))
     yield network(psutil.net_if_addrs())
     yield from firewire()
@@ -137,6 +140,14 @@ def shared_memory(folder: Path = FOLDER) -> MachineFinding:
         return MachineFinding("shared memory", NOTE, f"{found}; dead systems have left something: {', '.join(left)}",
                               "; ".join(map(_down, left)))
     return MachineFinding("shared memory", OK, found)
+
+
+def open_files(most: int) -> MachineFinding:
+    """How many a process may have open: the recorder and bridges open every ring."""
+    if most >= ENOUGH_FILES or most == resource.RLIM_INFINITY:
+        return MachineFinding("open files", OK, f"{most} for each process")
+    return MachineFinding("open files", BAD, f"{most} for each process, a system needs up to {ENOUGH_FILES}",
+                          f"ulimit -n {ENOUGH_FILES}")
 
 
 def ports(found: Iterable[SocketHolder]) -> MachineFinding:

@@ -20,6 +20,7 @@ from shm.system_time import SystemTime
 from tools.deadline import Deadline
 from tools.errors import Problem, Refused
 from tools.inspect.messages import in_full
+from tools.systems import alive, orphaned
 
 POLL_S = 0.001
 KEPT = 1000
@@ -57,11 +58,14 @@ class Remote:
     def wait_until_it_runs(self) -> None:
         """Wait while it starts, because it refuses what was sent before it ran.
 
-        Problem when it has been stopped, or has failed.
+        Problem when it has been stopped, has failed, or is dead and has no supervisor to start it again.
         """
         deadline = Deadline(START_S)
         while (state := self._page.state) in STARTING and not deadline.is_over():
             pause(POLL_S)
+        is_dead = state in ENDED or not alive(self._page.segment.identity())
+        if is_dead and (lost := orphaned(self._system)):
+            raise Problem(lost)
         if state in ENDED:
             raise Problem(f"{self.instance} {ENDED[state]}; first: trocar start {self.instance}")
 

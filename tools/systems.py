@@ -77,6 +77,11 @@ def is_up(system: str) -> bool:
     return supervisor_of(system) is not None
 
 
+def orphaned(system: str) -> str:
+    """Why nothing of a system comes back by itself, and what starts it again; empty: it has a supervisor."""
+    return "" if is_up(system) else "the supervisor is dead; trocar up FILE starts the system again"
+
+
 def those_up(known: Iterable[str]) -> list[str]:
     """Those of some systems that a living supervisor holds: a look at the page of each, one at /proc for all."""
     names = sorted(known)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 import pytest
 
@@ -116,7 +117,7 @@ def test_a_teleop_on_a_base_frame_of_a_component_is_left_out_as_well(home: Home)
 def test_console_files_of_old_are_told_how_to_become_new(home: Home) -> None:
     error = home.error(file=str(stock.find("dvrk-share/system/console-PSM1_SNAKE_KIN_SIMULATED.json")))
     assert "before dVRK 2.4" in error.text
-    assert "trocar convert console-PSM1_SNAKE_KIN_SIMULATED.json" in error.allowed
+    assert re.search(r"trocar convert \S+/console-PSM1_SNAKE_KIN_SIMULATED.json", error.allowed)
 
 
 def test_goovis_comes_from_its_file() -> None:

@@ -104,4 +104,5 @@ def test_a_file_of_another_format_is_told_so_before_anything_else(home: Home) ->
     (home.path / "old.xml").write_text('<?xml version="1.0"?>\n<Config/>')
     home.edit(SYSTEM, IO, str(home.path / "old.xml"))
     xml = [problem for problem in home.load().errors if problem.file.endswith("old.xml")]
-    assert [problem.allowed for problem in xml] == ["JSON or YAML; trocar convert old.xml makes one of it"]
+    assert [problem.allowed for problem in xml] == [
+            f"JSON or YAML; trocar convert {home.path / 'old.xml'} makes one of it"]

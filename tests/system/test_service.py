@@ -12,7 +12,7 @@ import pytest
 
 from tests.system.robot import ROOT, Robot, wait_for
 
-pytestmark = [pytest.mark.slow, pytest.mark.simulated]
+pytestmark = [pytest.mark.slow, pytest.mark.simulated("paced")]
 UNIT = (ROOT / "tools/trocar.service").read_text(encoding="utf-8")
 PATIENCE_S = 60.0
 
@@ -61,5 +61,12 @@ def test_after_a_death_of_the_supervisor_the_unit_leaves_nothing(robot: Robot, h
     until(heard, "READY=1")
     robot.kill("supervisor")
     assert robot.supervisor is not None and robot.supervisor.wait(timeout=PATIENCE_S) == -signal.SIGKILL
+    for words in (("start", "PSM1"), ("home",), ("send", "PSM1", "move_jp", *"000000")):
+        wait_for(lambda words=words: is_named(robot, *words), PATIENCE_S, "what helps")  # type: ignore[misc]
     robot.trocar(*command("ExecStopPost"))
     wait_for(lambda: not robot.left_over(), PATIENCE_S, "processes and memory are gone")
+
+
+def is_named(robot: Robot, *words: str) -> bool:
+    done = robot.types(*words)
+    return "trocar up FILE" in done.stdout + done.stderr

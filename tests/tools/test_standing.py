@@ -286,3 +286,11 @@ def test_what_the_scheduler_refused_is_said_once_with_where_the_remedy_is(kinema
     (line,) = [line for line in shown.splitlines() if "no real-time priority" in line]
     assert "IO1, PSM1" in line and "trocar doctor" in line
     assert "other" not in shown and "no FIFO" not in shown and " PSM1: locked" in shown
+
+
+def test_a_fault_comes_before_what_is_wrong_with_the_recorder_and_after_a_dead_arm() -> None:
+    fault = Standing("PSM1", "arm", "FAULT", False, "PSM1: power was lost")
+    recorder, arm = process("recorder", "the disk is full", "recorder"), process("PSM2", "dead")
+    assert first_thing([recorder], [fault]).startswith("PSM1: power was lost")
+    assert first_thing([recorder, arm], [fault]).startswith("PSM2 is dead")
+    assert first_thing([recorder], []).startswith("recorder: the disk is full")

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from procs.document.process import ALWAYS, ELSEWHERE, Process, processes_of
-from procs.manifest import THIRD_PARTY, late_s
+from procs.manifest import IN_TIME, THIRD_PARTY, late_s
 from procs.realtime import NO_FIFO, NOT_LOCKED, ORDINARY
 from shm import directory
 from shm.clock import monotonic_ns, pause
@@ -86,6 +86,11 @@ class ProcessStatus:
     def begins(self) -> bool:
         """It is not up yet, but will be."""
         return self.state in BEGINNING and self.lifecycle != "STOPPED" and bool(self.lifecycle or self.lives)
+
+    @property
+    def moves_the_robot(self) -> bool:
+        """Without it no arm moves as it should; others record, show, or pass on."""
+        return self.kind in (SUPERVISOR, "", *IN_TIME, *THIRD_PARTY)
 
     @property
     def said(self) -> str:

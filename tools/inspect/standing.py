@@ -150,9 +150,10 @@ def _fault_ns(events: NDArray[Any] | None) -> int:
 
 def first_thing(processes: Sequence[ProcessStatus], found: Sequence[Standing]) -> str:
     """What a person does first, in a line; empty: all is well."""
-    for process in processes:
-        if process.problem:
-            return f"{process.said}: {_help(process)}"
+    unwell = [process for process in processes if process.problem]
+    first = next((process for process in unwell if process.moves_the_robot), None)
+    if first is not None:
+        return f"{first.said}: {_help(first)}"
     faults = sorted((one for one in found if one.is_fault), key=_cause_first)
     if faults:
         one = faults[0]
@@ -161,6 +162,8 @@ def first_thing(processes: Sequence[ProcessStatus], found: Sequence[Standing]) -
         what = one.reason if one.name in one.reason else f"{one.name}: {one.reason}" if one.reason else (
             f"{one.name} is in FAULT")
         return f"{what}{hint}{f'. Then: trocar home {others}' if others else ''}"
+    if unwell:
+        return f"{unwell[0].said}: {_help(unwell[0])}"
     waiting = next((one for one in found if one.person), None)
     if waiting is not None:
         return f"{waiting.name} waits: {waiting.reason}"

@@ -67,7 +67,7 @@ class Watch:
 
     def __init__(self, system: str, name: str) -> None:
         """Attach to the state of an arm, or of setup joints."""
-        self.name = name
+        self.system, self.name = system, name
         kind = "suj" if name in instances_of_kind(system, "suj") else "arm"
         self.reader: RingReader = directory.reader(system, name, "state", kind)
         self._events: RingReader = directory.reader(system, name, "events", kind)

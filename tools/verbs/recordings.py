@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any
@@ -38,6 +39,8 @@ def recordings(
     folder = folder_of(system if system and folder_of(system).is_dir() else chosen_system(system))
     if unknown := [kind for kind in kinds or () if kind not in names.KINDS]:
         raise Problem(f"kind {unknown[0]}: there are {', '.join(names.KINDS)}")
+    if folder.is_dir() and not os.access(folder, os.R_OK | os.X_OK):
+        raise Problem(f"{folder}: may not be read")
     rows = [row for row in described(folder) if not kinds or row["kind"] in kinds]
     if as_json:
         for row in rows:

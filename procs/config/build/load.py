@@ -96,7 +96,7 @@ def _load(
     if _is_old_console(source):
         text = "this is a console file from before dVRK 2.4, which is not read"
         allowed = (f'a system file with "$id": "{_SYSTEM_ID}" and "$version": "1"; '
-                   f"trocar convert {source.path.name} makes one of it")
+                   f"trocar convert {source.path} makes one of it")
         context.problems.append(FileProblem(str(source.path), 1, "$id", "", text, allowed))
         return None
     source, problems = apply_overrides(by_name(context, source), sets)

@@ -101,7 +101,7 @@ def read_source(path: Path) -> tuple[SourceFile | None, list[FileProblem]]:
     except UnicodeDecodeError as bad:
         return None, [FileProblem(name, 0, "", "", f"not UTF-8 text: {bad.reason} at byte {bad.start}")]
     if text.lstrip().startswith("<"):
-        allowed = f"JSON or YAML; trocar convert {path.name} makes one of it"
+        allowed = f"JSON or YAML; trocar convert {path} makes one of it"
         return None, [FileProblem(name, 1, "", "", "this is XML, as before dVRK 2.4, which is not read", allowed)]
     is_yaml = path.suffix.lower() in _YAML
     try:
