@@ -391,7 +391,7 @@ USER_SLOW: Final = Code(
 # recorder
 RECORDING_DROPPED: Final = Code(
     "recording-dropped", WARNING, "recorder", "the disk is full or too slow, something was not recorded",
-    "make room where recordings are, or keep less: trocar set recorder.minutes 5")
+    "see that their folder may be written and has room; trocar set recorder.minutes 5 keeps less")
 FAULT_RECORDED: Final = Code(
     "fault-recorded", WARNING, "recorder", "there was a fault; what led to it is kept in a file",
     "look at the file as docs/operating.md says")
