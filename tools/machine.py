@@ -191,14 +191,16 @@ def firewire(root: Path = Path("/")) -> Iterator[MachineFinding]:
 
 def load() -> Iterator[MachineFinding]:
     """How much of the cores others leave, who takes the most, and who else has real-time priority."""
-    processes = list(psutil.process_iter(["name"]))
+    processes = list(psutil.process_iter(["name", "username"]))
     for process in processes:
         _percent(process)
     usage = psutil.cpu_percent(interval=LOOK_S, percpu=True)
     allowed = psutil.Process().cpu_affinity()
     free = sum(100.0 - percent for core, percent in enumerate(usage) if core in allowed) / 100.0
     own = {row.pid: row.system for row in running(foreign=True)}
-    busy = [Busy(_percent(process), process.pid, str(process.info["name"]), own.get(process.pid, ""))
+    us = psutil.Process().username()
+    busy = [Busy(_percent(process), process.pid, str(process.info["name"]), own.get(process.pid, ""),
+                 whose if (whose := str(process.info["username"])) != us else "")
             for process in processes if process.pid != os.getpid()]
     yield free_cpu(free, sorted(busy, key=lambda row: -row.percent))
     yield urgent([(row.pid, row.name) for row in busy if not row.system and _is_realtime(row.pid)])
@@ -212,9 +214,12 @@ class Busy:
     pid: int
     name: str
     system: str = ""
+    user: str = ""
+    """Whose it is where that is another user."""
 
     def __str__(self) -> str:
-        return f"{self.name}{f' of system {self.system}' if self.system else ''} (pid {self.pid}) {self.percent:.0f} %"
+        whose = f" of system {self.system}" if self.system else f" of user {self.user}" if self.user else ""
+        return f"{self.name}{whose} (pid {self.pid}) {self.percent:.0f} %"
 
 
 def free_cpu(free: float, busy: Iterable[Busy]) -> MachineFinding:
@@ -223,7 +228,7 @@ def free_cpu(free: float, busy: Iterable[Busy]) -> MachineFinding:
     if free >= FREE_CORES:
         return MachineFinding("free CPU", OK, found)
     most = [row for row in busy if row.percent >= BUSY_PERCENT][:NAMED]
-    others = [str(row.pid) for row in most if not row.system]  # no system is to be made slower
+    others = [str(row.pid) for row in most if not (row.system or row.user)]  # no system, and nothing of another user
     own = next((_down(row.system) for row in most if row.system), "top")
     names = ", ".join(map(str, most)) or "nobody for long"
     mend = f"sudo renice 19 -p {' '.join(others)}" if others else own
