@@ -152,6 +152,18 @@ class Pacing:
         if now_ns >= words[LOOK]:
             self.look(now_ns)
 
+    def called(self, now_ns: int) -> None:
+        """A cycle begins because who calls us once a period does so now: his deadlines are ours.
+
+        Periods in which he did not call were missed.
+        """
+        words = self._words
+        if words[CYCLES]:
+            words[MISSED] += max(0, round((now_ns - words[DEADLINE]) / self.period_ns))
+            self._missed[0] = words[MISSED]
+        words[DEADLINE] = now_ns
+        self.begin_work(now_ns)
+
     def look(self, now_ns: int) -> None:
         """What is done a few times a second."""
         if now_ns >= self._short_check:

@@ -353,7 +353,7 @@ class OwnProcess:
         """One period in a process that calls several: what it is asked, then its update, for whom it acts."""
         ACTING.origin = self._acting
         self.beat()
-        self._pacing.begin_work(self.time.now_ns())
+        self._pacing.called(self.time.now_ns())
         self.process_messages()
         self.update()
         self._pacing.end_of_work(self.time.now_ns())

@@ -69,6 +69,23 @@ def test_deadlines_that_passed_are_skipped_and_counted(page: Page) -> None:
     assert (page["missed"], page["overruns"]) == (5, 1)
 
 
+@pytest.mark.parametrize("made_at", [0, 100, PERIOD // 2, PERIOD - 100])
+def test_who_is_called_by_another_misses_what_it_was_not_called_for_and_what_it_took_too_long_for(
+        page: Page, made_at: int) -> None:
+    pacing = Pacing(page, PERIOD, 0)  # type: ignore[arg-type]
+    pacing.begin(made_at, False)
+    for call in (1, 2, 3.1, 4, 5, 8, 9, 10):  # 6 and 7 were missed
+        pacing.called(round(call * PERIOD))
+        pacing.end_of_work(round(call * PERIOD) + 500)
+    assert (page["missed"], page["overruns"], page["cycles"]) == (2, 0, 8)
+    pacing.called(11 * PERIOD)
+    pacing.end_of_work(13 * PERIOD + 500)
+    pacing.called(13 * PERIOD + 500)
+    pacing.end_of_work(13 * PERIOD + 600)
+    pacing.called(14 * PERIOD)
+    assert (page["missed"], page["overruns"]) == (4, 1)
+
+
 def test_who_has_nothing_to_do_sleeps_through_periods_and_misses_none(page: Page) -> None:
     pacing = Pacing(page, PERIOD, 0)  # type: ignore[arg-type]
     pacing.begin(0, False)
