@@ -16,6 +16,7 @@ from procs.config.read.yamltext import parse_yaml
 from shm import directory
 from shm.subscriptions import Subscriber
 from tests.system.robot import ROOT, Robot, wait_for
+from tests.system.test_user_failures import problem
 from tools.cli import VERBS, examples_of
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
@@ -74,6 +75,15 @@ def test_the_examples_of_the_page_run_and_their_deaths_change_nothing_else(robot
     assert "push" in robot.trocar("list") and "force" in robot.trocar("echo", "box/push", "--once")
     assert "done" in robot.trocar("send", "box", "keep_in", "1")
     wait_for(lambda: arm.newest() and int(arm.field("control_mode")) == 3, 60, "the arm is pushed")
+
+    robot.trocar("power-off")
+    wait_for(lambda: "pushes no more: " in problem(robot, "box"), 60, "it stops pushing, and says so")
+    pushing = robot.pid("box")
+    robot.home("PSM1")
+    assert "pushes no more: " in problem(robot, "box"), "until an operator asks for it again"
+    assert "done" in robot.trocar("send", "box", "keep_in", "1")
+    wait_for(lambda: arm.newest() and int(arm.field("control_mode")) == 3, 60, "the arm is pushed again")
+    assert problem(robot, "box") == "" and robot.pid("box") == pushing
 
     before, arm_before = robot.kill("box"), robot.pid("PSM1")
     wait_for(lambda: robot.state("box") == "RUNNING" and robot.pid("box") != before, 60, "the box is back")
