@@ -18,8 +18,10 @@ import os
 import signal
 import socket
 import sys
+import traceback
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from types import FrameType
 from typing import Protocol
 
@@ -332,10 +334,10 @@ def process(kind: str) -> Iterator[Node]:
     node.locks = proc(kind).realtime and not node.clock.simulated
     try:
         yield node
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         running = node.page.state == "RUNNING"
         node.log.exception("ended by an error")
-        node.page.show("FAILED", f"{type(error).__name__}: {error}")
+        node.page.show("FAILED", cause_of(error))
         sys.exit(LOOP_FAILED if running else SETUP_FAILED)
     node.page.show("STOPPED", node.stop_reason)
     node.log.info("ended: %s", node.stop_reason or "done")
@@ -357,6 +359,15 @@ def arguments(kind: str) -> argparse.Namespace:
     chosen = parser.parse_args()
     loglines.begin(sys.stderr)
     return chosen
+
+
+def cause_of(error: BaseException) -> str:
+    """What ended somebody's code: the error's name and text, or where it called sys.exit."""
+    if not isinstance(error, SystemExit):
+        return f"{type(error).__name__}: {error}"
+    last = traceback.extract_tb(error.__traceback__)[-1]
+    given = "" if error.code is None else repr(error.code)
+    return f"sys.exit({given}) in {Path(last.filename).name} line {last.lineno}"
 
 
 class TimeUp(BaseException):

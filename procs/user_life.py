@@ -25,7 +25,7 @@ def classes_in(module: ModuleType) -> list[type[OwnProcess]]:
 
 
 def live(kind: str, find: Callable[[SystemConfig, str], type[OwnProcess]]) -> None:
-    """Exit code 0: ended as asked, 3: setup failed, 4: its main did. `find` gives the class of an instance."""
+    """Exit code 0: ended as asked, or by itself, 3: setup failed, 4: its main did. `find` gives an instance's class."""
     faulthandler.enable()  # its log shows where it was when the supervisor ends it (SIGABRT), or C code crashes
     chosen = runtime.arguments(kind)
     log = logging.getLogger(chosen.name)
@@ -36,21 +36,24 @@ def live(kind: str, find: Callable[[SystemConfig, str], type[OwnProcess]]) -> No
     except SegmentError as error:  # there is no place, or somebody else has it
         log.error("%s", error)
         sys.exit(runtime.SETUP_FAILED)
-    except Exception as error:  # of the user's module, or its row
+    except (Exception, SystemExit) as error:  # of the user's module, or its row
         log.exception("%s cannot be used", chosen.name)
         with contextlib.suppress(SegmentError), contextlib.closing(
                 ControlPage(chosen.system, chosen.name, write=True)) as page:
-            page.show("FAILED", f"{type(error).__name__}: {error}")
+            page.show("FAILED", runtime.cause_of(error))
         sys.exit(runtime.SETUP_FAILED)
     runtime.on_stop(process.stop)
-    shown = process.own.page
+    shown, why = process.own.page, ""
     try:
         process.run()
-    except Exception as error:
-        running = shown.state == "RUNNING"
-        log.exception("ended by an error")
-        shown.show("FAILED", f"{type(error).__name__}: {error}")
-        sys.exit(runtime.LOOP_FAILED if running else runtime.SETUP_FAILED)
-    shown.show("STOPPED", process.stop_reason)
-    log.info("ended: %s", process.stop_reason or "its main has ended")
+    except (Exception, SystemExit) as error:
+        why = runtime.cause_of(error)
+        if not isinstance(error, SystemExit) or error.code:
+            running = shown.state == "RUNNING"
+            log.exception("ended by an error")
+            shown.show("FAILED", why)
+            sys.exit(runtime.LOOP_FAILED if running else runtime.SETUP_FAILED)
+    why = why or process.stop_reason or "its main has returned"
+    shown.show("STOPPED", why)
+    log.info("ended: %s", why)
     process.close()

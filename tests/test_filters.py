@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -166,6 +167,17 @@ def test_one_that_hangs_is_ended(lab: Lab) -> None:
     good = lab.add("good", Good)
     lab.cycle(4)
     assert "TimeUp: it took more than 0.05 s" in lab.problem("bad") and count(good) == 3
+
+
+def test_one_that_exits_ends_itself_alone(lab: Lab) -> None:
+    class Exiting(Good):
+        def update(self) -> None:
+            sys.exit("no more")
+
+    lab.add("bad", Exiting)
+    good = lab.add("good", Good)
+    lab.cycle(3)
+    assert "failed: sys.exit('no more') in test_filters.py line " in lab.problem("bad") and count(good) == 2
 
 
 def test_a_setup_that_fails_is_theirs_alone(lab: Lab) -> None:

@@ -9,7 +9,7 @@ from typing import Final
 
 from procs import codes
 from procs.document.process import Process
-from procs.runtime import TimeUp, limited
+from procs.runtime import TimeUp, cause_of, limited
 from procs.user_code import module_named
 from procs.user_life import classes_in
 from procs.user_process import OwnProcess
@@ -59,9 +59,9 @@ class HostedFilter:
     def _guarded(self, do: Callable[[], None]) -> None:
         try:
             limited(self._most_s, do)
-        except (Exception, TimeUp) as error:
+        except (Exception, SystemExit, TimeUp) as error:
             self._log.exception("ended by an error")
-            self._end(f"{type(error).__name__}: {error}")
+            self._end(cause_of(error))
 
     def _look_at_time(self, took_ns: int) -> None:
         process, now = self._process, monotonic_ns()
@@ -94,7 +94,7 @@ class HostedFilter:
         if process is not None:
             try:
                 limited(self._most_s, process.quit)
-            except (Exception, TimeUp):
+            except (Exception, SystemExit, TimeUp):
                 self._log.exception("its quit ended by an error")
             process.close()
         with contextlib.closing(ControlPage(self._system, self._row.name, write=True)) as page:

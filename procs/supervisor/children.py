@@ -18,6 +18,7 @@ from shm.clock import monotonic_ns
 
 HEALTHY_NS: Final = 10_000_000_000
 SETUP_S: Final = 60.0
+SETTLES_S: Final = 0.3  # so long after its setup, and a period, a user's process has shown that it runs
 TRACE_S: Final = 1.0  # how long a process may take to write where it hangs
 
 
@@ -82,6 +83,7 @@ class Child:
     reason: str = ""  # how the last one ended
     begun_ns: int = 0
     restart_at_ns: int = 0  # 0: no restart planned
+    up_ns: int = 0  # since when its setup has succeeded
     kill_at_ns: int = 0  # 0: nobody waits for its end, nor for its setup
     given_up: bool = False
     verdict: str = ""  # why we killed it
@@ -95,6 +97,12 @@ class Child:
         return self.state == lifecycle.RUNNING and self.process.ready
 
     @property
+    def has_begun(self) -> bool:
+        """It is up; a user's has also got through its first period."""
+        settles_s = self.row.period_s + SETTLES_S if proc(self.row.kind).declared else 0.0
+        return self.is_up and not self.kill_at_ns and self.now_ns() >= self.up_ns + round(settles_s * 1e9)
+
+    @property
     def is_down(self) -> bool:
         """There is no process, and nobody is going to start one."""
         return self.state == lifecycle.STOPPED and not self.restart_at_ns
@@ -104,8 +112,10 @@ class Child:
         self._step_by_hand(lifecycle.START)
 
     def stop(self) -> None:
-        """No process is wanted."""
+        """No process is wanted; one that has ended by itself is shown as stopped from now on."""
         self._step_by_hand(lifecycle.STOP)
+        if self.state == lifecycle.STOPPED and self.starts:
+            self.process.show_stopped()
 
     def kill_hung(self, silent_s: float) -> None:
         """It lives, but does not go on: kill it; the policy for deaths decides about the next one."""
@@ -114,7 +124,7 @@ class Child:
     def look(self) -> Ending | None:
         """What became of it: how it ended, if it has. Kills who takes too long to begin or to end."""
         if self.kill_at_ns and self.state == lifecycle.RUNNING and self.process.ready and not self.verdict:
-            self.kill_at_ns = 0  # its setup has succeeded
+            self.kill_at_ns, self.up_ns = 0, self.now_ns()  # its setup has succeeded
         if self.kill_at_ns and self.now_ns() >= self.kill_at_ns:
             begins = self.state == lifecycle.RUNNING
             self._kill(f"setup was not done within {SETUP_S:.0f} s, killed" if begins else

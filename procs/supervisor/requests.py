@@ -100,7 +100,7 @@ def _outcome(waits: _Pending) -> tuple[bool, str] | None:
     if waits.until == lifecycle.STOPPED:
         return None if is_this else (True, f"{name}: {child.reason}")
     if is_this and child.state == lifecycle.RUNNING:
-        return (True, f"{name} runs (pid {child.process.pid})") if child.process.ready else None
+        return (True, f"{name} runs (pid {child.process.pid})") if child.has_begun else None
     if child.starts < waits.number and child.state == lifecycle.RESTARTING:
         return None
     if child.starts == waits.number and child.state == lifecycle.STOPPED:

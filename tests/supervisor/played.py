@@ -20,6 +20,7 @@ class PlayedProcess:
     asked: bool = False
     hangs: bool = False
     stopped: bool = False
+    shown_stopped: bool = False
     lacks_memory: bool = False
     said: str = ""
     _code: int | None = None
@@ -77,7 +78,8 @@ class PlayedProcess:
         return f"killed by {signal.Signals(-code).name}" if code < 0 else f"exit code {code}: {self.said}"
 
     def show_stopped(self) -> None:
-        """Nobody looks."""
+        """Its page says so."""
+        self.shown_stopped = True
 
 
 @dataclass

@@ -75,6 +75,34 @@ def test_the_starter_hears_the_failures_own_text(system: IoAndArm) -> None:
     assert started.answers[1:] == [("failed", "PSM1: exit code 3: ValueError: no such tool; it is tried again")]
 
 
+def test_who_starts_a_users_process_hears_that_it_ends_at_once_again() -> None:
+    clock = Clock()
+    child, process = played("exits", "user", clock)
+    requests = Requests([child])
+    for ends_after_s in 0.2, 1.0:
+        started = PlayedRequest("start", "exits")
+        requests.take(started)  # type: ignore[arg-type]
+        process.goes_on()
+        child.look()
+        requests.answer()
+        assert started.answers == [("accepted", "")]
+        clock.passes(ends_after_s)
+        if ends_after_s < 1.0:
+            process.ends(0, "its main has returned")
+        child.look()
+        requests.answer()
+        assert started.answers[1:] == ([("failed", "exits: exit code 0: its main has returned; it is tried again")]
+                                       if ends_after_s < 1.0 else [("done", "exits runs (pid 102)")])
+
+
+def test_who_has_ended_by_itself_is_shown_as_stopped_when_it_is_stopped(system: IoAndArm) -> None:
+    system.process.ends(-9)
+    system.arm.look()
+    assert not system.process.shown_stopped
+    system.asked("stop")
+    assert system.process.shown_stopped and system.arm.reason == "killed by SIGKILL"
+
+
 def test_what_cannot_even_begin_is_told_as_well(system: IoAndArm) -> None:
     system.asked("stop")
     system.goes_on()

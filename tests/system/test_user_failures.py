@@ -62,6 +62,17 @@ class Sharing(trocar.Process):
     def on_stick(self):
         sum(range(1 << 60))  # in C: no Python runs that could be stopped
 """
+ENDING = """
+import sys
+
+import trocar
+
+
+class Ending(trocar.Process):
+    def main(self):
+        if self.name == "exits":
+            sys.exit()
+"""
 ARMS = [{"name": "PSM1", "type": "PSM", "simulation": "KINEMATIC", "arm_file": "arms/PSM1-demo.yaml"}]
 
 
@@ -89,6 +100,20 @@ def test_a_broken_and_a_hanging_process_change_nothing_else(robot: Robot, tmp_pa
     line = PROGRAM[:PROGRAM.index("time.sleep")].count("\n") + 1
     assert f'mine.py", line {line} in on_hang' in robot.trocar("logs", "stuck")
     assert robot.pid("PSM1") == arm and robot.state("PSM1") == "RUNNING"
+    assert robot.down() == 0
+
+
+def test_one_that_ends_by_itself_says_so_and_is_not_said_to_run(robot: Robot, tmp_path: Path) -> None:
+    up(robot, tmp_path, ENDING, {"name": "exits", "restart_limit": 1}, {"name": "returns", "restart_limit": 0})
+    line = ENDING[:ENDING.index("sys.exit")].count("\n") + 1
+    whys = {"exits": f"exit code 0: sys.exit() in mine.py line {line}", "returns": "exit code 0: its main has returned"}
+    for name, why in whys.items():
+        wait_for(lambda name=name: "given up" in reason(robot, name), 60, "nobody tries any more")  # type: ignore[misc]
+        assert problem(robot, name).startswith(f"not running: {why}; given up after")
+        assert why in robot.trocar("start", name, code=1)
+        assert f"ended: {why.removeprefix('exit code 0: ')}" in robot.trocar("logs", name)
+        robot.trocar("stop", name, "--yes")
+        assert robot.state(name) == "STOPPED" and problem(robot, name).startswith(f"not running: {why}")
     assert robot.down() == 0
 
 

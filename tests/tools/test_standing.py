@@ -185,9 +185,21 @@ class SilentPage:
 @pytest.mark.parametrize("kind", ["supervisor", "arm"])
 def test_each_state_of_a_process_has_its_words(state: str, lives: bool, kind: str) -> None:
     page: Any = SilentPage()
-    problem = _problem(Process("force", kind, 0.0), state, lives, page, simulated=False, exit_reason="")
+    problem = _problem(Process("force", kind, 0.0), state, lives, page, simulated=False, exit_reason="", lifecycle="")
     assert problem.partition(":")[0] in {"", "no sensor", *SENTENCES}
     assert bool(problem) >= (kind == "supervisor" and not lives), "it is never well without one"
+
+
+@pytest.mark.parametrize(("reason", "on_exit", "lifecycle", "problem"), [
+    ("exit code 0: its main has returned", "restart", "STOPPED", "not running: exit code 0: its main has returned"),
+    ("exit code 0: its main has returned", "stay-down", "STOPPED", ""),
+    ("exit code 4", "restart", "RUNNING", ""), ("stopped", "restart", "STOPPED", ""),
+    ("done", "restart", "STOPPED", ""), ("", "restart", "STOPPED", "")])
+def test_who_has_ended_by_itself_does_not_run_unless_its_row_lets_it_end(
+        reason: str, on_exit: str, lifecycle: str, problem: str) -> None:
+    page: Any = SilentPage()
+    row = Process("force", "user", 0.0, on_exit=on_exit)
+    assert _problem(row, "STOPPED", False, page, simulated=False, exit_reason=reason, lifecycle=lifecycle) == problem
 
 
 @pytest.mark.parametrize(("rows", "first"), [

@@ -34,6 +34,7 @@ BEGINNING = ("CREATED", "STARTING", "RESTARTING")
 SENTENCES = {DEAD: "{} is dead", STALLED: "{} is stalled", SILENT: "{} is silent", FAILED: "{} failed",
              NOT_RUNNING: "{} is not running", STOPPED: "{} is stopped"}
 """Of problems that are a word; all others are what a process says of itself."""
+MEANT = "stopped", "done"  # how a process ends that was asked to, or that nobody wanted
 SAYS_WHY = FAILED, NOT_RUNNING, STOPPED
 ENDING = ("STOPPING", "RESTARTING")  # the process may not have heard of it yet
 COUNTS = ("cycles", "missed", "overruns", "pauses")
@@ -204,16 +205,19 @@ def _life(name: str, page: ControlPage, ledger: dict[str, Any], simulated: bool,
         silent_s=(monotonic_ns() - beat) * 1e-9 if beat else None,
         computes=str(plain(page.get("computes"))), lifecycle=lifecycle, endings=ledger.get("endings", ()),
         listen=row.listen if row is not None else (), cpus=row.cpus if row is not None else (),
-        problem=lost or _problem(row or Process(name, kind, 0.0), state, lives_on, page, simulated, exit_reason),
+        problem=lost or _problem(row or Process(name, kind, 0.0), state, lives_on, page, simulated, exit_reason,
+                                 lifecycle),
         statistics=statistics, lives=lives_on,
     )
 
 
-def _problem(row: Process, state: str, lives_on: bool, page: ControlPage, simulated: bool, exit_reason: str) -> str:
+def _problem(row: Process, state: str, lives_on: bool, page: ControlPage, simulated: bool, exit_reason: str,
+             lifecycle: str) -> str:
     if state == "FAILED":
         return f"{FAILED}: {plain(page.get('error'))}"
     if not lives_on:
-        if state == "CREATED" and exit_reason:  # it ended before it could say anything
+        ended_by_itself = lifecycle == "STOPPED" and row.on_exit == "restart" and exit_reason not in MEANT
+        if exit_reason and (state == "CREATED" or (state == "STOPPED" and ended_by_itself)):
             return f"{NOT_RUNNING}: {exit_reason}"
         return DEAD if row.kind == SUPERVISOR or state in ("STARTING", "RUNNING", "STOPPING") else ""
     if state == "RUNNING" and _stalled(row, page, simulated):
