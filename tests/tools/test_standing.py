@@ -168,9 +168,11 @@ def test_the_cause_comes_before_what_follows_from_it(
 def test_each_problem_of_a_process_is_a_sentence(problem: str, said: str) -> None:
     first = first_thing([process("force", problem)], [])
     assert first.startswith(f"{said}: trocar ")
-    ended = dataclasses.replace(process("force", problem), exit_reason="killed by signal 9")
+    ended = dataclasses.replace(process("force", problem), exit_reason="killed by signal 9", lives=False)
     why = "" if problem.startswith(("failed", "not running")) else " (killed by signal 9)"
     assert first_thing([ended], []).startswith(f"{said}{why}: trocar ")
+    runs_again = dataclasses.replace(ended, lives=True)
+    assert first_thing([runs_again], []).startswith(f"{said}: trocar "), "an older end is no reason of what is new"
 
 
 class SilentPage:

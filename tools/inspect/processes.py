@@ -98,7 +98,7 @@ class ProcessStatus:
         """Its problem in a sentence; empty: it has none."""
         word = self.problem.partition(":")[0]
         said = SENTENCES.get(word, f"{{}}: {word}").format(self.name) + self.problem[len(word):] if word else ""
-        ended = f" ({self.exit_reason})" if self.exit_reason and word not in SAYS_WHY else ""
+        ended = f" ({self.exit_reason})" if self.exit_reason and not self.lives and word not in SAYS_WHY else ""
         return f"{said}{ended}" if said else ""
 
 
