@@ -354,7 +354,7 @@ SUPERVISOR_STATE = Topic(
         Field("lifecycle", "(instances,)S12", "", "STOPPED, RUNNING, STOPPING or RESTARTING"),
         Field("pid", "(instances,)<u4", "", "process, 0: none"),
         Field("restarts", "(instances,)<u4", "", "times it was started again"),
-        Field("exit_reason", "(instances,)S120", "", "how it last ended, empty: it never did"),
+        Field("exit_reason", "(instances,)S480", "", "how it last ended, empty: it never did"),
     ),
 )
 

@@ -306,10 +306,11 @@ class Supervisor:
         self._shown = shown
         up = sum(child.is_up for child in self.children)
         self._systemd.tell(f"STATUS=system {self.system.name}: {up} of {len(self.children)} processes run")
+        room = self._state.field("exit_reason").dtype.itemsize
         for i, child in enumerate(self.children):
             values = {"instance": child.row.name.encode(), "kind": child.row.kind.encode(),
                       "lifecycle": child.state.encode(), "pid": child.process.pid, "restarts": child.restarts,
-                      "exit_reason": shorten(child.reason, 120)}
+                      "exit_reason": shorten(child.reason, room)}
             for name, value in values.items():
                 self._state.field(name)[i] = value
         self._state.publish(self.now_ns())

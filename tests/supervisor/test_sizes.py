@@ -7,6 +7,9 @@ from pathlib import Path
 
 from procs.config import load_system
 from procs.manifest import proc
+from shm.control_page import CONTROL
+from shm.layout import schema_of
+from shm.topics import SUPERVISOR_STATE
 
 
 def test_boards_record_every_robot_on_them_io_its_own(data: Callable[[str], Path]) -> None:
@@ -19,3 +22,9 @@ def test_boards_record_every_robot_on_them_io_its_own(data: Callable[[str], Path
     assert cuts == {"PSM1": (0, 7), "MTML": (7, 7), "MTML_gripper": (14, 1)}
     dims, info = proc("io").sizes(system, "IO1")
     assert (dims["axes"], list(info["robots"])) == (15, ["PSM1", "MTML", "MTML_gripper"])
+
+
+def test_how_a_process_ended_has_room_for_all_that_it_said_of_itself() -> None:
+    said = schema_of(CONTROL).dtype["error"].itemsize
+    room = schema_of(SUPERVISOR_STATE, {"instances": 1}).dtype["exit_reason"].base.itemsize
+    assert room >= len("exit code 4: ") + said + len("; given up after 100 restarts")
