@@ -54,6 +54,7 @@ def test_those_of_a_host_share_its_process_and_period(home: Home, beside: Path) 
     ("{name: mine, module: mine.py, host: lab, period_s: 0.1}", ".mine.period_s", "lab calls its update", "at lab"),
     ("{name: mine, module: mine.py, host: supervisor}", ".mine.host", "something else has this name", "a name of its"),
     ("{name: mine, module: mine.py, host: PSM1}", ".PSM1", "taken", "a name of its own"),
+    ("{name: a b, module: mine.py}", ".a b", "'a b' is no name of a process", "letters, digits, _ and -, at most 40"),
     ("{module: mine.py}", "[0]", "a row without a name", "rows with name"),
     ("{name: mine, module: yours.py}", ".mine.module", "no such file", "systems"),
     ("{name: mine, module: mine.py, topic: []}", ".mine.topic", 'did you mean "topics"', "commands"),

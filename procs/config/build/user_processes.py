@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Iterable, Sequence
 from typing import Final
 
@@ -28,6 +29,7 @@ from procs.document.user_process import (
 )
 
 PERIOD_S: Final = 0.01
+_NAME: Final = re.compile(r"[A-Za-z0-9_-]{1,40}\Z")
 _PROCESSES: Key = (SECTION, "processes")
 _TAKEN: Final = {"events", "audit", "control", "mailbox", "clock", "document", "faults", PROPERTIES}
 _OF_A_PROCESS: Final = ("period_s", "cpu", "priority", "late_s", "hung_s", "start", "linger_s", "listen")
@@ -99,6 +101,8 @@ def _process(context: Context, source: SourceFile, key: Key, name: str, row: Pro
              period_s: float) -> UserProcess:
     if name in RESERVED:
         context.error(source, key, "this name is taken by a process of Trocar", "a name of its own")
+    if not _NAME.match(name):
+        context.error(source, key, f"{name!r} is no name of a process", "letters, digits, _ and -, at most 40")
     if row.priority and not row.host:
         context.error(source, (*key, "priority"), "it runs as programs usually do, and holds no robot up", "0, or none")
     _check_once(context, source, (*key, "topics"), [topic.name for topic in row.topics], _TAKEN)
