@@ -163,8 +163,7 @@ IO_TIMEOUT: Final = Code(
     "io-timeout", ERROR, "arm", "io does not answer",
     "trocar start with the name of io, unless it comes back by itself; then trocar home NAME")
 IO_RESTARTED: Final = Code(
-    "io-restarted", ERROR, "arm", "io was restarted",
-    "trocar home NAME; the log of io may say why it ended")
+    "io-restarted", ERROR, "arm", "io was restarted", "trocar home NAME; the log of io may say why it ended")
 IO_FAULT: Final = Code(
     "io-fault", ERROR, "arm", "io reports a fault whose number is not known here",
     "start all parts from the same version")
@@ -187,8 +186,7 @@ HOMING_TIMEOUT: Final = Code(
     "homing-timeout", ERROR, "arm", "the arm did not reach its home position in time",
     "remove what is in its way; look at the tolerances in the PID file")
 ROLL_PLAN: Final = Code(
-    "roll-plan", ERROR, "arm", "there is no motion to the lower stop of the roll",
-    "turn the roll by hand")
+    "roll-plan", ERROR, "arm", "there is no motion to the lower stop of the roll", "turn the roll by hand")
 ROLL_PASSED: Final = Code(
     "roll-passed", ERROR, "arm", "the roll went past where its lower stop should be",
     "check the roll's stop and its encoder")
@@ -212,6 +210,9 @@ IO_REFUSED: Final = Code(
 COMMAND_REFUSED: Final = Code(
     "command-refused", WARNING, "arm, suj, teleop", "a command was refused, and nothing of it done",
     "trocar send NAME lists what can be asked of it")
+OWN_STATE: Final = Code(
+    "own-state", WARNING, "arm", "a state of a derived arm asked for what cannot be done; it has ended, the arm holds",
+    "change its code as the text says (docs/derived-arms.md)")
 NOT_READY: Final = Code(
     "not-ready", WARNING, "arm", "motion was asked of an arm that is not homed, or its clutch was pressed",
     "trocar home NAME")
@@ -269,8 +270,7 @@ CPU_OVERLOAD: Final = Code(
 
 # setup joints
 SUJ_FAULT: Final = Code(
-    "suj-fault", ERROR, "suj", "the setup joints have lost power or their io; brakes hold",
-    "remove the cause")
+    "suj-fault", ERROR, "suj", "the setup joints have lost power or their io; brakes hold", "remove the cause")
 CLUTCH_RELEASED: Final = Code(
     "clutch-released", WARNING, "suj", "a clutch that a command had pressed was released after a minute",
     "clutch again if you still need it")

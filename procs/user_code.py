@@ -27,13 +27,20 @@ def module_named(name: str) -> ModuleType:
     return module
 
 
-def class_named(name: str, kind: type[T]) -> type[T]:
-    """The class of module:Class, which has to be one of `kind`; ImportError says what is wrong with it."""
+def class_named(name: str, kind: type[T], base: str) -> type[T]:
+    """The class of module:Class, which has to be one of `kind`; ImportError says what is wrong with it.
+
+    `base`: the class that users derive theirs from.
+    """
     module, _, what = name.rpartition(":")
     try:
-        found = getattr(module_named(module), what, None)
+        there = vars(module_named(module))
     except Exception as error:
         raise ImportError(f"{module}: {type(error).__name__}: {error}") from error
+    found = there.get(what)
     if not (isinstance(found, type) and issubclass(found, kind)):
-        raise ImportError(f"{module} has no class {what} that is derived from {kind.__name__}")  # noqa: TRY004  # like the other two
+        own = [each.__name__ for each in there.values() if isinstance(each, type) and issubclass(each, kind)
+               and each.__module__ == there["__name__"]]
+        raise ImportError(f"{module} has no class {what} that is derived from {base}; "  # noqa: TRY004  # like the other two
+                          f"it has: {', '.join(own) or 'none'}")
     return found

@@ -61,7 +61,7 @@ class Guarded(Stage):
         try:
             do()
         except CommandRefused as why:
-            self.control.report(codes.COMMAND_REFUSED, f"{self.control.machine.sub_state} ended: {why}")
+            self.control.report(codes.OWN_STATE, f"{self.control.machine.sub_state} ended: {why}")
             self._arm.end()
 
     def enter(self) -> None:
@@ -151,7 +151,9 @@ class DerivedArm(ArmLogic):
     def _take(self, joints: ArrayLike) -> None:
         goal, given = self.control.goal, np.asarray(joints, dtype=np.float64)
         if given.shape != goal.shape or not np.isfinite(given).all():
-            raise CommandRefused(f"{given.tolist()} are not {len(goal)} joints")
+            space = self.control.joints
+            names = ", ".join(f"{space.name(axis)} ({space.unit(axis)})" for axis in range(len(goal)))
+            raise CommandRefused(f"{given.tolist()}: follow and move take {len(goal)} finite joints: {names}")
         goal[...] = given
 
     @property

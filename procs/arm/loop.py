@@ -154,7 +154,7 @@ def setup_base(node: runtime.Node, arm: ArmConfig) -> SetupBase | None:
 def logic_of(arm: ArmConfig) -> type[ArmLogic]:
     """The class that is this arm: that of its type, or one of a user's own derived from it."""
     of_type = class_of(ARM_TYPES[arm.type].process, ArmLogic)
-    return class_named(arm.derived, of_type) if arm.derived else of_type
+    return class_named(arm.derived, of_type, f"Derived{arm.type.title()}") if arm.derived else of_type
 
 
 def most_periods(period_s: float) -> int:

@@ -106,7 +106,17 @@ def test_what_cannot_be_followed_ends_the_state() -> None:
     harness.send("jump")
     harness.run(0.1)
     assert harness.arm.state == "HOMED" and np.allclose(harness.io.position, begin)
-    assert any("JUMPING ended" in str(event) for event in harness.reports.of("warning"))
+    assert any("own-state" in str(event) and "JUMPING ended" in str(event) for event in harness.reports.of("warning"))
+
+
+def test_a_goal_of_another_number_of_joints_is_told_which_there_are() -> None:
+    class Short(Nodder):
+        def on_jump(self) -> None:
+            self.move([0.1, 0.2])
+
+    harness = nodder(Short).homed()
+    assert harness.send("jump").replies[-1][1].startswith(
+        "jump: [0.1, 0.2]: follow and move take 7 finite joints: yaw (rad), pitch (rad), insertion (m), ")
 
 
 def test_a_fault_ends_it_and_a_pause_does_not_resume_it() -> None:
@@ -157,10 +167,11 @@ def test_its_class_is_found_and_has_to_be_one_of_its_type(tmp_path: Path) -> Non
                     "class B(derived.DerivedMtm): pass\n")
     arm = fixed_arm()
     assert issubclass(logic_of(dataclasses.replace(arm, derived=f"{file}:A")), DerivedPsm)
-    assert class_named(f"{file}:B", DerivedMtm) and not issubclass(logic_of(arm), DerivedArm)
-    for name, wrong in (("B", "has no class B that is derived from PsmLogic"), ("C", "has no class C")):
+    assert class_named(f"{file}:B", DerivedMtm, "DerivedMtm") and not issubclass(logic_of(arm), DerivedArm)
+    for name, wrong in (
+            ("B", "has no class B that is derived from DerivedPsm; it has: A$"), ("C", "has no class C that")):
         with pytest.raises(ImportError, match=wrong):
             logic_of(dataclasses.replace(arm, derived=f"{file}:{name}"))
     file.write_text("import nothing_of_this_name\n")
     with pytest.raises(ImportError, match=r"arm_of_a_test.py: ModuleNotFoundError: No module named"):
-        class_named(f"{file}:A", DerivedEcm)
+        class_named(f"{file}:A", DerivedEcm, "DerivedEcm")

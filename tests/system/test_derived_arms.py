@@ -171,7 +171,7 @@ def test_an_arm_whose_class_cannot_be_used_says_so(robot: Robot, tmp_path: Path)
     robot.up(file, wait=False)
     assert robot.supervisor is not None
     assert robot.supervisor.wait(timeout=120) != 0
-    assert "broken.py has no class Missing that is derived from EcmLogic" in robot.output()
+    assert "broken.py has no class Missing that is derived from DerivedEcm; it has: Broken, Slow" in robot.output()
     assert not directory.instances(robot.name)
 
 
