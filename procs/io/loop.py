@@ -22,6 +22,7 @@ from procs.io.setpoint_tracker import WishFields
 from procs.io.start import POWER_OFF, prepare
 from shm.events import ERROR, STATUS, WARNING
 from shm.faults import NoFaults, robot_component
+from shm.layout import shorten
 from shm.ring import RingReader
 
 BUTTON: Final = "button"
@@ -102,6 +103,9 @@ class IoLoop(runtime.Loop):
         events = core.reports.events
         if events:  # before the record: who sees a fault there finds what is reported of it
             _report(self.node, (event for event in events if event.kind != BUTTON))
+            if core.reports.detached:
+                text = "; ".join([*core.reports.detached, f"trocar restart {self.node.name} attaches it again"])
+                self.node.page.field("error")[...] = shorten(text, 399)
         self._out.publish(core.stamp_ns)
         if events:
             self._report_buttons(events)

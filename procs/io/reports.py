@@ -55,6 +55,8 @@ class IoReports:
     def __init__(self) -> None:
         self.events: list[IoEvent] = []
         self.trips: list[IoFaultReport] = []
+        self.detached: list[str] = []
+        """In-cycle tasks that do not run any more, and why: shown as what is wrong with io until it is made anew."""
         self.changed: set[str] = set()
         """Topics besides `state` whose record changed: the loop publishes them, and empties the set."""
 

@@ -152,6 +152,7 @@ class Tasks:
         each.patience = 0
         each.row.fill(0.0)
         self._reports.trip(fault, each.robot, axis, value, limit, f"{each.label}: {reason}")
+        self._reports.detached.append(f"in-cycle task {each.label} of {each.name} is detached: {reason}")
 
 
 def _sample(axes: slice, samples: Samples, record: IoRecord) -> Sample:

@@ -132,6 +132,8 @@ def test_a_task_that_fails_is_detached_and_the_controller_goes_on(tmp_path, body
     assert harness.mine[0].steps == 20
     (reported,) = harness.reported
     assert text in reported and "detached" in reported and harness.codes == ["task-failed"]
+    (shown,) = harness.core.reports.detached
+    assert shown.startswith("in-cycle task mine.Mine of PSM1 is detached: ")
     assert harness.record.pid_enabled[0] and harness.record.fault[0] == 0
 
 

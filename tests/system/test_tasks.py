@@ -8,15 +8,18 @@ from pathlib import Path
 import pytest
 
 from tests.system.robot import DEMO, UP_S, Robot, wait_for
+from tests.system.test_user_failures import problem
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 
 PUSH = """
 class Push:
     def __init__(self, robot):
-        self.effort = robot.options["effort"]
+        self.effort, self.fails = robot.options["effort"], robot.options.get("fails")
 
     def step(self, sample, effort):
+        if self.fails and sample.enabled:
+            raise RuntimeError("no more")
         effort[0] = self.effort
 """
 
@@ -41,6 +44,19 @@ def test_a_task_pushes_a_robot_that_holds(robot: Robot, tmp_path: Path) -> None:
 
     wait_for(pushed, 30.0, "the push is seen")
     assert robot.down() == 0
+
+
+def test_a_task_that_was_detached_is_shown_until_io_begins_anew(robot: Robot, tmp_path: Path) -> None:
+    robot.up(system_file(tmp_path, "{effort: 1.2, fails: true}"))
+    assert problem(robot, "IO1") == ""
+    robot.home()
+    wait_for(lambda: problem(robot, "IO1") != "", 30.0, "it failed")
+    assert problem(robot, "IO1") == ("in-cycle task push.Push of PSM1 is detached: line 8: RuntimeError: no more; "
+                                     "trocar restart IO1 attaches it again")
+    assert "first: IO1: in-cycle task push.Push" in robot.trocar("status", code=1)
+    robot.trocar("restart", "IO1", "--yes")
+    robot.pids.add(robot.pid("IO1"))
+    assert problem(robot, "IO1") == "" and robot.down() == 0
 
 
 def test_a_task_that_cannot_be_made_refuses_the_start(robot: Robot, tmp_path: Path) -> None:
