@@ -15,6 +15,7 @@ from typing import Any, Final, Protocol
 from numpy.typing import NDArray
 
 from procs import codes
+from procs.crtk.names import Unknown, none_such
 from procs.document.process import ELSEWHERE
 from procs.document.system import SystemConfig, from_json
 from procs.document.user_process import PROPERTIES, SAVE_PROPERTIES, SET_PROPERTY, UserProcess
@@ -244,6 +245,8 @@ class OwnProcess:
         Fields that are computed on demand (docs/topics.md) are NaN until their group is wanted, as one of `groups`.
         """
         instance, _, ring = topic.partition("/")
+        if instance not in (known := directory.instances(self.system)):
+            raise Unknown(none_such("process", instance, known))
         subscriber = self.own.hold(Subscriber(self.system, instance, self.name))
         subscriber.want(ring, *groups)
         found = Subscription(self.own.hold(directory.reader(self.system, instance, ring)), subscriber, ring)

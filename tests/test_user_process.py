@@ -299,6 +299,15 @@ def test_it_acts_for_nobody_until_a_command_that_moves(make: Callable[..., Mine]
     assert theirs.process_messages() == 2
 
 
+def test_who_subscribes_to_what_is_not_there_is_told_what_is(make: Callable[..., Mine]) -> None:
+    mine = make()
+    for topic, told in (("nobody/wrench", "no process nobody; there are: supervisor, mine, other"),
+                        ("othe/wrench", r"no process othe; did you mean other\?"),
+                        ("other/force", "other has nothing called force that could be wanted; it has: .*wrench")):
+        with pytest.raises(SegmentError, match=told):
+            mine.subscribe(topic)
+
+
 def test_a_module_has_one_class_or_a_function(tmp_path: Path) -> None:
     file = tmp_path / "lab_process_of_a_test.py"
     file.write_text("def main(process): process.calls = 'main'\n")
