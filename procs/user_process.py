@@ -199,14 +199,25 @@ class OwnProcess:
     # what it says
 
     def publish(self, topic: str, **fields: Any) -> None:
-        """Write a record of one of its topics; fields that are not given stay as they were."""
-        cells, ring = self._fields[topic], self._rings[topic]
+        """Write a record of one of its topics; fields that are not given stay as they were.
+
+        KeyError names the topics or fields that there are; ValueError the field whose value does not fit.
+        """
+        cells = self.cells(topic)
         for name, value in fields.items():
-            cells[name][...] = value.encode() if isinstance(value, str) else value
+            try:
+                cells[name][...] = value.encode() if isinstance(value, str) else value
+            except KeyError:
+                raise KeyError(none_such("field", name, cells, f"{self.name}/{topic}")) from None
+            except (TypeError, ValueError) as error:
+                raise ValueError(f"{self.name}/{topic}, field {name}: {error}") from None
+        ring = self._rings[topic]
         ring.publish(max(self.time.now_ns(), ring.stamp_ns + 1))
 
     def cells(self, topic: str) -> dict[str, NDArray[Any]]:
         """The fields of a topic of its own, as its next record has them; after a pause they are others."""
+        if topic not in self._fields:
+            raise KeyError(none_such("topic", topic, self._fields, self.name))
         return self._fields[topic]
 
     def beat(self) -> None:
@@ -249,14 +260,14 @@ class OwnProcess:
             raise Unknown(none_such("process", instance, known))
         subscriber = self.own.hold(Subscriber(self.system, instance, self.name))
         subscriber.want(ring, *groups)
-        found = Subscription(self.own.hold(directory.reader(self.system, instance, ring)), subscriber, ring)
+        found = Subscription(self.own.hold(directory.reader(self.system, instance, ring)), subscriber, topic)
         self._subscriptions.append(found)
         return found
 
     def unsubscribe(self, subscription: Subscription) -> None:
         """Its records are no news any more."""
         self._subscriptions.remove(subscription)
-        subscription.subscriber.drop(subscription.topic)
+        subscription.subscriber.drop(subscription.topic.partition("/")[2])
 
     def watch(self, file: int | Watchable, events: int = READ) -> None:
         """`wait` ends when the file can be read (or written, or has a condition: READ | WRITE | EXCEPT)."""

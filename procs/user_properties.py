@@ -25,7 +25,12 @@ class Properties(Mapping[str, Any]):
         self._show()
 
     def __getitem__(self, name: str) -> Any:
+        if name not in self._values:
+            raise KeyError(self._none_such(name))
         return self._values[name]
+
+    def _none_such(self, name: str) -> str:
+        return f"no property {name}; there are {', '.join(self._rows) or 'none'}"
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._values)
@@ -35,7 +40,7 @@ class Properties(Mapping[str, Any]):
 
     def __setitem__(self, name: str, value: float | str) -> None:
         if name not in self._rows:
-            raise ValueError(f"no property {name}; there are {', '.join(self._rows) or 'none'}")
+            raise ValueError(self._none_such(name))
         if not self._rows[name].is_text:
             value = float(value)
         if wrong := self._rows[name].objection(value):

@@ -16,6 +16,7 @@ class Subscription:
     """A topic of another process: the newest record, after `look`."""
 
     def __init__(self, ring: RingReader, subscriber: Subscriber, topic: str) -> None:
+        """`topic` is INSTANCE/TOPIC."""
         self.ring, self.subscriber, self.topic = ring, subscriber, topic
         self._seen = 0
         rate_hz = float(ring.info.get("rate_hz") or 0.0)
@@ -37,5 +38,7 @@ class Subscription:
         return False
 
     def __getitem__(self, field: str) -> Any:
-        """A field of the record that was looked at last."""
+        """A field of the record that was looked at last; KeyError names those that there are."""
+        if field not in self._fields:
+            raise KeyError(f"{self.topic} has no field {field}; it has: {', '.join(self._fields)}")
         return self._fields[field][()]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -306,6 +307,28 @@ def test_who_subscribes_to_what_is_not_there_is_told_what_is(make: Callable[...,
                         ("other/force", "other has nothing called force that could be wanted; it has: .*wrench")):
         with pytest.raises(SegmentError, match=told):
             mine.subscribe(topic)
+
+
+def test_a_name_that_is_not_there_is_told_with_those_that_are(make: Callable[..., Mine]) -> None:
+    mine, other = make(), make(name="other")
+    wrench = mine.subscribe("other/wrench")
+    other.publish("wrench", force=(1, 2, 3))
+    assert wrench.look() and wrench["force"].tolist() == [1, 2, 3]
+    tries: list[tuple[Callable[[], object], str]] = [
+        (lambda: mine.publish("wrench", forces=(1, 2, 3)), "mine/wrench has no field forces; did you mean force?"),
+        (lambda: mine.publish("wrensh", force=(1, 2, 3)), "mine has no topic wrensh; did you mean wrench?"),
+        (lambda: mine.properties["gian"], "no property gian; there are gain, on, site"),
+        (lambda: wrench["pull"], "other/wrench has no field pull; it has: ")]
+    for do, told in tries:
+        with pytest.raises(KeyError, match=re.escape(told)):
+            do()
+    assert "gian" not in mine.properties
+
+
+@pytest.mark.parametrize(("value", "told"), [((1, 2, 3, 4), "could not broadcast"), ("north", "could not convert")])
+def test_a_value_that_does_not_fit_is_told_with_its_field(make: Callable[..., Mine], value: object, told: str) -> None:
+    with pytest.raises(ValueError, match=f"mine/wrench, field force: {told}"):
+        make().publish("wrench", force=value)
 
 
 def test_a_module_has_one_class_or_a_function(tmp_path: Path) -> None:

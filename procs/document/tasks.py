@@ -45,6 +45,12 @@ class TaskRobot:
     maximum_effort: Floats  # N·m or N; where larger efforts are cut
     options: Mapping[str, object]  # as they stand in the configuration
 
+    def axis(self, name: str) -> int:
+        """The place of the actuator of this name; ValueError names those that there are."""
+        if name not in self.axes:
+            raise ValueError(f"{self.name} has no axis {name}; there are: {', '.join(self.axes)}")
+        return self.axes.index(name)
+
 
 @dataclass(slots=True)
 class Sample:

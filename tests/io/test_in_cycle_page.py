@@ -67,7 +67,8 @@ def test_the_example_damps(task: TaskRow) -> None:
 
 
 def test_options_the_example_cannot_use_are_refused(task: TaskRow) -> None:
-    for changes, text in (({"at": 2.0}, "outside the joint's limits"), ({"axis": "elbow"}, "not in tuple")):
+    for changes, text in (({"at": 2.0}, "outside the joint's limits"),
+                          ({"axis": "elbow"}, "PSM1 has no axis elbow; there are: yaw, pitch, ")):
         wrong = TaskRow(task.module, task.name, task.robots, task.budget_s, 10, {**task.options, **changes})
         with pytest.raises(TaskError, match=text):
             stand_with(wrong)
