@@ -378,7 +378,7 @@ THIRD_PARTY_ERROR: Final = Code(
     "see that program; teleoperations that use it stop")
 ROS_REFUSED: Final = Code(
     "ros-refused", WARNING, "ros_bridge", "a message or request from ROS was refused, and nothing of it done",
-    "docs/ros.md says what each topic takes, and what clients may do")
+    "docs/commands.md says what each topic takes; after a fault an operator's command comes first (/system/home)")
 
 # processes of users' own
 USER_ERROR: Final = Code(

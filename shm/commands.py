@@ -58,7 +58,7 @@ FOR_A_WHILE: Final = (Argument("time it lasts", "s", optional=True),
                       Argument("axes: 0 tip, 1 reference frame", low=0.0, high=1.0, optional=True, whole=True))
 RATIO: Final = Argument("ratio", low=0.0, high=1.0, above=True)
 SCALE: Final = Argument("scale", low=0.0, high=1.0, above=True)
-PEDAL: Final = Argument("0 released, 1 pressed, 2 clicked", low=0.0, high=2.0, whole=True)
+PEDAL: Final = Argument("button (0 released, 1 pressed, 2 clicked)", low=0.0, high=2.0, whole=True)
 
 GRIP: Final = tuple(Argument(name, unit, 2, optional=True) for name, unit in (
     ("stiffness", "N/m, N·m/rad"), ("damping", "N·s/m, N·m·s/rad"), ("limits", "N, N·m")))
@@ -247,7 +247,7 @@ COMMANDS: dict[str, tuple[CommandRow, ...]] = {
         CommandRow("emulate_operator_present", MOTION,
                    "as if the operator came, for as long as the program that sends it runs, or left; stay: also after "
                    "that, where the console has no pedal or head sensor for the operator",
-                   (replace(PEDAL, name="0 released, 1 pressed", high=1.0),), "stay or nothing",
+                   (replace(PEDAL, name="button (0 released, 1 pressed)", high=1.0),), "stay or nothing",
                    effect_of_zero=SETTING, ended_by=ITSELF, ros=BUTTON),
         CommandRow("emulate_clutch", MOTION, "as if the clutch were used", (PEDAL,), effect_of_one=SETTING,
                    causes=("teleop.clutch",), ros=BUTTON),

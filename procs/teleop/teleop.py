@@ -26,6 +26,7 @@ Fields = Callable[[str], NDArray[Any]]
 MARGIN_NS: Final = 50_000_000  # goals on their way when a stream was ended
 SETTING_NS: Final = 60_000_000_000  # that arms may take to be homed
 REPORT_NS: Final = 2_000_000_000
+CLUTCHED: Final = "the clutch is pressed"
 PRESSED, CLICKED = 1.0, 2.0
 
 
@@ -328,11 +329,12 @@ class Teleop:
         if pressed:
             self.follow(False)
             self.press()
-            self.reason = "the clutch is pressed"
+            self.reason = CLUTCHED
         elif self.desired is not TeleopState.DISABLED:
             self.go(TeleopState.SETTING)
         else:
             self.release()
+            self.reason = "" if self.reason == CLUTCHED else self.reason
 
     def _show(self) -> None:
         self.record.show(self.state, self.desired, self.reason, following=self.following, clutched=self.clutched)

@@ -59,7 +59,8 @@ def test_a_page_is_sent_its_robot_and_its_fault_in_words(world: World) -> None:
         sources.begin(monotonic_ns())
         shown = json.loads(b"{" + sources.part("IO1/robot0") + b"}")["IO1/robot0"]
         assert shown["position"] == pytest.approx([0.1 * i for i in range(7)])
-        assert (shown["powered"], shown["cause"], shown["remedy"]) == (True, fault.cause, fault.remedy)
+        assert (shown["powered"], shown["cause"], shown["remedy"]) == (
+            True, fault.cause, fault.remedy_for("PSM1"))
         assert shown["age"] < 1.0
         scripted.io.field("sample_age_ns")[0] = 3_210_000_000  # its board is away, io goes on
         scripted.io.publish(monotonic_ns())

@@ -12,6 +12,7 @@ import yaml
 
 from procs.config import load_system
 from procs.document.system import SystemConfig
+from procs.ros_bridge.incoming import MESSAGES
 from procs.ros_bridge.loop import RosLoop
 from procs.supervisor import memory
 from tests.conftest import World
@@ -84,3 +85,10 @@ def test_the_page_has_the_topics_that_there_are(tmp_path: Path, world: World) ->
     page = documented()
     for heading, names in found.items():
         assert names == page[heading] - {"rw"}, heading
+
+
+def test_the_page_has_the_message_of_each_word_of_the_command_table() -> None:
+    page = (ROOT / "docs/ros.md").read_text(encoding="utf-8")
+    rows = dict(re.findall(r"\| ([a-z ]+) \| ([a-z_0-9]+/[A-Za-z0-9]+) \|", page))
+    assert rows == {word: taken.message.__idl_typename__.replace(".msg.dds_.", "/").removesuffix("_")
+                    for word, taken in MESSAGES.items()}

@@ -194,8 +194,10 @@ def test_the_clutch_lets_go_of_a_disabled_master_too(harness: TeleopHarness) -> 
     harness.step()
     harness.send("clutch", 1)
     assert "body/servo_cf" in harness.master.words() and not harness.slave.sent, "others may use it"
+    assert harness.text("reason") == "the clutch is pressed"
     harness.send("clutch", 0)
     assert harness.master.words()[-1] == "end_stream" and harness.text("state") == "DISABLED"
+    assert not harness.text("reason")
 
 
 def test_the_jaw_follows_slowly_until_it_has_caught_up(harness: TeleopHarness) -> None:
