@@ -64,8 +64,10 @@ class ArmCommands:
         command = request.command
         if command.stops and command.is_stop(request.text, request.values):
             self._stop_others(request)
-        if carry_out(request, self._do, self._control.joints.count) and command.move:
-            self._control.machine.publish_refused_move()
+        control = self._control
+        joints = control.joints.count if control.machine.state is ArmState.HOMED else None  # else it is not ready
+        if carry_out(request, self._do, joints) and command.move:
+            control.machine.publish_refused_move()
 
     def _do(self, request: Request) -> str | None:
         command = request.command

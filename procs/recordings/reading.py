@@ -341,7 +341,7 @@ def _info(text: str) -> dict[str, Any]:
     return found if isinstance(found, dict) else {}
 
 
-def open_recording(path: Path) -> RecordingReader:
+def open_recording(path: Path | str) -> RecordingReader:
     """A recording; RecordingError where the file is none, `problems` where it is not whole."""
-    return RecordingReader(path)
+    return RecordingReader(Path(path))
 

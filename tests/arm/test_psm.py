@@ -280,3 +280,10 @@ def test_an_si_lets_its_brakes_go_and_bears_its_weight() -> None:
     assert harness.send("use_gravity_compensation", (0.0,)).outcomes == ["done"]
     harness.run(1.1)
     assert not harness.setpoint["feed_forward"].any()
+
+
+def test_a_move_before_homing_is_told_that_the_arm_is_not_ready_whatever_its_size() -> None:
+    harness = ArmHarness()
+    for count in (6, 7):
+        (answer,) = harness.send("move_jp", (0.0,) * count).replies
+        assert answer[0] == "refused" and "must be in HOMED" in answer[1]
