@@ -333,6 +333,8 @@ class OwnProcess:
         command = self._commands.get(request.name)
         if command is None:
             return self.carries_out(request)
+        if why := request.command.objection(request.values):
+            raise ValueError(f"{request.name}: {why}")
         handler = getattr(self, f"on_{request.name}", self._nothing_else)
         return handler(*((request,) if handler == self._nothing_else else arguments_of(command, request)))
 

@@ -20,7 +20,7 @@ from procs.document.user_process import (
 )
 from shm.command_row import ANY, EVERYTHING, MOTION, RELAX, SETTING, Argument, CommandRow, effect_named
 from shm.rows import Field, Topic
-from shm.type_words import dtype_of
+from shm.type_words import DTYPES, dtype_of
 
 KIND = "user"
 VALUE = Argument("value, none of a text", low=-math.inf, high=math.inf, optional=True)
@@ -74,40 +74,41 @@ def own_commands(system: SystemConfig, name: str) -> tuple[CommandRow, ...]:
 
 def command_row(row: UserCommand) -> CommandRow:
     """A declared command as a row of the table of commands; from motion on everything may come of it."""
-    numbers = tuple(Argument(field.name, field.unit, math.prod(shape_of(field.type)[1]), -math.inf, math.inf)
-                    for field in row.arguments if shape_of(field.type)[0] != "text")
+    numbers = tuple(_argument(field) for field in row.arguments if shape_of(field.type)[0] != "text")
     text = next((field.name for field in row.arguments if shape_of(field.type)[0] == "text"), "")
     effect = effect_named(row.effect) or MOTION
     return CommandRow(row.name, effect, row.text, numbers, text, stops=(ANY,) if row.stops else (),
                       causes=(EVERYTHING,) if effect >= RELAX else (), latest=row.latest)
 
 
+def _argument(field: UserField) -> Argument:
+    """Numbers that its type has: 0 and 1 of a bool, whole ones of an int."""
+    bare, shape = shape_of(field.type)
+    kind = np.dtype(DTYPES[bare])
+    low, high = -math.inf, math.inf
+    if kind.kind == "b":
+        low, high = 0.0, 1.0
+    elif kind.kind != "f":
+        low, high = float(np.iinfo(kind).min), float(np.iinfo(kind).max)
+    return Argument(field.name, field.unit, math.prod(shape), low, high, whole=kind.kind != "f")
+
+
 def arguments_of(command: UserCommand, request: Asked) -> list[Any]:
-    """The arguments as they were declared: float, int, bool, text, or arrays; ValueError: too few or too many numbers.
-    """
+    """The arguments as they were declared: float, int, bool, text, or arrays; its row has no objection to them."""
     made: list[Any] = []
-    at, values = 0, request.values
+    at = 0
     for row in command.arguments:
         bare, shape = shape_of(row.type)
         if bare == "text":
             made.append(request.text)
             continue
-        count = int(np.prod(shape)) if shape else 1
-        part = values[at : at + count]
-        at += count
-        if len(part) < count or not np.isfinite(part).all():
-            raise ValueError(f"{request.name} takes {_takes(command)}")
+        part = request.values[at : at + math.prod(shape)]
+        at += len(part)
         if shape:
             made.append(part.reshape(shape))
         else:
             made.append(bool(part[0]) if bare == "bool" else float(part[0]) if "float" in bare else int(part[0]))
-    if at != len(values):
-        raise ValueError(f"{request.name} takes {_takes(command)}")
     return made
-
-
-def _takes(command: UserCommand) -> str:
-    return ", ".join(f"{row.name} ({f'{row.type} {row.unit}'.rstrip()})" for row in command.arguments) or "nothing"
 
 
 def _field(field: UserField) -> Field:

@@ -124,12 +124,14 @@ def test_commands_come_with_typed_arguments(make: Callable[..., Mine], client: C
     mine = make()
     client.send("go", (1, 2, 3, 1), "because")
     client.send("go", (1, 2, 3), "too few")
+    client.send("go", (1, 2, 3, 7))
     client.send("plain")
-    assert mine.process_messages() == 3
+    assert mine.process_messages() == 4
     assert mine.calls == [([1.0, 2.0, 3.0], True, "because")]
-    done, refused, nobody = client.poll()
+    done, refused, neither, nobody = client.poll()
     assert (done.outcome, done.text) == ("done", "gone")
-    assert refused.outcome == "refused" and "force (float[3] N)" in refused.text
+    assert (refused.outcome, refused.text) == ("refused", "go: takes force (3) [N], fast 0|1; 3 given")
+    assert (neither.outcome, neither.text) == ("refused", "go: fast 7; allowed: 0|1")
     assert nobody.outcome == "refused" and "does not carry out plain" in nobody.text
 
 

@@ -13,6 +13,7 @@ from procs.arm.derived import DerivedArm, DerivedEcm, DerivedMtm, DerivedPsm, St
 from procs.arm.loop import logic_of
 from procs.document.user_process import UserCommand, UserField
 from procs.user_code import class_named
+from procs.user_tables import command_row
 from tests.arm.arm_configs import fixed_arm
 from tests.arm.fake_io import ArmHarness
 from tests.arm.test_recovery import restart
@@ -97,7 +98,7 @@ def test_what_it_refuses_is_said() -> None:
     assert "must be in HOMED" in harness.send("nod", (0.1,)).replies[-1][1]
     harness.homed()
     assert harness.send("nod", (0.6,)).replies == [("refused", "nod: too far")]
-    assert "nod takes angle (float rad)" in harness.send("nod").replies[-1][1]
+    assert command_row(COMMANDS[0]).objection(()) == "takes angle [rad]; none was given"
 
 
 def test_what_cannot_be_followed_ends_the_state() -> None:
