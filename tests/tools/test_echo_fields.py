@@ -35,6 +35,7 @@ def test_a_field_is_a_line(played: ScriptedRobot) -> None:
     shown = run(played, "echo", "PSM1/measured_js.position[0:3]", "--once")
     assert re.fullmatch(r"\d+\.\d{6}  0\.25 0\.25 0\.25  rad\|m\n", shown.stdout) and shown.exit_code == 0
     assert run(played, "echo", "PSM1/state.state", "--once").stdout.endswith("  DISABLED\n")
+    assert run(played, "echo", "PSM1/state.reason", "--once").stdout.endswith('  ""\n')
 
 
 def test_a_field_is_data_for_programs(played: ScriptedRobot) -> None:

@@ -238,4 +238,4 @@ def _text(value: Any) -> str:
         return f"{value:.6g}"
     if isinstance(value, list):
         return ("\n" if value and isinstance(value[0], list) else " ").join(_text(item) for item in value)
-    return str(value)
+    return str(value) or '""'
