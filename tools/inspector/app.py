@@ -247,8 +247,7 @@ class InspectorApp(App[None]):
             self._search_for(self.page.words + event.character)
 
     def _search_for(self, words: str) -> None:
-        self.page.words = words
-        self.page.again()
+        self.page.search_for(words)
         self._show_head()
 
     def action_search(self) -> None:

@@ -86,6 +86,16 @@ def test_a_topic_is_chosen_and_its_values_live(world: World) -> None:
     play(world, story)
 
 
+def test_enter_opens_the_topic_that_is_searched_for_by_its_whole_name(world: World) -> None:
+    async def story(app: InspectorApp, pilot: Pilot[None], played: ScriptedRobot) -> None:
+        await pilot.press("2")
+        await until(app, pilot, "IO1/state", "PSM1/state")
+        await pilot.press("slash", *"PSM1/measured_js", "enter", "enter")
+        await until(app, pilot, "PSM1/measured_js: record 1")
+
+    play(world, story)
+
+
 def test_what_cannot_be_read_is_not_shown_with_the_values_of_another_topic(world: World) -> None:
     async def story(app: InspectorApp, pilot: Pilot[None], played: ScriptedRobot) -> None:
         await pilot.press("3", "slash", *"position", "enter")

@@ -105,6 +105,17 @@ class InspectorPage(Vertical):
         if self.read_once is not None:
             self.show(self.read_once)
 
+    def search_for(self, words: str) -> None:
+        """Show what has these words, with the cursor on the first row; empty: everything."""
+        self.words = words
+        self.again()
+        if words and not self.AT_END:
+            self.table.move_cursor(row=0, animate=False)
+
     def has(self, *texts: str) -> bool:
         """Whether what is searched for is in one of these."""
         return self.words.casefold() in " ".join(texts).casefold()
+
+    def is_named(self, *names: str) -> bool:
+        """Whether what is searched for is one of these."""
+        return self.words.casefold() in (name.casefold() for name in names)

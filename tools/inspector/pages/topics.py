@@ -61,31 +61,33 @@ class TopicsPage(InspectorPage):
         return self._data.rows(seen.silences) if self._data is not None else []
 
     def table_rows(self, read: list[TopicRow]) -> list[TableRow]:
-        """A row a record; what is old is grey, with its age."""
+        """A row a record; what is old is grey, with its age. One whose name, or view, is sought comes first."""
         made = []
-        for row in read:
+        for row in sorted(read, key=lambda row: not self.is_named(row.name, *self._names(row.name))):
             texts = [row.name, number(row.nominal_hz, "g") if row.nominal_hz else "on events",
                      number(row.hz, ".1f"), number(row.max_ms, ".3f"), span(row.age_s), str(row.lost),
                      str(row.records), f" {row.problem}"]
             colours = self.palette
             styles = ((7, colours.bad),) * bool(row.problem) + ((5, colours.warning),) * bool(row.lost)
-            if self.has(*texts, *(entry.name for entry in self._views(row.name))):
+            if self.has(*texts, *self._names(row.name)):
                 made.append(TableRow(row.name, texts, colours.past if row.is_old else "", styles))
         return made
 
     def action_open_values(self) -> None:
-        """The page of values of this topic."""
-        self.post_message(TopicChosen(self.table.key))
+        """The page of values of this topic, or of the view on it that is searched for by its name."""
+        key = self.table.key
+        self.post_message(TopicChosen(next((name for name in self._names(key) if self.is_named(name)), key)))
 
-    def _views(self, name: str) -> list[TopicEntry]:
+    def _names(self, name: str) -> list[str]:
+        """Of the views on a record."""
         entries = self._data.entries if self._data is not None else []
         place = next((entry for entry in entries if entry.name == name), None)
-        return [entry for entry in entries if place is not None and entry.view is not None
+        return [entry.name for entry in entries if place is not None and entry.view is not None
                 and (entry.instance, entry.ring) == (place.instance, place.ring)]
 
     def details(self, read: list[TopicRow], key: str) -> list[str]:
         """What is a view on it."""
-        views = self._views(key)
+        views = self._names(key)
         problem = next((row.problem for row in read if row.name == key), "")
         return [f"{key}: problem: {problem}"] * bool(problem) + [f"{key}: Enter shows its values"
-                + (f"; views: {', '.join(entry.name.partition('/')[2] for entry in views)}" if views else "")]
+                + (f"; views: {', '.join(name.partition('/')[2] for name in views)}" if views else "")]
