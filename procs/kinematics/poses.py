@@ -130,8 +130,10 @@ def angle_between(first: Array, second: Array) -> float:
 
 def check_matrix(matrix: Array, tolerance: float = ROTATION_TOLERANCE) -> None:
     """PoseError unless `matrix` (4, 4) is a finite rigid transform."""
-    if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
-        raise PoseError(f"a transform is a finite 4×4 matrix, not one of shape {matrix.shape}")
+    if matrix.shape != (4, 4):
+        raise PoseError(f"a transform is a 4×4 matrix, not one of shape {matrix.shape}")
+    if not np.isfinite(matrix).all():
+        raise PoseError("the numbers of a transform must be finite")
     if not np.array_equal(matrix[3], (0.0, 0.0, 0.0, 1.0)):
         raise PoseError("the last row of a transform must be 0 0 0 1")
     rotation = matrix[:3, :3]

@@ -69,6 +69,13 @@ def test_a_mirror_is_no_transform() -> None:
         poses.check_matrix(np.diag((1.0, 1.0, -1.0, 1.0)))
 
 
+def test_a_wrong_matrix_is_told_by_what_is_wrong_with_it() -> None:
+    with pytest.raises(poses.PoseError, match=r"a 4×4 matrix, not one of shape \(3, 3\)"):
+        poses.check_matrix(np.eye(3))
+    with pytest.raises(poses.PoseError, match="must be finite"):
+        poses.check_matrix(np.full((4, 4), np.nan))
+
+
 def test_renormalising_leaves_a_rotation_alone() -> None:
     matrix = np.eye(4)
     matrix[:3, :3] = poses.rotation_from_vector(np.array((0.3, -0.2, 1.0)))
