@@ -230,6 +230,11 @@ def listed(row: CommandRow) -> dict[str, Any]:
     return {name: value for name, value in columns.items() if value}
 
 
+def of_type(rows: list[dict[str, Any]], name: str) -> list[dict[str, Any]]:
+    """Those of a mailbox's rows that an arm of this type has; "": it is no arm, all."""
+    return [row for row in rows if not name or name in row.get("types", (name,))]
+
+
 def row_of(given: Mapping[str, Any]) -> CommandRow:
     """A row as a mailbox lists it, which may say anything: what it does not say can do anything."""
     arguments = given.get("arguments")

@@ -12,15 +12,19 @@ class Misuse(Exception):
 
 
 class Clipped(UserWarning):
-    """A move was carried out with another goal: what lay beyond the limits of a joint was brought into them."""
+    """A goal of a move or a stream was brought within the limits of the joints before it was carried out."""
 
 
 class Short(UserWarning):
     """A move is over, and a joint is not where it was sent."""
 
 
+class NotThere(Problem):
+    """A system that is up has nothing of this name, so that waiting does not help."""
+
+
 class Disconnected(Problem):
-    """The connection to a robot on another machine is gone; its objects are to be made again."""
+    """The connection to a robot on another machine is gone, or an object is closed; it is to be made again."""
 
 
 class Refused(Problem):

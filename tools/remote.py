@@ -17,6 +17,7 @@ from shm.control_page import ControlPage
 from shm.origins import Origin
 from shm.segment import SegmentError
 from shm.system_time import SystemTime
+from tools.closed import closed
 from tools.deadline import Deadline
 from tools.errors import Problem, Refused
 from tools.inspect.messages import in_full
@@ -134,6 +135,7 @@ class Remote:
         """Detach; the last one of a process frees its place."""
         for each in (self._client, self._time, self._page):
             each.close()
+        self._client = self._time = self._page = closed(self.instance)
 
     def __enter__(self) -> Remote:
         return self

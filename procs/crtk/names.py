@@ -16,7 +16,7 @@ def none_such(what: str, name: str, known: Iterable[str], owner: str = "") -> st
     """That there is no `name`, or that `owner` has none: the nearest ones, or all when there are few."""
     names = list(known)
     said = f"{owner} has no {what} {name}" if owner else f"no {what} {name}"
-    if near := difflib.get_close_matches(name, names, 3, 0.5):
+    if near := difflib.get_close_matches(str(name), names, 3, 0.5):
         return f"{said}; did you mean {', '.join(near)}?"
     there = names if len(names) <= 8 else [*names[:8], "…"]
     return f"{said}; " + (f"there are: {', '.join(there)}" if there else "there is none at all")

@@ -69,9 +69,46 @@ def test_reads_return_value_and_stamp(kinematic: ScriptedRobot) -> None:
         assert not psm.is_busy()
 
 
-def test_an_absent_arm_times_out(kinematic: ScriptedRobot) -> None:
-    with pytest.raises(TimeoutError, match="no arm PSM9"):
-        trocar.arm("PSM9", kinematic.name, timeout=0.0)
+@pytest.mark.parametrize("name", ["psm1", "PSM9"])
+def test_a_wrong_name_is_told_at_once_where_the_system_is_up(kinematic: ScriptedRobot, name: str) -> None:
+    with pytest.raises(trocar.Problem, match=f"no arm {name}; (did you mean|there are:) PSM1"):
+        trocar.arm(name, kinematic.name, timeout=60.0)
+    with pytest.raises(trocar.Problem, match="no console consol"):
+        trocar.console("consol", kinematic.name, timeout=60.0)
+    number: Any = 1
+    with pytest.raises(trocar.Problem, match="no arm 1; there are: PSM1"):
+        trocar.arm(number, kinematic.name, timeout=60.0)
+
+
+def test_what_is_no_operating_state_is_not_waited_for(kinematic: ScriptedRobot) -> None:
+    kinematic.show_arm()
+    with trocar.arm("PSM1", kinematic.name) as psm, pytest.raises(ValueError, match="allowed are DISABLED, ENABLED"):
+        psm.wait_for_operating_state("ENABLD", 60.0)
+
+
+def test_a_wrong_word_is_answered_with_the_nearest_ones_of_this_arm(kinematic: ScriptedRobot) -> None:
+    kinematic.show_arm()
+    with trocar.arm("PSM1", kinematic.name) as psm:
+        wrong: Any = psm
+        with pytest.raises(AttributeError, match=r"PSM1 has no command move_jq; did you mean .*move_jp"):
+            wrong.move_jq([0])
+        with pytest.raises(AttributeError, match=r"did you mean .*measured_jp"):
+            wrong.measured_jq()
+        with pytest.raises(AttributeError, match="PSM1 has no command unlock_orientatio") as told:
+            wrong.unlock_orientatio()
+        assert "unlock_orientation" not in str(told.value).partition(";")[2]
+
+
+def test_a_closed_arm_says_so(kinematic: ScriptedRobot) -> None:
+    kinematic.show_arm(0.25)
+    psm: Any = trocar.arm("PSM1", kinematic.name)
+    psm.close()
+    psm.close()
+    for word in (psm.measured_jp, psm.measured_cp, psm.operating_state, psm.connected, psm.hold, psm.jaw.measured_jp,
+                 psm.jaw.open, lambda: psm.move_jp([0.0] * 6), lambda: psm.move_jq,
+                 psm.gravity_compensation.setpoint_jf):
+        with pytest.raises(trocar.Disconnected, match="PSM1 is closed"):
+            word()
 
 
 def test_a_system_may_be_named_by_the_environment(kinematic: ScriptedRobot, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -173,7 +210,7 @@ def test_an_arm_is_of_the_kind_that_is_asked_for(kinematic: ScriptedRobot) -> No
         assert isinstance(psm, trocar.Psm)
     with pytest.raises(trocar.Problem, match="PSM1 is no MTM, it is a PSM"):
         trocar.mtm("PSM1", kinematic.name)
-    with pytest.raises(TimeoutError, match="no suj SUJ"):
+    with pytest.raises(trocar.Problem, match="no suj SUJ"):
         trocar.suj("SUJ", kinematic.name, timeout=0.0)
 
 

@@ -12,6 +12,7 @@ from typing import Any, Final
 
 from shm.clock import monotonic_ns
 from tools.client.values import FRESH_S
+from tools.closed import closed
 from tools.deadline import Deadline
 from tools.errors import Disconnected, Problem
 
@@ -137,3 +138,4 @@ class BridgeConnection:
     def close(self) -> None:
         """Leave."""
         self._socket.close()
+        self._socket = closed(f"the connection to {self.at}")

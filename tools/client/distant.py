@@ -5,16 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from procs.arm_types import ARM_TYPES
+from procs.crtk.names import none_such
 from procs.kinematics.poses import matrix_from_pose
 from shm.commands import ENDINGS, became
 from tools.client.connection import BridgeConnection
 from tools.client.values import FRESH_S, Array, JointState, Stamped, numbers
-from tools.errors import Disconnected, Problem, Refused
+from tools.errors import Disconnected, NotThere, Problem, Refused
 
 EVENT: Final = "event"
 AROUND: Final = ("op", "topic", "age_s")
@@ -261,6 +263,13 @@ class DistantWays:
         self.instances: dict[str, str] = dict(connection.hello["instances"])
         """What each is: the type of an arm, else the kind of its process."""
 
+    def checked(self, kind: str, name: str) -> Self:
+        """Ourselves; NotThere unless there is one of this kind and name."""
+        known = [each for each, what in self.instances.items() if ("arm" if what in ARM_TYPES else what) == kind]
+        if name not in known:
+            raise NotThere(none_such(kind, name, known))
+        return self
+
     def record(self, name: str) -> DistantRecord:
         """What an instance shows; Problem when it is not there (yet)."""
         return DistantRecord(self.connection, name)
@@ -276,6 +285,11 @@ class DistantWays:
     def events(self, name: str) -> DistantEvents:
         """What an instance reports."""
         return DistantEvents(self.connection, name)
+
+    def type_of(self, name: str) -> str:
+        """The type of an arm; "": it is none."""
+        found = self.instances.get(name, "")
+        return found if found in ARM_TYPES else ""
 
     def bring(self, name: str, goal: str, timeout: float) -> None:
         """Enable, home or disable an instance and wait for it; Problem says why it is not so."""

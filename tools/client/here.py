@@ -16,7 +16,6 @@ from tools.client.provider import taken
 from tools.client.setup import Suj
 from tools.client.system import System as System
 from tools.client.system import attached, connected
-from tools.errors import Problem
 from tools.inspect.watch import arm_document
 from tools.systems import chosen_system
 
@@ -36,14 +35,7 @@ def suj_here(name: str, system: str | None, timeout: float) -> Suj:
 
 def operated_here(kind: type[Q], name: str, system: str | None, timeout: float) -> Q:
     """A console or a teleoperation; the same."""
-    def attach() -> Q:
-        found = kind(_chosen(system), name)
-        if found.connected():
-            return found
-        found.close()
-        raise Problem(f"{name} does not show its state; is it running?")
-
-    return connected(attach, timeout, name)
+    return connected(lambda: attached(kind.KIND, kind, _chosen(system), name), timeout, name)
 
 
 def provide(name: str | OwnProcess, system: str | None = None, timeout: float = 5.0, *, rate: float = 200.0,

@@ -5,16 +5,25 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from procs.crtk.names import none_such
+from shm.command_row import of_type
 from tools.client.callbacks import Callbacks, Reporting
 from tools.client.moves import Waits
 from tools.client.ways import Ways, ways_of
 
 ENABLED, HOMED, DISABLED = "enabled", "homed", "disabled"
+STATES: Final = ("DISABLED", "ENABLED", "PAUSED", "FAULT")
+
+
+def known_state(state: str) -> None:
+    """ValueError unless that is an operating state."""
+    if state not in STATES:
+        raise ValueError(f"{state!r} is no state; allowed are {', '.join(STATES)}")
 
 
 class Instance(Reporting):
@@ -41,11 +50,18 @@ class Instance(Reporting):
 
             The call returns the answer; Refused carries the reason.
             """
-            known = [] if name.startswith("_") else [str(row["name"]) for row in self._remote.commands]
-            for command in known:
+            if name.startswith("_"):
+                raise AttributeError(name)
+            for command in (str(row["name"]) for row in self._remote.commands):
                 if command.replace("/", "_") == name:
                     return partial(self._command, command)
-            raise AttributeError(f"{self.name} has no command {name}; it has: {', '.join(known)}")
+            raise AttributeError(none_such("command", name, self._words(), self.name))
+
+    def _words(self) -> list[str]:
+        """All that can be called, methods and commands of its type."""
+        rows = of_type(self._remote.commands, self._ways.type_of(self.name))
+        own = {name for name in dir(type(self)) if not name.startswith("_")}
+        return sorted(own.union(str(row["name"]).replace("/", "_") for row in rows))
 
     def _command(self, command: str, *arguments: ArrayLike | str) -> str:
         words = [each for each in arguments if isinstance(each, str)]
@@ -88,6 +104,7 @@ class Instance(Reporting):
 
     def wait_for_operating_state(self, state: str, timeout: float = 10.0) -> None:
         """Until it is DISABLED, ENABLED, PAUSED or FAULT; TimeoutError after `timeout` s."""
+        known_state(state)
         self._waits.until(lambda: self._record.look().state == state, timeout, f"{self.name} is not {state}")
 
     def wait_for_busy(self, is_busy: bool = False, timeout: float = 30.0) -> None:

@@ -21,12 +21,12 @@ from shm.commands import COMMANDS
 from shm.mailbox_map import COMMANDS_DEPTH
 from shm.origins import SenderId
 from shm.received import Received
+from tools.client.instance import known_state
 from tools.client.values import Array, numbers, six_numbers
 from tools.errors import Problem, Refused
 from tools.systems import unknown
 
 KIND: Final = "third_party"
-STATES: Final = ("DISABLED", "ENABLED", "PAUSED", "FAULT")
 READY: Final = ("enable", "home")
 HOLD, END = "hold", "end_stream"
 PRESSED: Final = {True: ("pressed", 0.0), False: ("released", 1.0)}
@@ -111,8 +111,7 @@ class Provider:
 
     def set_state(self, state: str, *, homed: bool = True, busy: bool = False, words: str = "") -> None:
         """DISABLED, ENABLED, PAUSED or FAULT from the next record on; `words`: the same in words of yours."""
-        if state not in STATES:
-            raise ValueError(f"{state!r} is no state; allowed are {', '.join(STATES)}")
+        known_state(state)
         self._set(state=state.encode(), sub_state=(words or state).encode()[:40], is_homed=homed and state == "ENABLED",
                   is_busy=busy)
 

@@ -10,6 +10,7 @@ from procs.crtk.views import OpenTopic
 from procs.kinematics.poses import matrix_from_pose
 from shm.segment import SegmentError
 from tools.client.values import FRESH_S, Array, JointState, Stamped
+from tools.closed import closed
 from tools.errors import Problem
 from tools.inspect.watch import Watch
 
@@ -103,5 +104,6 @@ class InstanceRecord:
         """Unmap, and want nothing more."""
         self._demand.close()
         self.watch.close()
+        self.watch = closed(self._name)
         for event in self._events.values():
             event.close()

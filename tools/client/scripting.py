@@ -24,7 +24,7 @@ from tools.client.moves import MoveHandle
 from tools.client.setup import SetupArm, Suj
 from tools.client.values import JointState
 from tools.client.whole import DistantSystem
-from tools.errors import Clipped, Disconnected, Problem, Refused
+from tools.errors import Clipped, Disconnected, NotThere, Problem, Refused
 from tools.version import VERSION as __version__
 
 
@@ -97,6 +97,8 @@ def arm(name: str, system: str | None = None, timeout: float = 5.0, *, at: str =
         tls: ssl.SSLContext | None = None) -> Arm:
     """The arm `name`, a Psm, Ecm or Mtm, once it is connected; TimeoutError after `timeout` s.
 
+    A wrong name is a Problem at once where the system is up.
+
     `system`: default the one of the environment variable TROCAR_SYSTEM, else the only one up. `at`: HOST:PORT of the
     socket bridge of a system on another machine, with its `token` (or the Path of a file that has it), and for `tls`
     what ssl.create_default_context() gives.
@@ -105,10 +107,7 @@ def arm(name: str, system: str | None = None, timeout: float = 5.0, *, at: str =
         return here.arm_here(name, system, timeout)
 
     def made(ways: DistantWays) -> Arm:
-        row = ARM_TYPES.get(ways.instances.get(name, ""))
-        if row is None:
-            raise Problem(f"no arm {name} at {at}; there are {', '.join(ways.instances)}")
-        return class_of(row.client, Arm)(ways, name)
+        return class_of(ARM_TYPES[ways.checked("arm", name).instances[name]].client, Arm)(ways, name)
 
     return _at(at, token, tls, timeout, made)
 
@@ -136,7 +135,7 @@ def suj(name: str = "SUJ", system: str | None = None, timeout: float = 5.0, *, a
     """The setup joints `name`, once they are connected; TimeoutError after `timeout` s."""
     if not at:
         return here.suj_here(name, system, timeout)
-    return _at(at, token, tls, timeout, lambda ways: Suj(ways, name))
+    return _at(at, token, tls, timeout, lambda ways: Suj(ways.checked("suj", name), name))
 
 
 def console(name: str = "console", system: str | None = None, timeout: float = 5.0, *, at: str = "",
@@ -144,7 +143,7 @@ def console(name: str = "console", system: str | None = None, timeout: float = 5
     """The console `name`, once it is connected; TimeoutError after `timeout` s."""
     if not at:
         return here.operated_here(ConsoleHandle, name, system, timeout)
-    return _at(at, token, tls, timeout, lambda ways: _shown(ConsoleHandle(ways, name)))
+    return _at(at, token, tls, timeout, lambda ways: _shown(ConsoleHandle(ways.checked("console", name), name)))
 
 
 def teleop(name: str, system: str | None = None, timeout: float = 5.0, *, at: str = "", token: str | Path = "",
@@ -152,7 +151,7 @@ def teleop(name: str, system: str | None = None, timeout: float = 5.0, *, at: st
     """The teleoperation `name`; the same."""
     if not at:
         return here.operated_here(TeleopHandle, name, system, timeout)
-    return _at(at, token, tls, timeout, lambda ways: _shown(TeleopHandle(ways, name)))
+    return _at(at, token, tls, timeout, lambda ways: _shown(TeleopHandle(ways.checked("teleop", name), name)))
 
 
 def _shown(found: Q) -> Q:
@@ -191,6 +190,8 @@ def _at(at: str, token: str | Path, tls: ssl.SSLContext | None, timeout: float, 
         except (OSError, Problem) as error:  # a TimeoutError is an OSError
             if connection is not None:
                 connection.close()
+            if isinstance(error, NotThere):
+                raise
             if monotonic_ns() >= end or isinstance(error, ssl.SSLError):
                 raise TimeoutError(f"{at} is not connected after {timeout:g} s: {error}") from None
             pause(TRY_AGAIN_S)

@@ -12,9 +12,10 @@ from tools.arms import DISABLED, ENABLED, HOMED
 from tools.client.record import InstanceRecord
 from tools.client.reported import SharedEvents
 from tools.client.values import FRESH_S
+from tools.closed import closed
 from tools.errors import Problem
 from tools.inspect.processes import statuses
-from tools.inspect.watch import arm_document
+from tools.inspect.watch import arm_document, arm_type
 from tools.remote import Remote
 from tools.systems import is_simulated
 
@@ -39,6 +40,7 @@ class SharedRows:
     def close(self) -> None:
         """Unmap."""
         self._topic.close()
+        self._topic = closed(self._name)
 
 
 class SharedWays:
@@ -63,6 +65,10 @@ class SharedWays:
     def events(self, name: str) -> SharedEvents:
         """What an instance reports."""
         return SharedEvents(self.name, name)
+
+    def type_of(self, name: str) -> str:
+        """The type of an arm; "": it is none."""
+        return arm_type(self.name, name)
 
     def bring(self, name: str, goal: str, timeout: float) -> None:
         """Enable, home or disable an instance and wait for it; Problem says why it is not so."""

@@ -5,21 +5,23 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TypeVar
 
+from procs.crtk.names import none_such
 from shm.clock import monotonic_ns, pause
 from shm.segment import SegmentError
 from tools import arms
+from tools.client.consoles import Operated
 from tools.client.instance import Instance
 from tools.client.shared import SharedWays
 from tools.client.sounds import Sounds
-from tools.errors import Problem
+from tools.errors import NotThere, Problem
 from tools.inspect.processes import ProcessStatus, statuses
-from tools.inspect.watch import arm_names
-from tools.systems import instances_of_kind, unknown
+from tools.inspect.watch import arm_names, document_of
+from tools.systems import is_up
 
 TRY_AGAIN_S = 0.05
 
 T = TypeVar("T")
-Found = TypeVar("Found", bound=Instance)
+Found = TypeVar("Found", bound=Instance | Operated)
 
 
 class System(Sounds):
@@ -51,10 +53,13 @@ class System(Sounds):
 
 
 def attached(kind: str, make: Callable[[str, str], Found], system: str, name: str) -> Found:
-    """The instance `name`, made by `make(system, name)`; Problem or SegmentError when it is not connected (yet)."""
-    known = instances_of_kind(system, kind)
+    """The instance `name`, made by `make(system, name)`; Problem or SegmentError when it is not connected (yet).
+
+    NotThere where the system is up and has none of this name.
+    """
+    known = [row.name for row in document_of(system).processes if row.kind == kind]
     if name not in known:
-        raise unknown(kind, name, known)
+        raise (NotThere if is_up(system) else Problem)(none_such(kind, name, known))
     found = make(system, name)
     if found.connected():
         return found
@@ -63,11 +68,13 @@ def attached(kind: str, make: Callable[[str, str], Found], system: str, name: st
 
 
 def connected(attach: Callable[[], T], timeout: float, what: str) -> T:
-    """What `attach` gives as soon as it does; TimeoutError with its last problem after `timeout` s."""
+    """What `attach` gives, once it does; TimeoutError with the last problem after `timeout` s, NotThere at once."""
     end = monotonic_ns() + round(timeout * 1e9)
     while True:
         try:
             return attach()
+        except NotThere:
+            raise
         except (Problem, SegmentError) as error:
             if monotonic_ns() >= end:
                 raise TimeoutError(f"{what} is not connected after {timeout:g} s: {error}") from None

@@ -25,6 +25,8 @@ class JointState(NamedTuple):
 
 def numbers(values: ArrayLike) -> Array:
     """Numbers in one row (n,); ValueError when they are none."""
+    if values is None:
+        raise ValueError("None is no number")
     try:
         return np.asarray(values, dtype=np.float64).reshape(-1)
     except TypeError as error:

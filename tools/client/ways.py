@@ -147,6 +147,9 @@ class Ways(Protocol):
     def events(self, name: str) -> EventWay:
         """What an instance reports; nothing is followed yet."""
 
+    def type_of(self, name: str) -> str:
+        """The type of an arm; "": it is none."""
+
     def bring(self, name: str, goal: str, timeout: float) -> None:
         """Enable, home or disable an instance and wait for it; Problem says why it is not so."""
 

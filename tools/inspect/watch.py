@@ -47,6 +47,11 @@ def arm_document(system: str, name: str) -> ArmConfig:
         raise Problem(f"system {system}: {error.args[0]}") from None
 
 
+def arm_type(system: str, name: str) -> str:
+    """The type of an arm; "": it is none."""
+    return next((arm.type for arm in document_of(system).arms if arm.name == name), "")
+
+
 def document_of(system: str) -> SystemConfig:
     """What the system was configured with; Problem when that is not readable."""
     try:

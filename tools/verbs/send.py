@@ -6,10 +6,10 @@ from typing import Annotated, Any, Final
 
 import typer
 
-from shm.command_row import row_of
+from shm.command_row import of_type, row_of
 from shm.segment import names_of
 from tools.errors import Misuse, Problem
-from tools.inspect.watch import document_of
+from tools.inspect.watch import arm_type
 from tools.options import JsonOption, SystemOption
 from tools.printing import emit, table, tell
 from tools.remote import Remote
@@ -44,12 +44,13 @@ def send(
         raise unknown("component", component, owners)
     with Remote(name, component) as remote:
         if not command:
-            return _listed(component, _of_type(name, component, remote.commands), as_json)
+            return _listed(component, of_type(remote.commands, arm_type(name, component)), as_json)
         known = {str(row["name"]): row for row in remote.commands}
         if component == "boards":
             command, arguments = renamed(command, arguments or [])
         if command not in known:
-            raise unknown("command", command, known, component)
+            there = of_type(remote.commands, arm_type(name, component))
+            raise unknown("command", command, [str(row["name"]) for row in there], component)
         values, text = parsed(known[command], arguments or [])
         limit = timeout or (60.0 if wait else 2.0)
         reply = remote.settled(command, values, text, limit) if wait else remote.answered(command, values, text, limit)
@@ -70,13 +71,6 @@ def renamed(command: str, words: list[str]) -> tuple[str, list[str]]:
     if command == "board_gone" and len(words) > 1 and words[1] in ("0", "1"):
         return ("unplug_board" if words[1] == "1" else "plug_board"), [words[0], *words[2:]]
     return FORMER.get(command, command), words
-
-
-def _of_type(system: str, component: str, rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Those commands that an arm of this type has; of what is no arm, all."""
-    types = {arm.name: arm.type for arm in document_of(system).arms}
-    mine = types.get(component, "")
-    return [row for row in rows if not mine or mine in row.get("types", (mine,))]
 
 
 def _listed(component: str, rows: list[dict[str, Any]], as_json: bool) -> int:

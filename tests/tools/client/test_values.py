@@ -14,7 +14,7 @@ from hypothesis.extra import numpy as hnp
 from procs.arm.impedance import impedance_of
 from procs.kinematics.poses import matrix_from_pose, rotation_from_vector
 from tools.client.impedance import Gains, Impedance
-from tools.client.values import pose_numbers, rotation_numbers
+from tools.client.values import numbers, pose_numbers, rotation_numbers
 
 VECTORS = hnp.arrays(np.float64, 3, elements=st.floats(-2.0, 2.0))
 ROWS = hnp.arrays(np.float64, (4, 4, 3), elements=st.floats(-500.0, 500.0))
@@ -37,6 +37,12 @@ def test_a_matrix_comes_back_from_its_numbers(place: Any, turn: Any) -> None:
 def test_what_is_no_transform_is_refused(wrong: Any) -> None:
     with pytest.raises(ValueError, match=r"transform|rotation|row"):
         pose_numbers(wrong)
+
+
+@pytest.mark.parametrize("wrong", [None, "left", {}, [[1.0], [1.0, 2.0]]])
+def test_what_are_no_numbers_is_refused(wrong: Any) -> None:
+    with pytest.raises(ValueError, match=r"number|float|inhomogeneous"):
+        numbers(wrong)
 
 
 @pytest.mark.parametrize("wrong", [np.eye(4), np.zeros((3, 3)), np.full((3, 3), np.inf), (0, 0, 0, 1)])
