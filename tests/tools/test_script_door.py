@@ -111,6 +111,28 @@ def test_a_closed_arm_says_so(kinematic: ScriptedRobot) -> None:
             word()
 
 
+def test_a_clipped_insertion_is_warned_of_by_its_name_at_the_line_of_the_script(kinematic: ScriptedRobot) -> None:
+    kinematic.show_arm(state="ENABLED")
+    with trocar.psm("PSM1", kinematic.name) as psm:
+        thread = reported(kinematic, lambda command: command.accept("clipped: insertion 9.000 → 0.240 m"))
+        with pytest.warns(trocar.Clipped, match="PSM1 insert_jp was clipped") as caught:
+            psm.insert_jp(9.0)
+        thread.join()
+    assert [warning.filename for warning in caught] == [__file__]
+
+
+def test_a_stream_at_its_limit_is_warned_of_once_until_it_is_within_again(kinematic: ScriptedRobot) -> None:
+    kinematic.show_arm(state="ENABLED")
+    answers = ("at its limit: insertion", "at its limit: insertion", "", "at its limit: yaw")
+    with trocar.psm("PSM1", kinematic.name) as psm, pytest.warns(trocar.Clipped, match="PSM1 servo_cp: at") as caught:
+        for answer in answers:
+            thread = reported(kinematic, lambda command, answer=answer: command.done(answer))
+            psm.servo_cp(np.eye(4))
+            thread.join()
+    assert [str(warning.message).partition("limit: ")[2] for warning in caught] == ["insertion", "yaw"]
+    assert {warning.filename for warning in caught} == {__file__}
+
+
 def test_a_system_may_be_named_by_the_environment(kinematic: ScriptedRobot, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TROCAR_SYSTEM", kinematic.name)
     assert trocar.system().name == kinematic.name

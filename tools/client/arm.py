@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tools.client.impedance import Impedance
 from tools.client.instance import Instance
 from tools.client.joints import Joints, Setpoint
-from tools.client.moves import MoveHandle, move
+from tools.client.moves import CLIPPED, MoveHandle, move, warn
 from tools.client.tip import Body, Frame, Local, asked, asked_pose
 from tools.client.values import Array, Stamped, numbers, pose_numbers, six_numbers
 from tools.client.ways import Ways
+from tools.errors import Clipped
+
+LIMITED: Final = ("at its limit: ", CLIPPED)
+"""The answer to a goal that cannot be reached begins with one of these."""
 
 
 class Arm(Instance, Joints):
@@ -25,6 +31,7 @@ class Arm(Instance, Joints):
         self.body = Body(self._record, self._remote, "body")
         self.spatial = Frame(self._record, self._remote, "spatial")
         self.gravity_compensation = Setpoint(self._record, "gravity_compensation/")
+        self._is_limited = False
 
     # the tip
 
@@ -61,11 +68,11 @@ class Arm(Instance, Joints):
         values = pose_numbers(pose)
         if twist is not None:
             values = np.concatenate((values, six_numbers(twist, "a twist")))
-        self._remote.ask("servo_cp", values)
+        self._follow("servo_cp", values)
 
     def servo_cr(self, change: ArrayLike) -> None:
         """Follow the setpoint pose, shifted and turned about its tip (4, 4)."""
-        self._remote.ask("servo_cr", pose_numbers(change))
+        self._follow("servo_cr", pose_numbers(change))
 
     def servo_cs(self, pose: ArrayLike | None = None, twist: ArrayLike | None = None,
                  wrench: ArrayLike | None = None) -> None:
@@ -78,7 +85,7 @@ class Arm(Instance, Joints):
         if wrench is not None:
             values[13:19] = six_numbers(wrench, "a wrench")
         values[19:] = pose is not None, twist is not None, wrench is not None
-        self._remote.ask("servo_cs", values)
+        self._follow("servo_cs", values)
 
     def servo_cf(self, wrench: ArrayLike) -> None:
         """The same as `body.servo_cf`."""
@@ -101,19 +108,27 @@ class Arm(Instance, Joints):
     def servo_jp(self, position: ArrayLike, velocity: ArrayLike | None = None) -> None:
         """Follow joint positions (n,) now, with their velocities (n,) where given."""
         values = numbers(position)
-        self._remote.ask("servo_jp", values if velocity is None else np.concatenate((values, numbers(velocity))))
+        self._follow("servo_jp", values if velocity is None else np.concatenate((values, numbers(velocity))))
 
     def servo_jr(self, increment: ArrayLike) -> None:
         """Follow the setpoint plus these increments (n,)."""
-        self._remote.ask("servo_jr", numbers(increment))
+        self._follow("servo_jr", numbers(increment))
 
     def servo_jv(self, velocity: ArrayLike) -> None:
         """Go at these joint velocities (n,) until 0.1 s after the last such command."""
-        self._remote.ask("servo_jv", numbers(velocity))
+        self._follow("servo_jv", numbers(velocity))
 
     def servo_jf(self, effort: ArrayLike) -> None:
         """Apply joint efforts (n,), N·m and N, for `arm.effort_timeout_s` (0.1 s); zeros until another command."""
         self._remote.ask("servo_jf", numbers(effort))
+
+    def _follow(self, command: str, values: ArrayLike) -> None:
+        """A goal of a stream. That it cannot be reached is warned of (`Clipped`), once until one is reached again."""
+        answer = self._remote.ask(command, values).text
+        is_limited = answer.startswith(LIMITED)
+        if is_limited and not self._is_limited:
+            warn(f"{self.name} {command}: {answer}", Clipped)
+        self._is_limited = is_limited
 
     def hold(self) -> None:
         """Stay at the present setpoint."""

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from tools.client.arm import Arm
 from tools.client.joints import Joints, Measured
 from tools.client.moves import MoveHandle, Waits, move
-from tools.client.values import numbers, rotation_numbers
+from tools.client.values import Array, numbers, rotation_numbers
 from tools.client.ways import CommandWay, RecordWay, Ways
 
 JAW_OPEN, JAW_CLOSED = math.radians(60.0), math.radians(-20.0)
@@ -48,11 +48,11 @@ class Jaw(Joints):
         return self.move_jp(angle)
 
 
-def inserted(arm: Arm, depth: float) -> MoveHandle:
-    """A move of the insertion alone."""
+def inserted(arm: Arm, depth: float) -> Array:
+    """Its setpoint (n,) with another insertion."""
     position, _ = arm.setpoint_jp()
     position[INSERTION] = depth
-    return arm.move_jp(position)
+    return position
 
 
 class Psm(Arm):
@@ -65,7 +65,7 @@ class Psm(Arm):
 
     def insert_jp(self, depth: float) -> MoveHandle:
         """Move the insertion (m) alone; the other joints go to their present setpoints."""
-        return inserted(self, depth)
+        return move(self._waits, self._remote, "move_jp", inserted(self, depth), called="insert_jp")
 
     def tool(self) -> tuple[str, int]:
         """The instrument as NAME:MODEL[VERSION] and when; empty: none is known to be on."""
@@ -90,7 +90,7 @@ class Ecm(Arm):
 
     def insert_jp(self, depth: float) -> MoveHandle:
         """Move the insertion (m) alone; the other joints go to their present setpoints."""
-        return inserted(self, depth)
+        return move(self._waits, self._remote, "move_jp", inserted(self, depth), called="insert_jp")
 
     def endoscope(self) -> tuple[str, int]:
         """The endoscope that it takes itself to carry, and when."""

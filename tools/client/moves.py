@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import sys
 import warnings
 from collections.abc import Callable, Generator
-from typing import Any
+from pathlib import Path
+from typing import Any, Final
 
 from numpy.typing import ArrayLike
 
@@ -19,6 +21,7 @@ from tools.errors import Clipped, Refused, Short
 
 POLL_S = 0.002
 CLIPPED = "clipped: "
+HERE: Final = Path(__file__).parent
 
 
 class Waits:
@@ -63,7 +66,7 @@ class MoveHandle:
             if self._end is not None and self._end.outcome == "done":
                 self.short = self._end.text.removeprefix(self._accepted).removeprefix("; ")
             if self.short:
-                warnings.warn(f"{self._what} is done, {self.short}", Short, stacklevel=2)
+                warn(f"{self._what} is done, {self.short}", Short)
         if self._end is not None and self._end.outcome != "done":
             raise Refused(f"{self._what} {became(self._end.outcome)}: {self._end.text}")
         return self._end is None
@@ -88,10 +91,22 @@ class MoveHandle:
             await asyncio.sleep(POLL_S)
 
 
-def move(waits: Waits, remote: CommandWay, command: str, values: ArrayLike, text: str = "") -> MoveHandle:
-    """Send a command that takes its time; Refused with the reason. A clipped goal is warned of (`Clipped`)."""
-    words = " ".join(word for word in (remote.instance, text, command) if word)
+def move(waits: Waits, remote: CommandWay, command: str, values: ArrayLike, text: str = "",
+         called: str = "") -> MoveHandle:
+    """Send a command that takes its time; Refused with the reason. A clipped goal is warned of (`Clipped`).
+
+    `called`: the word of the script, where that is not the command.
+    """
+    words = " ".join(word for word in (remote.instance, text, called or command) if word)
     handle = MoveHandle(waits, remote, remote.ask(command, numbers(values), text), words)
     if handle.clipped:
-        warnings.warn(f"{words} was clipped: {handle.clipped}", Clipped, stacklevel=3)
+        warn(f"{words} was clipped: {handle.clipped}", Clipped)
     return handle
+
+
+def warn(text: str, kind: type[Warning]) -> None:
+    """Warn, at the line of the script that called us."""
+    frame, level = sys._getframe(1), 1
+    while Path(frame.f_code.co_filename).parent == HERE and frame.f_back is not None:
+        frame, level = frame.f_back, level + 1
+    warnings.warn(text, kind, stacklevel=level + 1)
