@@ -145,7 +145,7 @@ RECORDER_STATE = Topic(
         Field("waiting_bytes", "<u8", "", "messages that wait for the disk"),
         Field("name", "S60", "", "recording under way, empty: none"),
         Field("path", "S300", "", "file of that recording, or of the last one"),
-        Field("passed_s", "<f8", "s", "for how long it has been going on"),
+        Field("passed_s", "<f8", "s", "for how long it has been going on, in the system's time"),
         Field("bytes", "<u8", "", "its size on the disk"),
         Field("messages", "<u8", "", "messages in it"),
         Field("lost", "<u8", "", "records of it that are missing"),

@@ -59,8 +59,8 @@ class NamedRecording:
                  times: LocalTimes, seconds: float, compression: str) -> None:
         """`seconds`: 0: until it is stopped. What of the topics is computed on demand is wanted from now on."""
         self.name, self.file, self._times, self._compression = name, file, times, compression
-        self.seconds, self.begin_ns, self._since_ns = seconds, times.monotonic_ns, times.local_ns
-        self._chunk, self._chunk_ns, self._end_ns = Chunk(), times.monotonic_ns, 0
+        self.seconds, self._begin_system_ns, self._since_ns = seconds, times.system_ns, times.local_ns
+        self._chunk, self._chunk_ns, self._end_ns, self._end_system_ns = Chunk(), times.monotonic_ns, 0, 0
         self._subscribers: dict[str, Subscriber] = {}
         self._rings: dict[str, Drained] = {}
         self._log = [Drained(ring, ring.reader(), []) for ring in sources.rings.values() if ring.is_complete
@@ -100,8 +100,8 @@ class NamedRecording:
 
     @property
     def passed_s(self) -> float:
-        """How long it has gone on, s of real time."""
-        return ((self._end_ns or self._times.monotonic_ns) - self.begin_ns) * 1e-9
+        """How long it has gone on, s of the system's time."""
+        return ((self._end_system_ns or self._times.system_ns) - self._begin_system_ns) * 1e-9
 
     @property
     def lost(self) -> int:
@@ -162,7 +162,7 @@ class NamedRecording:
     def end(self) -> None:
         """What came until now is the last of it."""
         self.step()
-        self._end_ns = self._times.monotonic_ns
+        self._end_ns, self._end_system_ns = self._times.monotonic_ns, self._times.system_ns
         self._flush()
         self.file.finish(self.losses(), names.LOSSES)
         self.close()

@@ -79,11 +79,12 @@ def test_a_topic_that_is_not_there_is_refused_by_name(rings: RingsOfATest) -> No
         rings.named("PSM9/state")
 
 
-def test_it_ends_when_its_time_is_over(rings: RingsOfATest) -> None:
-    named = rings.named("PSM1/state", seconds=3.0)
-    rings.passes(2.0)
-    assert not named.is_over
-    rings.passes(3.5)
+def test_it_ends_when_its_time_is_over_on_the_system_s_clock(rings: RingsOfATest) -> None:
+    named, begin_ns = rings.named("PSM1/state", seconds=3.0), rings.times.system_ns
+    rings.passes(10.0)
+    rings.times.system_ns = begin_ns + 2_000_000_000
+    assert not named.is_over and named.passed_s == 2.0
+    rings.times.system_ns = begin_ns + 3_500_000_000
     assert named.is_over
 
 

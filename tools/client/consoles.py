@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 from procs.crtk.names import none_such
 from tools.client.callbacks import Callbacks, Reporting
@@ -15,8 +15,6 @@ from tools.errors import Problem
 
 class Operated(Reporting):
     """A console or a teleoperation of a running system; a context manager. Each thread has to make its own."""
-
-    KIND: ClassVar[str]
 
     def __init__(self, system: str | Ways, name: str) -> None:
         """Attach; Problem or SegmentError when it is not there (yet)."""
@@ -63,8 +61,6 @@ class Operated(Reporting):
 
 class ConsoleHandle(Operated):
     """A console: an operator's pedals, and the teleoperations that they decide upon."""
-
-    KIND = "console"
 
     def teleop_start(self) -> None:
         """Let the selected teleoperations run: from now on the operator decides."""
@@ -132,8 +128,6 @@ class ConsoleHandle(Operated):
 
 class TeleopHandle(Operated):
     """One teleoperation."""
-
-    KIND = "teleop"
 
     def current_state(self) -> str:
         """DISABLED, SETTING_ARMS_STATE, ALIGNING_MTM or ENABLED."""

@@ -33,9 +33,9 @@ def suj_here(name: str, system: str | None, timeout: float) -> Suj:
     return connected(lambda: attached("suj", Suj, _chosen(system), name), timeout, name)
 
 
-def operated_here(kind: type[Q], name: str, system: str | None, timeout: float) -> Q:
+def operated_here(made: type[Q], kind: str, name: str, system: str | None, timeout: float) -> Q:
     """A console or a teleoperation; the same."""
-    return connected(lambda: attached(kind.KIND, kind, _chosen(system), name), timeout, name)
+    return connected(lambda: attached(kind, made, _chosen(system), name), timeout, name)
 
 
 def provide(name: str | OwnProcess, system: str | None = None, timeout: float = 5.0, *, rate: float = 200.0,

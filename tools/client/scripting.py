@@ -142,7 +142,7 @@ def console(name: str = "console", system: str | None = None, timeout: float = 5
             token: str | Path = "", tls: ssl.SSLContext | None = None) -> ConsoleHandle:
     """The console `name`, once it is connected; TimeoutError after `timeout` s."""
     if not at:
-        return here.operated_here(ConsoleHandle, name, system, timeout)
+        return here.operated_here(ConsoleHandle, "console", name, system, timeout)
     return _at(at, token, tls, timeout, lambda ways: _shown(ConsoleHandle(ways.checked("console", name), name)))
 
 
@@ -150,7 +150,7 @@ def teleop(name: str, system: str | None = None, timeout: float = 5.0, *, at: st
            tls: ssl.SSLContext | None = None) -> TeleopHandle:
     """The teleoperation `name`; the same."""
     if not at:
-        return here.operated_here(TeleopHandle, name, system, timeout)
+        return here.operated_here(TeleopHandle, "teleop", name, system, timeout)
     return _at(at, token, tls, timeout, lambda ways: _shown(TeleopHandle(ways.checked("teleop", name), name)))
 
 

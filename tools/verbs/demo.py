@@ -48,7 +48,8 @@ UNITS = {"mm": "mm", "deg": "°", "ms": "ms"}
 
 
 def demo(
-    seconds: Annotated[float, typer.Option("--for", min=0.0, help="Seconds to follow; 0: until Ctrl-C.")] = 0.0,
+    seconds: Annotated[float, typer.Option(
+        "--for", min=0.0, help="Seconds of the system's time to follow; 0: until Ctrl-C.")] = 0.0,
     clock: ClockOption = "",
     listen: Annotated[str, typer.Option(
         "--listen", metavar="ADDRESS", help="Address of the web console, e.g. 0.0.0.0:8080; browsers on other machines "

@@ -36,8 +36,8 @@ def record(
     topics: Annotated[list[str] | None, typer.Argument(
         metavar="[TOPICS]...",
         help="Topics, or instances with all that they write; none: all arms, io and consoles.")] = None,
-    seconds: Annotated[float, typer.Option("--for", min=0.0, max=86400.0, help="So many seconds; 0: until Ctrl-C.")
-                       ] = 0.0,
+    seconds: Annotated[float, typer.Option(
+        "--for", min=0.0, max=86400.0, help="So many seconds of the system's time; 0: until Ctrl-C.")] = 0.0,
     stop: Annotated[bool, typer.Option("--stop", help="End the recording of this name that is under way.")] = False,
     detach: Annotated[bool, typer.Option("--detach", help="Return when it has begun; --stop ends it.")] = False,
     keep: Annotated[bool, typer.Option(

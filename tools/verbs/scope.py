@@ -36,7 +36,7 @@ def scope(
     after: Annotated[float | None, typer.Option(
         "--after", min=0.0, max=MAX_S, help="Seconds after the moment. 0.5.")] = None,
     timeout: Annotated[float | None, typer.Option(
-        "--timeout", min=0.0, help="Leave with exit code 1 when it did not happen for so many seconds.")] = None,
+        "--timeout", min=0.0, help="Exit code 1 when it did not happen within so many seconds of real time.")] = None,
     past: Annotated[bool, typer.Option(
         "--past", help="The last time it happened in what the rings keep; of a dead system always.")] = False,
     csv: Annotated[str, typer.Option("--csv", metavar="FILE", help="Every record as CSV; -: on the output.")] = "",

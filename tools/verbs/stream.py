@@ -31,7 +31,8 @@ def stream(
         metavar="FILE", help="CSV; in each row positions of all joints and the jaw, "
         "then, if you have them, their velocities, then their efforts; rad, m.")],
     rate: Annotated[float, typer.Option("--rate", min=1.0, max=1500.0, help="Rows a second.")] = 200.0,
-    seconds: Annotated[float, typer.Option("--for", min=0.0, help="Stop after so many seconds; 0: all rows.")] = 0.0,
+    seconds: Annotated[float, typer.Option(
+        "--for", min=0.0, help="Stop after so many seconds of the system's time; 0: all rows.")] = 0.0,
     as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:
