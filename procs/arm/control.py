@@ -175,16 +175,24 @@ class Control:
     def _take_goal(self, name: str) -> NDArray[np.bool_]:
         """Bring `goal`, of a stream of commands `name`, into the limits; which joints were outside.
 
+        CommandRefused where it is too far away; a running stream ends there.
+
         It is judged as it was sent where a stream begins: a wrong number is one near a limit, too. A running stream
         may pass a limit, and is judged by what is left of it.
         """
-        is_running = self._is_streaming
-        if not is_running:
-            self._judge(name, is_running)
-        outside = self._clip()
-        if is_running:
-            self._judge(name, is_running)
-        return outside
+        is_running, governor, joints = self._is_streaming, self.motion.governor, self.joints
+        if is_running and governor.most.item() > LATE_S:
+            self._report_slow()
+        lag_s, axis = governor.lag()
+        must_clip, outside = not governor.is_inside or joints.paired is not None, joints.none
+        if must_clip and is_running:
+            outside = self._clip()
+            lag_s, axis = governor.lag()
+        if lag_s > MAX_LAG_S:
+            far, unit, allowed = abs(self.goal[axis] - self.here[axis]), joints.unit(axis), governor.speed[axis]
+            raise self.jump(name, f"{joints.name(axis)} is {far:.3g} {unit} from the setpoint; "
+                                  f"{allowed * MAX_LAG_S:.3g} {unit} is allowed")
+        return self._clip() if must_clip and not is_running else outside
 
     @property
     def _is_streaming(self) -> bool:
@@ -197,19 +205,6 @@ class Control:
             streams.end_one(streams.asking, f"it jumped: {why}")
             self._hold(why)
         return self.refusal(codes.STREAM_JUMP, name, f"{why}: move there first (move_jp, move_cp)", REPORT_NS)
-
-    def _judge(self, name: str, is_running: bool) -> None:
-        """CommandRefused where `goal`, of a stream of commands `name`, is too far away; a running stream ends there."""
-        governor = self.motion.governor
-        if is_running and governor.most.item() > LATE_S:
-            self._report_slow()
-        lag_s, axis = governor.lag()
-        if lag_s <= MAX_LAG_S:
-            return
-        far, unit, allowed = abs(self.goal[axis] - self.here[axis]), self.joints.unit(axis), governor.speed[axis]
-        why = (f"{self.joints.name(axis)} is {far:.3g} {unit} from the setpoint; "
-               f"{allowed * MAX_LAG_S:.3g} {unit} is allowed")
-        raise self.jump(name, why)
 
     def _report_slow(self) -> None:
         governor = self.motion.governor

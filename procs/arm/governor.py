@@ -51,14 +51,17 @@ class Governed(Protocol):
 class Governor:
     """Brings `goal` towards `target`. `behind` (size,): seconds at the largest speed that are missing, `most` of them.
 
+    `lower`, `upper` (size,): limits of the joints; `is_inside`: what was `asked` for last is within them.
+
     `clip` is for walls: it may change the setpoint (size,) of this cycle, in place, and says why, "" if it did not;
     the reason of the newest cycle is in `clipped`.
     """
 
-    def __init__(self, of: Governed, speed: Array, acceleration: Array) -> None:
+    def __init__(self, of: Governed, speed: Array, acceleration: Array, lower: Array, upper: Array) -> None:
         self.goal, self.target, self.asked = of.goal, of.target, of.asked
         self.velocity, self.feed = of.velocity, of.feed_velocity
         self.speed, self.acceleration = speed, acceleration
+        self.lower, self.upper, self.is_inside = lower, upper, True
         self.size = len(speed)
         self.rate, self.behind, self.most = np.zeros(self.size), np.zeros(self.size), np.zeros(1)
         self.clip: Callable[[Array], str] | None = None
@@ -90,7 +93,8 @@ class Governor:
     def lag(self) -> tuple[float, int]:
         """How far `asked` is away, in s at the largest speed, and which joint that is."""
         worst = self._measure()
-        return self.most.item(), worst
+        self.is_inside = worst >= 0
+        return self.most.item(), worst if worst >= 0 else ~worst
 
     # the reference of the kernel
 
@@ -120,9 +124,10 @@ class Governor:
         return int(bool((~is_direct).any() or self.rate.any()))
 
     def measure(self) -> int:
-        """`behind` and `most` of `asked`; which joint that is."""
+        """`behind` and `most` of `asked`; which joint that is, its complement where a joint is outside its limits."""
         self._show(self.asked)
-        return int(self.behind.argmax())
+        worst = int(self.behind.argmax())
+        return worst if ((self.lower <= self.asked) & (self.asked <= self.upper)).all() else ~worst
 
     def _show(self, target: Array) -> None:
         with np.errstate(invalid="ignore"):  # inf - inf

@@ -68,7 +68,7 @@ class Motion:
         self.rows = np.zeros((2, n))
         self.goal, self.velocity = self.rows
         self.effort, self.target, self.asked, self.feed_velocity = np.zeros((4, n))
-        self.governor = Governor(self, joints.servo_speed, joints.servo_acceleration)
+        self.governor = Governor(self, joints.servo_speed, joints.servo_acceleration, joints.lower, joints.upper)
         self.feed = np.zeros(n)
         """Efforts added while positions are followed, until `feed_end_ns`."""
         self.feed_end_ns = FOR_EVER_NS

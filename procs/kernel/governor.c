@@ -33,11 +33,12 @@ int64_t Governor_advance(const Governor *k, double dt, int64_t has_feed) {
 }
 
 int64_t Governor_measure(const Governor *k) {
-  int64_t worst = 0;
+  int64_t worst = 0, inside = 1;
   for (int64_t i = 0; i < k->n; i++) {
     k->behind[i] = seconds(k->asked[i] - k->goal[i], k->speed[i]);
     if (k->behind[i] > k->behind[worst]) worst = i;
+    inside &= k->lower[i] <= k->asked[i] && k->asked[i] <= k->upper[i];
   }
   *k->most = k->behind[worst];
-  return worst;
+  return inside ? worst : ~worst;
 }

@@ -27,7 +27,8 @@ STEPS_NS = st.sampled_from((CYCLE_NS, CYCLE_NS, CYCLE_NS, 2 * CYCLE_NS, 3_000_00
 
 def governor(speed: Any = SPEED, acceleration: Any = ACCELERATION, at: Any = 0.0) -> Governor:
     arrays = {name: np.zeros(len(speed)) for name in ("goal", "target", "asked", "velocity", "feed_velocity")}
-    made = Governor(SimpleNamespace(**arrays), np.array(speed), np.array(acceleration))
+    made = Governor(SimpleNamespace(**arrays), np.array(speed), np.array(acceleration),
+                    np.full(len(speed), -np.inf), np.full(len(speed), np.inf))
     made.goal[...] = made.target[...] = at
     return made
 

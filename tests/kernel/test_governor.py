@@ -32,7 +32,7 @@ def test_both_come_to_the_same_setpoints(name: str, data: st.DataObject) -> None
     row = st.lists(NUMBERS, min_size=n, max_size=n)
     governor = Governor(
         SimpleNamespace(**{name: np.zeros(n) for name in ("goal", "target", "asked", "velocity", "feed_velocity")}),
-        np.array(servo.speed), np.array(servo.acceleration))
+        np.array(servo.speed), np.array(servo.acceleration), np.full(n, -0.5), np.full(n, 0.5))
     bound = bind(GOVERNOR, governor)
     assert isinstance(bound, BoundStruct)
     governor.start(np.array(data.draw(st.lists(st.floats(-1.0, 1.0), min_size=n, max_size=n))))
