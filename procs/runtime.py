@@ -336,7 +336,8 @@ def process(kind: str) -> Iterator[Node]:
         yield node
     except (Exception, SystemExit) as error:
         running = node.page.state == "RUNNING"
-        node.log.exception("ended by an error")
+        known = isinstance(error, SegmentError)  # which says what is wrong and what helps
+        node.log.error("ended by an error: %s", error, exc_info=not known)
         node.page.show("FAILED", cause_of(error))
         sys.exit(LOOP_FAILED if running else SETUP_FAILED)
     node.page.show("STOPPED", node.stop_reason)

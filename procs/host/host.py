@@ -17,6 +17,7 @@ import weakref
 from collections.abc import Callable
 from typing import Any, Self
 
+from procs.crtk.names import none_such
 from procs.document.system import SystemConfig
 from procs.host.loops import HostedBoards, HostError, made
 from procs.host.node import HostedNode, SteppedClock
@@ -108,11 +109,11 @@ class Host:
     def restart(self, instance: str, *, killed: bool = False) -> None:
         """The loop of an instance anew, as a process that was started again begins; `killed`: it left nothing in order.
 
-        Earlier snapshots do not count any more. HostError: boards stay as they are.
+        Earlier snapshots do not count any more. HostError: there is none, or it is the boards, which stay as they are.
         """
+        node = self._node(instance)
         if instance == "boards":
             raise HostError("boards do not restart in a host")
-        node, _, _ = self._turns[instance]
         if not killed:
             self.loops[instance].close()
         node.give_back()
@@ -120,9 +121,14 @@ class Host:
         self._begin(node)
 
     def delay(self, instance: str, seconds: float) -> None:
-        """The next cycle of an instance is so much later, as if its process had no core."""
-        node, _, _ = self._turns[instance]
+        """The next cycle of an instance is so much later, as if its process had no core. HostError: there is none."""
+        node = self._node(instance)
         node.due_ns, node.news = max(node.due_ns, self.clock.time_ns) + round(seconds * 1e9), None
+
+    def _node(self, instance: str) -> HostedNode:
+        if instance not in self._turns:
+            raise HostError(none_such("process", instance, self._turns, self.name))
+        return self._turns[instance][0]
 
     @property
     def now_ns(self) -> int:
@@ -156,7 +162,11 @@ class Host:
         clock.time_ns = end_ns
 
     def client(self, instance: str) -> Client:
-        """A handle for commands, of a person; closed with the host. Its streams pause in the host's time."""
+        """A handle for commands, of a person; closed with the host. Its streams pause in the host's time.
+
+        HostError: there is no such process.
+        """
+        self._node(instance)
         client = Client(self.name, instance, "", self.clock.now_ns, self._numbers.next)
         self._held.callback(client.close)
         self._handles.append(client)

@@ -27,8 +27,8 @@ def document(file: str, backend: str, period_s: float, physics_s: float) -> Syst
     """
     if not FINEST_S <= period_s <= COARSEST_S:
         raise ValueError(f"period_s is {period_s:g} s; allowed: {FINEST_S:g} to {COARSEST_S:g} s")
-    if backend == BOARDS and not FINEST_S <= physics_s <= COARSEST_S:
-        raise ValueError(f"physics_s is {physics_s:g} s; allowed with arms on boards: {FINEST_S:g} to {COARSEST_S:g} s")
+    if not FINEST_S <= physics_s <= COARSEST_S:
+        raise ValueError(f"physics_s is {physics_s:g} s; allowed: {FINEST_S:g} to {COARSEST_S:g} s")
     name = f"rl{os.getpid()}x{next(_numbers)}"
     return dataclasses.replace(_loaded(file, backend, period_s, physics_s), name=name)
 

@@ -188,6 +188,13 @@ def test_a_loop_that_starts_again_refuses_what_waited_and_goes_on() -> None:
             host.restore(snapshot)
 
 
+def test_a_process_that_is_not_there_is_told_with_those_that_are() -> None:
+    with Host(document(*KINEMATIC)) as host:
+        for ask in (host.client, host.restart, lambda name: host.delay(name, 0.1)):
+            with pytest.raises(HostError, match="has no process PSM9; did you mean PSM1"):
+                ask("PSM9")
+
+
 def test_a_loop_without_a_core_comes_later() -> None:
     with Host(document(*KINEMATIC)) as host:
         state = host.reader("PSM1")

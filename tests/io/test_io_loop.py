@@ -16,7 +16,7 @@ def test_who_hears_of_a_fault_or_a_button_finds_the_record_to_it() -> None:
     loop: Any = IoLoop.__new__(IoLoop)
     loop.node = SimpleNamespace(events=SimpleNamespace(emit=lambda kind, *_, **__: seen.append(kind)))
     loop._core = SimpleNamespace(cycle=lambda commands: None, stamp_ns=1,
-                                 reports=SimpleNamespace(events=events, changed=set()))
+                                 reports=SimpleNamespace(events=events, changed=set(), detached=[]))
     loop._mailbox = SimpleNamespace(has_news=False)
     loop._out = SimpleNamespace(publish=lambda stamp_ns: seen.append("record"))
     loop._port, loop._others = None, {}

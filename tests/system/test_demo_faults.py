@@ -61,14 +61,18 @@ class RunningDemo:
         said = self.robot.types("status")
         return " ".join(f"{said.stdout} {said.stderr}".split())
 
+    def named(self) -> list[str]:
+        """The commands at the end of what is to be done first."""
+        return re.findall(r"[Tt]hen:? trocar (home[^.;]*)", self.status().partition("first: ")[2])
+
     def recover(self) -> None:
         """Type what status says until all is well; then ask for teleoperation."""
         for _ in range(3):
-            wait_for(lambda: re.search(r"all well|Then: trocar", self.status()), LONG_S, "a remedy is named")
-            named = re.search(r"Then: trocar (.+)$", self.status())
-            if named is None:
+            wait_for(lambda: self.named() or "all well" in self.status(), LONG_S, "a remedy is named")
+            if not self.named():
                 break
-            self.robot.trocar(*named.group(1).split(), timeout=LONG_S)
+            for words in self.named():
+                self.robot.trocar(*words.split(), timeout=LONG_S)
         assert "all well" in self.status(), self.status()
         self.robot.trocar("send", "console", "teleop_enable", "1")
         wait_for(self.follows, LONG_S, f"it follows again; {self.status()}")

@@ -42,7 +42,7 @@ def rollout(
 
     Each actor has an environment of its own and runs whole episodes. A cluster needs `ray start` on each machine, and
     Trocar with the policy's file at the same place. With `--option backend=attached` it moves the arms of a running
-    system, which a person has homed: docs/simulation.md.
+    system, which a person has homed, and hashes differ: docs/simulation.md.
 
     Example: trocar rl rollout trocar/PsmReach-v0 --episodes 5
     """
