@@ -204,10 +204,8 @@ class RecorderLoop(OwnProcess):
             self.own.events.report(codes.RECORDING_DROPPED, f"{fault.reason}: could not be kept: {why}", who,
                                    value=float(file.dropped))
         else:
-            if is_fault and (fault.is_first or not self._fault_path):
+            if is_fault:
                 self._fault_path, self._fault_span_ns = str(file.path), fault.span_ns
-            elif is_fault:  # it followed from the first, whose file says why
-                self._fault_span_ns = self._fault_span_ns[0], fault.span_ns[1]
             missing = "" if file.is_complete else f", not all of it: {why}"
             self.own.events.report(codes.FAULT_RECORDED, f"{fault.reason}: kept in {file.path}{missing}", who)
         self._show()
