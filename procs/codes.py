@@ -161,7 +161,7 @@ BOARDS_LATE: Final = Code(
 # arm: what makes it go FAULT
 IO_TIMEOUT: Final = Code(
     "io-timeout", ERROR, "arm", "io does not answer",
-    "trocar start with the name of io, unless it comes back by itself; then trocar home NAME")
+    "wait until io is back, or start it by its name with trocar start; then trocar home NAME")
 IO_RESTARTED: Final = Code(
     "io-restarted", ERROR, "arm", "io was restarted", "trocar home NAME; the log of io may say why it ended")
 IO_FAULT: Final = Code(

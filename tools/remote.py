@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import Any
 
 from shm.client import Client, MailboxFull, Reply
-from shm.clock import pause
+from shm.clock import monotonic_ns, pause
 from shm.commands import ENDINGS, became
 from shm.control_page import ControlPage
 from shm.origins import Origin
@@ -26,6 +26,7 @@ from tools.systems import alive, orphaned
 POLL_S = 0.001
 KEPT = 1000
 START_S = 2.0
+SILENT_NS = 300_000_000
 STARTING = ("CREATED", "STARTING")
 ENDED = {"STOPPED": "is stopped", "FAILED": "has failed"}
 
@@ -64,11 +65,19 @@ class Remote:
         deadline = Deadline(START_S)
         while (state := self._page.state) in STARTING and not deadline.is_over():
             pause(POLL_S)
-        is_dead = state in ENDED or not alive(self._page.segment.identity())
-        if is_dead and (lost := orphaned(self._system)):
-            raise Problem(lost)
+        self._check_supervisor(state in ENDED)
         if state in ENDED:
             raise Problem(f"{self.instance} {ENDED[state]}; first: trocar start {self.instance}")
+
+    def _check_supervisor(self, is_dead: bool = False) -> None:
+        """Problem when the process is dead, and no supervisor starts it again.
+
+        The kernel is asked only where it has been silent, not for each goal of a stream.
+        """
+        silent_ns = monotonic_ns() - int(self._page.get("heartbeat_ns"))
+        is_dead = is_dead or (silent_ns > SILENT_NS and not alive(self._page.segment.identity()))
+        if is_dead and (lost := orphaned(self._system)):
+            raise Problem(lost)
 
     def replies(self) -> list[Reply]:
         """Answers to whatever was sent, that came and were not asked for yet."""
@@ -126,6 +135,7 @@ class Remote:
                     self._inbox[number] = replies[i + 1 :]
                     return reply
             if not is_over:
+                self._check_supervisor()
                 pause(POLL_S)
         if last is not None:
             raise Problem(f"{self.instance}: {command} was {last.outcome}, but is not done after {timeout:g} s")

@@ -117,7 +117,7 @@ class Host:
         if not killed:
             self.loops[instance].close()
         node.give_back()
-        self._memory = None
+        self._memory, self._places = None, []
         self._begin(node)
 
     def delay(self, instance: str, seconds: float) -> None:

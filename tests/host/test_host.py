@@ -186,6 +186,12 @@ def test_a_loop_that_starts_again_refuses_what_waited_and_goes_on() -> None:
         assert watched.does("move_jp", GOAL) == "done"
         with pytest.raises(HostError, match="no snapshot of"):
             host.restore(snapshot)
+        later = host.snapshot()
+        before = watched.hash
+        assert watched.does("move_jp", (0.0, 0.0, 0.12, 0.0, 0.0, 0.0)) == "done"
+        host.restore(later)
+        state = host.reader("PSM1")
+        assert state.newest() and max(abs(state.field("position")[:6] - GOAL)) < 2e-3 and watched.hash != before
 
 
 def test_a_process_that_is_not_there_is_told_with_those_that_are() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import shutil
 from pathlib import Path
 from typing import Annotated
@@ -52,22 +53,19 @@ def export(
         folder = Path(to) if to else file.with_suffix("")
         try:
             folder.mkdir(parents=True)
+            with contextlib.ExitStack() as undo:
+                undo.callback(shutil.rmtree, folder, ignore_errors=True)  # half of it helps no further
+                if form == ROSBAG2:
+                    from tools.recorded.rosbag import to_rosbag2  # with YAML, which only a bag asks for
+
+                    written = to_rosbag2(recording, folder, wanted, part, say)
+                else:
+                    written = table.to_parquet(folder, say) if form == PARQUET else table.to_csv(folder, say)
+                undo.pop_all()
         except FileExistsError:
             raise Misuse(f"{folder} is there already; -o names a new folder") from None
         except OSError as error:
             raise Problem(f"{error.filename or folder}: {error.strerror}") from None
-        try:
-            if form == ROSBAG2:
-                from tools.recorded.rosbag import to_rosbag2  # with YAML, which only a bag asks for
-
-                written = to_rosbag2(recording, folder, wanted, part, say)
-            else:
-                written = table.to_parquet(folder, say) if form == PARQUET else table.to_csv(folder, say)
-        except BaseException as error:
-            shutil.rmtree(folder, ignore_errors=True)  # half of it helps no further
-            if isinstance(error, OSError):
-                raise Problem(f"{error.filename or folder}: {error.strerror}") from None
-            raise
         code = _told(recording.problems)
     if as_json:
         emit({"folder": str(folder), "files": [str(path) for path in written], "topics": wanted})
