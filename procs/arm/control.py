@@ -191,20 +191,20 @@ class Control:
         if lag_s > MAX_LAG_S:
             far, unit, allowed = abs(self.goal[axis] - self.here[axis]), joints.unit(axis), governor.speed[axis]
             raise self.jump(name, f"{joints.name(axis)} is {far:.3g} {unit} from the setpoint; "
-                                  f"{allowed * MAX_LAG_S:.3g} {unit} is allowed")
+                                  f"{allowed * MAX_LAG_S:.3g} {unit} is allowed", "move there first (move_jp, move_cp)")
         return self._clip() if must_clip and not is_running else outside
 
     @property
     def _is_streaming(self) -> bool:
         return self.motion.mode is Mode.POSITION and self.streams.is_running(self.now_ns)
 
-    def jump(self, name: str, why: str) -> CommandRefused:
+    def jump(self, name: str, why: str, remedy: str) -> CommandRefused:
         """What to raise where the next goal of a stream of commands `name` is too far away; a running stream ends."""
         streams = self.streams
         if self._is_streaming and streams.asking is not None:
             streams.end_one(streams.asking, f"it jumped: {why}")
             self._hold(why)
-        return self.refusal(codes.STREAM_JUMP, name, f"{why}: move there first (move_jp, move_cp)", REPORT_NS)
+        return self.refusal(codes.STREAM_JUMP, name, f"{why}: {remedy}", REPORT_NS)
 
     def _report_slow(self) -> None:
         governor = self.motion.governor

@@ -61,7 +61,7 @@ class Reach:
             far = float(np.linalg.norm(goal[:3, 3] - before))
             if far > FURTHEST:
                 raise self._control.jump(name, f"{why}, and the tip is asked to go {far * 1e3:.0f} mm at once; "
-                                               f"{FURTHEST * 1e3:.0f} mm is allowed")
+                                               f"{FURTHEST * 1e3:.0f} mm is allowed", "begin at the tip (setpoint_cp)")
             self._is_limited = True
             inverse.approach(goal, at, self._most(len(at), passed_ns))
         why = self._keep_safe(found, at) or why

@@ -180,4 +180,4 @@ def test_an_arm_whose_code_takes_long_for_each_cycle_is_named(robot: Robot, tmp_
     robot.up(system_of(tmp_path, "broken.Slow"))
     robot.home()
     robot.trocar("send", "ECM", "break", code=None)
-    wait_for(lambda: "first: ECM: takes so long for a cycle" in robot.trocar("status", code=None), 60, "it is named")
+    wait_for(lambda: "first: ECM: its cycles take so long" in robot.trocar("status", code=None), 60, "it is named")

@@ -312,4 +312,4 @@ def test_a_fault_comes_before_what_is_wrong_with_the_recorder_and_after_a_dead_a
 
 def test_an_arm_on_its_way_is_not_well_yet() -> None:
     one = Standing("PSM1", "arm", "DISABLED POWERING", False, "no motor power (try 1 of 2)")
-    assert first_thing([], [one]) == "wait: PSM1 is DISABLED POWERING: no motor power (try 1 of 2)"
+    assert first_thing([], [one]) == "wait for PSM1: DISABLED POWERING, no motor power (try 1 of 2)"

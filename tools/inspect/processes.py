@@ -127,7 +127,7 @@ def statuses(system: str) -> list[ProcessStatus]:
     if found[0].state != "RUNNING":  # it is being stopped as a whole
         return found
     slow, speed = waited_for(system) if simulated else ("", 1.0)
-    said = f"takes so long for a cycle that simulated time goes at {speed:.3f} of real time"
+    said = f"its cycles take so long that simulated time runs at {speed:.3f} of real time"
     found = [dataclasses.replace(one, problem=said) if one.name == slow and not one.problem else one for one in found]
     return [dataclasses.replace(one, problem=STOPPED) if _is_stopped(one, rows) else one for one in found]
 

@@ -170,7 +170,7 @@ def first_thing(processes: Sequence[ProcessStatus], found: Sequence[Standing]) -
     begins = [process.name for process in processes if process.begins]
     on_its_way = next((one for one in found if one.kind == "arm" and one.reason), None)
     if on_its_way is not None:
-        return f"wait: {on_its_way.name} is {on_its_way.state}: {on_its_way.reason}"
+        return f"wait for {on_its_way.name}: {on_its_way.state}, {on_its_way.reason}"
     silent = next((one for one in found if one.silent), None)
     if silent is not None and not begins:
         return f"{silent.name}: {silent.reason}"
