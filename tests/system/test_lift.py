@@ -16,7 +16,7 @@ from shm.clock import pause
 from tests.system.robot import Robot, wait_for
 
 pytestmark = pytest.mark.slow
-HELD_UP_S = 0.031
+HELD_UP_S = 0.04  # more than the limit of 30 ms and a period, wherever in its period the process is struck
 PATIENT = ("--set", "supervisor_lost_s=60", "--set", "processes.SUJ.hung_s=60", "--set", "processes.IO1.hung_s=60")
 
 
@@ -62,7 +62,7 @@ class Column:
 NOISE_V = 2e-3
 
 
-@pytest.mark.parametrize("strikes", [signal.SIGSTOP, signal.SIGKILL], ids=["held up for 31 ms", "killed"])
+@pytest.mark.parametrize("strikes", [signal.SIGSTOP, signal.SIGKILL], ids=["held up for 40 ms", "killed"])
 def test_a_column_that_lifts_when_its_process_is_struck_stops_until_an_operator_asks(
         robot: Robot, data: Callable[[str], Path], strikes: signal.Signals) -> None:
     robot.up(data("dvrk-site/jhu-daVinci/system-SUJ.json"), "--path", str(data("dvrk-share")), "--boards", "emulated",
