@@ -6,7 +6,19 @@ from a program; the names stand in the header's info, and but for `inputs` in th
 
 from __future__ import annotations
 
+from enum import StrEnum
+
 from shm.rows import Field, Topic, View
+
+
+class TeleopState(StrEnum):
+    """States of a teleoperation, as published."""
+
+    DISABLED = "DISABLED"
+    SETTING = "SETTING_ARMS_STATE"
+    ALIGNING = "ALIGNING_MTM"
+    ENABLED = "ENABLED"
+
 
 TELEOP_STATE = Topic(
     "state",
@@ -19,7 +31,7 @@ TELEOP_STATE = Topic(
         Field("masters", "(2,)S40", "", "MTM; of an ECM teleoperation MTML and MTMR"),
         Field("slave", "S40", "", "PSM or ECM"),
         Field("console", "S40", "", "console it belongs to"),
-        Field("state", "S24", "", "DISABLED, SETTING_ARMS_STATE, ALIGNING_MTM or ENABLED"),
+        Field("state", "S24", "", f"{', '.join((*TeleopState,)[:-1])} or {TeleopState.ENABLED}"),
         Field("desired_state", "S24", "", "state asked for"),
         Field("following", "?", "", "the slave follows"),
         Field("is_busy", "?", "", "on the way to the desired state"),

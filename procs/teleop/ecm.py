@@ -16,8 +16,9 @@ from procs.teleop.arms import TeleopArm
 from procs.teleop.camera import Camera, outside
 from procs.teleop.presence import Operator
 from procs.teleop.record import TeleopRecord
-from procs.teleop.teleop import Teleop, TeleopState
+from procs.teleop.teleop import Teleop
 from shm.faults import Cell
+from shm.operator_topics import TeleopState
 
 Array = NDArray[np.float64]
 

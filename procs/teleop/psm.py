@@ -17,9 +17,10 @@ from procs.requests import CommandRefused, Handler, Reports, Request, switch
 from procs.teleop.arms import BaseFrame, TeleopArm
 from procs.teleop.presence import Operator
 from procs.teleop.record import TeleopRecord
-from procs.teleop.teleop import Teleop, TeleopState
+from procs.teleop.teleop import Teleop
 from procs.teleop.teleoperation import JawMapping, PoseMapping, Presence, Start, roll_between, waiting_for
 from shm.faults import Cell
+from shm.operator_topics import TeleopState
 
 Array = NDArray[np.float64]
 

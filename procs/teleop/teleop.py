@@ -7,7 +7,6 @@ are arrays given to it. Nothing here waits: what arms are asked for is seen in t
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from enum import StrEnum
 from typing import Any, Final
 
 from numpy.typing import NDArray
@@ -19,6 +18,7 @@ from procs.teleop.arms import TeleopArm
 from procs.teleop.presence import Operator
 from procs.teleop.record import TeleopRecord
 from shm.faults import Cell
+from shm.operator_topics import TeleopState
 from shm.origins import NOBODY, Origin
 
 Fields = Callable[[str], NDArray[Any]]
@@ -28,15 +28,6 @@ SETTING_NS: Final = 60_000_000_000  # that arms may take to be homed
 REPORT_NS: Final = 2_000_000_000
 CLUTCHED: Final = "the clutch is pressed"
 PRESSED, CLICKED = 1.0, 2.0
-
-
-class TeleopState(StrEnum):
-    """States, as published."""
-
-    DISABLED = "DISABLED"
-    SETTING = "SETTING_ARMS_STATE"
-    ALIGNING = "ALIGNING_MTM"
-    ENABLED = "ENABLED"
 
 
 NEEDS_ARMS: Final = frozenset((TeleopState.ALIGNING, TeleopState.ENABLED))

@@ -217,6 +217,7 @@ def test_an_environment_whose_name_is_incomplete_is_suggested(check_it: Callable
     (("CartPole-v1", "--policy", "best"), 2), (("CartPole-v1", "--option", "gravity"), 2),
     (("CartPole-v1", "--option", "gravity=3"), 2), (("CartPole-v1", "--address", "auto"), 2),
     (("CartPole-v1", "--save", "/proc/nowhere"), 1),
+    (("CartPole-v1", "--save", "/"), 2),
     (("CartPole-v1", "--actors", "2", "--option", "backend=attached"), 2),
 ])
 def test_what_was_asked_wrongly_is_told(words: tuple[str, ...], code: int) -> None:

@@ -120,6 +120,8 @@ def test_a_console_is_operated_from_elsewhere(robot: Robot) -> None:
         with trocar.teleop("MTMR_PSM1", at=at, timeout=60.0) as teleop:
             wait_for(lambda: teleop.get_scale() == 0.3, 20, "the scale of its teleoperation")
             assert teleop.current_state() == "DISABLED" and not teleop.following()
+            with pytest.raises(ValueError, match="ALIGNING_MTM"):
+                teleop.wait_for_state("FOLLOWING", 60)
             console.teleop_start()
             console.emulate_operator_present()
             teleop.wait_for_state("ENABLED", 60)

@@ -7,7 +7,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
 from procs.crtk.names import none_such
+from shm.operator_topics import TeleopState
 from tools.client.callbacks import Callbacks, Reporting
+from tools.client.instance import known_state
 from tools.client.moves import Waits
 from tools.client.ways import Ways, ways_of
 from tools.errors import Problem
@@ -160,7 +162,8 @@ class TeleopHandle(Operated):
         self.wait_for_state("DISABLED", timeout)
 
     def wait_for_state(self, state: str, timeout: float = 10.0) -> None:
-        """Until that is its state; TimeoutError after `timeout` s."""
+        """Until it is DISABLED, SETTING_ARMS_STATE, ALIGNING_MTM or ENABLED; TimeoutError after `timeout` s."""
+        known_state(state, [*TeleopState])
         self._waits.until(lambda: self.current_state() == state, timeout, f"{self.name} is not {state}")
 
     def set_scale(self, scale: float) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import TYPE_CHECKING, Final, Self
 
@@ -20,10 +20,10 @@ ENABLED, HOMED, DISABLED = "enabled", "homed", "disabled"
 STATES: Final = ("DISABLED", "ENABLED", "PAUSED", "FAULT")
 
 
-def known_state(state: str) -> None:
-    """ValueError unless that is an operating state."""
-    if state not in STATES:
-        raise ValueError(f"{state!r} is no state; allowed are {', '.join(STATES)}")
+def known_state(state: str, states: Iterable[str] = STATES) -> None:
+    """ValueError unless that is one of the `states`, default those of an arm."""
+    if state not in states:
+        raise ValueError(f"{state!r} is no state; allowed are {', '.join(states)}")
 
 
 class Instance(Reporting):

@@ -37,7 +37,7 @@ def convert(
     results = Conversion(files, to, force, path or ()).results()
     for result in results:
         emit(_row(result)) if as_json else _print(result)
-    lost = [change for result in results for change in result.converted.lost]
+    lost = [change for result in results if not _failed(result) for change in result.converted.lost]
     counts = _counts(results)
     if as_json:
         emit({"summary": counts | {"lost": [dataclasses.asdict(change) for change in lost]}})
@@ -50,7 +50,7 @@ def convert(
 
 
 def _print(result: Result) -> None:
-    for finding in (*result.converted.changes, *result.problems):
+    for finding in (*(() if _failed(result) else result.converted.changes), *result.problems):
         tell(str(finding))
     for check in result.checks:
         errors = count(check.problems)

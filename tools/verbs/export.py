@@ -61,6 +61,8 @@ def export(
                     written = to_rosbag2(recording, folder, wanted, part, say)
                 else:
                     written = table.to_parquet(folder, say) if form == PARQUET else table.to_csv(folder, say)
+                if not written:
+                    raise Problem(f"{file}: no records there; nothing was written")
                 undo.pop_all()
         except FileExistsError:
             raise Misuse(f"{folder} is there already; -o names a new folder") from None
@@ -70,7 +72,7 @@ def export(
     if as_json:
         emit({"folder": str(folder), "files": [str(path) for path in written], "topics": wanted})
     else:
-        tell(f"{folder}: {', '.join(path.name for path in written) or 'no records there'}")
+        tell(f"{folder}: {', '.join(path.name for path in written)}")
     return code
 
 

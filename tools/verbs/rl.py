@@ -35,7 +35,7 @@ def rollout(
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the first episode; then counted up.")] = 0,
     address: Annotated[str, typer.Option("--address", help="Address of a running cluster; auto: the one here.")] = "",
     save: Annotated[Path | None, typer.Option(
-        "--save", metavar="FOLDER", help="Keep observations and actions: one numpy file for each episode.")] = None,
+        "--save", metavar="FOLDER", help="A new one, for what is observed and done: a numpy file an episode.")] = None,
     as_json: JsonOption = False,
 ) -> int:
     """Run episodes and print the results. The same seed gives the same hash on every machine.
@@ -53,7 +53,10 @@ def rollout(
         raise Misuse("--actors: a running system has one robot; leave them out with backend=attached")
     if save is not None:
         with _written(save):
-            save.mkdir(parents=True, exist_ok=True)
+            try:
+                save.mkdir(parents=True)
+            except FileExistsError:
+                raise Misuse(f"{save} is there already; --save names a new folder") from None
     from time import perf_counter
 
     from procs.ended_by import ended_by_term
