@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 
 # Real monotonic time, for what must be bounded in real time even in lock-step (sockets, tools); in ns.
@@ -15,8 +16,22 @@ boottime_ns: Callable[[], int] = (
 # What the computer's clock on the wall shows, ns since 1970; only for people and for other programs' records.
 local_ns: Callable[[], int] = (
     partial(time.clock_gettime_ns, time.CLOCK_REALTIME) if hasattr(time, "CLOCK_REALTIME") else monotonic_ns)
-# Sleep in real time, in seconds; for tools and the supervisor.
-pause = time.sleep
+_sleeps: list[Callable[[float], None]] = [time.sleep]
+
+
+def pause(seconds: float) -> None:
+    """Sleep in real time, or let the time of a system in this process pass (`sleeping_by`); for tools."""
+    _sleeps[-1](seconds)
+
+
+@contextlib.contextmanager
+def sleeping_by(passes: Callable[[float], None]) -> Iterator[None]:
+    """In this block `pause` calls that, with seconds, instead of sleeping."""
+    _sleeps.append(passes)
+    try:
+        yield
+    finally:
+        _sleeps.remove(passes)
 
 
 class WallClock:

@@ -14,7 +14,7 @@ from __future__ import annotations
 import contextlib
 import os
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, Self
 
 from procs.crtk.names import none_such
@@ -22,12 +22,14 @@ from procs.document.system import SystemConfig
 from procs.host.loops import HostedBoards, HostError, made
 from procs.host.node import HostedNode, SteppedClock
 from procs.host.objects import UnknownTypeError
+from procs.host.pages import HostPages
 from procs.host.snapshot import HostMemory, HostSnapshot
 from procs.manifest import proc
 from procs.runtime import Loop
 from procs.supervisor import memory
 from shm import directory, private
 from shm.client import Client
+from shm.clock import sleeping_by
 from shm.layout import Schema
 from shm.ring import RingReader
 from shm.segment import Make, create, names_of
@@ -86,6 +88,8 @@ class Host:
         try:
             self._held.callback(private.forget, self.name)
             memory.create_all(document, _short(history))
+            self._pages = HostPages(document, self.clock)
+            self._held.callback(self._pages.close)
             for row in wanted:
                 self._add(HostedNode(row.kind, self.name, row.name, self.clock))
         except BaseException:
@@ -160,6 +164,13 @@ class Host:
                         is_due = True
                         break
         clock.time_ns = end_ns
+        self._pages.show()
+
+    @contextlib.contextmanager
+    def passing(self) -> Iterator[None]:
+        """While a program in this block waits, the host's time passes: so clients of `trocar` and verbs work on it."""
+        with sleeping_by(self.run):
+            yield
 
     def client(self, instance: str) -> Client:
         """A handle for commands, of a person; closed with the host. Its streams pause in the host's time.

@@ -19,6 +19,7 @@ import pytest
 from typer.main import get_command
 
 from shm import directory
+from shm.clock import pause
 from shm.control_page import ControlPage
 from shm.held_time import HeldTime
 from shm.segment import SegmentError, names_of
@@ -46,7 +47,7 @@ def wait_for(condition: Callable[[], object], seconds: float, what: str) -> None
         while not condition():
             if time.monotonic() > end:
                 pytest.fail(f"did not happen within {seconds} s: {what}")
-            time.sleep(0.002 if STANDING else 0.005)
+            pause(0.002 if STANDING else 0.005)
 
 
 @contextlib.contextmanager

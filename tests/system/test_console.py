@@ -9,7 +9,7 @@ import pytest
 from shm import directory
 from tests.system.robot import ROOT, Robot, wait_for
 
-pytestmark = [pytest.mark.slow, pytest.mark.simulated]
+pytestmark = [pytest.mark.slow, pytest.mark.simulated("hosted")]
 TELEOP = ROOT / "configs/systems/kinematic-teleop.yaml"
 
 

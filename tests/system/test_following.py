@@ -142,6 +142,7 @@ def test_every_cycle_follows_exactly_and_at_the_limits_without_a_jump(pair: LedP
     assert steps[INSERTION] < 1.1 * goals and (np.delete(steps, INSERTION) < 20.0 * goals).all(), (steps, goals)
 
 
+@pytest.mark.simulated("hosted")
 def test_a_slave_stays_where_it_is_in_the_room_of_its_base(robot: Robot, tmp_path: Path) -> None:
     pair = FollowingPair(robot, tmp_path, cart=True)
     cart = directory.reader(robot.name, "SUJ", "state", "suj")

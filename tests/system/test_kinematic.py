@@ -127,6 +127,7 @@ def test_real_and_kinematic_arms_run_side_by_side(robot: Robot, tmp_path: Path) 
     assert echo(robot, "PSM1/operating_state")["is_homed"] is True, "the other arm notices nothing"
 
 
+@pytest.mark.simulated("hosted")
 def test_stock_full_system_homes_the_arms_there_are(robot: Robot, data: Callable[[str], Path]) -> None:
     robot.up(data("dvrk-share/system/system-full-system-simulated.json"), "--path", str(data("dvrk-share")),
              *LOCKSTEP)

@@ -16,7 +16,7 @@ from shm.segment import Segment, segment_name
 from tests import stock
 from tests.system.robot import Robot, wait_for
 
-pytestmark = [pytest.mark.slow, pytest.mark.simulated]
+pytestmark = [pytest.mark.slow, pytest.mark.simulated("hosted")]
 LOCKSTEP = ("--set", "clock=lockstep")
 MAX_JUMP = 0.5e-3  # m
 TO_JOINT = np.eye(7)

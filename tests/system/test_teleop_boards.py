@@ -14,7 +14,7 @@ from tests.system.robot import Robot, wait_for
 from tools.examples.operator_sim import OperatorSim, SeenRecord
 from tools.remote import Remote
 
-pytestmark = [pytest.mark.slow, pytest.mark.simulated]
+pytestmark = [pytest.mark.slow, pytest.mark.simulated("hosted")]
 # On simulated time: five processes at full rate starve each other on a busy machine. Slower loops: fewer turns.
 SETS = ("--set", "clock=lockstep", "--set", "arm.period_s=0.002", "--set", "io.period_s=0.001")
 PINCH = 0.75  # rad, more than the 40° that the file asks for

@@ -14,7 +14,7 @@ from shm.client import Client
 from shm.ring import RingReader
 from tests.system.robot import ROOT, Robot, wait_for
 
-pytestmark = [pytest.mark.slow, pytest.mark.simulated]
+pytestmark = [pytest.mark.slow, pytest.mark.simulated("hosted")]
 LOCKSTEP = ("--set", "clock=lockstep")
 MS = 1_000_000
 

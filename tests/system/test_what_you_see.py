@@ -18,7 +18,7 @@ import yaml
 from tests.system.conftest import systems
 from tests.system.robot import DEMO, ROOT, Robot, wait_for
 
-pytestmark = [pytest.mark.slow, pytest.mark.simulated]
+pytestmark = [pytest.mark.slow, pytest.mark.simulated("hosted")]
 HEADING = "## What you see, what it means, what to type"
 Words = tuple[str, ...]
 STATUS: Words = ("status",)
