@@ -36,7 +36,7 @@ class Box(Protocol):
 class Received:
     """One command; answer it once with accept/refuse/done, and later done/fail if it takes time."""
 
-    __slots__ = ("_box", "_head", "_raw", "command", "id", "place", "values")
+    __slots__ = ("_box", "_head", "_pid", "_raw", "command", "id", "place", "values")
 
     def __init__(self, box: Box, place: int, command: CommandRow, head: tuple[int, ...], raw: bytes,
                  values: NDArray[np.float64]) -> None:
@@ -46,6 +46,7 @@ class Received:
         """
         self._box, self.place, self._head, self._raw = box, place, head, raw
         self.id, self.command, self.values = head[1], command, values
+        self._pid: int | None = None
 
     @property
     def name(self) -> str:
@@ -59,8 +60,10 @@ class Received:
 
     @property
     def pid(self) -> int:
-        """The process that sent it, by its own word; 0: not known."""
-        return self._box.holder(self.place).pid
+        """The process that sent it, by its own word; 0: not known. As first asked: its place may be another's now."""
+        if self._pid is None:
+            self._pid = self._box.holder(self.place).pid
+        return self._pid
 
     @property
     def sender(self) -> SenderId:

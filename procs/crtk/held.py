@@ -9,7 +9,7 @@ released.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Final
 
@@ -27,6 +27,11 @@ def ending(to: str, row: CommandRow, text: str) -> Held:
     return (to, row.name, OFF, text) if row.ended_by == ITSELF else (to, row.ended_by, (), text)
 
 
+def presses(row: CommandRow, values: Sequence[float]) -> bool | None:
+    """Whether it holds something down, or lets go of it; None: neither, as it is refused."""
+    return None if row.objection(values) else any(values)
+
+
 class HeldDown:
     """What is held down now, and by which page, "" where there is one client only."""
 
@@ -38,9 +43,11 @@ class HeldDown:
     def note(self, page: str, to: str, command: str, values: list[float], text: str) -> None:
         """A page has commanded this."""
         row = self._calls.owner(to).rows.get(command)
-        if row is not None and row.ended_by:
+        if row is None or (pressed := presses(row, values)) is None:
+            return
+        if row.ended_by:
             held = ending(to, row, text)
-            if any(values):
+            if pressed:
                 self._held[held] = page, bool(row.stream)
             else:
                 self._held.pop(held, None)

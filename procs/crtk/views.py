@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from procs.crtk.plain import plain
 from procs.crtk.topics import EVENT, RECORD, TopicEntry, find, writer_gone
 from shm import directory
-from shm.clock import monotonic_ns
 from shm.ring import RingReader
-from shm.segment import names_of
+from shm.system_time import SystemTime
 
 FLAGS = {"goal_reached": "reached", "arm_clutch": "pressed", "gripper/closed": "closed", "orientation_locked": "locked"}
 ONE_JOINT = ("jaw", "gripper")
@@ -36,8 +35,9 @@ class OpenTopic:
     def __init__(self, system: str, entry: TopicEntry, reader: RingReader | None = None) -> None:
         """Attach to the ring of `entry`, or see the records that `reader` of that ring reads."""
         self.entry = entry
-        self._simulated = (system, "supervisor", "clock") in names_of(system)
         self._reader: RingReader = reader or directory.reader(system, entry.instance, entry.ring)
+        self._system = system
+        self._time: SystemTime | None = None  # from when its age is asked for: most topics need no map of the clock
         self._names = [n for n in self._reader.dtype.names or () if n not in ("sequence", "stamp_ns")]
         self._fields = {name: self._reader.field(name) for name in self._names}
         on_demand = [row for row in entry.fields if row.group]
@@ -52,8 +52,10 @@ class OpenTopic:
 
     @property
     def age_s(self) -> float:
-        """Age of the record last read; 0 where time is simulated, and stamps are."""
-        return 0.0 if self._simulated else (monotonic_ns() - self.stamp_ns) * 1e-9
+        """Age of the record last read, in the system's time."""
+        if self._time is None:
+            self._time = SystemTime(self._system)
+        return (self._time.now_ns() - self.stamp_ns) * 1e-9
 
     @property
     def sequence(self) -> int:
@@ -217,6 +219,8 @@ class OpenTopic:
 
     def close(self) -> None:
         """Unmap."""
+        if self._time is not None:
+            self._time.close()
         self._reader.close()
 
     def __enter__(self) -> OpenTopic:

@@ -16,7 +16,7 @@ from uuid import UUID
 
 import numpy as np
 
-from procs.crtk.held import Held, ending
+from procs.crtk.held import Held, ending, presses
 from procs.ros.dds import Participant, TopicReader
 from procs.ros_bridge.incoming import COMMAND_TOPICS, STREAM, CommandTopic, no_text
 from procs.ros_bridge.publishing import ros_topic
@@ -113,9 +113,9 @@ class Commands:
         try:
             client = self._client(to, self._peer(asked.reader, message))
             self._open.setdefault(client, set()).add(client.send(row.name, numbers, text))
-            if row.ended_by:
+            if row.ended_by and (pressed := presses(row, numbers.tolist())) is not None:
                 self._held.pop(held := ending(to, row, text), None)
-                if numbers.any():
+                if pressed:
                     self._held[held] = asked.reader, message.sample_info.publication_handle
         except (MailboxFull, SegmentError, ValueError) as error:
             self._say(f"{to} {row.name}: {error}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import cast
 
 import pytest
@@ -48,7 +49,7 @@ def held() -> tuple[HeldDown, FakeCalls]:
 def test_what_is_held_is_let_go_when_another_page_or_none_has_control(to: str, command: str) -> None:
     down, calls = held()
     for holder in ("", "another"):
-        down.note("one", to, command, [-1.0], "")
+        down.note("one", to, command, [1.0], "")
         down.tick("one", False)
         assert calls.new() == []
         calls.is_stuck = True
@@ -81,6 +82,15 @@ def test_what_a_page_has_let_go_itself_is_not_let_go_again() -> None:
     down.note("one", "PSM1", "servo_jv", [1.0], "")
     down.tick("", True)
     assert calls.new() == []
+
+
+@pytest.mark.parametrize("values", [[], [7.0], [0.0, 0.0], [math.nan]])
+def test_what_is_refused_lets_go_of_nothing(values: list[float]) -> None:
+    down, calls = held()
+    down.note("one", "console", "emulate_operator_present", [1.0], "")
+    down.note("one", "console", "emulate_operator_present", values, "")
+    down.tick("", True)
+    assert calls.new() == [("console", "emulate_operator_present", 0.0, "")]
 
 
 def test_a_console_that_ends_lets_go_of_all() -> None:

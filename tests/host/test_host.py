@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from procs.crtk.views import open_topic
 from procs.host.host import Host
 from procs.host.loops import HostError
 from shm.lockstep import EPOCH_NS
@@ -221,3 +222,13 @@ def test_the_programs_of_the_page_run_as_they_stand(capsys: pytest.CaptureFixtur
         exec(compile(program, "docs/hosts.md", "exec"), names)
         said = [float(number) for number in re.findall(r"-?\d+\.\d*(?:e-?\d+)?", capsys.readouterr().out)]
         assert said[:6] == pytest.approx(GOAL, abs=2e-3)
+
+
+def test_the_age_of_a_record_is_that_of_the_systems_time() -> None:
+    with Host(document("kinematic.yaml", None)) as host:
+        host.run(0.1)
+        host.client("PSM1").send("state_command", (), "enable")
+        host.run(5.0)
+        with open_topic(host.name, "PSM1/state") as state, open_topic(host.name, "PSM1/audit") as audit:
+            assert state.newest() and 0.0 <= state.age_s < 0.01
+            assert audit.newest() and 1.0 < audit.age_s < 5.0

@@ -144,8 +144,8 @@ def test_what_a_node_holds_down_is_let_go_when_it_is_gone(monkeypatch: pytest.Mo
     commands = carrying_out.Commands(node, "x", [carrying_out.Addressee("console", "console")], may_power=True,
                                      refusals=Refusals(lambda text: None, lambda: 0))
 
-    def say(name: str, pressed: int, handle: int) -> None:
-        message = Joy(buttons=[pressed])
+    def say(name: str, pressed: int | None, handle: int) -> None:
+        message = Joy(buttons=[] if pressed is None else [pressed])
         message.sample_info = SimpleNamespace(publication_handle=handle)  # type: ignore[attr-defined]
         readers[f"console/{name}"].messages.append(message)
         for wish in commands.take():
@@ -158,6 +158,7 @@ def test_what_a_node_holds_down_is_let_go_when_it_is_gone(monkeypatch: pytest.Mo
         commands.hear()
 
     say("emulate_operator_present", 1, 5)
+    say("emulate_operator_present", None, 5)  # refused, as it has no button
     say("emulate_clutch", 1, 6)
     leave(6)
     assert sent == []

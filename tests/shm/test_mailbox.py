@@ -103,6 +103,15 @@ def test_any_numbers_and_text_survive(values: list[float], text: str) -> None:
         unlink(segment_name(name, "IO1", "mailbox"))
 
 
+def test_a_command_stays_that_of_its_sender_where_another_takes_the_place(
+        system: str, box: Mailbox, client: Place) -> None:
+    client.send("power_off")
+    (received,) = box.drain()
+    before = received.pid
+    box._map.sign(received.place, before + 1, "another")
+    assert received.pid == before == os.getpid()
+
+
 def test_received_values_are_our_own(box: Mailbox, client: Place) -> None:
     client.send("bias_encoders", (1, 2))
     (got,) = box.drain()

@@ -47,6 +47,11 @@ class Standing:
     """Its process is gone: so long ago it was as it says here, s."""
 
     @property
+    def is_between(self) -> bool:
+        """It is not homed, and on the way to another state: POWERING, HOMING."""
+        return self.homed is False and " " in self.state
+
+    @property
     def is_fault(self) -> bool:
         """It is in FAULT."""
         return self.state.startswith(FAULT)
@@ -168,9 +173,9 @@ def first_thing(processes: Sequence[ProcessStatus], found: Sequence[Standing]) -
     if waiting is not None:
         return f"{waiting.name} waits: {waiting.reason}"
     begins = [process.name for process in processes if process.begins]
-    on_its_way = next((one for one in found if one.kind == "arm" and one.reason), None)
+    on_its_way = next((one for one in found if one.kind == "arm" and (one.reason or one.is_between)), None)
     if on_its_way is not None:
-        return f"wait for {on_its_way.name}: {on_its_way.state}, {on_its_way.reason}"
+        return f"wait for {on_its_way.name}: {', '.join(filter(None, (on_its_way.state, on_its_way.reason)))}"
     silent = next((one for one in found if one.silent), None)
     if silent is not None and not begins:
         return f"{silent.name}: {silent.reason}"
