@@ -170,7 +170,7 @@ class AttachedRobot:
 
     def begin(self, number: int, starts: Sequence[StartPose], seed: int) -> None:
         """See RobotBackend: a slow move of all joints, of one arm after the other. RobotStopped after a fault."""
-        self._check()
+        self.check()
         self._due_ns = None
         for others, way in zip(self._others, self._ways, strict=True):
             others.begin()
@@ -183,7 +183,7 @@ class AttachedRobot:
                 raise RobotStopped(f"{link.name} is {link.doing}, which we did not ask for; begin when it stands")
             self._slowly(number, start, model.has_jaw)
             self._stands(number)
-        self._check()
+        self.check()
         self._due_ns = None  # a learner may take its time before the first step
 
     def _slowly(self, number: int, start: StartPose, has_jaw: bool) -> None:
@@ -268,7 +268,7 @@ class AttachedRobot:
 
     def wait_until(self, deadline_ns: int) -> None:
         """See RobotBackend. RobotStopped where we, or the system's time, were held up."""
-        self._check()
+        self.check()
         try:
             self._time.pause_until(deadline_ns, STANDS_S)
         except KeyboardInterrupt:
@@ -279,7 +279,7 @@ class AttachedRobot:
 
     def keeps_pace(self, period_ns: int) -> None:
         """See RobotBackend. Each time all arms are looked at: who knows of another base within 20 ms makes no jump."""
-        self._check()
+        self.check()
         for number in range(len(self.links)):
             if why := self.look(number):
                 self._give_up(why)
@@ -289,7 +289,8 @@ class AttachedRobot:
         if late_ns > GAP_NS:
             self._give_up(f"this program was held up for {late_ns * 1e-9:.2f} s")
 
-    def _check(self) -> None:
+    def check(self) -> None:
+        """See RobotBackend."""
         if self._stopped:
             raise RobotStopped(self._stopped)
 

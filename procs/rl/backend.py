@@ -54,6 +54,9 @@ class RobotBackend(Protocol):
     def keeps_pace(self, period_ns: int) -> None:
         """Setpoints are sent now, the next ones a period later; RobotStopped where nothing may be sent."""
 
+    def check(self) -> None:
+        """RobotStopped where nothing more is asked of it; see `stop`."""
+
     def stop(self, why: str) -> None:
         """The episode has failed: where a person has to look at the robot, nothing more is asked of it."""
 

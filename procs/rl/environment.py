@@ -185,6 +185,7 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
     def step(self, action: Array) -> tuple[Observation, float, bool, bool, Info]:
         """Act for one period of the policy. Terminated: a fault; truncated: `horizon` steps have passed."""
         if not self._has_begun:
+            self.robot.check()
             raise gymnasium.error.ResetNeeded("an episode begins with reset")
         given = np.asarray(action, dtype=np.float64).reshape(-1)
         if len(given) != self._actions or not np.isfinite(given).all():

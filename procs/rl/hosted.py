@@ -114,6 +114,9 @@ class HostedRobot:
     def keeps_pace(self, period_ns: int) -> None:
         """See RobotBackend: time waits for us."""
 
+    def check(self) -> None:
+        """See RobotBackend: there is always more."""
+
     def stop(self, why: str) -> None:
         """See RobotBackend: a snapshot mends it."""
 

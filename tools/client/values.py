@@ -24,13 +24,16 @@ class JointState(NamedTuple):
 
 
 def numbers(values: ArrayLike) -> Array:
-    """Numbers in one row (n,); ValueError when they are none."""
+    """Numbers in one row (n,), also a single one; ValueError when they are none."""
     if values is None:
         raise ValueError("None is no number")
     try:
-        return np.asarray(values, dtype=np.float64).reshape(-1)
+        given = np.asarray(values, dtype=np.float64)
     except TypeError as error:
         raise ValueError(f"these are no numbers: {error}") from None
+    if given.ndim > 1:
+        raise ValueError(f"numbers in one row are needed, not an array of shape {given.shape}")
+    return given.reshape(-1)
 
 
 def pose_numbers(matrix: ArrayLike) -> Array:

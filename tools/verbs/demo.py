@@ -81,7 +81,8 @@ def demo(
         except KeyboardInterrupt:
             note("stopped before the drawing began")
         except (Problem, SegmentError) as problem:
-            summary["problems"].append(str(problem) if background.state() == "RUNNING" else STOPPED)
+            ended = f"{problem}. The demo ends here, and its system with it"
+            summary["problems"].append(ended if background.state() == "RUNNING" else STOPPED)
         finally:
             with contextlib.suppress(Problem, SegmentError), progress("power off") as say:
                 power_off(system, say=say)

@@ -39,7 +39,7 @@ def test_what_is_no_transform_is_refused(wrong: Any) -> None:
         pose_numbers(wrong)
 
 
-@pytest.mark.parametrize("wrong", [None, "left", {}, [[1.0], [1.0, 2.0]]])
+@pytest.mark.parametrize("wrong", [None, "left", {}, [[1.0], [1.0, 2.0]], [[1.0, 2.0]]])
 def test_what_are_no_numbers_is_refused(wrong: Any) -> None:
     with pytest.raises(ValueError, match=r"number|float|inhomogeneous"):
         numbers(wrong)
