@@ -292,6 +292,7 @@ COMMANDS: dict[str, tuple[CommandRow, ...]] = {
         CommandRow("apply_effort", MOTION, "external effort on the joints of a robot, until changed", (EFFORT,), ROBOT),
         CommandRow("set_position", MOTION, "put actuators somewhere, at rest; a setup arm must be released",
                    (POSITION,), "robot, SUJ/setup arm"),
+        CommandRow("support", MOTION, "carry the weight of a robot by hand, or let go", (ON,), ROBOT),
         CommandRow("pull_tip", MOTION, "pull a tip to a pose in its base frame; then stiffness, damping, limits",
                    (POSE, *GRIP), ROBOT, stream="pull", ended_by="release_tip"),
         CommandRow("release_tip", MOTION, "release a tip", text=ROBOT, stops=(ANY,)),

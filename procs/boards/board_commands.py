@@ -85,6 +85,7 @@ class BoardCommands:
             "remove_instrument": lambda w: instruments.remove(w.text),
             "apply_effort": lambda w: board_faults.push(w.text, w.values.copy()),
             "set_position": lambda w: board_faults.place(w.text, w.values.copy()),
+            "support": lambda w: board_faults.support(w.text, w.on(0)),
             "pull_tip": self._hold,
             "release_tip": lambda w: self._hands.release(w.text),
         }

@@ -47,6 +47,11 @@ class BoardFaults:
         self._check(robot, efforts, "efforts", MAX_EFFORT)
         self._plant.push(robot, efforts)
 
+    def support(self, robot: str, supported: bool) -> None:
+        """Carry the weight of a robot by hand, or let go."""
+        self._actuators(robot)
+        self._plant.support(robot, supported)
+
     def place(self, robot: str, positions: npt.NDArray[np.float64]) -> None:
         """Put a robot's actuators somewhere, rad or m, at rest; `SUJ/PSM1`: a setup arm whose brakes let it go."""
         joints, _, arm = robot.rpartition("/")  # IO1/SUJ/PSM1, where several buses have a SUJ

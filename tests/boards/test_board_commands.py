@@ -67,6 +67,7 @@ GOOD = [
     ("remove_instrument", [], "PSM1", ("remove", "PSM1")),
     ("apply_effort", [1, -2.5], "PSM1", ("push", "PSM1", [1.0, -2.5])),
     ("set_position", [0.5], "MTML_gripper", ("place", "MTML_gripper", [0.5])),
+    ("support", [1], "MTML", ("support", "MTML", True)),
     ("pull_tip", [0.1, 0, 0, 0, 0, 0, 1], "MTML", ("hold", "MTML", [0.1, 0, 0, 0, 0, 0, 1], None)),
     ("pull_tip", [0, 0, 0, 0, 0, 0, 1, 400, 0.8], "MTML", ("hold", "MTML", [0, 0, 0, 0, 0, 0, 1], Grip.of(400, 0.8))),
     ("release_tip", [], "MTML", ("release", "MTML")),

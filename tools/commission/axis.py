@@ -6,6 +6,7 @@ potentiometer says of it tell wrong signs, wrong scales, swapped plugs, stuck ax
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -64,14 +65,15 @@ def run(bench: RobotBench) -> Outcome:
             f"{subject.whole()}: its amplifiers are switched on. Each axis in turn is moved a little ({travel_text()}) "
             f"with at most {100 * SHARE_WITH_BRAKE:g} % of its current; nothing else holds the arm. Put it in "
             "mid-range, support what can fall, keep the workspace clear, hand on the emergency stop.", subject.name)
-        bench.enable(subject)
-        try:
-            figures = outcome.figures.setdefault(subject.name, {})
-            for axis in range(len(subject.robot.actuators)):
-                if subject.has_motor(axis) and outcome.add(_one(bench, subject, axis, figures)):
-                    return outcome
-        finally:
-            bench.disable(subject)
+        with bench.person.supporting(subject):
+            bench.enable(subject)
+            try:
+                figures = outcome.figures.setdefault(subject.name, {})
+                for axis in range(len(subject.robot.actuators)):
+                    if subject.has_motor(axis) and outcome.add(_one(bench, subject, axis, figures)):
+                        return outcome
+            finally:
+                bench.disable(subject)
     return outcome
 
 
@@ -136,6 +138,10 @@ def judge(up: Drive, down: Drive, subject: Subject, axis: int) -> list[Finding]:
             return [_stopped(drive, subject, axis)]
     where, unit, travel = subject.where(axis), subject.unit(axis), travel_of(subject, axis)
     for drive in (up, down):
+        if math.isnan(drive.measured):
+            return [Finding(where, f"moved by {drive.moved[axis]:+.4f} {unit} and needed no current for it",
+                            "at rest until its motor has current",
+                            "something else moves it, as its weight: support it and repeat")]
         if not abs(drive.measured - 1.0) <= CURRENT_WITHIN:
             return [Finding(where, f"{drive.measured:.2f} A measured for each A requested", "1 A within "
                             f"{100 * CURRENT_WITHIN:g} %", "motor or its plug is open, or the current calibration is "

@@ -8,6 +8,7 @@ whose old content is kept beside it.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -131,6 +132,9 @@ def fitted(window: Window, subject: Subject, axis: int) -> FittedLine:
 def judge(line: FittedLine, subject: Subject, axis: int, by: float) -> list[Finding]:
     """A line that can be believed."""
     where, unit, old = subject.where(axis), subject.unit(axis), _old(subject, axis)[0]
+    if math.isnan(line.residual):
+        return [Finding(where, "the voltage of its potentiometer did not change", "it follows the motion",
+                        "it is dead or its cable is loose: look at plug and cable")]
     if not line.residual <= RESIDUAL * by:
         return [Finding(where, f"its potentiometer is {line.residual:.4f} {unit} off a straight line",
                         f"{RESIDUAL * by:.4f} {unit}", "is it worn, loose or dead? Calibrating cannot help it")]

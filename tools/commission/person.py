@@ -6,6 +6,7 @@ import contextlib
 import select
 import sys
 from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Final, Protocol
 
@@ -70,6 +71,9 @@ class Person(Protocol):
     def confirm(self, danger: str, word: str) -> None:
         """Say what is going to happen and have the word typed; Declined when it is not."""
 
+    def supporting(self, subject: Subject) -> AbstractContextManager[object]:
+        """Hold by hand what can fall, as was asked for in `confirm`."""
+
     def agrees(self, question: str) -> bool:
         """A question whose answer only eyes can give."""
 
@@ -100,6 +104,10 @@ class AtTerminal:
         reported = input(f"Type {word} to go on, anything else stops: ").strip()
         if reported != word:
             raise Declined(f"not confirmed: {reported or 'nothing'!r} was typed, not {word!r}; nothing was switched on")
+
+    def supporting(self, subject: Subject) -> AbstractContextManager[object]:
+        """See Person."""
+        return contextlib.nullcontext()
 
     def agrees(self, question: str) -> bool:
         """See Person."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Final
@@ -33,6 +34,15 @@ class PersonSim:
 
     def confirm(self, danger: str, word: str) -> None:
         """See Person."""
+
+    @contextlib.contextmanager
+    def supporting(self, subject: Subject) -> Iterator[None]:
+        """See Person."""
+        self._order("support", (1.0,), subject.name)
+        try:
+            yield
+        finally:
+            self._order("support", (0.0,), subject.name)
 
     def agrees(self, question: str) -> bool:
         """See Person."""

@@ -83,9 +83,10 @@ def stop_s(window: Window, subject: Subject) -> float:
 
 def judge_stop(window: Window, subject: Subject) -> list[Finding]:
     """What the emergency stop did."""
-    on = window.drives("amp_on", subject)[-1][: len(subject.robot.actuators)]
+    on = window.drives("amp_on", subject)[-1]  # of its actuators, then its brakes
     if on.any():
-        return [Finding(subject.where(int(on.argmax())), "its amplifier is still on after the emergency stop",
+        axis = int(on.argmax()) % len(subject.robot.actuators)
+        return [Finding(subject.where(axis), "its amplifier is still on after the emergency stop",
                         "off", "switch the controllers off. Is the stop wired into the safety chain of these boards?")]
     if window.flags("powered", subject)[-1]:
         return [Finding(subject.whole(), "the motor supply is still good after the emergency stop", "gone",

@@ -166,8 +166,8 @@ def _go(job: Job, book: CommissionReport, files: str, due: list[CommissionStage]
                          "keep this computer busy, that alone may have stopped it; end them first")
                 if not as_json:
                     tell("\n".join(f"STOP {text}" for text in tried.problems), flush=True)
-                note(f"stage {row.name} stopped, everything is off; trocar logs --system {job.request.system} has "
-                     f"details; fix it and run the same command again ({book.path})")
+                note(f"stage {row.name} stopped, everything is off; {book.path} has what was measured, trocar logs "
+                     f"--system {job.request.system} the messages; fix it and run the same command again")
                 return 1
             note(f"{row.name} passed")
             if row.name == "calibrate" and job.write:

@@ -69,6 +69,7 @@ class Plant:
         self._current_effort = np.zeros(self.axes)
         self._effort_per_current = _effort_per_current(self._robots)
         self._pushed = np.zeros(self.axes)  # robots' joint space
+        self._supported: set[str] = set()
         self._is_pulled = False
         self._is_braked = np.zeros(self.axes, dtype=np.bool_)
         self._is_jammed = np.zeros(self.axes, dtype=np.bool_)
@@ -158,6 +159,10 @@ class Plant:
         self._tips.add_pull(robot, wrench, self._pull)
         self._is_pulled = True
 
+    def support(self, robot: str, supported: bool) -> None:
+        """Carry a robot's weight by hand, wherever it goes, or let it weigh again."""
+        (self._supported.add if supported else self._supported.discard)(robot)
+
     def place(self, robot: str, actuator_position: Array) -> None:
         """Put a robot's actuators (n,) somewhere, at rest; brakes hold it there."""
         part, joints = self._slices[robot], self._assembly.joints[robot]
@@ -244,7 +249,7 @@ class Plant:
         self._play = self._drives(self._play)
         self._weights = weights_of(self._arms, self._slices, assembly.joints,
                                    {robot: like.mass for robot, like in self._like.items()}, self.model.nv,
-                                   self.period_s)
+                                   self.period_s, self._supported)
         self._weight = np.zeros(self.model.nv) if self._weights is None else self._weights.effort
         self._is_heavy = 0 if self._weights is None else HEAVY
         (self._apply,) = library.chosen(PLANT, self)

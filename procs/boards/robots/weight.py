@@ -6,7 +6,7 @@ are off. One without such a file is counter-balanced.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -28,6 +28,7 @@ LIFTING_A: Final = 0.02  # current of some motor that nobody asks for but to dri
 class Heavy:
     """One master: its actuators among all, its joints among the model's, and what holds it there."""
 
+    robot: str
     actuators: slice
     joints: NDArray[np.intp]
     holding: Callable[[Array, Array], Array]
@@ -38,8 +39,10 @@ class Heavy:
 class Weights:
     """`effort` on the model's joints (nv,), to be taken away from the others."""
 
-    def __init__(self, heavy: list[Heavy], joints: int, period_s: float) -> None:
+    def __init__(self, heavy: list[Heavy], joints: int, period_s: float, supported: Collection[str]) -> None:
+        """`supported`: robots whose weight a hand carries, as it changes."""
         self.effort = np.zeros(joints)
+        self._supported = supported
         self._heavy = heavy
         self._every = max(1, round(RENEWED_S / period_s))
         self._turn = 0
@@ -54,7 +57,7 @@ class Weights:
         for one in self._heavy:
             flowing = float(np.abs(current[one.actuators]).max())
             one.is_lifted = flowing > LIFTING_A or (one.is_lifted and flowing > 0.0)
-            if one.is_lifted:
+            if one.is_lifted and one.robot not in self._supported:
                 joints = position[one.joints]
                 self.effort[one.joints] = one.share * one.holding(joints, self._at_rest[one.joints])
             else:
@@ -62,8 +65,9 @@ class Weights:
 
 
 def weights_of(arms: Mapping[str, ArmConfig], actuators: Mapping[str, slice], joints: Mapping[str, NDArray[np.intp]],
-               shares: Mapping[str, float], count: int, period_s: float) -> Weights | None:
+               shares: Mapping[str, float], count: int, period_s: float,
+               supported: Collection[str] = ()) -> Weights | None:
     """Those of the arms (by robot) that have gravity files; the other tables are by robot, too. None: of none."""
-    heavy = [Heavy(actuators[robot], joints[robot], MasterGravity(arm.master_gravity).effort, shares[robot])
+    heavy = [Heavy(robot, actuators[robot], joints[robot], MasterGravity(arm.master_gravity).effort, shares[robot])
              for robot, arm in arms.items() if arm.master_gravity is not None and robot in joints]
-    return Weights(heavy, count, period_s) if heavy else None
+    return Weights(heavy, count, period_s, supported) if heavy else None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -35,6 +36,8 @@ class Hands(PersonSim):
     def _do(self, command: str, values: Sequence[float], text: str) -> None:
         if command == "set_position":
             self._faults.place(text, np.array(values))
+        elif command == "support":
+            self._faults.support(text, bool(values[0]))
         elif command == "press":
             self._faults.press(text, bool(values[0]))
         else:
@@ -48,8 +51,9 @@ class RigBench:
     """One io of a system; `faults` is what breaks on it."""
 
 
-    def __init__(self, file: str, period_s: float = 0.004, sets: Sequence[str] = ()) -> None:
-        loaded = load_system(PROJECT_CONFIGS / "systems" / file, boards="emulated",
+    def __init__(self, file: str | Path, period_s: float = 0.004, sets: Sequence[str] = (),
+                 search: Sequence[Path] = ()) -> None:
+        loaded = load_system(PROJECT_CONFIGS / "systems" / file, boards="emulated", search=search,
                              sets=[f"io.period_s={period_s}", *sets])
         assert loaded.system is not None, loaded.errors
         self.document = loaded.system

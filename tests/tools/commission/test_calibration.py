@@ -48,7 +48,8 @@ def test_axes_that_cannot_be_held_at_zero_keep_their_offsets(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize(("breaks", "says"), [
-    (lambda b: b.faults.kill_pot("PSM1", 2, True), "PSM1 axis 2 (insertion), board 6: its potentiometer is nan m off"),
+    (lambda b: b.faults.kill_pot("PSM1", 2, True), "PSM1 axis 2 (insertion), board 6: the "
+     "voltage of its potentiometer did not change"),
     (lambda b: b.faults.scale_encoder("PSM1", 1, 1.5), "PSM1 axis 1 (pitch), board 6: scale -0.75"),
     (lambda b: b.faults.scale_encoder("PSM1", 0, -1.0), "in the file -0.762; allowed: the file's within 25 %"),
 ])

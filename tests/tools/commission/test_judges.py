@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
@@ -99,6 +100,7 @@ def _drive(moved: float = 0.035, pot: float | None = None, **changes) -> axis.Dr
     (_drive(), _drive(0.0), "moves in the positive direction only"),
     (_drive(), _drive(0.03), "for currents both ways; allowed: there and back; something else moves it"),
     (_drive(measured=0.02), _drive(-0.035), "0.02 A measured for each A requested"),
+    (_drive(), _drive(0.02, measured=math.nan), "moved by +0.0200 rad and needed no current for it; allowed: at rest"),
     (_drive(pot=-0.035), _drive(-0.035, 0.035), "the sign of voltage_to_position is wrong"),
     (_drive(answer=CommandOutcome("failed", "power went off")), _drive(-0.035),
      "driving it failed: power went off"),
@@ -108,6 +110,7 @@ def test_an_axis_that_does_not_do_as_told_is_told(up: axis.Drive, down: axis.Dri
     (found,) = axis.judge(up, down, psm, 0)
     assert "PSM1 axis 0 (yaw), board 6" in str(found)
     assert says in str(found)
+    assert "nan" not in str(found)
 
 
 def test_a_brake_that_slips_stops(psm: Subject) -> None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 
 import pytest
 
+from tests import stock
 from tests.tools.commission.harness import RigBench
 from tools.commission import axis, power, read
 from tools.commission.person import Declined
@@ -40,6 +42,15 @@ def test_a_good_robot_passes_and_is_off_afterwards(file: str, stages) -> None:
     assert (bench.harness.record.input == pressed).all()  # hands have left all buttons as they were
     arms = [subject.name for subject in bench.subjects if subject.arm]
     assert bench.person.confirmed == [*arms, *arms]  # before power, and before motion, of each
+
+
+@pytest.mark.slow
+def test_a_master_that_weighs_something_is_supported_while_its_motors_are_tried() -> None:
+    bench = RigBench(stock.find("dvrk-site/jhu-dVRK/system-MTMR.json"), search=[stock.find("dvrk-share")])
+    bench.harness.run(2.0)
+    assert axis.run(bench).problems == []
+    bench.person.supporting = lambda subject: contextlib.nullcontext()  # type: ignore[method-assign]
+    assert _problem(axis.run(bench))
 
 
 @pytest.mark.parametrize(("breaks", "where", "says"), [
