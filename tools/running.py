@@ -46,6 +46,25 @@ def running(system: str | None = None, *, foreign: bool = False) -> list[Running
     return sorted(rows, key=lambda row: (row.instance != SUPERVISOR, row.start, row.pid))
 
 
+@dataclass(frozen=True, slots=True)
+class ParentProcess:
+    """The process that started another one, and its command line in words."""
+
+    pid: int
+    command: tuple[str, ...]
+
+
+def parent_of(pid: int) -> ParentProcess | None:
+    """The parent of a process; None where there is none any more, or we may not look."""
+    try:
+        text = Path(f"/proc/{pid}/stat").read_text()
+        parent = int(text.rsplit(")", 1)[1].split()[1])
+        words = Path(f"/proc/{parent}/cmdline").read_bytes().decode(errors="replace").split("\0")
+    except (OSError, ValueError):
+        return None
+    return ParentProcess(parent, tuple(words))
+
+
 def _parsed(folder: Path, trusted: frozenset[int] | None) -> RunningProcess | None:
     """One of ours, or None; a process that has ended and was not waited for has no command line."""
     try:

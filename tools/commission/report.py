@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import getpass
 import hashlib
 import json
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -76,15 +78,30 @@ class CommissionReport:
         self._save()
         return row
 
+    def require_writable(self) -> None:
+        """Problem where it could not be saved; nothing is changed."""
+        with self._fresh():
+            pass
+
     def _save(self) -> None:
         content = {"format": FORMAT, "system": self.system, "tries": [dataclasses.asdict(row) for row in self.tries]}
-        fresh = self.path.with_name(f".{self.path.name}.{os.getpid()}")
-        try:
+        with self._fresh() as fresh:
             fresh.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
             fresh.replace(self.path)
-        except OSError as bad:
+
+    @contextlib.contextmanager
+    def _fresh(self) -> Iterator[Path]:
+        """A file beside it that takes its place, or goes; Problem where none can be written."""
+        fresh = self.path.with_name(f".{self.path.name}.{os.getpid()}")
+        try:
+            fresh.touch()
+            yield fresh
             fresh.unlink(missing_ok=True)
-            raise Problem(f"{self.path} cannot be written: {bad.strerror or bad}") from None
+        except OSError as bad:
+            with contextlib.suppress(OSError):
+                fresh.unlink(missing_ok=True)
+            why = bad.strerror or bad
+            raise Problem(f"{self.path} cannot be written: {why}; --report names another file") from None
 
 
 def fingerprint(system: SystemConfig) -> str:

@@ -26,14 +26,17 @@ def run(bench: Scanned) -> Outcome:
     outcome = Outcome()
     for io in (io for io in bench.document.ios if io.port):
         with BusClient(io.port) as desk:
-            asks = not desk.driver()
+            driver = desk.driver()
+            asks = not driver
             outcome.figures[io.name] = [_figures(desk, board, asks) for board in desk.boards]
             outcome.add(judge(io, desk.boards))
         extra = sorted({board.board for board in desk.boards} - set(boards_of(io)))
         if extra:
             outcome.notes.append(f"{place(io.name, boards=extra)}: in no file")
         if not asks:
-            outcome.notes.append(f"{io.name}: no serial numbers were asked for, because {io.name} runs")
+            rehearsed = bench.document.emulation is not None
+            why = f"in a rehearsal {io.name} drives the boards meanwhile" if rehearsed else driver
+            outcome.notes.append(f"{io.name}: no serial numbers were asked for: {why}")
     return outcome
 
 

@@ -26,8 +26,9 @@ from tools.commission.subject import subjects_of
 from tools.errors import Misuse, Problem
 from tools.options import JsonOption
 from tools.printing import emit, note, table, tell
+from tools.running import parent_of
 from tools.supervising import StartRequest, up_meanwhile
-from tools.systems import system_file
+from tools.systems import supervisor_of, system_file
 
 NAME: Final = "commission"
 EASY: Final = ("io.period_s=0.002", "arm.period_s=0.002")  # on emulated boards, which share this machine's cores
@@ -97,12 +98,23 @@ def commission(
     files = fingerprint(document) + "".join(f" {name}" for name in sorted(arm or []))
     if listed:
         return _list(book, boards_of(document), files, as_json)
+    book.require_writable()
+    _refuse_second(system)
     job = Job(request, document, arm or [], None if yes else AtTerminal(), write)
     try:
         return _go(job, book, files, _due(book, job.boards, files, stage), as_json)
     except KeyboardInterrupt:
         note("stopped by Ctrl-C; everything is off")
         return 1
+
+
+def _refuse_second(system: str) -> None:
+    """Problem while another commissioning runs: its supervisor is a child of it, one of `trocar up` is not."""
+    supervisor = supervisor_of(system)
+    parent = parent_of(supervisor.pid) if supervisor is not None else None
+    if parent is not None and NAME in parent.command:
+        raise Problem(f"a commissioning runs already (pid {parent.pid}, system {system}); let it end, or give this one "
+                      "another name with --system")
 
 
 def _document(request: StartRequest) -> SystemConfig:
@@ -123,7 +135,10 @@ def _list(book: CommissionReport, boards: str, files: str, as_json: bool) -> int
         if as_json:
             emit({"stage": row.name, "state": state, "when": rows[-1][2], "text": row.text, "stops_at": row.stops})
     if not as_json:
+        rehearsed = sum(book.passed(row.name, "emulated", files) for row in STAGES) if boards == "real" else 0
         table(f"{book.path} ({boards} boards)", ("stage", "state", "when", "looks at", "stops at"), rows)
+        if rehearsed:
+            note(f"{rehearsed} of {len(STAGES)} stages have passed in a rehearsal: --boards emulated lists those")
     return 0
 
 

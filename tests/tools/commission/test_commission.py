@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import json
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -11,12 +13,19 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from procs.config import PROJECT_CONFIGS
+from shm.segment import Identity
 from tools.cli import build
 from tools.commission import verb
 from tools.commission.finding import Finding, Outcome
 from tools.commission.stages import NAMES, CommissionStage
 from tools.errors import Problem
 
+WITH_CHILD = """
+import subprocess, sys
+child = subprocess.Popen([sys.executable, "-c", "import sys; sys.stdin.read()"])
+print(child.pid, flush=True)
+child.wait()
+"""
 DEMO = PROJECT_CONFIGS / "systems" / "demo.yaml"
 Run = Callable[..., Result]
 
@@ -175,6 +184,35 @@ def test_a_real_robot_is_never_commissioned_without_a_person(kinematic, tmp_path
 def test_a_rehearsal_never_writes_into_the_files_of_the_robot(kinematic) -> None:
     result = _run("--write")
     assert result.exit_code == 2 and "rehearsal" in result.output and ran == []
+
+
+def test_a_report_that_cannot_be_written_is_refused_before_anything_starts(kinematic, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    refused = _run("--report", str(tmp_path / "file" / "book.json"))
+    assert refused.exit_code == 1 and ran == []
+    assert "cannot be written: Not a directory; --report names another file" in " ".join(refused.output.split())
+    assert _run("--stage", "scan").exit_code == 0
+    assert {path.name for path in tmp_path.iterdir()} == {"file", "commission-demo.json"}  # nothing beside them
+
+
+def test_a_second_commissioning_names_the_first_one(kinematic, monkeypatch: pytest.MonkeyPatch) -> None:
+    with subprocess.Popen([sys.executable, "-c", WITH_CHILD, "commission"], stdin=subprocess.PIPE,
+                          stdout=subprocess.PIPE) as first:
+        assert first.stdout is not None
+        identity = Identity(int(first.stdout.readline()), 0, 0, "supervisor")
+        monkeypatch.setattr(verb, "supervisor_of", lambda system: identity)
+        refused = _run()
+    assert refused.exit_code == 1 and ran == []
+    assert f"a commissioning runs already (pid {first.pid}, system commission)" in refused.output
+    assert "trocar down" not in refused.output
+
+
+def test_the_list_of_real_boards_says_what_a_rehearsal_has_passed(kinematic, tmp_path: Path) -> None:
+    assert _run("--stage", "scan").exit_code == 0
+    real = tmp_path / DEMO.name
+    real.write_text(DEMO.read_text().replace("boards: emulated", "boards: real"))
+    listed = CliRunner().invoke(build("commission"), ["commission", str(real), "--list"])
+    assert "1 of 8 stages have passed in a rehearsal: --boards emulated lists those" in " ".join(listed.output.split())
 
 
 def test_what_is_no_report_is_left_alone(kinematic, tmp_path: Path) -> None:
