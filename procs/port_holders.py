@@ -29,6 +29,7 @@ class SocketHolder:
     user: str
     pid: int = 0
     program: str = ""
+    system: str = ""  # whose process it is, where it is one of ours
 
     def __str__(self) -> str:
         who = f"{self.program} (pid {self.pid})" if self.pid else f"a program of user {self.user}"
@@ -89,7 +90,7 @@ def _address(text: str) -> str:
     return str(IPv4Address(data[-4:]) if data.startswith(_MAPPED) else ip_address(data))
 
 
-def _owners(inodes: set[str]) -> Iterator[tuple[str, tuple[int, str]]]:
+def _owners(inodes: set[str]) -> Iterator[tuple[str, tuple[int, str, str]]]:
     wanted = {f"socket:[{inode}]": inode for inode in inodes}
     for folder in PROC.iterdir():
         if not folder.name.isdigit():
@@ -98,7 +99,7 @@ def _owners(inodes: set[str]) -> Iterator[tuple[str, tuple[int, str]]]:
             for link in (folder / "fd").iterdir():
                 inode = wanted.get(_target(link), "")
                 if inode:
-                    yield inode, (int(folder.name), _program(folder))
+                    yield inode, (int(folder.name), *_program(folder))
 
 
 def _target(link: Path) -> str:
@@ -107,13 +108,13 @@ def _target(link: Path) -> str:
     return ""
 
 
-def _program(folder: Path) -> str:
-    """What people know it by: one of our processes with its system, else the name of its program."""
+def _program(folder: Path) -> tuple[str, str]:
+    """What people know it by (one of our processes with its system, else the name of its program), and the system."""
     words = (folder / "cmdline").read_bytes().decode(errors="replace").split("\0")
     reported = {flag: words[at + 1] for at, flag in enumerate(words[:-1]) if flag in ("--system", "--name")}
     if len(reported) == 2:
-        return f"{reported['--name']} of system {reported['--system']}"
-    return (folder / "comm").read_text().strip()
+        return f"{reported['--name']} of system {reported['--system']}", reported["--system"]
+    return (folder / "comm").read_text().strip(), ""
 
 
 def _user(uid: int) -> str:

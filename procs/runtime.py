@@ -35,6 +35,7 @@ from procs.own_memory import OwnMemory
 from procs.pacing import QUICKEST_NS, Pacing, phase_ns
 from procs.pauses import Pauses
 from procs.realtime import fetch_segments, in_words, lock_memory, realtime, step_back
+from procs.setup_error import explains_itself
 from shm import directory, loglines
 from shm.client import LoopClient
 from shm.clock import WallClock, monotonic_ns
@@ -336,8 +337,7 @@ def process(kind: str) -> Iterator[Node]:
         yield node
     except (Exception, SystemExit) as error:
         running = node.page.state == "RUNNING"
-        known = isinstance(error, SegmentError)  # which says what is wrong and what helps
-        node.log.error("ended by an error: %s", error, exc_info=not known)
+        node.log.error("ended by an error: %s", error, exc_info=not explains_itself(error))
         node.page.show("FAILED", cause_of(error))
         sys.exit(LOOP_FAILED if running else SETUP_FAILED)
     node.page.show("STOPPED", node.stop_reason)
@@ -364,6 +364,8 @@ def arguments(kind: str) -> argparse.Namespace:
 
 def cause_of(error: BaseException) -> str:
     """What ended somebody's code: the error's name and text, or where it called sys.exit."""
+    if explains_itself(error):
+        return str(error)
     if not isinstance(error, SystemExit):
         return f"{type(error).__name__}: {error}"
     last = traceback.extract_tb(error.__traceback__)[-1]

@@ -16,6 +16,7 @@ from typing import Any, Final
 import psutil
 
 from procs.kernel.library import kernel as library
+from procs.open_files import raised, shortage
 from procs.port_holders import SocketHolder, holders
 from procs.realtime import LIMITS_FILE, NO_FIFO, NOT_LOCKED, SYSTEMD, is_urgent, limits_lines, user
 from shm.segment import FOLDER
@@ -27,7 +28,6 @@ BOARDS_PORT: Final = 1394
 BOARDS_NET: Final = ipaddress.ip_network("169.254.0.0/16")
 MEGABYTE: Final = 1e6
 ENOUGH_MB, MIN_MB = 256.0, 64.0  # a full system of seven arms takes about 100
-ENOUGH_FILES: Final = 512  # the recorder of a full system has 165 open
 GOOD_CORES: Final = 4
 FREE_CORES: Final = 2.0  # io and arms of one robot, and what else they need
 LOOK_S: Final = 1.0
@@ -59,7 +59,7 @@ def findings() -> Iterator[MachineFinding]:
     yield cores(len(psutil.Process().cpu_affinity()))
     yield governor()
     yield shared_memory()
-    yield open_files(resource.getrlimit(resource.RLIMIT_NOFILE)[0])
+    yield open_files(*resource.getrlimit(resource.RLIMIT_NOFILE))
     yield ports(holders(BOARDS_PORT))
     yield network(psutil.net_if_addrs())
     yield from firewire()
@@ -142,21 +142,22 @@ def shared_memory(folder: Path = FOLDER) -> MachineFinding:
     return MachineFinding("shared memory", OK, found)
 
 
-def open_files(most: int) -> MachineFinding:
+def open_files(soft: int, hard: int) -> MachineFinding:
     """How many a process may have open: the recorder and bridges open every ring."""
-    if most >= ENOUGH_FILES or most == resource.RLIM_INFINITY:
-        return MachineFinding("open files", OK, f"{most} for each process")
-    return MachineFinding("open files", BAD, f"{most} for each process, a system needs up to {ENOUGH_FILES}",
-                          f"ulimit -n {ENOUGH_FILES}")
+    wrong, mend = shortage(soft, hard)
+    return MachineFinding("open files", BAD if wrong else OK, wrong or f"{raised(soft, hard)} for each process", mend)
 
 
 def ports(found: Iterable[SocketHolder]) -> MachineFinding:
     """Whether somebody has the boards' port at all addresses: no emulated boards can start then."""
-    others = [holder for holder in found if ipaddress.ip_address(holder.address).is_unspecified]
+    holding = list(found)
+    others = [holder for holder in holding if ipaddress.ip_address(holder.address).is_unspecified]
     if not others:
-        return MachineFinding("ports", OK, f"UDP {BOARDS_PORT} is free for emulated boards")
+        rest = f", not for boards at 0.0.0.0: {'; '.join(map(str, holding))}" if holding else ""
+        return MachineFinding("ports", OK, f"UDP {BOARDS_PORT} is free for emulated boards, each at its address{rest}")
     known = next((holder for holder in others if holder.pid), None)
-    mend = f"kill {known.pid}" if known is not None else f"sudo fuser -k {BOARDS_PORT}/udp"
+    mend = (f"sudo fuser -k {BOARDS_PORT}/udp" if known is None else _down(known.system) if known.system
+            else f"kill {known.pid}")
     return MachineFinding("ports", BAD, "; ".join(map(str, others)), mend)
 
 
@@ -179,13 +180,16 @@ def network(addresses: Mapping[str, Sequence[Any]], root: Path = Path("/")) -> M
 
 
 def firewire(root: Path = Path("/")) -> Iterator[MachineFinding]:
-    """Cards that we may not use; nothing where there is none."""
+    """Whether there are cards, and whether we may use them."""
     devices = sorted((root / "dev").glob("fw[0-9]*"))
     closed = [device for device in devices if not os.access(device, os.R_OK | os.W_OK)]
-    if closed:
+    if not devices:
+        yield MachineFinding("FireWire", NOTE, "no card: boards on a port fw need one",
+                             "lspci | grep -i firewire    # where it has one: sudo modprobe firewire-ohci")
+    elif closed:
         yield MachineFinding("FireWire", BAD, f"no right to use {', '.join(map(str, closed))}",
                              f"sudo setfacl -m u:{user()}:rw {' '.join(map(str, closed))}")
-    elif devices:
+    else:
         yield MachineFinding("FireWire", OK, ", ".join(map(str, devices)))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import os
+import resource
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -12,7 +13,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from procs.log_files import put_aside
+from procs.open_files import shortage
 from procs.paths import made_log_folder
+from procs.verb_lines import verb_line
 from shm.clock import monotonic_ns, pause
 from shm.control_page import ControlPage
 from shm.segment import SegmentError
@@ -63,7 +66,15 @@ def refuse_taken(system: str) -> None:
     if why := forbidden(system):
         raise Problem(f"{why}; --system gives another name")
     if is_up(system):
-        raise Problem(f"system {system} is up already; trocar down stops it, --system gives another name")
+        raise Problem(f"system {system} is up already; {verb_line('down', system)} stops it, --system gives another "
+                      "name")
+
+
+def refuse_shortage() -> None:
+    """Problem where a system could not open its files: a supervisor can only raise the soft limit."""
+    wrong, mend = shortage(*resource.getrlimit(resource.RLIMIT_NOFILE))
+    if wrong:
+        raise Problem(f"{wrong}; first: {mend}")
 
 
 def _end_with_parent() -> None:
@@ -76,6 +87,7 @@ class Background:
 
     def __init__(self, request: StartRequest, *, tied: bool = False) -> None:
         """Start it; returns at once. `tied`: when we die, however that happens, it ends and nothing of it is left."""
+        refuse_shortage()
         refuse_taken(request.system)
         self.system = request.system
         self.log = made_log_folder(os.environ, request.system) / "supervisor.log"

@@ -26,6 +26,7 @@ from procs.boards.packet_faults import PacketFaults
 from procs.document.system import BusConfig
 from procs.fpga.wire import MULTICAST, READS, UDP_PORT, Buffer
 from procs.port_holders import holders
+from procs.setup_error import SetupError
 from shm.lockstep import wait_for_wakeup
 
 SO_RCVBUFFORCE, SO_TIMESTAMPNS, IP_PKTINFO = 33, 35, 8  # Linux; the socket module has no names for them
@@ -64,13 +65,19 @@ class Door:
     frames: FrameSocket | None = None
 
 
+class AddressTaken(SetupError):
+    """Somebody else has the address of an emulated bus."""
+
+
 class Endpoints:
     """All sockets of the buses."""
 
     def __init__(self, buses: tuple[BusConfig, ...], answer: Answer, now_ns: Callable[[], int], simulated: bool,
                  packet_faults: PacketFaults | None = None, addressee: Addressee = lambda bus, address: None,
                  wakeup: socket.socket | None = None) -> None:
-        """OSError when an address is taken. Receive times are the kernel's; in simulated time they are `now_ns()`.
+        """AddressTaken; OSError when an address cannot be used.
+
+        Receive times are the kernel's; in simulated time they are `now_ns()`.
 
         `wakeup` ends waiting, too; whatever comes there is thrown away.
 
@@ -249,8 +256,10 @@ def _bound(address: str, *, shared: bool = False) -> socket.socket:
     except OSError as error:
         sock.close()
         others = "; ".join(map(str, holders(UDP_PORT, address))) if error.errno == errno.EADDRINUSE else ""
-        why = others or error.strerror
-        raise OSError(error.errno, f"emulated bus on {address}, port {UDP_PORT}: {why}") from error
+        if others:
+            raise AddressTaken(f"emulated bus on {address}, port {UDP_PORT}: {others}; stop that, or choose an address "
+                               "that is free: --set emulation.buses.NAME.address=127.0.1.16") from None
+        raise OSError(error.errno, f"emulated bus on {address}, port {UDP_PORT}: {error.strerror}") from error
     return sock
 
 

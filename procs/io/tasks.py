@@ -30,13 +30,14 @@ from procs.io.pid import Pid
 from procs.io.record import Flags, Floats, IoRecord
 from procs.io.reports import IoReports
 from procs.io.robots import Robots, Samples
+from procs.setup_error import SetupError
 
 FORGIVEN_AFTER: Final = 20  # cycles within the budget that make up for one over it
 
 Element = TypeVar("Element", bound=np.generic)
 
 
-class TaskError(Exception):
+class TaskError(SetupError):
     """A task that cannot be attached; the text says which, where and what is needed."""
 
 

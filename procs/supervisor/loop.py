@@ -6,6 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from procs.open_files import raise_limit
 from procs.supervisor.forking import Template
 
 
@@ -26,6 +27,7 @@ def arguments() -> argparse.Namespace:
 def main() -> None:
     """Exit code 0: stopped as asked, 1: configuration, setup or a death without return."""
     chosen, template = arguments(), Template()
+    raise_limit()  # before there is a process that inherits it
     template.start()
     from procs.supervisor.run import run  # takes as long as what the template imports meanwhile
 

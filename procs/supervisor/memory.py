@@ -12,6 +12,7 @@ from typing import Final
 from procs.document.system import PACED, WALL, Process, SystemConfig, to_json
 from procs.manifest import IN_TIME, THIRD_PARTY, proc
 from procs.user_tables import own_commands, topics_of
+from procs.verb_lines import verb_line
 from shm import directory
 from shm.clock import monotonic_ns, pause
 from shm.commands import COMMANDS
@@ -62,7 +63,7 @@ def _holder(name: str) -> str:
     control = segment_name(name, "supervisor", "control")
     try:
         with Segment(control) as segment:
-            return f" (supervisor pid {segment.identity().pid}); trocar down stops it"
+            return f" (supervisor pid {segment.identity().pid}); {verb_line('down', name)} stops it"
     except SegmentError:
         user = owner_of(control)
         if user:
@@ -78,7 +79,8 @@ def clear_left_over(name: str) -> int:
     end = monotonic_ns() + ORPHANS_NS
     while orphans := _orphans(name):
         if monotonic_ns() >= end:
-            raise SegmentError(f"processes of an earlier {name} still run: {', '.join(orphans)}; trocar down ends them")
+            raise SegmentError(f"processes of an earlier {name} still run: {', '.join(orphans)}; "
+                               f"{verb_line('down', name)} ends them")
         pause(POLL_S)
     found = names_of(name)
     for system, instance, what in found:

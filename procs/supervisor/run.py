@@ -25,6 +25,7 @@ from procs.supervisor.forking import Template
 from procs.supervisor.gui_token import told
 from procs.supervisor.listening import AddressTaken
 from procs.supervisor.supervisor import SetupFailed, Supervisor
+from procs.verb_lines import DEFAULT_SYSTEM
 from shm import loglines
 from shm.segment import SegmentError
 
@@ -64,7 +65,7 @@ def supervised(system: SystemConfig, awaits_holder: bool, template: Template) ->
 def run(chosen: argparse.Namespace, template: Template) -> int:
     """One system, as the command line says; the exit code."""
     loglines.begin(sys.stderr)
-    name = chosen.system or "trocar"
+    name = chosen.system or DEFAULT_SYSTEM
     if chosen.document:
         try:
             system = at_free_addresses(replace(from_json(chosen.file.read_bytes()), name=name))

@@ -32,6 +32,7 @@ from procs.supervisor.os_process import OsProcess
 from procs.supervisor.requests import Requests
 from procs.supervisor.shared_pages import lock_shared
 from procs.supervisor.systemd import Notifier
+from procs.verb_lines import verb_line
 from shm import directory, loglines
 from shm.audit import Audit
 from shm.clock import monotonic_ns, pause
@@ -176,7 +177,7 @@ class Supervisor:
                 child.start()
                 self.beat()
             ours = [child for child in children if not proc(child.row.kind).declared]  # nobody waits for a user's
-            self._step_until(partial(_all_up, ours), lambda: bool(self.stopping))
+            self._step_until(partial(_all_up, ours, self.system.name), lambda: bool(self.stopping))
             if self.stopping:
                 return
         self.page.show("RUNNING")
@@ -337,10 +338,11 @@ class Supervisor:
         self._systemd.close()
 
 
-def _all_up(children: Sequence[Child]) -> bool:
+def _all_up(children: Sequence[Child], system: str) -> bool:
     for child in children:
         if child.state == lifecycle.STOPPED:
-            raise SetupFailed(f"{child.row.name}: {child.reason}; see trocar logs {child.row.name}")
+            name = child.row.name
+            raise SetupFailed(f"{name}: {child.reason}; see {verb_line(f'logs {name}', system)}")
     return all(child.is_up for child in children)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -12,6 +13,7 @@ import pytest
 from shm import segment
 from tools import systems
 from tools.errors import Problem
+from tools.verbs import logs
 
 DEAD = 30
 
@@ -60,3 +62,14 @@ def test_a_named_system_asks_nobody_else(looks: Counter[str]) -> None:
 def test_what_is_left_over_is_asked_together(looks: Counter[str]) -> None:
     assert len(systems.left_over()) == DEAD
     assert looks == {"names_of": 1, "running": 2, "Segment": DEAD}
+
+
+def test_logs_without_a_system_name_those_that_were_up_last(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("TROCAR_STATE", str(tmp_path))
+    monkeypatch.setattr(logs, "all_up", list)
+    for when, name in enumerate(("old", "newer")):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "supervisor.log").write_text("")
+        os.utime(tmp_path / name / "supervisor.log", (when, when))
+    with pytest.raises(Problem, match=r"trocar logs IO1 --system NAME prints the logs of an earlier one: newer, old$"):
+        logs.logs("IO1")

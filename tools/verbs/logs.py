@@ -20,9 +20,10 @@ from tools.options import JsonOption, SystemOption
 from tools.printing import emit, need_reader, tell
 from tools.recorded.as_system import RecordingOption
 from tools.recorded.said import recorded_lines
-from tools.systems import chosen_system, unknown
+from tools.systems import all_up, chosen_system, unknown
 
 POLL_S = 0.1
+LAST = 3  # systems that are named where none is up
 
 
 def logs(
@@ -53,7 +54,7 @@ def logs(
         for row in rows_of(system or chosen_system(), instance, lines):
             emit(row) if as_json else tell(in_words(row))
         return 0
-    folder = log_folder(os.environ, system or chosen_system())
+    folder = log_folder(os.environ, system or _chosen(instance))
     if not is_folder(folder):
         chosen_system(system)  # who may not look at it, or misspells it, is told so
         raise Problem(f"{folder}: there are no logs of this system")
@@ -76,6 +77,23 @@ def logs(
         for file in files.values():
             file.close()
     return 0
+
+
+def _chosen(instance: str | None) -> str:
+    """The system meant where none is named; Problem names those that were up last where none is."""
+    kept = sorted(log_folder(os.environ, "any").parent.glob("*/supervisor.log"), key=_changed, reverse=True)
+    if all_up() or not kept:
+        return chosen_system()
+    words = f"logs {instance}" if instance else "logs"
+    raise Problem(f"no system is up; trocar {words} --system NAME prints the logs of an earlier one: "
+                  f"{', '.join(path.parent.name for path in kept[:LAST])}")
+
+
+def _changed(path: Path) -> float:
+    try:
+        return path.stat().st_mtime
+    except OSError:
+        return 0.0
 
 
 def _news(file: TextIO) -> list[str]:

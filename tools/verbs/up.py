@@ -10,17 +10,17 @@ from typing import Annotated
 import typer
 
 from procs.ended_by import ctrl_c_waits
+from procs.verb_lines import DEFAULT_SYSTEM, verb_line
 from tools.dumping import keep_left_over
 from tools.errors import Misuse
 from tools.options import ClockOption, JsonOption, clock_set
 from tools.printing import emit, note, progress, tell
-from tools.supervising import Background, StartRequest, refuse_taken
+from tools.supervising import Background, StartRequest, refuse_shortage, refuse_taken
 from tools.systems import ROOT, environment, system_file
 from tools.verbs.logs import tail
 from tools.web_address import web_addresses
 
 DEMO = ROOT / "configs" / "systems" / "demo.yaml"
-NAME = "trocar"
 NOTES = 30
 
 
@@ -38,7 +38,8 @@ def up(
         "docs/configuration.md lists all keys.")] = None,
     detach: Annotated[bool, typer.Option("--detach", help="Return when the system is up; it runs on.")] = False,
     as_json: JsonOption = False,
-    system: Annotated[str, typer.Option("--system", envvar="TROCAR_SYSTEM", metavar="NAME", help="Its name.")] = NAME,
+    system: Annotated[str, typer.Option(
+        "--system", envvar="TROCAR_SYSTEM", metavar="NAME", help="Its name.")] = DEFAULT_SYSTEM,
 ) -> int:
     """Start a system; it powers and moves nothing by itself. Ctrl-C or `trocar down` stops it.
 
@@ -50,6 +51,7 @@ def up(
         file, boards = DEMO, boards or "emulated"
     values = (*(sets or ()), *clock_set(clock), *(["calibration_mode=true"] if calibration else []))
     request = StartRequest(system_file(file, path or ()), system, boards, tuple(path or ()), values, seconds)
+    refuse_shortage()
     refuse_taken(system)
     with progress(f"keeping what {system} left") as say:
         keep_left_over(system, say)
@@ -71,5 +73,6 @@ def up(
     else:
         if links:
             tell(f"in a browser: {', '.join(links)}")
-        tell(f"system {system} is up (pid {background.popen.pid}); trocar status shows it, trocar down stops it")
+        tell(f"system {system} is up (pid {background.popen.pid}); {verb_line('status', system)} shows it, "
+             f"{verb_line('down', system)} stops it")
     return 0

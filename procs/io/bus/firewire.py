@@ -144,8 +144,10 @@ class FirewireTransport:
         if forbidden:
             raise PortError(f"not permitted to open {', '.join(forbidden)}", self.where,
                             "let the user read and write them (a udev rule for /dev/fw*)")
-        raise PortError("no such FireWire card", self.where,
-                        f"of this machine: {len(cards)}, counted from 0; the driver is firewire-ohci")
+        counted = f"{len(cards)} FireWire card{'s' if len(cards) > 1 else ''}, counted from 0"
+        there = counted if cards else "no FireWire card"
+        raise PortError(f"this machine has {there}", self.where,
+                        "is the driver firewire-ohci loaded? Without hardware: trocar up FILE --boards emulated")
 
     def _ask(self, fd: int) -> tuple[int, firewire.BusReset, int]:
         """Card, bus and vendor of a device; from now on it tells of bus resets."""

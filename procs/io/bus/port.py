@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from procs.fpga.blocks import Columns
 from procs.kernel.bound import BoundStruct
+from procs.setup_error import SetupError
 
 Quads: TypeAlias = NDArray[np.uint32]
 
@@ -21,7 +22,7 @@ BROADCAST_QUERY: Final = "broadcast-query-read-write"
 PROTOCOLS: Final = (SEQUENTIAL, SEQUENTIAL_BROADCAST, BROADCAST_QUERY)
 
 
-class PortError(Exception):
+class PortError(SetupError):
     """A bus that cannot be used: what is wrong, where, and what would be right."""
 
     def __init__(self, what: str, where: str, allowed: str) -> None:
