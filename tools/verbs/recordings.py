@@ -17,8 +17,6 @@ from tools.printing import emit, table, tell
 from tools.recorded.places import folder_of
 from tools.systems import chosen_system
 
-SPANS = (names.BOX, names.NAMED)
-"""Kinds that go from their time on; others have what was before, and of events and commands what was long before."""
 COLUMNS = ("file", "kind", "time", "seconds", "MB", "code", "why")
 
 
@@ -31,8 +29,9 @@ def recordings(
     """List recordings: those of the last minutes (box), of faults with their reasons, and those that you made.
 
     A fault is listed with the code and the text of the error that led to it; where there are too many, the first one
-    since all was well is removed last. For a system that is down, name it with --system. `logs`, `scope`, `compare`,
-    `export` and `replay` read recordings.
+    since all was well is removed last. Times are local, those in file names UTC. Seconds go from the first message to
+    the last; of a fault or dump, events and commands from before its samples count. For a system that is down, name it
+    with --system. `logs`, `scope`, `compare`, `export` and `replay` read recordings.
 
     Example: trocar recordings fault
     """
@@ -51,8 +50,8 @@ def recordings(
         return 0
     table(str(folder), COLUMNS, (
         (row["file"], row["kind"], f"{datetime.fromtimestamp(row['time_ns'] * 1e-9):%Y-%m-%d %H:%M:%S}",
-         f"{(row['end_ns'] - row['time_ns']) * 1e-9:.1f}" if row["kind"] in SPANS else "–",
-         f"{row['bytes'] / 1e6:.1f}", row["code"], row["reason"]) for row in rows), ("seconds", "MB"))
+         f"{row['seconds']:.1f}", f"{row['bytes'] / 1e6:.1f}", row["code"], row["reason"])
+        for row in rows), ("seconds", "MB"))
     return 0
 
 
