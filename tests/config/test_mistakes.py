@@ -273,6 +273,12 @@ def test_watchdog_is_capped_and_can_be_off(home: Home) -> None:
     assert (capped.ios[0].watchdog_s, off.ios[0].watchdog_s) == (0.3, 0.0)
 
 
+def test_a_motor_without_a_range_warns_that_its_arm_does_not_home(home: Home) -> None:
+    home.edit(IO, "{lower: -1.58825, upper: 1.58825}", "{lower: 0, upper: 0}")
+    (warning,) = home.load().warnings
+    assert warning.key.endswith("encoder.position_limits_soft") and "the arm does not home" in warning.text
+
+
 def test_two_arms_cannot_share_a_robot(home: Home) -> None:
     arm = "  - {name: PSM2, name_on_IO: PSM1, type: PSM, serial: demo, IO: IO1, arm_file: arms/PSM1-demo.yaml,\n"
     arm += "     IO_file: io/PSM1-demo.yaml}\n"

@@ -31,8 +31,8 @@ def convert_pid(root: XmlNode, report: ConversionReport) -> Json:
     for extra in listed[count:]:
         extra.drop_all(f"numofjoints is {count}")
     if len(listed) < count:
-        text = f"the file has {len(listed)} joints"
-        report.error(root.line, "controller@numofjoints", str(count), text, str(len(listed)))
+        text = f"the file lists only {len(listed)} joint{'s' if len(listed) != 1 else ''}"
+        report.error(root.line, "controller@numofjoints", str(count), text, f"{len(listed)}, or as many joints")
     report.converted(root.line, "controller@interface", "JointTorqueInterface", "actuators", _JOINT_SPACE)
     listed = listed[:count]
     while listed and listed[-1].is_word("type", "Inactive"):

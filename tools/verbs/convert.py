@@ -14,7 +14,7 @@ from tools.options import JsonOption
 from tools.printing import emit, tell
 
 FINE, WRONG = 0, 1
-_WORDS = {"equal": "there already and equal", "left_out": "left out"}
+_WORDS = {"equal": "there already and equal", "left_out": "left out", "with_errors": "with errors left"}
 _ALWAYS = ("written", "copied", "failed")
 
 
@@ -39,13 +39,19 @@ def convert(
         emit(_row(result)) if as_json else _print(result)
     lost = [change for result in results if not _failed(result) for change in result.converted.lost]
     counts = _counts(results)
+    bad = {what: [str(result.file) for result in results if is_so(result)]
+           for what, is_so in (("failed", _failed), ("with errors left", _has_errors))}
     if as_json:
-        emit({"summary": counts | {"lost": [dataclasses.asdict(change) for change in lost]}})
+        emit({"summary": counts | {"failed_files": bad["failed"], "files_with_errors": bad["with errors left"],
+                                   "lost": [dataclasses.asdict(change) for change in lost]}})
     else:
         told = [f"{number} {_WORDS.get(what, what)}" for what, number in counts.items() if number or what in _ALWAYS]
         tell(f"files: {', '.join(told)}; keys lost: {len(lost)}")
         for change in lost:
             tell(f"  {change}")
+        for what, names in bad.items():
+            if names:
+                tell(f"{what}: {', '.join(names)}")
     return FINE if all(result.ok for result in results) else WRONG
 
 
@@ -70,12 +76,18 @@ def _failed(result: Result) -> bool:
     return count(result.problems) > 0 and not result.written and not result.equal
 
 
+def _has_errors(result: Result) -> bool:
+    """Whether it was written, or was there, and errors are left in it."""
+    return not _failed(result) and count([found for check in result.checks for found in check.problems]) > 0
+
+
 def _counts(results: list[Result]) -> dict[str, int]:
     """What became of all files."""
     return {
         "written": sum(len(result.written) for result in results if not result.copies),
         "copied": sum(len(result.written) for result in results if result.copies),
         "equal": sum(len(result.equal) for result in results),
+        "with_errors": sum(map(_has_errors, results)),
         "failed": sum(map(_failed, results)),
         "left_out": sum(result.left_out for result in results),
     }

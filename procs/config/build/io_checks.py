@@ -178,5 +178,8 @@ def _check_limits(context: Context, source: SourceFile, key: Key, actuator: Actu
     if limits.lower > limits.upper:
         where = (*key, "encoder", "position_limits_soft", "lower")
         context.error(source, where, "above the upper limit", f"at most {limits.upper}")
+    if limits.lower == limits.upper == 0.0 and actuator.drive.maximum_current > 0.0:
+        where = (*key, "encoder", "position_limits_soft")
+        context.warning(source, where, "0 to 0: with a motor but no range the arm does not home", "lower below upper")
     if encoder.bits_to_position.scale == 0.0:
         context.error(source, (*key, "encoder", "bits_to_position", "scale"), "must not be 0")
