@@ -96,7 +96,7 @@ def test_a_slave_follows_a_recording_and_its_death_ends_that(robot: Robot, tmp_p
     end(followed(start(robot, file)))
     late_ns = [row["stamp_ns"] - row["master_stamp_ns"][0] for row in teleop.last(10_000) if row["following"]]
     assert max(late_ns, default=0) < 45_000_000, "30 ms and a busy machine"
-    assert state_of(robot, "MTMR") == ("ATTACHED", "dead")
+    assert state_of(robot, "MTMR") == ("DEAD", "dead")
     assert slave.newest()
     held = slave.field("setpoint_cp").copy()
 

@@ -66,6 +66,17 @@ def test_a_fault_is_told_with_axis_board_and_hint_and_is_exit_code_1(kinematic: 
     assert (row["fault"]["code"], row["fault"]["axis"], row["fault"]["board"]) == ("amplifier", 2, 6)
 
 
+def test_after_an_io_was_silent_only_what_is_left_to_do_is_named(kinematic: ScriptedRobot) -> None:
+    kinematic.events.report(codes.IO_TIMEOUT, "PSM1: io does not answer", "PSM1")
+    kinematic.arm.field("reason")[...] = b"PSM1: io does not answer"
+    kinematic.events.operating_state("FAULT", "FAULT", False, False)
+    kinematic.show_arm(state="FAULT")
+    assert status(kinematic).stdout.splitlines()[-1].endswith("io does not answer; trocar home PSM1")
+    kinematic.pages["IO1"].show("STARTING")
+    assert status(kinematic).stdout.splitlines()[-1].endswith(
+        "io does not answer; wait until IO1 is back, or trocar start IO1; then trocar home PSM1")
+
+
 def test_the_file_of_another_fault_is_not_named(world: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     nothing_ages(monkeypatch)
     monkeypatch.setattr("tools.inspect.processes._stalled", lambda row, page, simulated: False)

@@ -48,8 +48,8 @@ class ProcessStatus:
 
     `statistics` are avg, std, min, max and p99, in s, of its period, its work and, of io, its latency from the boards'
     reply to the next write; what it has not measured is absent. `pauses`: it was held up and began anew so often.
-    Of a third-party program `state` is NOT ATTACHED, ATTACHED or DETACHED. `simulation` is KINEMATIC for an arm
-    without a robot, and for the process that plays it.
+    Of a third-party program `state` is NOT ATTACHED, ATTACHED or DETACHED; of what has died, DEAD. `simulation` is
+    KINEMATIC for an arm without a robot, and for the process that plays it.
     """
 
     name: str
@@ -80,6 +80,8 @@ class ProcessStatus:
     """Addresses at which it is connected to; who connects starts it where it runs on demand."""
     computes: str = ""
     """`kernel`, or `numpy: ` and why, of processes that compute for many axes."""
+    after: tuple[str, ...] = ()
+    """Processes that it needs."""
     lives: bool = True
     """Its process is there; if not, all that is known of it is `silent_s` old."""
 
@@ -195,8 +197,10 @@ def _life(name: str, page: ControlPage, ledger: dict[str, Any], simulated: bool,
     is_theirs = kind in THIRD_PARTY and (row is None or row.start == ELSEWHERE)
     shown = SHOWN_OF_OTHERS.get(state, state) if is_theirs else state
     shown = lifecycle if lifecycle in ENDING or (lifecycle, shown) == ("STOPPED", "CREATED") else shown
+    known = row or Process(name, kind, 0.0)
+    problem = lost or _problem(known, state, lives_on, page, simulated, exit_reason, lifecycle)
     return ProcessStatus(
-        name=name, kind=kind, state=shown, pid=int(page.get("pid")),
+        name=name, kind=kind, state=DEAD.upper() if problem == DEAD else shown, pid=int(page.get("pid")),
         rate_hz=1.0 / period["avg"] if period and period["avg"] > 0.0 else None,
         period_p99_s=period["p99"] if period else None, work_p99_s=work["p99"] if work else None,
         **counts,
@@ -205,9 +209,8 @@ def _life(name: str, page: ControlPage, ledger: dict[str, Any], simulated: bool,
         silent_s=(monotonic_ns() - beat) * 1e-9 if beat else None,
         computes=str(plain(page.get("computes"))), lifecycle=lifecycle, endings=ledger.get("endings", ()),
         listen=row.listen if row is not None else (), cpus=row.cpus if row is not None else (),
-        problem=lost or _problem(row or Process(name, kind, 0.0), state, lives_on, page, simulated, exit_reason,
-                                 lifecycle),
-        statistics=statistics, lives=lives_on,
+        after=row.after if row is not None else (),
+        problem=problem, statistics=statistics, lives=lives_on,
     )
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from procs.codes import SHARED_BOARD
+from procs.codes import IO_TIMEOUT, SHARED_BOARD
 from shm import directory
 from shm.ring import RingReader
 from shm.segment import SegmentError
@@ -71,8 +71,19 @@ def standings(system: str, processes: Sequence[ProcessStatus]) -> list[Standing]
                                                                                          "–")
                 finally:
                     reader.close()
+                one = _with_what_is_left(one, process, processes)
                 found.append(one if process.lives else dataclasses.replace(one, age_s=process.silent_s or 0.0))
     return found
+
+
+def _with_what_is_left(one: Standing, process: ProcessStatus, processes: Sequence[ProcessStatus]) -> Standing:
+    """Of an arm whose io was silent: what is left to do now, with the name of that io."""
+    if one.fault is None or one.fault["code"] != IO_TIMEOUT.code:
+        return one
+    ios = [row for row in processes if row.kind == "io" and row.name in process.after]
+    away = [row.name for row in ios if row.state != "RUNNING" or row.problem]
+    first = f"wait until {away[0]} is back, or trocar start {away[0]}; then " if away else ""
+    return dataclasses.replace(one, fault={**one.fault, "hint": f"{first}trocar home {one.name}"})
 
 
 def _text(reader: RingReader, field: str) -> str:
