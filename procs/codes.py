@@ -394,7 +394,7 @@ RECORDING_DROPPED: Final = Code(
     "see that their folder may be written and has room; trocar set recorder.minutes 5 keeps less")
 FAULT_RECORDED: Final = Code(
     "fault-recorded", WARNING, "recorder", "there was a fault; what led to it is kept in a file",
-    "look at the file as docs/operating.md says")
+    "look at the file: docs/operating.md, What was recorded")
 
 CODES: Final = tuple(row for row in globals().values() if isinstance(row, Code))
 FAULTS: Final = tuple(row for row in CODES if row.number)

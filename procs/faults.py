@@ -73,12 +73,17 @@ def boards_of(drive: Actuator | Brake) -> tuple[int, ...]:
 
 
 def figures(fault: Code, value: float, limit: float, unit: str) -> str:
-    """What was measured and what is allowed, in `unit`, with as many digits as tell them apart; empty: neither is."""
+    """What was measured and what is allowed, in `unit`; empty: neither is.
+
+    As many digits as tell them apart, up to six: what is as near as that is just above or below.
+    """
     if math.isnan(value) or not fault.unit:
         return ""
-    digits = next((n for n in (4, 6) if f"{value:.{n}g}" != f"{limit:.{n}g}"), 9)
+    digits = next((n for n in (4, 6) if f"{value:.{n}g}" != f"{limit:.{n}g}"), 0)
+    near = "" if digits else "just above " if value > limit else "just below " if value < limit else ""
+    digits = digits or 6
     allowed = f", {fault.bound} {limit:.{digits}g}{_after(unit)}" if not math.isnan(limit) else ""
-    return f"{value:.{digits}g}{_after(unit)}{allowed}"
+    return f"{near}{value:.{digits}g}{_after(unit)}{allowed}"
 
 
 def _after(unit: str) -> str:

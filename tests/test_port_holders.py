@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from procs.boards.endpoints import AddressTaken, Endpoints
+from procs.boards.endpoints import BusAddressTaken, Endpoints
 from procs.document.system import BusConfig, Controller
 from procs.port_holders import TCP, connections, holders
 from tools.systems import ROOT
@@ -65,7 +65,7 @@ def test_who_listens_is_named_and_connections_are_counted() -> None:
 
 def test_emulated_boards_name_who_has_their_address(taken: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("procs.boards.endpoints.UDP_PORT", taken)
-    with pytest.raises(AddressTaken, match=rf"emulated bus on 127.91.8.16, port {taken}: .*pid {os.getpid()}"):
+    with pytest.raises(BusAddressTaken, match=rf"emulated bus on 127.91.8.16, port {taken}: .*pid {os.getpid()}"):
         Endpoints((BusConfig("IO1", "127.91.8.16", (Controller(0),)),), lambda *_: None, lambda: 0, simulated=True)
 
 

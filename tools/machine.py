@@ -235,7 +235,7 @@ def free_cpu(free: float, busy: Iterable[Busy]) -> MachineFinding:
     others = [str(row.pid) for row in most if not (row.system or row.user)]  # no system, and nothing of another user
     own = next((_down(row.system) for row in most if row.system), "top")
     names = ", ".join(map(str, most)) or "nobody for long"
-    mend = f"sudo renice 19 -p {' '.join(others)}" if others else own
+    mend = f"renice 19 -p {' '.join(others)}" if others else own
     return MachineFinding("free CPU", BAD if free < 1.0 else NOTE, f"{found}; busy: {names}", mend)
 
 

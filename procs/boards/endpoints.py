@@ -65,7 +65,7 @@ class Door:
     frames: FrameSocket | None = None
 
 
-class AddressTaken(SetupError):
+class BusAddressTaken(SetupError):
     """Somebody else has the address of an emulated bus."""
 
 
@@ -75,7 +75,7 @@ class Endpoints:
     def __init__(self, buses: tuple[BusConfig, ...], answer: Answer, now_ns: Callable[[], int], simulated: bool,
                  packet_faults: PacketFaults | None = None, addressee: Addressee = lambda bus, address: None,
                  wakeup: socket.socket | None = None) -> None:
-        """AddressTaken; OSError when an address cannot be used.
+        """BusAddressTaken; OSError when an address cannot be used.
 
         Receive times are the kernel's; in simulated time they are `now_ns()`.
 
@@ -257,8 +257,8 @@ def _bound(address: str, *, shared: bool = False) -> socket.socket:
         sock.close()
         others = "; ".join(map(str, holders(UDP_PORT, address))) if error.errno == errno.EADDRINUSE else ""
         if others:
-            raise AddressTaken(f"emulated bus on {address}, port {UDP_PORT}: {others}; stop that, or choose an address "
-                               "that is free: --set emulation.buses.NAME.address=127.0.1.16") from None
+            raise BusAddressTaken(f"emulated bus on {address}, port {UDP_PORT}: {others}; stop that, or choose an "
+                                  "address that is free: --set emulation.buses.NAME.address=127.0.1.16") from None
         raise OSError(error.errno, f"emulated bus on {address}, port {UDP_PORT}: {error.strerror}") from error
     return sock
 

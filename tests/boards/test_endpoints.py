@@ -12,7 +12,7 @@ import pytest
 
 from procs.boards import endpoints as endpoints_module
 from procs.boards.controllers.bus import GROUP
-from procs.boards.endpoints import ANY, MULTICAST, AddressTaken, Endpoints
+from procs.boards.endpoints import ANY, MULTICAST, BusAddressTaken, Endpoints
 from procs.document.system import BusConfig, Controller
 from procs.fpga import wire
 
@@ -121,7 +121,7 @@ def test_sockets_answer_with_the_arrival_time_of_the_kernel() -> None:
             assert {host.recv(100), host.recv(100)} == {b"\x01first", b"\x00second"}  # in any order, of two sockets
             slack = 4_000_000  # the offset between the two clocks is read, not known
             assert before - slack <= min(stamps) <= max(stamps) <= sent + slack
-            with pytest.raises(AddressTaken, match=r"127\.91\.8\.16.*; stop that, or choose an address"):
+            with pytest.raises(BusAddressTaken, match=r"127\.91\.8\.16.*; stop that, or choose an address"):
                 Endpoints(buses, answer, time.monotonic_ns, simulated=False)
         finally:
             endpoints.close()

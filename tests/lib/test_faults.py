@@ -1,7 +1,7 @@
 import re
 
 from procs.codes import FAULTS, NOTHING, WARNING
-from procs.faults import fault_of
+from procs.faults import fault_of, figures
 
 
 def test_numbers_and_codes_are_unique() -> None:
@@ -22,3 +22,10 @@ def test_warnings_switch_nothing_off() -> None:
 def test_a_fault_is_found_by_its_number() -> None:
     assert all(fault_of(row.number) is row for row in FAULTS)
     assert fault_of(0) is None
+
+
+def test_a_value_has_as_many_digits_as_tell_it_from_its_limit_and_no_noise() -> None:
+    fault = next(row for row in FAULTS if row.unit)
+    for value, shown in ((0.5, "0.5 s,"), (0.50001, "0.50001 s,"), (0.030000015, "just above 0.03 s,"),
+                         (0.029999999, "just below 0.03 s,")):
+        assert figures(fault, value, round(value, 2), "s").startswith(shown)

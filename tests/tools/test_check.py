@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -92,6 +93,12 @@ def test_a_file_that_is_not_found_names_the_option_that_adds_a_folder_once(capsy
     with pytest.raises(Problem) as caught:
         system_file(Path("nosuch.json"))
     assert str(caught.value).count("--path") == 1
+
+
+def test_a_folder_is_answered_with_a_command_for_its_files(tmp_path: Path, capsys: Any) -> None:
+    (tmp_path / "a.yaml").write_text("")
+    assert check.run([tmp_path], [], as_json=False) == 1
+    assert f"trocar check {tmp_path}/*.yaml" in " ".join(capsys.readouterr().out.split())
 
 
 @pytest.mark.slow

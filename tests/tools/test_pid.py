@@ -178,7 +178,7 @@ def test_show_cuts_no_number(width: int, ring: RingWriter, monkeypatch: pytest.M
 
 @pytest.mark.parametrize(("words", "code", "reported"), [
     (("show", "PSM9"), 1, "no joint controller PSM9; did you mean PSM1"),
-    (("set", "PSM1", "9", "p_gain=1"), 2, "axis 9 of PSM1; allowed: 0 to 6, yaw, pitch"),
+    (("set", "PSM1", "9", "p_gain=1"), 1, "axis 9 of PSM1; allowed: 0 to 6, yaw, pitch"),
     (("set", "PSM1", "0", "p_gain"), 2, "KEY=VALUE is needed"),
     (("set", "PSM1", "0", "pgain=1"), 1, "no gain pgain; did you mean p_gain"),
     (("set", "PSM1", "0", "p_gain=much"), 2, "a number is needed"),

@@ -13,7 +13,7 @@ from procs.document.gains import GAINS, value_of
 from procs.document.system import IoConfig, PidAxis, from_json
 from shm import directory
 from shm.topics import IO_GAINS
-from tools.errors import Misuse, Problem
+from tools.errors import Problem
 from tools.systems import unknown
 
 ALL: Final = -1  # in place of an axis
@@ -40,14 +40,14 @@ class Present:
         return [gain.key for gain in GAINS if value_of(self.start[axis], gain.key) != self.values[gain.key][axis]]
 
     def axis(self, text: str) -> int:
-        """An axis by number or name, `ALL` for all; Misuse names what there is."""
+        """An axis by number or name, `ALL` for all; Problem names what there is."""
         if text == "all":
             return ALL
         if text in self.names:
             return self.names.index(text)
         if text.isdigit() and int(text) < len(self.names):
             return int(text)
-        raise Misuse(f"axis {text} of {self.robot}; allowed: 0 to {len(self.names) - 1}, {', '.join(self.names)}, all")
+        raise Problem(f"axis {text} of {self.robot}; allowed: 0 to {len(self.names) - 1}, {', '.join(self.names)}, all")
 
 
 def present(system: str, wanted: Sequence[str]) -> list[Present]:

@@ -8,9 +8,11 @@ from pathlib import Path
 
 from procs.config import Checked, check_file
 from procs.config.read.problem import WARNING, count
+from procs.paths import is_folder
 from tools.printing import emit, tell
 
 FINE, WRONG = 0, 1
+SUFFIXES = (".json", ".yaml")
 
 
 def check(
@@ -33,7 +35,14 @@ def run(files: Sequence[Path], path: Sequence[Path], as_json: bool, boards: str 
         for note in result.notes:
             tell(f"{result.path}: note: {note}")
         tell(f"{result.path}: {result.kind} file, {_verdict(result)}")
+        if is_folder(result.path):
+            tell(f"name the files in it: trocar check {' '.join(_patterns(result.path))}")
     return WRONG if any(count(result.problems) for result in results) else FINE
+
+
+def _patterns(folder: Path) -> list[str]:
+    """What names the files of a folder in a shell."""
+    return [f"{folder}/*{suffix}" for suffix in SUFFIXES if any(folder.glob(f"*{suffix}"))] or [f"{folder}/*.json"]
 
 
 def _verdict(result: Checked) -> str:
