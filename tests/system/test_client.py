@@ -20,7 +20,7 @@ from tools.client.setup import SetupLocal
 from tools.client.tip import Body, Frame, Local
 from tools.remote import Remote
 
-pytestmark = [pytest.mark.slow, pytest.mark.simulated("paced")]
+pytestmark = [pytest.mark.slow, pytest.mark.simulated("hosted")]
 SYSTEMS = ROOT / "configs/systems"
 LOCKSTEP = ("--set", "clock=lockstep")  # so that several arms on a busy machine are not too late for each other
 HOME = np.array((0, 0, 0.12, 0, 0, 0))
