@@ -53,6 +53,15 @@ class Bad(Good):
         Bad.ended += 1
 
 
+class Flaky(Good):
+    fails = True
+
+    def update(self) -> None:
+        super().update()
+        if Flaky.fails:
+            raise ZeroDivisionError("no more")
+
+
 class Hanging(Good):
     def update(self) -> None:
         while True:
@@ -149,6 +158,30 @@ def test_one_that_raises_begins_anew_and_the_others_go_on(lab: Lab, clock: Still
     clock.now_ns += 100_000_000_000
     lab.cycle(2)
     assert bad.head == 3 and count(good) == 18
+
+
+def test_one_that_failed_says_so_until_it_has_run_well_for_a_while(lab: Lab, clock: StillClock) -> None:
+    Flaky.fails = True
+    lab.add("bad", Flaky)
+    for _ in range(2):
+        lab.cycle(2)
+        clock.now_ns += 2_000_000_000
+    Flaky.fails = False
+    lab.cycle(2)
+    assert lab.problem("bad") == "it has failed 2 times in a row: ZeroDivisionError: no more"
+    clock.now_ns += 11_000_000_000
+    lab.cycle()
+    assert lab.problem("bad") == ""
+
+
+@pytest.mark.parametrize(("period_s", "problem"), [(0.003, ""), (0.35, "runs at 2.86 Hz instead of 500")])
+def test_a_host_that_runs_at_a_fraction_of_its_rate_says_so(lab: Lab, period_s: float, problem: str) -> None:
+    page = ControlPage(lab.name, "lab", write=True)
+    page.segment.claim("lab")
+    page.field("period_avg")[...] = page.field("period_max")[...] = period_s
+    page.show("RUNNING")
+    assert lab.problem("lab") == problem
+    page.close()
 
 
 def test_one_that_is_slow_is_named(lab: Lab, clock: StillClock) -> None:

@@ -15,6 +15,7 @@ from procs.user_life import classes_in
 from procs.user_process import OwnProcess
 from shm.clock import monotonic_ns
 from shm.control_page import ControlPage
+from shm.layout import shorten
 from shm.origins import ACTING, NOBODY
 
 HEALTHY_NS: Final = 10_000_000_000
@@ -41,6 +42,7 @@ class HostedFilter:
         self._process: OwnProcess | None = None
         self._begin_ns: int | None = 0  # when it is to begin; None: never any more
         self._begun_ns = self._failures = self._warn_ns = 0
+        self._why = ""  # it failed, as its page shows it until it has run well for a while
 
     def cycle(self) -> None:
         """Call it once."""
@@ -48,6 +50,7 @@ class HostedFilter:
         if self._process is not None:
             self._guarded(self._process.step)
             self._look_at_time(monotonic_ns() - now)
+            self._show_failures(now)
         elif self._begin_ns is not None and now >= self._begin_ns:
             self._begun_ns, ACTING.origin = now, NOBODY
             self._guarded(self._make)
@@ -55,6 +58,19 @@ class HostedFilter:
     def _make(self) -> None:
         self._process = self._find()(self._system, self._row.name)
         self._process.begin()
+        self._show_failures(self._begun_ns)
+
+    def _show_failures(self, now: int) -> None:
+        """Until it has run well for a while its page shows how often it failed, and why; its own words come first."""
+        process = self._process
+        if process is None or not self._failures:
+            return
+        if now - self._begun_ns > HEALTHY_NS:
+            self._failures = 0
+            if process.error == self._why:
+                process.error = ""
+        elif not process.error:
+            process.own.page.field("error")[...] = self._why.encode()
 
     def _guarded(self, do: Callable[[], None]) -> None:
         try:
@@ -74,7 +90,9 @@ class HostedFilter:
     def _end(self, why: str) -> None:
         """It failed: show why, and begin anew later."""
         now = monotonic_ns()
-        self._failures = 1 if now - self._begun_ns > HEALTHY_NS else self._failures + 1
+        self._failures += 1
+        count = "once" if self._failures == 1 else f"{self._failures} times in a row"
+        self._why = shorten(f"it has failed {count}: {why}", 399).decode(errors="ignore")
         if self._row.on_exit != "restart" or self._failures > self._row.restart_limit:
             self._begin_ns = None
             why += "; not started again" if self._row.on_exit != "restart" else "; given up"

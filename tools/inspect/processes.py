@@ -25,6 +25,8 @@ DEAD, FAILED, NOT_RUNNING = "dead", "failed", "not running"  # problems
 SILENT, STALLED, STOPPED = "silent", "stalled", "stopped"
 SIMULATED_LATE_S = 2.0
 LOOK_AGAIN_S = 0.02
+FILTERS = "filters"
+SLOW = 2.0  # times its period, on the average: that is a problem
 TRIES = 5
 ALL = 1 << 16  # records: more than any ring has
 SHOWN_OF_OTHERS = {"CREATED": "NOT ATTACHED", "RUNNING": "ATTACHED", "STOPPED": "DETACHED"}
@@ -225,7 +227,17 @@ def _problem(row: Process, state: str, lives_on: bool, page: ControlPage, simula
         return DEAD if row.kind == SUPERVISOR or state in ("STARTING", "RUNNING", "STOPPING") else ""
     if state == "RUNNING" and _stalled(row, page, simulated):
         return SILENT if row.kind in THIRD_PARTY else STALLED
-    return str(plain(page.get("error"))) if state == "RUNNING" else ""
+    if state != "RUNNING":
+        return ""
+    return str(plain(page.get("error"))) or ("" if simulated else _slow(row, page))
+
+
+def _slow(row: Process, page: ControlPage) -> str:
+    """Filters get so little of their period that what they compute is not what they were made for."""
+    period_s = float(page.get("period_avg")) if row.kind == FILTERS else 0.0
+    if row.period_s <= 0.0 or period_s <= SLOW * row.period_s:
+        return ""
+    return f"runs at {1.0 / period_s:.3g} Hz instead of {1.0 / row.period_s:.3g}"
 
 
 def _stalled(row: Process, page: ControlPage, simulated: bool) -> bool:
