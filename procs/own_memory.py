@@ -55,7 +55,7 @@ class OwnMemory:
             self._place = stack.pop_all()
         self.page.field("pid")[...] = os.getpid()
         self.page.field("pauses")[...] = 0
-        self._time_ns, self.events = now_ns, Events(events, now_ns, log, name)
+        self._time_ns, self.events = now_ns, Events(events, now_ns, log, name, self.row.typed)
         self._begun = f"{name} has just started; ask again", DIED
 
     def reads(self, instance: str, topic: str, *, counts: bool = True) -> RingReader:

@@ -358,7 +358,7 @@ def arguments(kind: str) -> argparse.Namespace:
     parser.add_argument("--system", required=True)
     parser.add_argument("--name", required=True)
     chosen = parser.parse_args()
-    loglines.begin(sys.stderr)
+    loglines.begin(sys.stderr, chosen.name)
     return chosen
 
 

@@ -46,9 +46,13 @@ def sentence(text: str, component: str) -> str:
 class Events:
     """The writing end. Stamps increase strictly: clients compare them."""
 
-    def __init__(self, ring: RingWriter, now_ns: Callable[[], int], log: Log | None = None, name: str = "") -> None:
-        """Of the instance `name`, whose clock is `now_ns`; `log` gets severity and whole text of every message."""
-        self._ring, self._now_ns, self._log, self._name = ring, now_ns, log, name
+    def __init__(self, ring: RingWriter, now_ns: Callable[[], int], log: Log | None = None, name: str = "",
+                 typed: str = "") -> None:
+        """Of the instance `name`, whose clock is `now_ns`; `log` gets severity and whole text of every message.
+
+        `typed`: the name that a person types for it, where that is another one.
+        """
+        self._ring, self._now_ns, self._log, self._name, self._typed = ring, now_ns, log, name, typed or name
         self._fields = {name: ring.field(name) for name in NAMES}
         self._room = {name: field.dtype.itemsize for name, field in self._fields.items()}
 
@@ -83,8 +87,9 @@ class Events:
     def report(self, code: EventCode, text: str, component: str = "", axis: int = -1, value: float = math.nan,
                limit: float = math.nan, board: int = -1) -> None:
         """A warning: something a person should know; or an error: something failed, and the robot has reacted."""
+        about = self._typed if component in ("", self._name) else component
         self.emit(SEVERITIES[code.severity], text, severity=code.severity, code=code.code, component=component,
-                  axis=axis, value=value, limit=limit, board=board, hint=code.remedy_for(component or self._name))
+                  axis=axis, value=value, limit=limit, board=board, hint=code.remedy_for(about))
 
     def operating_state(self, state: str, sub_state: str, is_homed: bool, is_busy: bool) -> None:
         """The operating state, on every change and as the answer to every state command."""

@@ -25,12 +25,17 @@ STATUSES = 20
 
 
 class Stamped(logging.Formatter):
-    """One record as a line; a name that the line has anyhow is not said twice."""
+    """One record as a line, with the name of what logs it, but not that of the process `name`, whose file it is."""
+
+    def __init__(self, name: str = "") -> None:
+        """Without a name each record is that process's own."""
+        super().__init__()
+        self._name = name
 
     def format(self, record: logging.LogRecord) -> str:
         """See the module."""
         local = datetime.fromtimestamp(record.created).isoformat(" ", "microseconds")
-        return f"{local} {monotonic_ns() * 1e-9:.6f} {record.levelname} {_reported(self, record)}"
+        return f"{local} {monotonic_ns() * 1e-9:.6f} {record.levelname} {_reported(self, record, self._name)}"
 
 
 class Plain(logging.Formatter):
@@ -41,15 +46,22 @@ class Plain(logging.Formatter):
         return f"{record.levelname} {_reported(self, record)}"
 
 
-def _reported(formatter: logging.Formatter, record: logging.LogRecord) -> str:
+def _reported(formatter: logging.Formatter, record: logging.LogRecord, process: str = "") -> str:
     text = record.getMessage().removeprefix(f"{record.name}: ")
+    if process and record.name not in (process, "root") and not is_about(text, record.name):
+        text = f"{record.name}: {text}"
     return f"{text}\n{formatter.formatException(record.exc_info)}" if record.exc_info else text
 
 
-def begin(stream: TextIO) -> None:
-    """What this process logs goes to `stream` from now on."""
+def is_about(text: str, name: str) -> bool:
+    """Whether a line begins with this name."""
+    return re.match(rf"{re.escape(name)}(?![\w-])", text) is not None
+
+
+def begin(stream: TextIO, name: str = "") -> None:
+    """What the process `name` logs goes to `stream` from now on."""
     handler = logging.StreamHandler(stream)
-    handler.setFormatter(Plain() if stream.isatty() else Stamped())
+    handler.setFormatter(Plain() if stream.isatty() else Stamped(name))
     logging.basicConfig(level=logging.INFO, handlers=[handler])
 
 

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import io
+import logging
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 from procs.document.system import Process as Row
 from procs.document.system import SystemConfig
@@ -20,15 +23,19 @@ from shm import directory
 from shm.client import Client
 from shm.clock import monotonic_ns
 from shm.control_page import ControlPage
+from shm.loglines import Stamped
 from shm.origins import ACTING, NOBODY
 from shm.ring import RingReader
 from tests.conftest import World
+from tools import cli
 from tools.inspect.processes import statuses
+from tools.inspect.standing import first_thing
 
 FOR_NS = 60_000_000_000  # so long a supervisor is there that beats once
 DECLARED = UserProcess("good", "good.py", 0.002, (UserTopic("count", 100.0, 16, (UserField("count", "int"),)),),
                        (UserCommand("go"),), host="lab")
-ROWS = tuple(Row(name, "user", 0.002, start="elsewhere", restart_limit=2, backoff_s=1.0) for name in ("good", "bad"))
+ROWS = tuple(Row(name, "user", 0.002, start="elsewhere", restart_limit=2, backoff_s=1.0, host="lab")
+             for name in ("good", "bad"))
 
 
 class Good(OwnProcess):
@@ -146,6 +153,11 @@ def test_one_that_raises_begins_anew_and_the_others_go_on(lab: Lab, clock: Still
     assert count(good) == 10 and count(bad) == 1 and Bad.ended == 1
     assert lab.problem("bad") == "failed: ZeroDivisionError: no more" and lab.problem("good") == ""
     assert lab.told("bad") == ["user-error"]
+    assert first_thing([row for row in statuses(lab.name) if row.name == "bad"], []) == (
+        "bad failed: ZeroDivisionError: no more: trocar restart lab; trocar logs bad may say why")
+    events = directory.reader(lab.name, "bad", "events")
+    assert b"trocar restart lab" in events.last(1)["hint"][0]
+    events.close()
     clock.now_ns += 1_000_000_000
     lab.cycle(2)
     assert bad.head == 2 and Bad.ended == 2, "it began anew after backoff_s"
@@ -172,6 +184,25 @@ def test_one_that_failed_says_so_until_it_has_run_well_for_a_while(lab: Lab, clo
     clock.now_ns += 11_000_000_000
     lab.cycle()
     assert lab.problem("bad") == ""
+
+
+def test_the_log_of_a_filter_is_its_lines_in_that_of_its_host(
+        lab: Lab, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TROCAR_STATE", str(tmp_path))
+    (tmp_path / lab.name).mkdir()
+    out = io.StringIO()
+    handler = logging.StreamHandler(out)
+    handler.setFormatter(Stamped("lab"))
+    for name, text in (("lab", "begins"), ("bad", "ended by an error\nTraceback"), ("good", "bad luck"),
+                       ("bad", "bad took 5 ms")):
+        logger = logging.Logger(name)
+        logger.addHandler(handler)
+        logger.warning(text)
+    (tmp_path / lab.name / "lab.log").write_text(out.getvalue())
+    result = CliRunner().invoke(cli.build("logs"), ["logs", "bad", "--system", lab.name])
+    assert [row.partition("WARNING  ")[2] or row for row in result.stdout.splitlines()] == [
+        "bad: ended by an error", "Traceback", "bad took 5 ms"]
+    assert CliRunner().invoke(cli.build("logs"), ["logs", "nothing", "--system", lab.name]).exit_code == 1
 
 
 @pytest.mark.parametrize(("period_s", "problem"), [(0.003, ""), (0.35, "runs at 2.86 Hz instead of 500")])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
+from typing import Final
 
 from shm.header import SegmentError
 
@@ -12,11 +13,15 @@ class Unknown(SegmentError):
     """There is nothing of this name; the message has the nearest ones."""
 
 
+ROOM: Final = 200
+"""For a list of names, characters."""
+
+
 def none_such(what: str, name: str, known: Iterable[str], owner: str = "") -> str:
     """That there is no `name`, or that `owner` has none: the nearest ones, or all when there are few."""
     names = list(known)
     said = f"{owner} has no {what} {name}" if owner else f"no {what} {name}"
     if near := difflib.get_close_matches(str(name), names, 3, 0.5):
         return f"{said}; did you mean {', '.join(near)}?"
-    there = names if len(names) <= 8 else [*names[:8], "…"]
+    there = names if len(names) <= 8 or len(", ".join(names)) <= ROOM else [*names[:8], "…"]
     return f"{said}; " + (f"there are: {', '.join(there)}" if there else "there is none at all")

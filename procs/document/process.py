@@ -32,7 +32,13 @@ class Process:
     hung_s: float | None = None  # silence after which it is killed
     start: str = ALWAYS  # or ON_DEMAND: while somebody wants something of it; or ELSEWHERE
     linger_s: float = 5.0  # how long it goes on then, after the last one left
+    host: str = ""  # the process that it is part of; empty: it is one itself
     listen: tuple[str, ...] = ()  # addresses 127.0.0.1:8080 or [::1]:8080 of sockets that it is started with
+
+    @property
+    def typed(self) -> str:
+        """The name that a person types to start, stop or restart it, and for its log."""
+        return self.host or self.name
 
 
 def processes_of(data: bytes) -> tuple[Process, ...]:

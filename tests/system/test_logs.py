@@ -72,4 +72,5 @@ def test_what_arms_and_processes_of_users_report_as_status_is_in_the_logs(robot:
     wait_for(lambda: "INFO  the sensor is warm" in robot.trocar("logs", "warm"), 60, "the line of the user's process")
     assert "INFO  ENABLED" in robot.trocar("logs", "PSM1") and "INFO  HOMED" in robot.trocar("logs", "PSM1")
     robot.down()
-    assert "warm  INFO  the sensor is warm" in robot.trocar("logs", "--system", robot.name), "also afterwards"
+    said = robot.trocar("logs", "-n", "1000", "--system", robot.name)
+    assert "warm  INFO  the sensor is warm" in said, "also afterwards"

@@ -12,17 +12,27 @@ from tools.printing import number, plain
 AUDIT = "audit"
 
 
-def rows_of(system: str, instance: str | None, most: int) -> list[dict[str, Any]]:
-    """The newest `most` of each process, or of one, oldest first; Problem: nobody is asked for anything there."""
-    found = []
-    for name, topic in directory.rings(system):
+def rows_of(system: str, instance: str | None, most: int) -> tuple[list[dict[str, Any]], int]:
+    """The newest `most` of all processes, or of one, oldest first, and how many are older.
+
+    Problem: the process takes no commands, or the system is down.
+    """
+    rings, found, count = directory.rings(system), [], 0
+    if not any(topic == AUDIT for _, topic in rings):
+        raise Problem(f"{system} is down: commands are kept while the system is up; recordings have them: "
+                      "trocar recordings, trocar logs --commands --recording FILE")
+    for name, topic in rings:
         if topic == AUDIT and instance in (None, name):
             ring = directory.reader(system, name, AUDIT)
-            found += [{"process": name, **_plain(row)} for row in ring.last(most)]
+            kept = ring.last(ring.depth)
+            count += len(kept)
+            found += [{"process": name, **_plain(row)} for row in kept[len(kept) - min(most, len(kept)):]]
             ring.close()
-    if not found and instance is not None and (instance, AUDIT) not in directory.rings(system):
+    if not found and instance is not None and (instance, AUDIT) not in rings:
         raise Problem(f"{instance}: there is no such process, or it takes no commands; trocar status lists them")
-    return sorted(found, key=lambda row: row["monotonic_ns"])
+    found.sort(key=lambda row: row["monotonic_ns"])
+    shown = found[len(found) - min(most, len(found)):]
+    return shown, count - len(shown)
 
 
 def _plain(row: Any) -> dict[str, Any]:

@@ -84,8 +84,15 @@ class ProcessStatus:
     """`kernel`, or `numpy: ` and why, of processes that compute for many axes."""
     after: tuple[str, ...] = ()
     """Processes that it needs."""
+    host: str = ""
+    """The process that it is part of."""
     lives: bool = True
     """Its process is there; if not, all that is known of it is `silent_s` old."""
+
+    @property
+    def typed(self) -> str:
+        """The name that a person types to start or restart it, and for its log."""
+        return self.host or self.name
 
     @property
     def begins(self) -> bool:
@@ -210,6 +217,7 @@ def _life(name: str, page: ControlPage, ledger: dict[str, Any], simulated: bool,
         scheduling=str(plain(page.get("policy"))),
         silent_s=(monotonic_ns() - beat) * 1e-9 if beat else None,
         computes=str(plain(page.get("computes"))), lifecycle=lifecycle, endings=ledger.get("endings", ()),
+        host=row.host if row is not None else "",
         listen=row.listen if row is not None else (), cpus=row.cpus if row is not None else (),
         after=row.after if row is not None else (),
         problem=problem, statistics=statistics, lives=lives_on,

@@ -201,12 +201,15 @@ def in_a_line(processes: Sequence[ProcessStatus], found: Sequence[Standing]) -> 
 
 def _help(process: ProcessStatus) -> str:
     """What a person types for a process that has a problem."""
-    name, problem = process.name, process.problem
+    name, problem = process.typed, process.problem
     is_dead = problem == DEAD or problem.startswith(FAILED)
     if process.kind == SUPERVISOR or problem.endswith(GONE):
         return f"{'' if is_dead else 'trocar down; then '}trocar up FILE starts the system again"
     if problem in (SILENT, DEAD) and not process.lifecycle:
         return "it is a third-party program; start it again"
+    if process.host:  # that one goes on
+        return f"trocar restart {name}; trocar logs {process.name} may say why" if is_dead else (
+            f"trocar logs {process.name}")
     if problem == STOPPED:
         return f"trocar start {name}"
     if is_dead or problem.startswith(NOT_RUNNING):

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections import deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Container
 from pathlib import Path
 from typing import Annotated, TextIO
 
 import typer
 
+from procs.document.process import processes_of
 from procs.log_files import is_old
 from procs.paths import is_folder, log_folder
+from shm import directory
 from shm.clock import pause
 from shm.loglines import LogLine, parsed
+from shm.segment import SegmentError
 from tools.errors import Problem
 from tools.inspect.asked import in_words, rows_of
+from tools.inspect.log_entries import about, in_order, left_out, newest
 from tools.options import JsonOption, SystemOption
 from tools.printing import emit, need_reader, tell
 from tools.recorded.as_system import RecordingOption
@@ -28,7 +33,7 @@ LAST = 3  # systems that are named where none is up
 
 def logs(
     instance: Annotated[str | None, typer.Argument(metavar="[NAME]", help="One process; none: all of them.")] = None,
-    lines: Annotated[int, typer.Option("-n", "--lines", min=0, help="Newest lines of each.")] = 20,
+    lines: Annotated[int, typer.Option("-n", "--lines", min=0, help="Newest entries.")] = 20,
     commands: Annotated[bool, typer.Option("--commands", help="Instead: what was asked for, by whom, and what became "
                                            "of it; while the system runs.")] = False,
     follow: Annotated[bool, typer.Option("--follow", "-f", help="Go on with what comes.")] = False,
@@ -36,9 +41,9 @@ def logs(
     recording: RecordingOption = None,
     system: SystemOption = None,
 ) -> int:
-    """Print the newest lines the processes wrote; also after the system went down (then with --system).
+    """Print the newest entries the processes wrote; also after the system went down (then with --system).
 
-    Lines of several processes come in the order in which they were written.
+    Entries of several processes come in the order in which they were written. A traceback belongs to its entry.
 
     Example: trocar logs PSM1 -n 50
 
@@ -51,7 +56,9 @@ def logs(
             emit(said.row) if as_json else tell(said.text)
         return 0
     if commands:
-        for row in rows_of(system or chosen_system(), instance, lines):
+        rows, older = rows_of(system or chosen_system(), instance, lines)
+        _tell_older(left_out(older, "commands", lines), as_json)
+        for row in rows:
             emit(row) if as_json else tell(in_words(row))
         return 0
     folder = log_folder(os.environ, system or _chosen(instance))
@@ -59,15 +66,19 @@ def logs(
         chosen_system(system)  # who may not look at it, or misspells it, is told so
         raise Problem(f"{folder}: there are no logs of this system")
     found = {path.stem: path for path in sorted(folder.glob("*.log")) if not is_old(path)}
-    if instance is not None and instance not in found:
+    writer = _host(folder.name, instance, found) if instance is not None else ""
+    if instance is not None and writer not in found:
         raise unknown("log", instance, found)
-    chosen = {instance: found[instance]} if instance is not None else found
+    chosen = {writer: found[writer]} if writer else found
+    only = instance if writer != instance else None
     files = {name: path.open(errors="replace") for name, path in chosen.items()}
     try:
-        for name, line in in_order({name: deque(file, maxlen=lines) for name, file in files.items()}):
+        shown, older = newest({name: _news(file, only) for name, file in files.items()}, lines)
+        _tell_older(left_out(older, "lines", lines), as_json)
+        for name, line in shown:
             _print(name, line, len(chosen) > 1, as_json)
         while follow:
-            for name, line in in_order({name: _news(file) for name, file in files.items()}):
+            for name, line in in_order({name: _news(file, only) for name, file in files.items()}):
                 _print(name, line, len(chosen) > 1, as_json)
             need_reader()
             pause(POLL_S)
@@ -96,23 +107,25 @@ def _changed(path: Path) -> float:
         return 0.0
 
 
-def _news(file: TextIO) -> list[str]:
-    """What was written since; a file that began anew is read from its beginning."""
+def _tell_older(text: str, as_json: bool) -> None:
+    if text and not as_json:
+        tell(text)
+
+
+def _host(system: str, name: str, found: Container[str]) -> str:
+    """Whose log has the lines of a process: its host's, where it has none of its own."""
+    if name not in found:
+        with contextlib.suppress(SegmentError, ValueError):
+            return next((row.typed for row in processes_of(directory.document(system)) if row.name == name), name)
+    return name
+
+
+def _news(file: TextIO, only: str | None) -> list[str]:
+    """What was written since, or of that what is about one name; a file that began anew is read from its beginning."""
     if file.tell() > os.fstat(file.fileno()).st_size:
         file.seek(0)
-    return file.readlines()
-
-
-def in_order(lines: Mapping[str, Iterable[str]]) -> list[tuple[str, LogLine]]:
-    """Lines of several processes by their stamps; one without goes with the line before it."""
-    found: list[tuple[float, str, LogLine]] = []
-    for name, each in lines.items():
-        since_s = 0.0
-        for line in map(parsed, each):
-            since_s = line.monotonic_s or since_s
-            found.append((since_s, name, line))
-    found.sort(key=lambda row: row[0])
-    return [(name, line) for _, name, line in found]
+    lines = file.readlines()
+    return lines if only is None else about(lines, only)
 
 
 def _print(name: str, line: LogLine, several: bool, as_json: bool) -> None:

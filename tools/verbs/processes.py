@@ -74,7 +74,7 @@ def _row(system: str, name: str) -> Process:
     rows = {row.name: row for row in _rows(system)}
     user = None if name in rows else document_of(system).user(name)
     if user is not None and user.host:
-        raise Problem(f"{name} is part of {user.host}, a process of several filters: start, stop or restart that")
+        raise Problem(f"{name} is part of {user.host}, a process of several filters: trocar restart {user.host}")
     if name not in rows:
         raise unknown("process", name, rows)
     return rows[name]

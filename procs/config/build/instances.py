@@ -29,6 +29,7 @@ def build_processes(
     found = [(kind, row) for kind in PROCS for row in kind.instances(system)]
     known = dict.fromkeys(row.name for _, row in found)
     users = {name for row in system.users for name in (row.name, row.host) if name}
+    hosts = {row.name: row.host for row in system.users}
     for name in users & {row.name for kind, row in found if not kind.declared}:
         context.error(source, ("trocar", "processes", name), "this name is taken by a process of Trocar",
                       "a name of its own")
@@ -42,7 +43,7 @@ def build_processes(
         priority, cpu = _scheduled(kind.priority, options)
         rows.append(document.Process(row.name, kind.kind, row.period_s or kind.period_s, after, priority=priority,
                                      cpus=places.of(kind, row.name) if cpu is None else (cpu,),
-                                     start=row.start or kind.start, listen=row.listen))
+                                     start=row.start or kind.start, host=hosts.get(row.name, ""), listen=row.listen))
     given = tuple(_with_options(row, options) for row in rows)
     waits = {row.name for row in given if row.start == ON_DEMAND}  # for somebody who wants it: nobody waits for it
     given = tuple(dataclasses.replace(row, after=tuple(name for name in row.after if name not in waits))
