@@ -236,6 +236,13 @@ def test_what_a_dead_process_left_says_how_old_it_is() -> None:
     assert standing.cells(one) == ("PSM1", "ENABLED HOMED, 12 s ago", "–", "")
 
 
+def test_a_third_party_program_that_hangs_is_ended_first() -> None:
+    silent = dataclasses.replace(process("MTMR", "silent"), kind="third_party", lifecycle="", pid=3788)
+    assert first_thing([silent], []).endswith("end it (kill 3788), then start it again")
+    dead = dataclasses.replace(silent, problem="dead", lives=False)
+    assert first_thing([dead], []) == "MTMR is dead: it is a third-party program; start it again"
+
+
 def test_the_next_step_leads_to_teleoperation() -> None:
     off, homed = Standing("PSM1", "arm", "DISABLED", False), Standing("PSM2", "arm", "ENABLED HOMED", True)
     powered, console = Standing("PSM1", "arm", "ENABLED", False), Standing("console", "console", "teleoperation off")

@@ -45,7 +45,7 @@ def provide(name: str | OwnProcess, system: str | None = None, timeout: float = 
     A process that the system file declares by this name is given instead of it, in its `setup`.
 
     `rate`: records a second that `tick` keeps to. `commands`: what it carries out, by name. `program`: its name.
-    TimeoutError after `timeout` s when there is no such place or another program has it.
+    TimeoutError after `timeout` s when there is no such place; Problem at once when another program has it.
     """
     if isinstance(name, OwnProcess):
         return Provider(name, commands, program)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 from collections.abc import Callable, Mapping
@@ -18,12 +19,13 @@ from procs.user_process import OwnProcess
 from shm import directory
 from shm.clock import monotonic_ns
 from shm.commands import COMMANDS
+from shm.control_page import ControlPage
 from shm.mailbox_map import COMMANDS_DEPTH
 from shm.origins import SenderId
 from shm.received import Received
 from tools.client.instance import known_state
 from tools.client.values import Array, numbers, six_numbers
-from tools.errors import Problem, Refused
+from tools.errors import Problem, Refused, Taken
 from tools.systems import unknown
 
 KIND: Final = "third_party"
@@ -230,7 +232,7 @@ class Provider:
 
 
 def taken(system: str, name: str, rate: float, commands: Mapping[str, Handler] | None, program: str) -> Provider:
-    """A place for this program; Problem when there is none of this name, SegmentError when somebody has it."""
+    """A place for this program; Problem when there is none of this name, Taken when another program has it."""
     _checked(name, commands or {})
     if not SLOWEST <= rate <= FASTEST:
         raise ValueError(f"{name}: {rate:g} records a second; allowed are {SLOWEST:g} to {FASTEST:g}")
@@ -239,12 +241,28 @@ def taken(system: str, name: str, rate: float, commands: Mapping[str, Handler] |
     except ValueError as error:
         raise Problem(f"system {system}: {error}") from None
     _places(document, name)
+    _check_free(system, name)
     process = OwnProcess(system, name, 1.0 / rate)
     try:
         return Provider(process, commands, program)
     except BaseException:
         process.close()
         raise
+
+
+def _check_free(system: str, name: str) -> None:
+    """Taken names the program that has the place."""
+    with contextlib.closing(ControlPage(system, name)) as page:
+        first = page.segment.identity()
+        if not page.segment.claimed():
+            return
+    reader = directory.reader(system, name, "state")
+    try:
+        known = reader.field("program").item().decode(errors="replace") if reader.newest() else ""
+    finally:
+        reader.close()
+    raise Taken(f"{name}: {f'program {known}' if known else 'a program'} (pid {first.pid}) has this place already; "
+                f"end it first: kill {first.pid}")
 
 
 def _places(document: SystemConfig, name: str) -> dict[str, ThirdParty]:

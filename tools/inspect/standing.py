@@ -22,6 +22,7 @@ from tools.running import SUPERVISOR
 
 FAULT, OFF = "FAULT", "teleoperation off"
 FAULT_KEYS = ("code", "component", "axis", "board", "value", "limit", "text", "hint", "monotonic_ns", "local_ns")
+NEVER = "–"  # has shown nothing yet
 COLUMNS = ("name", "state", "homed", "why, or what it waits for")
 
 
@@ -68,11 +69,12 @@ def standings(system: str, processes: Sequence[ProcessStatus]) -> list[Standing]
                 reader = directory.reader(system, process.name, "state", process.kind, often=False)
                 try:
                     one = read(system, process, reader) if reader.newest() else Standing(process.name, process.kind,
-                                                                                         "–")
+                                                                                         NEVER)
                 finally:
                     reader.close()
                 one = _with_what_is_left(one, process, processes)
-                found.append(one if process.lives else dataclasses.replace(one, age_s=process.silent_s or 0.0))
+                is_old = one.state != NEVER and (process.problem == SILENT or not process.lives)
+                found.append(dataclasses.replace(one, age_s=process.silent_s or 0.0) if is_old else one)
     return found
 
 
@@ -206,7 +208,8 @@ def _help(process: ProcessStatus) -> str:
     if process.kind == SUPERVISOR or problem.endswith(GONE):
         return f"{'' if is_dead else 'trocar down; then '}trocar up FILE starts the system again"
     if problem in (SILENT, DEAD) and not process.lifecycle:
-        return "it is a third-party program; start it again"
+        end = f"end it (kill {process.pid}), then " if problem == SILENT else ""
+        return f"it is a third-party program; {end}start it again"
     if process.host:  # that one goes on
         return f"trocar restart {name}; trocar logs {process.name} may say why" if is_dead else (
             f"trocar logs {process.name}")

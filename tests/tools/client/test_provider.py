@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
 import re
 from collections.abc import Callable, Iterator
 from types import SimpleNamespace
@@ -26,6 +27,7 @@ from shm.ring import RingReader
 from tests.conftest import World
 from tools.errors import Problem, Refused
 from tools.inspect.processes import statuses
+from tools.inspect.standing import Standing, cells, standings
 
 FOR_NS = 60_000_000_000  # so long a supervisor is there that beats once
 QUARTER = ((0.0, -1.0, 0.0, 0.1), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.0))
@@ -222,9 +224,13 @@ def test_a_button_wakes_its_console_when_the_record_is_out(place: Place) -> None
 
 
 @pytest.mark.slow
-def test_a_place_is_taken_once(place: Place) -> None:
-    with trocar.provide("MTMR", place.name), pytest.raises(TimeoutError, match="MTMR"):
-        trocar.provide("MTMR", place.name, timeout=0.0)
+def test_a_place_is_taken_once_and_a_second_program_hears_at_once_by_whom(place: Place) -> None:
+    with trocar.provide("MTMR", place.name, program="recorded") as master:
+        for known in ("a program", "program recorded"):
+            said = rf"^MTMR: {known} \(pid {os.getpid()}\) has this place already; end it first: kill {os.getpid()}$"
+            with pytest.raises(trocar.Problem, match=said):
+                trocar.provide("MTMR", place.name, timeout=60.0)
+            master.write(np.eye(4))
     with pytest.raises(TimeoutError, match="no place for a program of yours PSM1; there are: MTMR"):
         trocar.provide("PSM1", place.name, timeout=0.0)
     trocar.provide("MTMR", place.name).close()
@@ -251,6 +257,17 @@ def test_status_tells_whether_it_is_attached(place: Place) -> None:
         master.tick()
         assert shown() == ("third_party", "ATTACHED")
     assert shown() == ("third_party", "DETACHED")
+
+
+def test_what_a_program_shows_has_an_age_when_it_is_silent_and_none_before_it_came(place: Place) -> None:
+    def shown(problem: str = "") -> Standing:
+        rows = [dataclasses.replace(row, problem=problem) for row in statuses(place.name) if row.name == "MTMR"]
+        return standings(place.name, rows)[0]
+
+    assert cells(shown())[1] == "–"
+    with trocar.provide("MTMR", place.name) as master:
+        master.write(np.eye(4))
+        assert cells(shown())[1] == "ENABLED" and re.fullmatch(r"ENABLED, .* s ago", cells(shown("silent"))[1])
 
 
 def test_it_learns_that_the_system_ends(place: Place) -> None:
