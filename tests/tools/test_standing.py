@@ -254,6 +254,9 @@ def test_the_next_step_leads_to_teleoperation() -> None:
 def test_what_waits_for_a_silent_process_is_not_well() -> None:
     one = Standing("MTMR_PSM1", "teleop", "SETTING_ARMS_STATE", None, "waiting: MTMR is silent", silent=True)
     assert first_thing([], [one]) == "MTMR_PSM1: waiting: MTMR is silent"
+    ended = Standing("MTMR", "third_party", "ENABLED", True, "start its program again: recorded_master", age_s=3.0)
+    assert first_thing([], [ended, one]) == (
+        "MTMR_PSM1: waiting: MTMR is silent; MTMR: start its program again: recorded_master")
 
 
 def test_a_remedy_that_ends_in_home_is_not_followed_by_another() -> None:

@@ -15,7 +15,17 @@ from shm import directory
 from shm.ring import RingReader
 from shm.segment import SegmentError
 from tools.inspect.messages import in_full
-from tools.inspect.processes import DEAD, FAILED, NOT_RUNNING, SILENT, STALLED, STOPPED, ProcessStatus
+from tools.inspect.processes import (
+    DEAD,
+    DETACHED,
+    FAILED,
+    NOT_ATTACHED,
+    NOT_RUNNING,
+    SILENT,
+    STALLED,
+    STOPPED,
+    ProcessStatus,
+)
 from tools.inspect.segments import GONE
 from tools.printing import plain, span
 from tools.running import SUPERVISOR
@@ -68,8 +78,8 @@ def standings(system: str, processes: Sequence[ProcessStatus]) -> list[Standing]
             with contextlib.suppress(SegmentError):
                 reader = directory.reader(system, process.name, "state", process.kind, often=False)
                 try:
-                    one = read(system, process, reader) if reader.newest() else Standing(process.name, process.kind,
-                                                                                         NEVER)
+                    one = read(system, process, reader) if reader.newest() else Standing(
+                        process.name, process.kind, NEVER, reason=_untaken(process))
                 finally:
                     reader.close()
                 one = _with_what_is_left(one, process, processes)
@@ -86,6 +96,10 @@ def _with_what_is_left(one: Standing, process: ProcessStatus, processes: Sequenc
     away = [row.name for row in ios if row.state != "RUNNING" or row.problem]
     first = f"wait until {away[0]} is back, or trocar start {away[0]}; then " if away else ""
     return dataclasses.replace(one, fault={**one.fault, "hint": f"{first}trocar home {one.name}"})
+
+
+def _untaken(process: ProcessStatus) -> str:
+    return "start the program that takes this place" if process.state == NOT_ATTACHED else ""
 
 
 def _text(reader: RingReader, field: str) -> str:
@@ -107,7 +121,8 @@ def _arm(system: str, process: ProcessStatus, reader: RingReader) -> Standing:
 
 def _third_party(system: str, process: ProcessStatus, reader: RingReader) -> Standing:
     state = _text(reader, "state")
-    return Standing(process.name, process.kind, state, _flag(reader, "is_homed"),
+    reason = f"start its program again: {_text(reader, 'program')}" if process.state == DETACHED else ""
+    return Standing(process.name, process.kind, state, _flag(reader, "is_homed"), reason,
                     since_ns=_fault_ns(_events(system, process)) if state == FAULT else 0)
 
 
@@ -191,7 +206,9 @@ def first_thing(processes: Sequence[ProcessStatus], found: Sequence[Standing]) -
         return f"wait for {on_its_way.name}: {', '.join(filter(None, (on_its_way.state, on_its_way.reason)))}"
     silent = next((one for one in found if one.silent), None)
     if silent is not None and not begins:
-        return f"{silent.name}: {silent.reason}"
+        missing = [f"; {one.name}: {one.reason}" for one in found if one.kind == "third_party" and one.reason
+                   and f"{one.name} is silent" in silent.reason]
+        return f"{silent.name}: {silent.reason}{''.join(missing)}"
     return f"{', '.join(begins)} {'is' if len(begins) == 1 else 'are'} not up yet; wait for it" if begins else ""
 
 

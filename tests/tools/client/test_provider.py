@@ -264,10 +264,11 @@ def test_what_a_program_shows_has_an_age_when_it_is_silent_and_none_before_it_ca
         rows = [dataclasses.replace(row, problem=problem) for row in statuses(place.name) if row.name == "MTMR"]
         return standings(place.name, rows)[0]
 
-    assert cells(shown())[1] == "–"
+    assert cells(shown())[1:] == ("–", "–", "start the program that takes this place")
     with trocar.provide("MTMR", place.name) as master:
         master.write(np.eye(4))
         assert cells(shown())[1] == "ENABLED" and re.fullmatch(r"ENABLED, .* s ago", cells(shown("silent"))[1])
+    assert shown().reason.startswith("start its program again: "), "it has ended in order"
 
 
 def test_it_learns_that_the_system_ends(place: Place) -> None:
