@@ -15,6 +15,9 @@ EVENTS = (START, STOP, QUIT)
 NOTHING, BEGIN, ASK = "", "begin", "ask"
 """What is done: nothing, begin a new process, ask the one that runs to end."""
 
+ASKED, DONE = "stopped", "done"
+"""How a process ends that was asked to, with ": " and more where it did not end in order, or that nobody wanted."""
+
 TABLE: dict[tuple[str, str], tuple[str, str]] = {
     (STOPPED, START): (RUNNING, BEGIN),
     (RUNNING, STOP): (STOPPING, ASK),
@@ -24,6 +27,11 @@ TABLE: dict[tuple[str, str], tuple[str, str]] = {
     (RESTARTING, QUIT): (RUNNING, BEGIN),
     (RESTARTING, STOP): (STOPPING, NOTHING),
 }
+
+
+def is_meant(reason: str) -> bool:
+    """Whether a process that ended for this reason is to be down."""
+    return reason.partition(":")[0] in (ASKED, DONE)
 
 
 def step(state: str, event: str) -> tuple[str, str]:

@@ -51,8 +51,8 @@ class Running(Protocol):
     def in_words(self, code: int) -> str:
         """How it ended."""
 
-    def show_stopped(self) -> None:
-        """It was asked to end, and may have had no time to say that it has."""
+    def show_stopped(self, also_failed: bool = False) -> None:
+        """It was asked to end, and may have had no time to say that it has; it shows why it failed if it did."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +117,14 @@ class Child:
         if self.state == lifecycle.STOPPED and self.starts:
             self.process.show_stopped()
 
+    def stop_what_ended(self) -> None:
+        """An operator wants none, and it has ended before: that is no problem any more, also where it has failed."""
+        self.stop()
+        if self.starts:
+            self.process.show_stopped(also_failed=True)
+            if not lifecycle.is_meant(self.reason):
+                self.reason = f"{lifecycle.ASKED}: it had ended before: {self.reason}"
+
     def kill_hung(self, silent_s: float) -> None:
         """It lives, but does not go on: kill it; the policy for deaths decides about the next one."""
         self._kill(f"hung for {silent_s:.1f} s, killed")
@@ -176,7 +184,11 @@ class Child:
         asked, why = self.state != lifecycle.RUNNING, self.refused or self.verdict
         well = asked and code in (0, -signal.SIGTERM)  # by the signal: it had not come so far as to hear it
         self.is_done = not asked and not why and code == 0 and not self.is_wanted
-        self.reason = "stopped" if well else "done" if self.is_done else why or self.process.in_words(code or 0)
+        why = why or self.process.in_words(code or 0)
+        if well or self.is_done:
+            self.reason = lifecycle.ASKED if well else lifecycle.DONE
+        else:
+            self.reason = f"{lifecycle.ASKED}: {why}" if asked else why
         if self.verdict and code == -signal.SIGABRT:
             self.reason += f"; where: trocar logs {self.row.name}"
         killed, ran_s = bool(self.verdict) and not well, (self.now_ns() - self.begun_ns) * 1e-9

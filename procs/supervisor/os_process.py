@@ -95,7 +95,7 @@ class OsProcess:
         reported = bytes(self.page.field("error")[()]).rstrip(b"\0").decode(errors="replace")
         return f"exit code {code}" + (f": {reported}" if reported else "")
 
-    def show_stopped(self) -> None:
-        """It was asked to end, and may have had no time to say that it has."""
-        if self.page.state not in ("STOPPED", "FAILED"):
+    def show_stopped(self, also_failed: bool = False) -> None:
+        """It was asked to end, and may have had no time to say that it has; it shows why it failed if it did."""
+        if self.page.state not in ("STOPPED", *(() if also_failed else ("FAILED",))):
             self.page.show("STOPPED")

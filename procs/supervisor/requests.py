@@ -64,7 +64,7 @@ class Requests:
     def _stop(self, request: Request, child: Child) -> None:
         if child.state == lifecycle.STOPPED:
             planned = child.restart_at_ns
-            child.stop()
+            child.stop_what_ended()
             request.done(f"{child.row.name} is not started again" if planned else f"{child.row.name} does not run")
             return
         child.stop()

@@ -21,6 +21,7 @@ class PlayedProcess:
     hangs: bool = False
     stopped: bool = False
     shown_stopped: bool = False
+    failure_is_past: bool = False
     lacks_memory: bool = False
     said: str = ""
     _code: int | None = None
@@ -77,9 +78,9 @@ class PlayedProcess:
         """How it ended."""
         return f"killed by {signal.Signals(-code).name}" if code < 0 else f"exit code {code}: {self.said}"
 
-    def show_stopped(self) -> None:
+    def show_stopped(self, also_failed: bool = False) -> None:
         """Its page says so."""
-        self.shown_stopped = True
+        self.shown_stopped, self.failure_is_past = True, also_failed
 
 
 @dataclass

@@ -100,7 +100,10 @@ def test_who_has_ended_by_itself_is_shown_as_stopped_when_it_is_stopped(system: 
     system.arm.look()
     assert not system.process.shown_stopped
     system.asked("stop")
-    assert system.process.shown_stopped and system.arm.reason == "killed by SIGKILL"
+    assert system.process.shown_stopped and system.process.failure_is_past
+    for _ in range(2):
+        assert system.arm.reason == "stopped: it had ended before: killed by SIGKILL"
+        system.asked("stop")
 
 
 def test_what_cannot_even_begin_is_told_as_well(system: IoAndArm) -> None:
@@ -136,7 +139,7 @@ def test_who_does_not_end_in_time_is_killed_and_that_is_said(system: IoAndArm) -
     ending = system.arm.look()
     system.requests.answer()
     assert ending is not None and ending.killed and ending.asked
-    assert stopped.answers[-1] == ("done", "PSM1: did not end within 3 s, killed")
+    assert stopped.answers[-1] == ("done", "PSM1: stopped: did not end within 3 s, killed")
 
 
 def test_who_has_ended_while_we_were_held_up_has_ended_well(system: IoAndArm) -> None:

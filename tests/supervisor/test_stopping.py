@@ -145,7 +145,7 @@ def test_a_process_that_does_not_end_when_restarted_is_killed(supervisor: Superv
     popen.wait(10)
     ending = ending or child.look()
     assert ending is not None and ending.killed and ending.asked
-    assert child.state == lifecycle.STOPPED and child.reason == "did not end within 3 s, killed"
+    assert child.state == lifecycle.STOPPED and child.reason == "stopped: did not end within 3 s, killed"
 
 
 def test_a_supervisor_that_cannot_begin_leaves_no_memory(

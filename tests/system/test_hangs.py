@@ -164,4 +164,4 @@ def test_who_never_ends_is_killed_in_real_time_on_a_busy_machine_too(robot: Robo
     with robot.popen("down"):
         wait_for(lambda: robot.state("supervisor") == "STOPPING", 60.0, "it is asked to end")
         assert gone_after_s(robot.pid("deaf")) < proc("user").stop_s + MARGIN_S
-    assert "deaf did not end within 3 s, killed" in robot.output()
+    assert "deaf stopped: did not end within 3 s, killed" in robot.output()

@@ -207,7 +207,8 @@ def test_each_state_of_a_process_has_its_words(state: str, lives: bool, kind: st
     ("exit code 0: its main has returned", "restart", "STOPPED", "not running: exit code 0: its main has returned"),
     ("exit code 0: its main has returned", "stay-down", "STOPPED", ""),
     ("exit code 4", "restart", "RUNNING", ""), ("stopped", "restart", "STOPPED", ""),
-    ("done", "restart", "STOPPED", ""), ("", "restart", "STOPPED", "")])
+    ("stopped: did not end within 3 s, killed", "restart", "STOPPED", ""), ("done", "restart", "STOPPED", ""),
+    ("", "restart", "STOPPED", "")])
 def test_who_has_ended_by_itself_does_not_run_unless_its_row_lets_it_end(
         reason: str, on_exit: str, lifecycle: str, problem: str) -> None:
     page: Any = SilentPage()
@@ -234,6 +235,11 @@ def test_a_fault_is_a_sentence_with_and_without_a_reason(reason: str, said: str)
 def test_what_a_dead_process_left_says_how_old_it_is() -> None:
     one = Standing("PSM1", "arm", "ENABLED HOMED", True, "", age_s=12.3)
     assert standing.cells(one) == ("PSM1", "ENABLED HOMED, 12 s ago", "–", "")
+
+
+def test_a_remedy_that_a_problem_names_is_not_repeated() -> None:
+    hung = process("bloop", "not running: hung for 5.0 s, killed; where: trocar logs bloop", "user")
+    assert first_thing([hung], []).endswith("where: trocar logs bloop: trocar start bloop")
 
 
 def test_a_third_party_program_that_hangs_is_ended_first() -> None:

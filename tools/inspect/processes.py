@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from procs.document.process import ALWAYS, ELSEWHERE, Process, processes_of
+from procs.lifecycle import is_meant
 from procs.manifest import IN_TIME, THIRD_PARTY, late_s
 from procs.realtime import NO_FIFO, NOT_LOCKED, ORDINARY
 from shm import directory
@@ -37,7 +38,6 @@ BEGINNING = ("CREATED", "STARTING", "RESTARTING")
 SENTENCES = {DEAD: "{} is dead", STALLED: "{} is stalled", SILENT: "{} is silent", FAILED: "{} failed",
              NOT_RUNNING: "{} is not running", STOPPED: "{} is stopped"}
 """Of problems that are a word; all others are what a process says of itself."""
-MEANT = "stopped", "done"  # how a process ends that was asked to, or that nobody wanted
 SAYS_WHY = FAILED, NOT_RUNNING, STOPPED
 ENDING = ("STOPPING", "RESTARTING")  # the process may not have heard of it yet
 COUNTS = ("cycles", "missed", "overruns", "pauses")
@@ -146,7 +146,7 @@ def statuses(system: str) -> list[ProcessStatus]:
 
 def _is_stopped(one: ProcessStatus, rows: Mapping[str, Process]) -> bool:
     """An operator has stopped it, and the system lacks it."""
-    return one.exit_reason == "stopped" and one.lifecycle == "STOPPED" and not one.problem and (
+    return one.exit_reason.partition(":")[0] == STOPPED and one.lifecycle == "STOPPED" and not one.problem and (
         one.name in rows and rows[one.name].start == ALWAYS)
 
 
@@ -230,7 +230,7 @@ def _problem(row: Process, state: str, lives_on: bool, page: ControlPage, simula
     if state == "FAILED":
         return f"{FAILED}: {plain(page.get('error'))}"
     if not lives_on:
-        ended_by_itself = lifecycle == "STOPPED" and row.on_exit == "restart" and exit_reason not in MEANT
+        ended_by_itself = lifecycle == "STOPPED" and row.on_exit == "restart" and not is_meant(exit_reason)
         if exit_reason and (state == "CREATED" or (state == "STOPPED" and ended_by_itself)):
             return f"{NOT_RUNNING}: {exit_reason}"
         return DEAD if row.kind == SUPERVISOR or state in ("STARTING", "RUNNING", "STOPPING") else ""

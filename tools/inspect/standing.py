@@ -221,20 +221,20 @@ def in_a_line(processes: Sequence[ProcessStatus], found: Sequence[Standing]) -> 
 def _help(process: ProcessStatus) -> str:
     """What a person types for a process that has a problem."""
     name, problem = process.typed, process.problem
-    is_dead = problem == DEAD or problem.startswith(FAILED)
+    is_dead, logs = problem == DEAD or problem.startswith(FAILED), f"trocar logs {process.name}"
+    why = "" if logs in problem else f"; {logs} may say why"
     if process.kind == SUPERVISOR or problem.endswith(GONE):
         return f"{'' if is_dead else 'trocar down; then '}trocar up FILE starts the system again"
     if problem in (SILENT, DEAD) and not process.lifecycle:
         end = f"end it (kill {process.pid}), then " if problem == SILENT else ""
         return f"it is a third-party program; {end}start it again"
     if process.host:  # that one goes on
-        return f"trocar restart {name}; trocar logs {process.name} may say why" if is_dead else (
-            f"trocar logs {process.name}")
+        return f"trocar restart {name}{why}" if is_dead else logs
     if problem == STOPPED:
         return f"trocar start {name}"
     if is_dead or problem.startswith(NOT_RUNNING):
-        return f"trocar start {name}; trocar logs {name} may say why"
-    return f"trocar restart {name}" if problem == STALLED else f"trocar logs {name}"
+        return f"trocar start {name}{why}"
+    return f"trocar restart {name}" if problem == STALLED else logs
 
 
 def _cause_first(one: Standing) -> tuple[bool, int]:
