@@ -19,6 +19,7 @@ from shm.clock import monotonic_ns
 HEALTHY_NS: Final = 10_000_000_000
 SETUP_S: Final = 60.0
 SETTLES_S: Final = 0.3  # so long after its setup, and a period, a user's process has shown that it runs
+GIVEN_UP: Final = "; given up after "
 TRACE_S: Final = 1.0  # how long a process may take to write where it hangs
 
 
@@ -109,6 +110,8 @@ class Child:
 
     def start(self) -> None:
         """A process is wanted: it begins now, or when the one before has ended, or it runs already."""
+        if self.given_up:
+            self.reason = self.reason.rpartition(GIVEN_UP)[0]
         self._step_by_hand(lifecycle.START)
 
     def stop(self) -> None:
@@ -207,7 +210,7 @@ class Child:
             return
         if self.failures > self.row.restart_limit:
             self.given_up = True
-            self.reason += f"; given up after {self.row.restart_limit} restarts"
+            self.reason += f"{GIVEN_UP}{self.row.restart_limit} restarts"
             return
         wait_s = self.row.backoff_s * 2 ** (self.failures - 1)
         self.restart_at_ns = now + round(wait_s * 1e9)

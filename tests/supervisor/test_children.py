@@ -190,6 +190,7 @@ def test_deaths_are_repeated_ever_later_until_nobody_tries_any_more(system: IoAn
     system.asked("start")
     system.goes_on()
     assert system.arm.is_up and not system.arm.given_up
+    assert system.arm.reason == "exit code 4: ", "it is tried again"
 
 
 def test_a_stop_ends_the_trying(system: IoAndArm) -> None:
