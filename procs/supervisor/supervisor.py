@@ -125,6 +125,7 @@ class Supervisor:
         self._demands = [self._demand(child) for child in self.children if child.row.start == ON_DEMAND]
         self._requests, self._clearings = Requests(self.children), Clearings(system)
         self._shown: list[tuple[str, int, int, str, bool]] = []
+        self._awaited: list[Child] = []  # who has to come up now, or the start is given up
         self.killed = 0  # who were asked to end and took too long
 
     def _writes(self, topic: str) -> RingWriter:
@@ -176,10 +177,11 @@ class Supervisor:
                     return
                 child.start()
                 self.beat()
-            ours = [child for child in children if not proc(child.row.kind).declared]  # nobody waits for a user's
-            self._step_until(partial(_all_up, ours, self.system.name), lambda: bool(self.stopping))
+            self._awaited = [child for child in children if not proc(child.row.kind).declared]  # no user's process
+            self._step_until(partial(_all_up, self._awaited, self.system.name), lambda: bool(self.stopping))
             if self.stopping:
                 return
+        self._awaited = []
         self.page.show("RUNNING")
         self._show()
         if self.keeper is not None and not self._awaits_holder:
@@ -262,7 +264,9 @@ class Supervisor:
 
     def _ended(self, child: Child, ending: Ending) -> None:
         name = child.row.name
-        if not ending.asked:
+        if not ending.asked and child in self._awaited:
+            log.error("%s ended: %s; the system cannot start without it", name, child.reason)
+        elif not ending.asked:
             planned = "restarting" if child.restart_at_ns and not self.stopping else "not restarted"
             self.events.report(codes.PROCESS_ENDED, f"{name} ended: {child.reason}; {planned}", name)
         elif ending.killed:

@@ -17,7 +17,7 @@ from procs.supervisor import memory
 from procs.supervisor import supervisor as running
 from procs.supervisor.children import Child
 from procs.supervisor.os_process import OsProcess
-from procs.supervisor.supervisor import Supervisor
+from procs.supervisor.supervisor import SetupFailed, Supervisor
 from shm import directory
 from shm.clock import monotonic_ns
 from shm.control_page import ControlPage, create_control
@@ -133,6 +133,19 @@ def test_processes_of_another_version_are_waited_for_as_well(world: Any, monkeyp
     assert names_of(world.name)
     orphan.close()
     assert memory.clear_left_over(world.name) == 1
+
+
+def test_who_ends_while_the_system_starts_is_not_said_to_be_restarted(
+        supervisor: Supervisor, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
+    process = process_of(supervisor)
+    assert process.popen is not None
+    monkeypatch.setattr(supervisor._template, "has_imported", lambda: True)
+    monkeypatch.setattr(Child, "start", lambda _: None)  # it has begun
+    process.popen.kill()
+    with pytest.raises(SetupFailed, match="PSM1: killed by SIGKILL"):
+        supervisor.start_all()
+    assert "PSM1 ended: killed by SIGKILL; the system cannot start without it" in caplog.text
+    assert "restart" not in caplog.text
 
 
 def test_a_process_that_does_not_end_when_restarted_is_killed(supervisor: Supervisor) -> None:
