@@ -27,7 +27,7 @@ from procs.paths import NoStateFolder, log_folder, made_log_folder
 from procs.pauses import Pauses
 from procs.user_properties import Properties
 from procs.user_subscription import SLOWEST_NS, Subscription
-from procs.user_tables import arguments_of
+from procs.user_tables import arguments_of, handler_of
 from shm import directory, loglines
 from shm.clock import monotonic_ns
 from shm.commands import COMMANDS
@@ -335,8 +335,12 @@ class OwnProcess:
             return self.carries_out(request)
         if why := request.command.objection(request.values):
             raise ValueError(f"{request.name}: {why}")
-        handler = getattr(self, f"on_{request.name}", self._nothing_else)
-        return handler(*((request,) if handler == self._nothing_else else arguments_of(command, request)))
+        return handler_of(self, self.name, command)(*arguments_of(command, request))
+
+    def check_commands(self) -> None:
+        """ValueError: it cannot carry out what it declares."""
+        for command in self.declared.commands:
+            handler_of(self, self.name, command)
 
     def _nothing_else(self, request: Received) -> object:
         raise ValueError(f"{self.name} does not carry out {request.name}")
@@ -362,6 +366,7 @@ class OwnProcess:
     def begin(self) -> None:
         """Setup; from then on it runs."""
         self.setup()
+        self.check_commands()
         self.own.begin()
         self._pacing.begin(self.time.now_ns(), self.time.simulated)
 

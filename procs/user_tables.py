@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any, Protocol
 
 import numpy as np
@@ -70,6 +71,14 @@ def own_commands(system: SystemConfig, name: str) -> tuple[CommandRow, ...]:
     if user is not None:
         return commands_of(user)
     return tuple(command_row(row) for arm in system.arms if arm.name == name for row in arm.commands)
+
+
+def handler_of(made: object, name: str, command: UserCommand) -> Callable[..., Any]:
+    """`on_NAME` of the object that is the process `name`, for a command that it declares; ValueError: it has none."""
+    handler: Callable[..., Any] | None = getattr(made, f"on_{command.name}", None)
+    if handler is None:
+        raise ValueError(f"{type(made).__name__} has no on_{command.name}, which {name} declares")
+    return handler
 
 
 def command_row(row: UserCommand) -> CommandRow:

@@ -66,6 +66,9 @@ class Mine(OwnProcess):
         self.calls.append((force.tolist(), fast, why))
         return "gone"
 
+    def on_plain(self) -> None:
+        raise ValueError("mine is not plain")
+
     def on_follow(self, place: float) -> None:
         self.calls.append(place)
 
@@ -132,7 +135,17 @@ def test_commands_come_with_typed_arguments(make: Callable[..., Mine], client: C
     assert (done.outcome, done.text) == ("done", "gone")
     assert (refused.outcome, refused.text) == ("refused", "go: takes force (3) [N], fast 0|1; 3 given")
     assert (neither.outcome, neither.text) == ("refused", "go: fast 7; allowed: 0|1")
-    assert nobody.outcome == "refused" and "does not carry out plain" in nobody.text
+    assert nobody.outcome == "refused" and nobody.text == "mine is not plain"
+
+
+def test_what_is_declared_and_has_no_handler_ends_its_setup(make: Callable[..., Mine]) -> None:
+    class Deaf(Mine):
+        on_follow = None  # type: ignore[assignment]
+
+    mine = make(Deaf)
+    with pytest.raises(ValueError, match="Deaf has no on_follow, which mine declares"):
+        mine.run()
+    assert mine.calls == ["setup", "quit"] and mine.own.page.state == "STARTING"
 
 
 def test_of_setpoints_that_wait_the_latest_wins(make: Callable[..., Mine], client: Client) -> None:

@@ -26,10 +26,9 @@ from procs.arm.mtm.mtm import MtmLogic
 from procs.arm.psm.psm import PsmLogic
 from procs.arm.stages.stage import Stage
 from procs.arm.states import ArmEvent, ArmState
-from procs.document.system import ArmConfig
 from procs.document.user_process import UserCommand
 from procs.requests import CommandRefused, Request
-from procs.user_tables import arguments_of, command_row
+from procs.user_tables import arguments_of, command_row, handler_of
 from shm.command_row import FREE
 from shm.commands import COMMANDS
 
@@ -86,8 +85,7 @@ class DerivedArm(ArmLogic):
 
     def tables(self) -> Iterable[Table]:
         """See ArmLogic."""
-        arm = self.control.arm
-        return (*super().tables(), {row.name: self._row(arm, row) for row in arm.commands})
+        return (*super().tables(), {row.name: self._row(row) for row in self.control.arm.commands})
 
     def stages(self) -> Mapping[ArmState, Stage]:
         """See ArmLogic."""
@@ -98,12 +96,10 @@ class DerivedArm(ArmLogic):
         self._own, self._guarded = {name: made(self) for name, made in self.states.items()}, Guarded(self)
         return {**super().stages(), ArmState.OWN: self._guarded}
 
-    def _row(self, arm: ArmConfig, command: UserCommand) -> ArmCommandRow:
+    def _row(self, command: UserCommand) -> ArmCommandRow:
         if command.name in {row.name for row in COMMANDS["arm"]}:
             raise ValueError(f"{command.name} is a command of every arm; it needs another name")
-        handler = getattr(self, f"on_{command.name}", None)
-        if handler is None:
-            raise ValueError(f"{type(self).__name__} has no on_{command.name}, which {arm.name} declares")
+        handler = handler_of(self, self.control.arm.name, command)
 
         def do(request: Request) -> str | None:
             try:

@@ -15,6 +15,9 @@ class FunctionLoop(OwnProcess):
 
     module: ModuleType
 
+    def check_commands(self) -> None:
+        """See OwnProcess; its handlers, if any, are made in that function."""
+
     def main(self) -> None:
         """That function."""
         self.module.main(self)
