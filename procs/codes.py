@@ -303,8 +303,7 @@ ARM_ERROR: Final = Code(
     "do what the arm's error says, then enable teleoperation again")
 ARM_TIMEOUT: Final = Code(
     "arm-timeout", ERROR, "teleop", "one of its arms is silent; following has stopped",
-    "if it does not come back by itself, start it again: trocar start NAME, or its own program; then show "
-    "presence again")
+    "if it stays away, start it again: trocar start NAME, or its own program; then show presence again")
 ARM_RESTARTED: Final = Code(
     "arm-restarted", ERROR, "teleop", "one of its arms was started again; following has stopped",
     "show presence again; trocar logs NAME says why the arm ended")

@@ -139,11 +139,11 @@ def test_commands_come_with_typed_arguments(make: Callable[..., Mine], client: C
 
 
 def test_what_is_declared_and_has_no_handler_ends_its_setup(make: Callable[..., Mine]) -> None:
-    class Deaf(Mine):
+    class DeafToFoo(Mine):
         on_follow = None  # type: ignore[assignment]
 
-    mine = make(Deaf)
-    with pytest.raises(ValueError, match="Deaf has no on_follow, which mine declares"):
+    mine = make(DeafToFoo)
+    with pytest.raises(ValueError, match="DeafToFoo has no on_follow, which mine declares"):
         mine.run()
     assert mine.calls == ["setup", "quit"] and mine.own.page.state == "STARTING"
 

@@ -7,7 +7,7 @@ class Problem(Exception):
     """Something is wrong with the robot or its surroundings: exit code 1. The message says what and what to do."""
 
 
-class Taken(Problem):
+class PlaceTaken(Problem):
     """Another program has the place, and keeps it until it is ended: waiting is no help."""
 
 

@@ -25,7 +25,7 @@ from shm.origins import SenderId
 from shm.received import Received
 from tools.client.instance import known_state
 from tools.client.values import Array, numbers, six_numbers
-from tools.errors import Problem, Refused, Taken
+from tools.errors import PlaceTaken, Problem, Refused
 from tools.systems import unknown
 
 KIND: Final = "third_party"
@@ -232,7 +232,7 @@ class Provider:
 
 
 def taken(system: str, name: str, rate: float, commands: Mapping[str, Handler] | None, program: str) -> Provider:
-    """A place for this program; Problem when there is none of this name, Taken when another program has it."""
+    """A place for this program; Problem when there is none of this name, PlaceTaken when another program has it."""
     _checked(name, commands or {})
     if not SLOWEST <= rate <= FASTEST:
         raise ValueError(f"{name}: {rate:g} records a second; allowed are {SLOWEST:g} to {FASTEST:g}")
@@ -251,7 +251,7 @@ def taken(system: str, name: str, rate: float, commands: Mapping[str, Handler] |
 
 
 def _check_free(system: str, name: str) -> None:
-    """Taken names the program that has the place."""
+    """PlaceTaken names the program that has the place."""
     with contextlib.closing(ControlPage(system, name)) as page:
         first = page.segment.identity()
         if not page.segment.claimed():
@@ -261,8 +261,8 @@ def _check_free(system: str, name: str) -> None:
         known = reader.field("program").item().decode(errors="replace") if reader.newest() else ""
     finally:
         reader.close()
-    raise Taken(f"{name}: {f'program {known}' if known else 'a program'} (pid {first.pid}) has this place already; "
-                f"end it first: kill {first.pid}")
+    raise PlaceTaken(f"{name}: {f'program {known}' if known else 'a program'} (pid {first.pid}) has this place "
+                     f"already; end it first: kill {first.pid}")
 
 
 def _places(document: SystemConfig, name: str) -> dict[str, ThirdParty]:

@@ -13,7 +13,7 @@ from tools.client.consoles import Operated
 from tools.client.instance import Instance
 from tools.client.shared import SharedWays
 from tools.client.sounds import Sounds
-from tools.errors import NotThere, Problem, Taken
+from tools.errors import NotThere, PlaceTaken, Problem
 from tools.inspect.processes import ProcessStatus, statuses
 from tools.inspect.watch import arm_names, document_of
 from tools.systems import is_up
@@ -68,12 +68,12 @@ def attached(kind: str, make: Callable[[str, str], Found], system: str, name: st
 
 
 def connected(attach: Callable[[], T], timeout: float, what: str) -> T:
-    """What `attach` gives, once it does; TimeoutError with the last problem after `timeout` s; NotThere, Taken."""
+    """What `attach` gives, once it does; TimeoutError with the last problem after `timeout` s; NotThere, PlaceTaken."""
     end = monotonic_ns() + round(timeout * 1e9)
     while True:
         try:
             return attach()
-        except (NotThere, Taken):
+        except (NotThere, PlaceTaken):
             raise
         except (Problem, SegmentError) as error:
             if monotonic_ns() >= end:
