@@ -68,6 +68,15 @@ def test_mistake_is_named_with_its_place(
     assert problem.file == str(home.path / SYSTEM)
 
 
+@pytest.mark.parametrize(("content", "text"), [(b"a = 1\nclass Mine(:\n", "mine.py line 2: "), (b"a = \0", "mine.py")])
+def test_a_module_that_python_cannot_read_is_found_and_not_run(
+        home: Home, beside: Path, content: bytes, text: str) -> None:
+    beside.write_bytes(content)
+    attach(home, "{module: mine.py, name: Mine}")
+    problem = home.error()
+    assert problem.key == "trocar.io.tasks[0].module" and text in problem.text
+
+
 def test_budgets_leave_half_the_period_to_others(home: Home, beside: Path) -> None:
     attach(home, *["{module: mine.py, name: Mine, budget_us: 120}"] * 3)
     problem = home.error()
