@@ -118,11 +118,11 @@ class OwnMemory:
         self._subscribers.clear()
         self._held.close()
 
-    def begin(self) -> None:
-        """From now on it runs: what waits in the mailbox was for a predecessor, and is refused."""
+    def begin(self, error: str = "") -> None:
+        """From now on it runs, maybe with an error: what waits in the mailbox was for a predecessor, and is refused."""
         if self._mailbox is not None:
             self._mailbox.refuse_waiting(self._begun[0])
-        self.page.show("RUNNING")
+        self.page.show("RUNNING", error)
 
     def report_pause(self, held_up_ns: int) -> None:
         """It was held up for so long that it restarts, as if it had been killed and started again."""

@@ -41,6 +41,7 @@ BEAT_NS: Final = 50_000_000
 SIMULATED_NS: Final = 2_000_000  # between two looks at simulated time
 CHECK_NS: Final = 100_000_000
 SIMULATED_LOST: Final = 10
+REMEDY: Final = "trocar "  # in an error: what a person types
 READ, WRITE, EXCEPT = select.POLLIN, select.POLLOUT, select.POLLPRI
 
 
@@ -245,7 +246,7 @@ class OwnProcess:
     @error.setter
     def error(self, text: str) -> None:
         if text and text != self.error:
-            self.own.events.report(codes.USER_ERROR, text, self.name)
+            self.own.events.report(codes.USER_ERROR, text, self.name, has_remedy=REMEDY in text)
         self.own.page.field("error")[...] = shorten(text, 399)
 
     # what it hears
@@ -367,7 +368,7 @@ class OwnProcess:
         """Setup; from then on it runs."""
         self.setup()
         self.check_commands()
-        self.own.begin()
+        self.own.begin(self.error)
         self._pacing.begin(self.time.now_ns(), self.time.simulated)
 
     def step(self) -> None:

@@ -85,11 +85,14 @@ class Events:
         self.emit("status", text, severity=STATUS, component=component)
 
     def report(self, code: EventCode, text: str, component: str = "", axis: int = -1, value: float = math.nan,
-               limit: float = math.nan, board: int = -1) -> None:
-        """A warning: something a person should know; or an error: something failed, and the robot has reacted."""
+               limit: float = math.nan, board: int = -1, has_remedy: bool = False) -> None:
+        """A warning: something a person should know; or an error: something failed, and the robot has reacted.
+
+        `has_remedy`: the text names one, and that of the table has nothing to add.
+        """
         about = self._typed if component in ("", self._name) else component
         self.emit(SEVERITIES[code.severity], text, severity=code.severity, code=code.code, component=component,
-                  axis=axis, value=value, limit=limit, board=board, hint=code.remedy_for(about))
+                  axis=axis, value=value, limit=limit, board=board, hint="" if has_remedy else code.remedy_for(about))
 
     def operating_state(self, state: str, sub_state: str, is_homed: bool, is_busy: bool) -> None:
         """The operating state, on every change and as the answer to every state command."""

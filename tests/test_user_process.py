@@ -148,6 +148,21 @@ def test_what_is_declared_and_has_no_handler_ends_its_setup(make: Callable[..., 
     assert mine.calls == ["setup", "quit"] and mine.own.page.state == "STARTING"
 
 
+def test_an_error_of_setup_stays_and_one_that_names_a_command_has_no_other_remedy(make: Callable[..., Mine]) -> None:
+    class Forgetful(Mine):
+        def setup(self) -> None:
+            self.error = "nothing yet: trocar send mine plain"
+
+    mine = make(Forgetful)
+    mine.begin()
+    assert mine.own.page.state == "RUNNING" and mine.error == "nothing yet: trocar send mine plain"
+    mine.error = "no sensor"
+    events = directory.reader(mine.system, "mine", "events")
+    hints = [row["hint"] for row in events.last(10) if row["event"] == b"error"]
+    assert hints[0] == b"" and b"trocar restart mine" in hints[1]
+    events.close()
+
+
 def test_of_setpoints_that_wait_the_latest_wins(make: Callable[..., Mine], client: Client) -> None:
     mine = make()
     for place in (1.0, 2.0, 3.0):

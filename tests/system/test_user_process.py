@@ -87,6 +87,7 @@ def test_the_examples_of_the_page_run_and_their_deaths_change_nothing_else(robot
     before, arm_before = robot.kill("box"), robot.pid("PSM1")
     wait_for(lambda: robot.state("box") == "RUNNING" and robot.pid("box") != before, 60, "the box is back")
     robot.pids.add(robot.pid("box"))
+    assert problem(robot, "box") == "pushes nothing yet: trocar send box keep_in 1", "it has forgotten the command"
     assert robot.pid("PSM1") == arm_before and robot.state("force") == "RUNNING"
     epoch, lab = smooth.epoch, robot.kill("lab")
     wait_for(lambda: smooth.epoch > epoch and smooth.newest(), 60, "the filters are back")

@@ -240,6 +240,8 @@ def test_what_a_dead_process_left_says_how_old_it_is() -> None:
 def test_a_remedy_that_a_problem_names_is_not_repeated() -> None:
     hung = process("bloop", "not running: hung for 5.0 s, killed; where: trocar logs bloop", "user")
     assert first_thing([hung], []).endswith("where: trocar logs bloop: trocar start bloop")
+    own = "pushes no more: power was lost; again: trocar send box keep_in 1"
+    assert first_thing([process("box", own, "user")], []) == f"box: {own}"
 
 
 def test_a_third_party_program_that_hangs_is_ended_first() -> None:

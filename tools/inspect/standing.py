@@ -21,6 +21,7 @@ from tools.inspect.processes import (
     FAILED,
     NOT_ATTACHED,
     NOT_RUNNING,
+    SENTENCES,
     SILENT,
     STALLED,
     STOPPED,
@@ -32,6 +33,7 @@ from tools.running import SUPERVISOR
 
 FAULT, OFF = "FAULT", "teleoperation off"
 FAULT_KEYS = ("code", "component", "axis", "board", "value", "limit", "text", "hint", "monotonic_ns", "local_ns")
+REMEDY = "trocar "  # in what a process says of itself: what a person types
 NEVER = "–"  # has shown nothing yet
 COLUMNS = ("name", "state", "homed", "why, or what it waits for")
 
@@ -186,7 +188,7 @@ def first_thing(processes: Sequence[ProcessStatus], found: Sequence[Standing]) -
     unwell = [process for process in processes if process.problem]
     first = next((process for process in unwell if process.moves_the_robot), None)
     if first is not None:
-        return f"{first.said}: {_help(first)}"
+        return _with_help(first)
     faults = sorted((one for one in found if one.is_fault), key=_cause_first)
     if faults:
         one = faults[0]
@@ -196,7 +198,7 @@ def first_thing(processes: Sequence[ProcessStatus], found: Sequence[Standing]) -
             f"{one.name} is in FAULT")
         return f"{what}{hint}{f'. Then: trocar home {others}' if others else ''}"
     if unwell:
-        return f"{unwell[0].said}: {_help(unwell[0])}"
+        return _with_help(unwell[0])
     waiting = next((one for one in found if one.person), None)
     if waiting is not None:
         return f"{waiting.name} waits: {waiting.reason}"
@@ -216,6 +218,12 @@ def in_a_line(processes: Sequence[ProcessStatus], found: Sequence[Standing]) -> 
     """The last line of `status`: all well, and what may come next, or the first thing to do."""
     first, then = first_thing(processes, found), next_step(found)
     return f"first: {first}" if first else f"all well; next: {then}" if then else "all well"
+
+
+def _with_help(process: ProcessStatus) -> str:
+    """Its problem and what a person types; a process that names that itself needs no other."""
+    is_its_own = process.problem.partition(":")[0] not in SENTENCES and REMEDY in process.problem
+    return process.said if is_its_own else f"{process.said}: {_help(process)}"
 
 
 def _help(process: ProcessStatus) -> str:
