@@ -69,11 +69,12 @@ def test_mistakes_are_told_with_their_line(tmp_path: Path, lines: tuple[str, ...
     assert says in str(caught.value)
 
 
-def test_the_player_says_in_a_line_that_there_is_no_system(monkeypatch: pytest.MonkeyPatch,
-                                                           capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_player_finds_a_stock_file_from_any_folder_and_says_that_there_is_no_system(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(here, "connected", lambda attach, timeout, what: connected(attach, 0.0, what))
     with pytest.raises(typer.Exit) as ended:
-        guarded(recorded_master)(PROJECT_CONFIGS / "recordings/circle.csv", system="nosuch", rate=200.0)
+        guarded(recorded_master)(Path("configs/recordings/circle.csv"), system="nosuch", rate=200.0)
     assert ended.value.exit_code == 1
     assert "trocar: MTMR is not connected after 0 s: no system nosuch is up" in capsys.readouterr().err
 

@@ -10,6 +10,7 @@ from typing import Annotated
 
 import typer
 
+from procs.paths import given_file
 from tools.cli import guarded
 from tools.client.provider import Provider
 from tools.client.scripting import provide
@@ -57,7 +58,7 @@ def recorded_master(
 
     Example: python -m tools.examples.recorded_master configs/recordings/circle.csv --press operator_present --times 4
     """
-    recording = read_recording(file)
+    recording = read_recording(given_file(file))
     with provide(arm, system, rate=rate, program="recorded_master") as master:
         note(f"{arm} is {file.name}: {recording.seconds:g} s, {times} times; Ctrl-C ends it")
         try:
