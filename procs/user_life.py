@@ -11,6 +11,7 @@ from types import ModuleType
 
 from procs import runtime
 from procs.document.system import SystemConfig, from_json
+from procs.setup_error import explains_itself
 from procs.user_process import OwnProcess
 from shm import directory
 from shm.control_page import ControlPage
@@ -50,7 +51,7 @@ def live(kind: str, find: Callable[[SystemConfig, str], type[OwnProcess]]) -> No
         why = runtime.cause_of(error)
         if not isinstance(error, SystemExit) or error.code:
             running = shown.state == "RUNNING"
-            log.exception("ended by an error")
+            log.error("ended by an error: %s", error, exc_info=not explains_itself(error))
             shown.show("FAILED", why)
             sys.exit(runtime.LOOP_FAILED if running else runtime.SETUP_FAILED)
     why = why or process.stop_reason or "its main has returned"

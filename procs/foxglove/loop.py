@@ -9,6 +9,7 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Final
 
 from procs.document.system import SystemConfig
+from procs.setup_error import SetupError
 from procs.user_life import live
 from procs.user_process import OwnProcess
 
@@ -24,12 +25,12 @@ class FoxgloveLoop(OwnProcess):
     _server: TopicServer | None = None
 
     def setup(self) -> None:
-        """Offer all topics; RuntimeError where the package is missing or the address is taken."""
+        """Offer all topics; SetupError where the package is missing, RuntimeError where the address is taken."""
         row = self.own.document.foxglove
         if row is None:
             raise ValueError(f"{self.system} has no Foxglove server")
         if find_spec("foxglove") is None:
-            raise RuntimeError(MISSING)
+            raise SetupError(MISSING)
         from procs.foxglove.server import TopicServer
 
         self._server = TopicServer(self.own.document, row, self.time.simulated)

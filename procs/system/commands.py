@@ -78,10 +78,12 @@ class SystemCommands:
             request.fail(problems) if problems else request.done()
         self._asked.clear()
 
-    def _set_volume(self, request: Request) -> None:
-        self.volume = min(max(float(request.values[0]), 0.0), 1.0)
+    def _set_volume(self, request: Request) -> str:
+        asked = float(request.values[0])
+        self.volume = min(max(asked, 0.0), 1.0)
         self._events.emit("volume", value=self.volume)
         self._events.status(f"system: volume {100.0 * self.volume:.0f} %", "system")
+        return "" if asked == self.volume else f"clipped: volume {asked:g} → {self.volume:g}"
 
     def _beep(self, request: Request) -> None:
         given = (*map(float, request.values), *(BEEP_S, BEEP_HZ, self.volume)[len(request.values) :])

@@ -99,7 +99,8 @@ def test_home_asked_again_while_arms_are_homed_ends_with_the_first_and_is_no_err
 
 def test_volume_is_clamped() -> None:
     stage = CommandStage()
-    assert stage.ask("set_volume", 1.7).outcome == "done" and stage.commands.volume == 1.0
+    clipped = stage.ask("set_volume", 1.7)
+    assert clipped.answers[-1] == ("done", "clipped: volume 1.7 → 1") and stage.commands.volume == 1.0
     assert ("volume", "") in stage.events.reported
     assert stage.ask("set_volume", math.nan).outcome == "refused" and stage.commands.volume == 1.0
 
