@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import faulthandler
 import gc
 import logging
 import os
@@ -322,6 +323,7 @@ def _run_one(node: Node, make: Callable[[Node], Loop]) -> None:
 def process(kind: str) -> Iterator[Node]:
     """The life of one process: arguments, attach, logging, signals, priority; an exit code on every path."""
     chosen = arguments(kind)
+    faulthandler.register(signal.SIGUSR1, file=2, all_threads=False)  # its log shows where it hangs, see supervisor
     try:
         node = Node(kind, chosen.system, chosen.name)
     except (SegmentError, KeyError, ValueError) as error:

@@ -20,7 +20,8 @@ HEALTHY_NS: Final = 10_000_000_000
 SETUP_S: Final = 60.0
 SETTLES_S: Final = 0.3  # so long after its setup, and a period, a user's process has shown that it runs
 GIVEN_UP: Final = "; given up after "
-TRACE_S: Final = 1.0  # how long a process may take to write where it hangs
+TRACE_S: Final = 1.0  # how long a user's process may take to write where it hangs, and to end
+SHORT_TRACE_S: Final = 0.03  # any other: what it holds waits for its successor
 
 
 class Running(Protocol):
@@ -42,6 +43,12 @@ class Running(Protocol):
 
     def abort(self) -> None:
         """It writes in its log where it hangs, and ends."""
+
+    def trace(self) -> None:
+        """It writes in its log where it hangs; what is stopped stays so."""
+
+    def where(self) -> str:
+        """What it wrote of that, in a few words; empty: nothing."""
 
     def kill(self) -> None:
         """It ends at once."""
@@ -175,13 +182,18 @@ class Child:
             self.refused = f"could not be started: {error}"
 
     def _kill(self, verdict: str) -> None:
-        """A process that can write where it hangs has TRACE_S to do so, and is killed when it is not gone by then."""
-        if proc(self.row.kind).declared and not self.verdict:
-            self.kill_at_ns, self.verdict = self.now_ns() + round(TRACE_S * 1e9), verdict
+        """It gets a short time to write where it hangs; the second time it is killed."""
+        if self.verdict:
+            self.kill_at_ns = 0
+            self.process.kill()
+            return
+        is_users = proc(self.row.kind).declared
+        self.verdict = verdict
+        self.kill_at_ns = self.now_ns() + round((TRACE_S if is_users else SHORT_TRACE_S) * 1e9)
+        if is_users:
             self.process.abort()
         else:
-            self.kill_at_ns, self.verdict = 0, self.verdict or verdict
-            self.process.kill()
+            self.process.trace()
 
     def _ended(self, code: int | None, pid: int) -> Ending:
         asked, why = self.state != lifecycle.RUNNING, self.refused or self.verdict
@@ -192,8 +204,8 @@ class Child:
             self.reason = lifecycle.ASKED if well else lifecycle.DONE
         else:
             self.reason = f"{lifecycle.ASKED}: {why}" if asked else why
-        if self.verdict and code == -signal.SIGABRT:
-            self.reason += f"; where: trocar logs {self.row.name}"
+        if self.verdict and not well and (where := self.process.where()):
+            self.reason += f"; where: {where}, trocar logs {self.row.name}"
         killed, ran_s = bool(self.verdict) and not well, (self.now_ns() - self.begun_ns) * 1e-9
         if asked:
             self.process.show_stopped()

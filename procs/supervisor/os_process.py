@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -10,6 +12,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 from procs.document.system import Process
 from procs.manifest import proc
@@ -17,6 +20,8 @@ from procs.supervisor.forking import ENVIRON, Forked, Template
 from procs.supervisor.template import ROOT
 from shm.control_page import ControlPage
 
+FRAME: Final = re.compile(r'most recent call first\):\n  File "(?P<file>.*)", line (?P<line>\d+) in (?P<function>.*)')
+TRACE_BYTES: Final = 1 << 16
 HANDOVER = Path(__file__).with_name("handover.py")
 
 
@@ -34,6 +39,7 @@ class OsProcess:
     template: Template
     sockets: Sequence[socket.socket] = ()
     popen: subprocess.Popen[bytes] | Forked | None = None
+    _log_size: int = 0  # before it wrote where it hangs
 
     @property
     def pid(self) -> int:
@@ -69,9 +75,31 @@ class OsProcess:
 
     def abort(self) -> None:
         """SIGABRT, at which Python writes where each thread is (faulthandler, procs/user_life.py)."""
+        self._log_size = self._size()
         if self.popen is not None:
             self.popen.send_signal(signal.SIGABRT)
             self.popen.send_signal(signal.SIGCONT)
+
+    def trace(self) -> None:
+        """SIGUSR1, at which Python writes where its main thread is, and goes on (faulthandler, procs/runtime.py)."""
+        self._log_size = self._size()
+        if self.popen is not None:
+            self.popen.send_signal(signal.SIGUSR1)
+
+    def where(self) -> str:
+        """The file, line and function that it wrote first; empty: it wrote none."""
+        begin = self._log_size if self._size() >= self._log_size else 0  # a new file has begun
+        with contextlib.suppress(OSError), self.log.open("rb") as log:
+            log.seek(begin)
+            if found := FRAME.search(log.read(TRACE_BYTES).decode(errors="replace")):
+                return f"{Path(found['file']).name} line {found['line']} in {found['function']}"
+        return ""
+
+    def _size(self) -> int:
+        """Bytes in its log; it may have been removed."""
+        with contextlib.suppress(OSError):
+            return self.log.stat().st_size
+        return 0
 
     def kill(self) -> None:
         """SIGKILL."""

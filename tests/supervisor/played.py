@@ -20,6 +20,7 @@ class PlayedProcess:
     asked: bool = False
     hangs: bool = False
     stopped: bool = False
+    traced: bool = False
     shown_stopped: bool = False
     failure_is_past: bool = False
     lacks_memory: bool = False
@@ -37,7 +38,7 @@ class PlayedProcess:
         if self.lacks_memory:
             raise OSError("no memory")
         self.begun, self.runs, self.said = self.begun + 1, True, ""
-        self.ready = self.asked = self.hangs = False
+        self.ready = self.asked = self.hangs = self.traced = False
         self.notes.append("setup")
 
     def goes_on(self) -> None:
@@ -62,8 +63,17 @@ class PlayedProcess:
 
     def abort(self) -> None:
         """It ends unless it is stopped."""
+        self.traced = not self.stopped
         if not self.stopped:
             self.ends(-signal.SIGABRT)
+
+    def trace(self) -> None:
+        """It writes where it is unless it is stopped, and goes on."""
+        self.traced = not self.stopped
+
+    def where(self) -> str:
+        """As its log has it."""
+        return "wall.py line 12 in step" if self.traced else ""
 
     def kill(self) -> None:
         """It ends whatever it does."""

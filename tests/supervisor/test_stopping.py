@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 import signal
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
@@ -135,6 +137,40 @@ def test_processes_of_another_version_are_waited_for_as_well(world: Any, monkeyp
     assert memory.clear_left_over(world.name) == 1
 
 
+HANGING = """
+import faulthandler, signal
+faulthandler.register(signal.SIGUSR1, file=2, all_threads=False)
+def step():
+    print("up", flush=True)
+    while True:
+        pass
+step()
+"""
+
+
+def test_a_process_that_hangs_is_traced_goes_on_and_its_end_says_where(
+        supervisor: Supervisor, tmp_path: Path) -> None:
+    child, process = supervisor.children[0], process_of(supervisor)
+    (tmp_path / "wall.py").write_text(HANGING)
+    process.log.write_bytes(b'old (most recent call first):\n  File "other.py", line 1 in other\n')
+    first = process.popen
+    with process.log.open("ab") as log:
+        process.popen = subprocess.Popen([sys.executable, tmp_path / "wall.py"], stdout=subprocess.PIPE, stderr=log)
+    stdout = process.popen.stdout
+    assert stdout is not None and stdout.readline() == b"up\n"
+    child.kill_hung(1.0)
+    begin_ns, ending = monotonic_ns(), None
+    while ending is None and monotonic_ns() < begin_ns + 30 * NS:
+        ending = child.look()
+    assert ending is not None
+    assert re.fullmatch(r"hung for 1.0 s, killed; where: wall.py line [67] in step, trocar logs PSM1", ending.text)
+    assert monotonic_ns() < begin_ns + NS, "it is not kept for long"
+    stdout.close()
+    assert isinstance(first, subprocess.Popen)
+    first.kill()
+    first.wait(10)
+
+
 def test_who_ends_while_the_system_starts_is_not_said_to_be_restarted(
         supervisor: Supervisor, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
     process = process_of(supervisor)
@@ -155,6 +191,8 @@ def test_a_process_that_does_not_end_when_restarted_is_killed(supervisor: Superv
     child.stop()
     child.kill_at_ns = 1
     ending = child.look()
+    child.kill_at_ns = 1
+    ending = ending or child.look()
     popen.wait(10)
     ending = ending or child.look()
     assert ending is not None and ending.killed and ending.asked

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.system.robot import DEMO, UP_S, Robot, wait_for
-from tests.system.test_user_failures import problem
+from tests.system.test_user_failures import problem, reason
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 
@@ -16,10 +16,13 @@ PUSH = """
 class Push:
     def __init__(self, robot):
         self.effort, self.fails = robot.options["effort"], robot.options.get("fails")
+        self.hangs = robot.options.get("hangs")
 
     def step(self, sample, effort):
         if self.fails and sample.enabled:
             raise RuntimeError("no more")
+        while self.hangs and sample.enabled:
+            pass
         effort[0] = self.effort
 """
 
@@ -51,12 +54,22 @@ def test_a_task_that_was_detached_is_shown_until_io_begins_anew(robot: Robot, tm
     assert problem(robot, "IO1") == ""
     robot.home()
     wait_for(lambda: problem(robot, "IO1") != "", 30.0, "it failed")
-    assert problem(robot, "IO1") == ("in-cycle task push.Push of PSM1 is detached: line 8: RuntimeError: no more; "
+    assert problem(robot, "IO1") == ("in-cycle task push.Push of PSM1 is detached: line 9: RuntimeError: no more; "
                                      "trocar restart IO1 attaches it again")
     assert "first: IO1: in-cycle task push.Push" in robot.trocar("status", code=1)
     robot.trocar("restart", "IO1", "--yes")
     robot.pids.add(robot.pid("IO1"))
     assert problem(robot, "IO1") == "" and robot.down() == 0
+
+
+def test_a_task_that_hangs_is_named_with_its_line(robot: Robot, tmp_path: Path) -> None:
+    robot.up(system_file(tmp_path, "{effort: 1.2, hangs: true}"))
+    io = robot.pid("IO1")
+    robot.trocar("home", code=None)
+    wait_for(lambda: robot.pid("IO1") not in (0, io), 60.0, "it is killed, and started again")
+    robot.pids.add(robot.pid("IO1"))
+    assert "; where: push.py line 1" in reason(robot, "IO1") and " in step, trocar logs IO1" in reason(robot, "IO1")
+    assert 'push.py", line 1' in robot.trocar("logs", "IO1") and robot.down() == 0
 
 
 def test_a_task_that_cannot_be_made_refuses_the_start(robot: Robot, tmp_path: Path) -> None:

@@ -96,7 +96,7 @@ def test_a_broken_and_a_hanging_process_change_nothing_else(robot: Robot, tmp_pa
     robot.trocar("send", "stuck", "hang", "--timeout", "0.1", code=None)
     wait_for(lambda: robot.state("stuck") == "RUNNING" and robot.pid("stuck") != stuck, 60, "killed and started again")
     robot.pids.add(robot.pid("stuck"))
-    assert "hung for" in reason(robot, "stuck") and reason(robot, "stuck").endswith("where: trocar logs stuck")
+    assert "hung for" in reason(robot, "stuck") and reason(robot, "stuck").endswith(" in on_hang, trocar logs stuck")
     line = PROGRAM[:PROGRAM.index("time.sleep")].count("\n") + 1
     assert f'mine.py", line {line} in on_hang' in robot.trocar("logs", "stuck")
     assert robot.pid("PSM1") == arm and robot.state("PSM1") == "RUNNING"
@@ -113,7 +113,8 @@ def test_one_that_ends_by_itself_says_so_and_is_not_said_to_run(robot: Robot, tm
         assert why in robot.trocar("start", name, code=1)
         assert f"ended: {why.removeprefix('exit code 0: ')}" in robot.trocar("logs", name)
         robot.trocar("stop", name, "--yes")
-        assert robot.state(name) == "STOPPED" and problem(robot, name) == "stopped" and why in reason(robot, name)
+        assert robot.state(name) == "STOPPED" and problem(robot, name) == "stopped"
+        assert reason(robot, name).startswith(f"stopped: it had ended before: {why}")
     assert robot.down() == 0
 
 
