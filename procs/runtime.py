@@ -3,7 +3,6 @@
     class Loop(runtime.Loop):
         def __init__(self, me): ...
         def cycle(self, now_ns, wall_ns): ...
-
     def main():
         runtime.run("arm", Loop)
 """
