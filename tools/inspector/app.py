@@ -52,7 +52,8 @@ class InspectorApp(App[None]):
 
     CSS = """
     Screen { layout: vertical; }
-    #head, #titles, #remark { height: auto; max-height: 3; padding: 0 1; text-wrap: nowrap; text-overflow: ellipsis; }
+    #head { height: auto; max-height: 8; padding: 0 1; }
+    #titles, #remark { height: auto; max-height: 3; padding: 0 1; text-wrap: nowrap; text-overflow: ellipsis; }
     #titles { background: $panel; }
     ContentSwitcher { height: 1fr; }
     InspectorPage { height: 1fr; }
@@ -175,7 +176,7 @@ class InspectorApp(App[None]):
         if seen is None:
             return
         colours = palette(self.current_theme.dark)
-        head = Text(no_wrap=True, overflow="ellipsis")
+        head = Text()
         head.append(f"system {seen.system}", "bold")
         if self.frozen_ns:
             ago = (monotonic_ns() - self.frozen_ns) * 1e-9

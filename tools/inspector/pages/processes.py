@@ -16,7 +16,7 @@ class ProcessesPage(InspectorPage):
     """Every process: state, rate, jitter, what it uses, restarts, and how the last one ended."""
 
     TITLE = "processes"
-    COLUMNS = (Head("process", 11), Head("state", 12), Head("pid", 7, True, True), Head("Hz", 7, True),
+    COLUMNS = (Head("process", 11), Head("state", 14), Head("pid", 7, True, True), Head("Hz", 7, True),
                Head("jitter", 6, True), Head("p99 ms", 7, True, True), Head("work p99", 8, True, True),
                Head("CPU %", 5, True), Head("MB", 4, True), Head("missed", 7, True, True),
                Head("restarts", 8, True), Head(" problem, ending", 0))
