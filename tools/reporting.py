@@ -134,7 +134,7 @@ def _contents(made: Report) -> str:
 def _versions() -> dict[str, Any]:
     packages = sorted({f"{each.name}=={each.version}" for each in metadata.distributions()}, key=str.lower)
     with contextlib.suppress(OSError, subprocess.SubprocessError):
-        words = ["git", "-C", str(ROOT), "describe", "--always", "--dirty"]
+        words = ["git", "--no-optional-locks", "-C", str(ROOT), "describe", "--always", "--dirty"]
         done = subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
         return {"trocar": VERSION, "checkout": done.stdout.strip(), "packages": packages}
     return {"trocar": VERSION, "checkout": "", "packages": packages}
