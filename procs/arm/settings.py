@@ -66,7 +66,7 @@ class Settings:
     def _use_gravity_compensation(self, request: Request) -> None:
         gravity, wanted = self._control.gravity, switch(request)
         if wanted and not gravity.known:
-            why = ("this arm has no gravity model; its arm file names one: gravity_compensation of a master, "
+            why = ("this arm has no gravity model; an arm file gives it one: gravity_compensation of a master, "
                    "kinematic_gc of others")
             if self._has_reported_no_model:  # a teleoperation asks whenever it begins to follow
                 raise CommandRefused(why)
