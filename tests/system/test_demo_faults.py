@@ -63,7 +63,7 @@ class RunningDemo:
 
     def named(self) -> list[str]:
         """The commands at the end of what is to be done first."""
-        return re.findall(r"[Tt]hen:? trocar (home[^.;]*)", self.status().partition("first: ")[2])
+        return re.findall(r"trocar (home[^.;]*)", self.status().partition("first: ")[2])
 
     def recover(self) -> None:
         """Type what status says until all is well; then ask for teleoperation."""
