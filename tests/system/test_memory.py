@@ -263,7 +263,7 @@ def test_a_held_name_says_who_has_it(system: SystemConfig) -> None:
         memory.create_all(system)
         with ControlPage(system.name, "supervisor", write=True).segment as control:
             control.claim("supervisor")
-            with pytest.raises(SegmentError, match=rf"\(supervisor pid {os.getpid()}\); trocar down stops it"):
+            with pytest.raises(SegmentError, match=rf"\(supervisor pid {os.getpid()}\); trocar down"):
                 memory.hold_name(system.name)
         with of_stranger(system.name), pytest.raises(SegmentError, match=f"of user {STRANGER}; choose another name"):
             memory.hold_name(system.name)
