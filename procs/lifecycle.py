@@ -16,7 +16,7 @@ NOTHING, BEGIN, ASK = "", "begin", "ask"
 """What is done: nothing, begin a new process, ask the one that runs to end."""
 
 ASKED, DONE = "stopped", "done"
-"""How a process ends that was asked to, with ": " and more where it did not end in order, or that nobody wanted."""
+"""Ends that are no problem: an operator stopped it (maybe with ": " and how it ended), or it was not needed."""
 
 TABLE: dict[tuple[str, str], tuple[str, str]] = {
     (STOPPED, START): (RUNNING, BEGIN),

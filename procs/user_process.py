@@ -28,6 +28,7 @@ from procs.pauses import Pauses
 from procs.user_properties import Properties
 from procs.user_subscription import SLOWEST_NS, Subscription
 from procs.user_tables import arguments_of, handler_of
+from procs.verb_lines import REMEDY
 from shm import directory, loglines
 from shm.clock import monotonic_ns
 from shm.commands import COMMANDS
@@ -41,7 +42,6 @@ BEAT_NS: Final = 50_000_000
 SIMULATED_NS: Final = 2_000_000  # between two looks at simulated time
 CHECK_NS: Final = 100_000_000
 SIMULATED_LOST: Final = 10
-REMEDY: Final = "trocar "  # in an error: what a person types
 READ, WRITE, EXCEPT = select.POLLIN, select.POLLOUT, select.POLLPRI
 
 

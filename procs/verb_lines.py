@@ -5,6 +5,8 @@ from __future__ import annotations
 from typing import Final
 
 DEFAULT_SYSTEM: Final = "trocar"
+REMEDY: Final = "trocar "
+"""An error that has this names the command to type, and needs no other remedy."""
 
 
 def verb_line(words: str, system: str) -> str:

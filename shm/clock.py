@@ -20,7 +20,10 @@ _sleeps: list[Callable[[float], None]] = [time.sleep]
 
 
 def pause(seconds: float) -> None:
-    """Sleep in real time, or let the time of a system in this process pass (`sleeping_by`); for tools."""
+    """Sleep in real time, or let the time of a system in this process pass (`sleeping_by`).
+
+    For tools and the supervisor.
+    """
     _sleeps[-1](seconds)
 
 

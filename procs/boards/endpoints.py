@@ -66,7 +66,7 @@ class Door:
 
 
 class BusAddressTaken(SetupError):
-    """Somebody else has the address of an emulated bus."""
+    """Another program has the address of an emulated bus."""
 
 
 class Endpoints:

@@ -81,7 +81,7 @@ class OsProcess:
             self.popen.send_signal(signal.SIGCONT)
 
     def trace(self) -> None:
-        """SIGUSR1, at which Python writes where its main thread is, and goes on (faulthandler, procs/runtime.py)."""
+        """Send SIGUSR1: Python writes where its main thread is, and continues (faulthandler, procs/runtime.py)."""
         self._log_size = self._size()
         if self.popen is not None:
             self.popen.send_signal(signal.SIGUSR1)

@@ -68,7 +68,7 @@ class PlayedProcess:
             self.ends(-signal.SIGABRT)
 
     def trace(self) -> None:
-        """It writes where it is unless it is stopped, and goes on."""
+        """It writes where it is, unless it is stopped, and continues."""
         self.traced = not self.stopped
 
     def where(self) -> str:

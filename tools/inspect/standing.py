@@ -11,6 +11,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from procs.codes import IO_TIMEOUT, SHARED_BOARD
+from procs.verb_lines import REMEDY
 from shm import directory
 from shm.ring import RingReader
 from shm.segment import SegmentError
@@ -33,7 +34,6 @@ from tools.running import SUPERVISOR
 
 FAULT, OFF = "FAULT", "teleoperation off"
 FAULT_KEYS = ("code", "component", "axis", "board", "value", "limit", "text", "hint", "monotonic_ns", "local_ns")
-REMEDY = "trocar "  # in what a process says of itself: what a person types
 NEVER = "–"  # has shown nothing yet
 COLUMNS = ("name", "state", "homed", "why, or what it waits for")
 
