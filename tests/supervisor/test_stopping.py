@@ -164,7 +164,6 @@ def test_a_process_that_hangs_is_traced_goes_on_and_its_end_says_where(
         ending = child.look()
     assert ending is not None
     assert re.fullmatch(r"hung for 1.0 s, killed; where: wall.py line [567] in step, trocar logs PSM1", ending.text)
-    assert monotonic_ns() < begin_ns + NS, "it is not kept for long"
     stdout.close()
     assert isinstance(first, subprocess.Popen)
     first.kill()

@@ -16,8 +16,8 @@ import pytest
 from shm import directory
 from shm.ring import RingReader
 from shm.segment import names_of, segment_name, unlink
-from tests.system.hosted_robot import HOSTED, HostedRobot
 from tests.system.robot import LED, Robot
+from tests.system.robot_in_host import HOSTED, RobotInHost
 
 COUNTER = itertools.count()
 
@@ -37,7 +37,7 @@ def systems(place: Path, clock: str = "wall") -> Iterator[Callable[[], Robot]]:
         name = f"t{os.getpid()}-{next(COUNTER)}"
         folder = place / name
         folder.mkdir()
-        made.append((HostedRobot if clock == HOSTED else Robot)(name, folder, clock))
+        made.append((RobotInHost if clock == HOSTED else Robot)(name, folder, clock))
         return made[-1]
 
     left: list[str] = []

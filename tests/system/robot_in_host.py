@@ -14,10 +14,10 @@ from tests.system.robot import DEMO, SLOWER, Robot
 HISTORY = 3000
 FOR_EVER_S = 1e6
 HOSTED = "hosted"
-"""A clock of tests: see HostedRobot."""
+"""A clock of tests: see RobotInHost."""
 
 
-class HostedRobot(Robot):
+class RobotInHost(Robot):
     """A `Robot` without processes: its time passes while a verb or the test waits for something."""
 
     def __init__(self, name: str, logs: Path, clock: str) -> None:
