@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
+import re
 import sys
+import sysconfig
 from pathlib import Path
 from typing import Any
 
@@ -13,19 +16,31 @@ class KernelHook(BuildHookInterface[Any]):
     """Editable installations have theirs in the Python environment: tools/venv.sh."""
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """Compile, and name the wheel after this platform; without a compiler it is for all."""
+        """Compile, and name the wheel after the C library that it needs; without a compiler it is for all platforms."""
         if version != "standard":
             return
         sys.path.insert(0, self.root)
-        from procs.kernel.build import BuildError, build
-        from procs.kernel.sources import IN_WHEELS
-
-        made = Path(self.directory) / IN_WHEELS.name
+        package = importlib.import_module("trocar")
+        package.__path__.append(self.root)  # a source distribution has the folders, and no links to them
+        native = importlib.import_module("trocar.procs.native.build")
+        made = Path(self.directory) / importlib.import_module("trocar.procs.native.sources").IN_WHEELS.name
         try:
-            build(made)
-        except (BuildError, OSError) as error:
+            native.build(made)
+        except (native.BuildError, OSError) as error:
             self.app.display_warning(f"without the compiled kernel: {error}")
             return
-        build_data["infer_tag"] = True
+        build_data["tag"] = f"py3-none-{_platform(made)}"
         build_data["pure_python"] = False
-        build_data["force_include"][str(made)] = str(IN_WHEELS.relative_to(self.root))
+        build_data["force_include"][str(made)] = f"trocar/procs/native/{made.name}"
+
+    def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
+        """Remove what has been compiled: it is in the wheel."""
+        for made in build_data["force_include"]:
+            Path(made).unlink()
+
+
+def _platform(library: Path) -> str:
+    """As PEP 600 has it: any Linux whose glibc has the newest symbol that the library asks for."""
+    found = [(int(major), int(minor)) for major, minor in re.findall(rb"GLIBC_(\d+)\.(\d+)", library.read_bytes())]
+    major, minor = max(found)
+    return f"manylinux_{major}_{max(minor, 17)}_{sysconfig.get_platform().removeprefix('linux-')}"

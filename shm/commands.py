@@ -1,7 +1,7 @@
 """THE TABLE of what can be asked of a running process: one row per command, per kind of process.
 
-What the columns mean stands in shm/command_row.py. A command travels as its place in the table of its kind, up to 64
-numbers and a short text. Replies come back on the client's reply ring.
+What the columns mean stands in shm/mailbox/command_row.py. A command travels as its place in the table of its kind, up
+to 64 numbers and a short text. Replies come back on the client's reply ring.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Final
 
-from shm.command_row import (
+from trocar.shm.mailbox.command_row import (
     ANY,
     EVERYTHING,
     FREE,

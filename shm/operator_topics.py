@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 
-from shm.rows import Field, Topic, View
+from trocar.shm.memory.rows import Field, Topic, View
 
 
 class TeleopState(StrEnum):

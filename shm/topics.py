@@ -10,20 +10,20 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from shm.messages import AUDIT as AUDIT
-from shm.messages import COMMAND as COMMAND
-from shm.messages import EVENTS as EVENTS
-from shm.messages import REPLY as REPLY
-from shm.operator_topics import CONSOLE_STATE as CONSOLE_STATE
-from shm.operator_topics import FOCUS_STATE as FOCUS_STATE
-from shm.operator_topics import GUI_STATE as GUI_STATE
-from shm.operator_topics import RECORDER_STATE as RECORDER_STATE
-from shm.operator_topics import SYSTEM_STATE as SYSTEM_STATE
-from shm.operator_topics import TELEOP_STATE as TELEOP_STATE
-from shm.operator_topics import THIRD_PARTY_STATE as THIRD_PARTY_STATE
-from shm.rows import Field as Field
-from shm.rows import Topic as Topic
-from shm.rows import View as View
+from trocar.shm.mailbox.messages import AUDIT as AUDIT
+from trocar.shm.mailbox.messages import COMMAND as COMMAND
+from trocar.shm.mailbox.messages import EVENTS as EVENTS
+from trocar.shm.mailbox.messages import REPLY as REPLY
+from trocar.shm.memory.rows import Field as Field
+from trocar.shm.memory.rows import Topic as Topic
+from trocar.shm.memory.rows import View as View
+from trocar.shm.operator_topics import CONSOLE_STATE as CONSOLE_STATE
+from trocar.shm.operator_topics import FOCUS_STATE as FOCUS_STATE
+from trocar.shm.operator_topics import GUI_STATE as GUI_STATE
+from trocar.shm.operator_topics import RECORDER_STATE as RECORDER_STATE
+from trocar.shm.operator_topics import SYSTEM_STATE as SYSTEM_STATE
+from trocar.shm.operator_topics import TELEOP_STATE as TELEOP_STATE
+from trocar.shm.operator_topics import THIRD_PARTY_STATE as THIRD_PARTY_STATE
 
 JOINTS = 8  # room in an arm's record; longer chains do not exist on a da Vinci
 
@@ -170,7 +170,7 @@ SETPOINT = Topic(
         Field("in_effort", "(8,)?", "", "per actuator: the effort is applied; false: the position is followed"),
         Field("bias_generation", "<u4", "", "bias generation these positions belong to"),
         Field("pid_generation", "<u4", "", "enable of the joint controller these positions are meant for"),
-        # what the arm wants of io, see procs/wishes.py: 0 none, 1 off, 2 on
+        # what the arm wants of io, see procs/tables/desired_state.py: 0 none, 1 off, 2 on
         Field("wish_generation", "<u4", "", "counts changes of what is wanted; 0: nothing is"),
         Field("wish_fault", "u1", "", "1: forget the latched fault"),
         Field("wish_power", "u1", "", "power"),

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from shm.command_row import POWER, SOME, Argument, CommandRow
-from shm.commands import COMMANDS
+from trocar.shm.commands import COMMANDS
+from trocar.shm.mailbox.command_row import POWER, SOME, Argument, CommandRow
 
 
 def row_named(name: str, kind: str = "") -> CommandRow:

@@ -18,8 +18,8 @@ from typing import Any
 import psutil
 import pytest
 
-from shm.segment import names_of, segment_name, unlink
 from tests import examples, retries, searches, skips
+from trocar.shm.memory.segment import names_of, segment_name, unlink
 
 ROOT = Path(__file__).resolve().parent.parent
 SYSTEMS = ROOT / "tests" / "system"  # whole robots: on the wall clock nobody else may take their cores

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from shm.faults import Cell
-from shm.guard import late, unauthorized
-from shm.mailbox_map import MAX_TEXT, MAX_VALUES
-from shm.origins import NOBODY, Origin
 from tests.command_rows import row_named
+from trocar.shm.mailbox.generations import Cell
+from trocar.shm.mailbox.guard import late, unauthorized
+from trocar.shm.mailbox.mailbox_map import MAX_TEXT, MAX_VALUES
+from trocar.shm.mailbox.origins import NOBODY, Origin
 
 UNAUTHORIZED = "not authorized: needs an operator's command given after the last fault or power-off"
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tools.converters import Converted, convert_file
+from trocar.tools.converters import Converted, convert_file
 
 GEAR = 2.5e-4  # deg/bit
 

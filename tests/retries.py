@@ -12,9 +12,9 @@ from typing import Any, Final
 
 import pytest
 
-from procs import codes
-from shm.segment import SegmentError
-from tools.errors import Problem
+from trocar.procs.tables import codes
+from trocar.shm.memory.segment import SegmentError
+from trocar.tools.output.errors import Problem
 
 CAUSES: Final = (codes.HELD_UP, codes.PROCESS_LATE, codes.PERIOD, codes.PERIOD_LONG, codes.BOARDS_LATE)
 """What a process, io, the supervisor or emulated boards report when they had no core in time."""

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from procs.document.system import Chain, DhLink, JawConfig, Matrix, Tool
+from trocar.procs.document.system import Chain, DhLink, JawConfig, Matrix, Tool
 
 TOOLS = (
     "BOWEL_GRASPER_400127",

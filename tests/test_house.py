@@ -14,18 +14,18 @@ from pathlib import Path
 
 import pytest
 
-from procs.document.gains import GAINS
-from procs.manifest import PROCS
-from procs.wishes import WISHES
-from shm.commands import COMMANDS
-from shm.topics import TOPICS
+from trocar.procs.document.gains import GAINS
+from trocar.procs.tables.desired_state import WISHES
+from trocar.procs.tables.manifest import PROCS
+from trocar.shm.commands import COMMANDS
+from trocar.shm.topics import TOPICS
 
 ROOT = Path(__file__).resolve().parent.parent
 FOLDERS = ("procs", "shm", "tools")
-SOURCES = sorted(p for folder in FOLDERS for p in (ROOT / folder).rglob("*.py")) + sorted(ROOT.glob("*.py"))
+SOURCES = [*sorted(p for folder in FOLDERS for p in (ROOT / folder).rglob("*.py")), *sorted(ROOT.glob("trocar/*.py"))]
 FORBIDDEN = ("utils", "helpers", "common", "misc", "base", "manager")
 LET_OFF = {ROOT / "procs" / "io"}  # the interpreter loads its own io before it looks at any path
-NAMED_BY_THE_TREE = {"shm/mailbox.py"}  # the house's own plan has it; nothing in shm/ is ever run as a script
+NAMED_BY_THE_TREE = {"shm/mailbox/mailbox.py"}  # the house's own plan has it; nothing in shm/ is ever run as a script
 WIRE = ("procs/fpga/", "procs/io/", "procs/boards/")  # speak big-endian
 # of several processes in one, on a clock of their own
 STEPS_LOOPS = ("tools/bench/arm.py", "procs/host/", "procs/rl/model.py")
@@ -79,9 +79,8 @@ def python(code: str) -> str:
     return done.stdout
 
 
-@pytest.mark.parametrize("row", [row for row in PROCS if row.module], ids=lambda row: row.kind)
+@pytest.mark.parametrize("row", [row for row in PROCS if row.ours], ids=lambda row: row.kind)
 def test_every_kind_has_its_door(row) -> None:  # type: ignore[no-untyped-def]
-    assert row.module == f"procs.{row.kind}.loop"
     spec = importlib.util.find_spec(row.module)
     assert spec is not None and spec.origin is not None, f"{row.module} is not there"
     body = tree_of(Path(spec.origin)).body
@@ -97,7 +96,7 @@ def test_every_writer_of_a_topic_is_in_the_manifest() -> None:
     assert {(row.kind, topic) for row in PROCS for topic in row.topics} <= written
 
 
-@pytest.mark.parametrize("kind", [row.kind for row in PROCS if row.module])
+@pytest.mark.parametrize("kind", [row.kind for row in PROCS if row.ours])
 def test_a_kind_fills_its_fields_and_knows_its_commands(kind: str) -> None:
     named = {text for path in (ROOT / "procs" / kind).rglob("*.py") for text in texts_of(path)}
     named |= {gain.key for gain in GAINS} | {wish.field for wish in WISHES}
@@ -124,7 +123,7 @@ def kinds_compared(path: Path) -> set[str]:
 
 
 def test_what_a_kind_is_stands_in_its_row() -> None:
-    asked = ("procs/runtime", "procs/supervisor/", "procs/document/", "procs/config/", "shm/")
+    asked = ("procs/node/runtime", "procs/supervisor/", "procs/document/", "procs/config/", "shm/")
     each_keeps_to(kinds_compared, [path for path in SOURCES if relative(path).startswith(asked)])
 
 
@@ -167,7 +166,7 @@ def test_layouts_are_spelled_in_shm_only() -> None:
     each_keeps_to(wrong, [path for path in SOURCES if not relative(path).startswith("shm/")])
 
 
-OF_SIGNALS = ("procs/runtime.py", "procs/realtime.py", "procs/ended_by.py")
+OF_SIGNALS = ("procs/node/runtime.py", "procs/node/realtime.py", "procs/machine/end_signals.py")
 
 
 def test_only_the_runtime_knows_signals_and_schedulers() -> None:
@@ -242,8 +241,8 @@ def test_importing_any_module_does_nothing() -> None:
 
 @pytest.mark.slow
 def test_io_needs_little_to_start() -> None:
-    out = python("import sys, procs.io.loop\nprint(*{m.split('.')[0] for m in sys.modules})")
-    allowed = sys.stdlib_module_names | {"numpy", "posix_ipc", "procs", "shm", "__mp_main__"}
+    out = python("import sys, trocar.procs.io.loop\nprint(*{m.split('.')[0] for m in sys.modules})")
+    allowed = sys.stdlib_module_names | {"numpy", "posix_ipc", "trocar", "__mp_main__"}
     startup = set(python("import sys\nprint(*{m.split('.')[0] for m in sys.modules})").split())  # .pth files of a venv
     assert not {m for m in out.split() if m not in allowed | startup and not m.startswith(("_", "sitecustomize"))}
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from procs import codes
 from tests import retries, skips
+from trocar.procs.tables import codes
 
 
 @pytest.fixture(autouse=True)

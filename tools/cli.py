@@ -1,4 +1,4 @@
-"""THE TABLE of what a person can ask: one row per verb. `trocar VERB` and `python -m tools VERB` are the same.
+"""THE TABLE of what a person can ask: one row per verb. `trocar VERB` and `python -m trocar VERB` are the same.
 
 A verb's module is imported when the verb is used, so that help and completion are quick. Looking never changes the
 robot; the rows marked `moves` are those that may start, stop, power or move something.
@@ -15,21 +15,21 @@ import sys
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from procs.ended_by import ctrl_c_ends, ctrl_c_raises
-from tools.errors import Misuse, Problem
-from tools.version import VERSION
+from trocar.procs.machine.end_signals import ctrl_c_ends, ctrl_c_raises
+from trocar.procs.machine.paths import ROOT
+from trocar.tools.output.errors import Misuse, Problem
+from trocar.tools.version import VERSION
 
 FINE, WRONG, MISUSED, INTERRUPTED = 0, 1, 2, 130
 
 
 @dataclass(frozen=True, slots=True)
 class Verb:
-    """One verb: `door` is module:function, `moves` marks those after which the robot may be another."""
+    """One verb: `door` is module:function in tools/, `moves` marks those after which the robot may be another."""
 
     name: str
     door: str
@@ -40,60 +40,60 @@ class Verb:
 
 
 VERBS: tuple[Verb, ...] = (
-    Verb("demo", "tools.verbs.demo:demo", "Start an emulated master and PSM; one draws, one follows.", moves=True),
-    Verb("up", "tools.verbs.up:up", "Start a system; powers and moves nothing.", moves=True),
-    Verb("down", "tools.verbs.down:down", "Stop a system, and clean up after crashed systems.", moves=True),
-    Verb("start", "tools.verbs.processes:start", "Start one process of a running system.", moves=True),
-    Verb("stop", "tools.verbs.processes:stop", "Stop one process; names what depends on it.", moves=True),
-    Verb("restart", "tools.verbs.processes:restart", "Stop one process and start it again.", moves=True),
-    Verb("power-on", "tools.verbs.power:power_on", "Enable the arms.", moves=True),
-    Verb("home", "tools.verbs.power:home", "Power on where needed and home the arms.", moves=True),
-    Verb("power-off", "tools.verbs.power:power_off", "Disable the arms.", moves=True),
-    Verb("send", "tools.verbs.send:send", "Send any command to a component.", moves=True, raw=True),
-    Verb("get", "tools.verbs.properties:get", "Properties of processes of your own."),
-    Verb("set", "tools.verbs.properties:set_property", "Set a property of a process of your own.", moves=True,
+    Verb("demo", "verbs.demo:demo", "Start an emulated master and PSM; one draws, one follows.", moves=True),
+    Verb("up", "verbs.up:up", "Start a system; powers and moves nothing.", moves=True),
+    Verb("down", "verbs.down:down", "Stop a system, and clean up after crashed systems.", moves=True),
+    Verb("start", "verbs.processes:start", "Start one process of a running system.", moves=True),
+    Verb("stop", "verbs.processes:stop", "Stop one process; names what depends on it.", moves=True),
+    Verb("restart", "verbs.processes:restart", "Stop one process and start it again.", moves=True),
+    Verb("power-on", "verbs.power:power_on", "Enable the arms.", moves=True),
+    Verb("home", "verbs.power:home", "Power on where needed and home the arms.", moves=True),
+    Verb("power-off", "verbs.power:power_off", "Disable the arms.", moves=True),
+    Verb("send", "verbs.send:send", "Send any command to a component.", moves=True, raw=True),
+    Verb("get", "verbs.properties:get", "Properties of processes of your own."),
+    Verb("set", "verbs.properties:set_property", "Set a property of a process of your own.", moves=True,
          raw=True),
-    Verb("record", "tools.verbs.record:record", "Record topics into a file, every record of them."),
-    Verb("stream", "tools.verbs.stream:stream", "Follow joint setpoints from a CSV file.", moves=True),
-    Verb("replay", "tools.verbs.replay:replay", "Replay a recording.", moves=True),
+    Verb("record", "verbs.record:record", "Record topics into a file, every record of them."),
+    Verb("stream", "verbs.stream:stream", "Follow joint setpoints from a CSV file.", moves=True),
+    Verb("replay", "verbs.replay:replay", "Replay a recording.", moves=True),
     Verb("pid", "", "Gains of the joint controllers: show, change and save them.", moves=True, parts=(
-        Verb("show", "tools.verbs.pid:show", "Print the gains in use."),
-        Verb("set", "tools.verbs.pid:set_gains", "Change gains of a running controller.", moves=True),
-        Verb("save", "tools.verbs.pid:save", "Save the gains in use as a PID file."),
+        Verb("show", "verbs.pid:show", "Print the gains in use."),
+        Verb("set", "verbs.pid:set_gains", "Change gains of a running controller.", moves=True),
+        Verb("save", "verbs.pid:save", "Save the gains in use as a PID file."),
     )),
     Verb("bus", "", "Controllers on a bus: find, read, write and watch them.", moves=True, parts=(
-        Verb("scan", "tools.verbs.bus:scan", "Find every controller."),
-        Verb("read", "tools.verbs.bus:read", "Read registers."),
-        Verb("write", "tools.verbs.bus:write", "Write a register; asks first.", moves=True),
-        Verb("watch", "tools.verbs.bus:watch", "A live view of one board."),
+        Verb("scan", "verbs.bus:scan", "Find every controller."),
+        Verb("read", "verbs.bus:read", "Read registers."),
+        Verb("write", "verbs.bus:write", "Write a register; asks first.", moves=True),
+        Verb("watch", "verbs.bus:watch", "A live view of one board."),
     )),
-    Verb("status", "tools.verbs.status:status", "Show what is wrong and what to do: processes, arms, teleoperations."),
-    Verb("logs", "tools.verbs.logs:logs", "Show log output."),
-    Verb("list", "tools.verbs.listing:list_topics", "List topics with their rates and fields."),
-    Verb("hz", "tools.verbs.listing:hz", "Measure the rates of topics."),
-    Verb("echo", "tools.verbs.echo:echo", "Print the values of a topic."),
-    Verb("scope", "tools.verbs.scope:scope", "Fields at full rate around a moment, as a plot or a table."),
-    Verb("export", "tools.verbs.export:export", "A recording as CSV, Parquet or a bag of rosbag2."),
-    Verb("compare", "tools.verbs.compare:compare", "What is different in two recordings."),
-    Verb("attach", "tools.verbs.attach:attach", "Full-screen live monitor."),
-    Verb("recordings", "tools.verbs.recordings:recordings", "List recordings."),
-    Verb("dump", "tools.verbs.dump:dump", "Save what shared memory holds of a system, dead or alive."),
-    Verb("report", "tools.verbs.report:report", "Pack logs, recordings and versions for a bug report."),
+    Verb("status", "verbs.status:status", "Show what is wrong and what to do: processes, arms, teleoperations."),
+    Verb("logs", "verbs.logs:logs", "Show log output."),
+    Verb("list", "verbs.listing:list_topics", "List topics with their rates and fields."),
+    Verb("hz", "verbs.listing:hz", "Measure the rates of topics."),
+    Verb("echo", "verbs.echo:echo", "Print the values of a topic."),
+    Verb("scope", "verbs.scope:scope", "Fields at full rate around a moment, as a plot or a table."),
+    Verb("export", "verbs.export:export", "A recording as CSV, Parquet or a bag of rosbag2."),
+    Verb("compare", "verbs.compare:compare", "What is different in two recordings."),
+    Verb("attach", "verbs.attach:attach", "Full-screen live monitor."),
+    Verb("recordings", "verbs.recordings:recordings", "List recordings."),
+    Verb("dump", "verbs.dump:dump", "Save what shared memory holds of a system, dead or alive."),
+    Verb("report", "verbs.report:report", "Pack logs, recordings and versions for a bug report."),
     Verb("rl", "", "Environments for learning.", moves=True, parts=(
-        Verb("rollout", "tools.verbs.rl:rollout", "Run a policy in an environment, here, on Ray, or on a robot.",
+        Verb("rollout", "verbs.rl:rollout", "Run a policy in an environment, here, on Ray, or on a robot.",
              moves=True),
     )),
-    Verb("commission", "tools.commission.verb:commission", "The first day on a robot, stage by stage.", moves=True),
-    Verb("check", "tools.checking:check", "Validate configuration files."),
+    Verb("commission", "commission.verb:commission", "The first day on a robot, stage by stage.", moves=True),
+    Verb("check", "verbs.check_files:check", "Validate configuration files."),
     Verb("kinematics", "", "Kinematics and gravity of files, without a robot: JSON lines in and out.", parts=(
-        Verb("fk", "tools.verbs.kinematics:fk", "Pose of the tip."),
-        Verb("jacobian", "tools.verbs.kinematics:jacobian", "Body and spatial Jacobian."),
-        Verb("ik", "tools.verbs.kinematics:ik", "Joints for a pose, or why there are none."),
-        Verb("gravity", "tools.verbs.kinematics:gravity", "Efforts that hold the arm."),
+        Verb("fk", "verbs.kinematics:fk", "Pose of the tip."),
+        Verb("jacobian", "verbs.kinematics:jacobian", "Body and spatial Jacobian."),
+        Verb("ik", "verbs.kinematics:ik", "Joints for a pose, or why there are none."),
+        Verb("gravity", "verbs.kinematics:gravity", "Efforts that hold the arm."),
     )),
-    Verb("convert", "tools.verbs.convert:convert", "Bring configuration files from before dVRK 2.4 up to date."),
-    Verb("doctor", "tools.verbs.doctor:doctor", "Check this machine and suggest fixes."),
-    Verb("bench", "tools.verbs.bench:bench", "Measure the machine and the software."),
+    Verb("convert", "verbs.convert:convert", "Bring configuration files from before dVRK 2.4 up to date."),
+    Verb("doctor", "verbs.doctor:doctor", "Check this machine and suggest fixes."),
+    Verb("bench", "verbs.bench:bench", "Measure the machine and the software."),
 )
 
 PANELS = {True: "Verbs that may change the robot", False: "Verbs that only look"}
@@ -137,7 +137,7 @@ def _flowing(text: str) -> str:
 def _version(asked: bool) -> None:
     if asked:
         python = ".".join(map(str, sys.version_info[:3]))
-        print(f"trocar {VERSION} ({Path(__file__).resolve().parents[1]}, Python {python})")
+        print(f"trocar {VERSION} ({ROOT}, Python {python})")
         raise typer.Exit(FINE)
 
 
@@ -155,7 +155,7 @@ def _stub() -> None:
 def loaded(door: str) -> Callable[..., Any]:
     """The function behind a verb, its module imported."""
     module, function = door.split(":")
-    found: Callable[..., Any] = getattr(importlib.import_module(module), function)
+    found: Callable[..., Any] = getattr(importlib.import_module(f"trocar.tools.{module}"), function)
     return found
 
 
@@ -204,15 +204,15 @@ def _readers_may_leave() -> Iterator[None]:
 
 def _something_wrong() -> tuple[type[Exception], ...]:
     """What may be wrong with a robot or this machine; not every verb loads what these come from."""
-    from shm.client import MailboxFull
-    from shm.ring import RingError
-    from shm.segment import SegmentError
+    from trocar.shm.mailbox.client import MailboxFull
+    from trocar.shm.memory.segment import SegmentError
+    from trocar.shm.ring.ring import RingError
 
     return Problem, SegmentError, RingError, MailboxFull, OSError
 
 
 def _reported(error: BaseException, code: int) -> int:
-    from tools.printing import note
+    from trocar.tools.output.printing import note
 
     if isinstance(error, OSError) and error.filename is not None:
         note(f"trocar: {error.filename}: {error.strerror}")
@@ -230,7 +230,7 @@ def _verb_asked(arguments: Sequence[str]) -> str | None:
 
 def _warned(message: Warning | str, *_: object, **__: object) -> None:
     """A warning as a person may read it: without the place in a file of ours that Python's own has."""
-    from tools.printing import note
+    from trocar.tools.output.printing import note
 
     note(f"trocar: {message}")
 

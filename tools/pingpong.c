@@ -1,4 +1,4 @@
-/* The ring of shm/ring.py in C11, two processes answering each other: what this protocol costs on this machine at least.
+/* The ring of shm/ring/ring.py in C11, two processes answering each other: what this protocol costs on this machine at least.
 
    gcc -O2 -std=c11 -o pingpong pingpong.c && echo 0.5 | ./pingpong CORE CORE
    For each line "seconds" on the standard input: one line of JSON, the times of the round trips in ns. */

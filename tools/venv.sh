@@ -50,9 +50,9 @@ trocar_compile() {
 # The part of the program that is written in C, once for each source and compiler; without it all runs, slower.
 trocar_kernel() {
     kernel_stamp="$root/.venv/.trocar-kernel"
-    made_of=$(cat "$root"/procs/kernel/* "$root"/procs/fpga/*.py 2>/dev/null | cksum; "${CC:-cc}" --version 2>/dev/null)
+    made_of=$(cat "$root"/procs/native/* "$root"/procs/fpga/*.py 2>/dev/null | cksum; "${CC:-cc}" --version 2>/dev/null)
     if [ ! -f "$kernel_stamp" ] || [ "$(cat "$kernel_stamp")" != "$made_of" ]; then
-        (cd "$root" && "$python" -m procs.kernel.build >&2) || :
+        (cd "$root" && "$python" -m trocar.procs.native.build >&2) || :
         echo "$made_of" > "$kernel_stamp"
     fi
 }

@@ -2,4 +2,4 @@
 
 from __future__ import annotations
 
-from procs.version import VERSION as VERSION
+from trocar.procs.machine.version import VERSION as VERSION

@@ -12,35 +12,35 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from procs import codes
-from procs.arm.cartesian import Cartesian
-from procs.arm.cartesian_commands import CartesianCommands
-from procs.arm.commands import ArmCommandRow, ArmCommands, Table
-from procs.arm.control import REPORT_NS, Control
-from procs.arm.io_requests import IoRequests
-from procs.arm.joint_commands import JointCommands
-from procs.arm.joints import JointSpace, joints, kinematic_home
-from procs.arm.machine import ArmStates
-from procs.arm.motion import Mode, Space
-from procs.arm.psm.detection import ToolReading
-from procs.arm.readings import ArmReadings, Fields
-from procs.arm.record import ArmRecord, SetpointRecord
-from procs.arm.recovery import PreviousState, beginning, previous_state
-from procs.arm.settings import Settings
-from procs.arm.setup_base import SetupBase
-from procs.arm.stages.homed import Homed, Manual
-from procs.arm.stages.homing import Biased, Calibrating, Homing
-from procs.arm.stages.power import Disabled, Enabled, Fault, Paused, Powering
-from procs.arm.stages.stage import Stage
-from procs.arm.states import AT_HOME, PUBLISHED, ArmEvent, ArmState
-from procs.arm.supervision import UNWATCHED, Generations, power_lost, problem
-from procs.arm_types import ARM_TYPES
-from procs.document import system as document
-from procs.faults import FaultReport
-from procs.inputs import FOR_EVER_NS
-from procs.requests import ANSWERED, Reports, Request, Sender
-from shm.faults import NoFaults, OwnCell
-from shm.origins import NOBODY
+from trocar.procs.arm.cartesian import Cartesian
+from trocar.procs.arm.cartesian_commands import CartesianCommands
+from trocar.procs.arm.commands import ArmCommandRow, ArmCommands, Table
+from trocar.procs.arm.control import REPORT_NS, Control
+from trocar.procs.arm.io_requests import IoRequests
+from trocar.procs.arm.joint_commands import JointCommands
+from trocar.procs.arm.joints import JointSpace, joints, kinematic_home
+from trocar.procs.arm.machine import ArmStates
+from trocar.procs.arm.motion import Mode, Space
+from trocar.procs.arm.psm.detection import ToolReading
+from trocar.procs.arm.readings import ArmReadings, Fields
+from trocar.procs.arm.record import ArmRecord, SetpointRecord
+from trocar.procs.arm.recovery import PreviousState, beginning, previous_state
+from trocar.procs.arm.settings import Settings
+from trocar.procs.arm.setup_base import SetupBase
+from trocar.procs.arm.stages.homed import Homed, Manual
+from trocar.procs.arm.stages.homing import Biased, Calibrating, Homing
+from trocar.procs.arm.stages.power import Disabled, Enabled, Fault, Paused, Powering
+from trocar.procs.arm.stages.stage import Stage
+from trocar.procs.arm.states import AT_HOME, PUBLISHED, ArmEvent, ArmState
+from trocar.procs.arm.supervision import UNWATCHED, Generations, power_lost, problem
+from trocar.procs.document import system as document
+from trocar.procs.node.fault_report import FaultReport
+from trocar.procs.node.inputs import FOR_EVER_NS
+from trocar.procs.node.requests import ANSWERED, Reports, Request, Sender
+from trocar.procs.tables import codes
+from trocar.procs.tables.arm_types import ARM_TYPES
+from trocar.shm.mailbox.generations import NoFaults, OwnCell
+from trocar.shm.mailbox.origins import NOBODY
 
 Array = NDArray[np.float64]
 

@@ -9,12 +9,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.arm.joints import JointSpace
-from procs.arm.readings import ArmReadings, Fields
-from procs.kernel.arm_fields import CARTESIAN
-from procs.kernel.library import bind
-from procs.kinematics.forward import Kinematics
-from procs.kinematics.frames import (
+from trocar.procs.arm.joints import JointSpace
+from trocar.procs.arm.readings import ArmReadings, Fields
+from trocar.procs.kinematics.forward import Kinematics
+from trocar.procs.kinematics.frames import (
     Frame,
     Rows,
     body_jacobian,
@@ -29,7 +27,9 @@ from procs.kinematics.frames import (
     turned_back,
     turned_twist,
 )
-from procs.kinematics.poses import inverse, pose_from_matrix
+from trocar.procs.kinematics.poses import inverse, pose_from_matrix
+from trocar.procs.native.arm_fields import CARTESIAN
+from trocar.procs.native.library import bind
 
 Array = NDArray[np.float64]
 

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
-from procs import codes
-from procs.arm.control import REPORT_NS, Control
-from procs.arm.motion import Mode
-from procs.arm.states import ArmState
-from procs.arm.streams import StreamKind
-from procs.requests import CommandRefused, Handler, Request, carry_out
+from trocar.procs.arm.control import REPORT_NS, Control
+from trocar.procs.arm.motion import Mode
+from trocar.procs.arm.states import ArmState
+from trocar.procs.arm.streams import StreamKind
+from trocar.procs.node.requests import CommandRefused, Handler, Request, carry_out
+from trocar.procs.tables import codes
 
 KINDS: Final = {kind.value: kind for kind in StreamKind}
 

@@ -8,26 +8,26 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs import codes
-from procs.arm.cartesian import Cartesian
-from procs.arm.effort_guard import EffortGuard
-from procs.arm.effort_limits import EffortLimits
-from procs.arm.efforts import Efforts, Law
-from procs.arm.governor import LATE_S, MAX_LAG_S
-from procs.arm.gravity import Weight
-from procs.arm.io_requests import IoRequests
-from procs.arm.joints import JointSpace
-from procs.arm.machine import ArmStates
-from procs.arm.motion import Mode, Motion, Space
-from procs.arm.readings import ArmReadings
-from procs.arm.record import ArmRecord, SetpointRecord
-from procs.arm.setup_base import BaseSteps
-from procs.arm.streams import StreamKind, Streams
-from procs.arm.supervision import Generations
-from procs.codes import Code
-from procs.document.system import ArmConfig
-from procs.faults import FaultReport
-from procs.requests import ANSWERED, CommandRefused, Reports, Request
+from trocar.procs.arm.cartesian import Cartesian
+from trocar.procs.arm.effort_guard import EffortGuard
+from trocar.procs.arm.effort_limits import EffortLimits
+from trocar.procs.arm.efforts import Efforts, Law
+from trocar.procs.arm.governor import LATE_S, MAX_LAG_S
+from trocar.procs.arm.gravity import Weight
+from trocar.procs.arm.io_requests import IoRequests
+from trocar.procs.arm.joints import JointSpace
+from trocar.procs.arm.machine import ArmStates
+from trocar.procs.arm.motion import Mode, Motion, Space
+from trocar.procs.arm.readings import ArmReadings
+from trocar.procs.arm.record import ArmRecord, SetpointRecord
+from trocar.procs.arm.setup_base import BaseSteps
+from trocar.procs.arm.streams import StreamKind, Streams
+from trocar.procs.arm.supervision import Generations
+from trocar.procs.document.system import ArmConfig
+from trocar.procs.node.fault_report import FaultReport
+from trocar.procs.node.requests import ANSWERED, CommandRefused, Reports, Request
+from trocar.procs.tables import codes
+from trocar.procs.tables.codes import Code
 
 Array = NDArray[np.float64]
 

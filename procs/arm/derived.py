@@ -1,6 +1,6 @@
 """The door of arms derived from ours: a class of yours as the process of an arm. docs/derived-arms.md.
 
-    from procs.arm.derived import DerivedPsm, State
+    from trocar.procs.arm.derived import DerivedPsm, State
 
     class Mine(DerivedPsm):
         states = {"SCANNING": Scanning}     # Scanning is a State
@@ -17,20 +17,20 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from procs import codes
-from procs.arm.arm import ArmLogic
-from procs.arm.commands import ArmCommandRow, Ready, Table
-from procs.arm.ecm import EcmLogic
-from procs.arm.motion import Mode, Space
-from procs.arm.mtm.mtm import MtmLogic
-from procs.arm.psm.psm import PsmLogic
-from procs.arm.stages.stage import Stage
-from procs.arm.states import ArmEvent, ArmState
-from procs.document.user_process import UserCommand
-from procs.requests import CommandRefused, Request
-from procs.user_tables import arguments_of, command_row, handler_of
-from shm.command_row import FREE
-from shm.commands import COMMANDS
+from trocar.procs.arm.arm import ArmLogic
+from trocar.procs.arm.commands import ArmCommandRow, Ready, Table
+from trocar.procs.arm.ecm import EcmLogic
+from trocar.procs.arm.motion import Mode, Space
+from trocar.procs.arm.mtm.mtm import MtmLogic
+from trocar.procs.arm.psm.psm import PsmLogic
+from trocar.procs.arm.stages.stage import Stage
+from trocar.procs.arm.states import ArmEvent, ArmState
+from trocar.procs.document.user_process import UserCommand
+from trocar.procs.node.requests import CommandRefused, Request
+from trocar.procs.tables import codes
+from trocar.procs.tables.user_rows import arguments_of, command_row, handler_of
+from trocar.shm.commands import COMMANDS
+from trocar.shm.mailbox.command_row import FREE
 
 MAX_NAME: Final = 23
 """Bytes of the name of a state."""

@@ -9,16 +9,16 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs import codes
-from procs.arm.arm import ArmLogic
-from procs.arm.commands import ArmCommandRow, Table
-from procs.arm.gravity import Weight
-from procs.arm.joints import joints
-from procs.arm.motion import Mode
-from procs.arm.recovery import PreviousState
-from procs.arm.states import ArmState
-from procs.kinematics.endoscopes import NAMES
-from procs.requests import CommandRefused, Request
+from trocar.procs.arm.arm import ArmLogic
+from trocar.procs.arm.commands import ArmCommandRow, Table
+from trocar.procs.arm.gravity import Weight
+from trocar.procs.arm.joints import joints
+from trocar.procs.arm.motion import Mode
+from trocar.procs.arm.recovery import PreviousState
+from trocar.procs.arm.states import ArmState
+from trocar.procs.kinematics.endoscopes import NAMES
+from trocar.procs.node.requests import CommandRefused, Request
+from trocar.procs.tables import codes
 
 Array = NDArray[np.float64]
 

@@ -14,8 +14,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.arm.joints import JointSpace
-from procs.arm.motion import Motion
+from trocar.procs.arm.joints import JointSpace
+from trocar.procs.arm.motion import Motion
 
 Array = NDArray[np.float64]
 
@@ -30,7 +30,7 @@ class EffortGuard:
     """Changes the efforts of a cycle; `begin` where effort mode does."""
 
     def __init__(self, speed_ratio: float, zone_ratio: float) -> None:
-        """Times speeds and zones of the table (`procs.arm_types`); 0: off."""
+        """Times speeds and zones of the table (`trocar.procs.tables.arm_types`); 0: off."""
         self._has_speed, self._has_zone = bool(speed_ratio), bool(zone_ratio)
         self._speed_ratio, self._zone_ratio = speed_ratio or 1.0, zone_ratio
 

@@ -12,8 +12,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.arm.joints import JointSpace
-from procs.document.system import Robot
+from trocar.procs.arm.joints import JointSpace
+from trocar.procs.document.system import Robot
 
 Array = NDArray[np.float64]
 

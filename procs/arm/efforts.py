@@ -10,10 +10,10 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.arm.cartesian import Cartesian
-from procs.arm.effort_limits import EffortLimits
-from procs.arm.impedance import ImpedanceGains
-from procs.inputs import FOR_EVER_NS
+from trocar.procs.arm.cartesian import Cartesian
+from trocar.procs.arm.effort_limits import EffortLimits
+from trocar.procs.arm.impedance import ImpedanceGains
+from trocar.procs.node.inputs import FOR_EVER_NS
 
 Array = NDArray[np.float64]
 

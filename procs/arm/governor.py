@@ -1,10 +1,10 @@
 """The governor: what all position setpoints of an arm pass in each cycle on their way to io, whatever they come from.
 
 A setpoint goes to its target at no more than the joint's largest speed, and speeds up by no more than its largest
-acceleration (`servo` in procs/arm_types.py) beyond how fast it has just been. A target within both is reached in this
-very cycle, so that a stream that an arm can follow is passed on unchanged. On the way to a distant target a joint
-brakes in time; it never goes beyond its target, also where a stream stops at once. Moves, which have their own smaller
-bounds, and efforts do not pass here.
+acceleration (`servo` in procs/tables/arm_types.py) beyond how fast it has just been. A target within both is reached
+in this very cycle, so that a stream that an arm can follow is passed on unchanged. On the way to a distant target a
+joint brakes in time; it never goes beyond its target, also where a stream stops at once. Moves, which have their own
+smaller bounds, and efforts do not pass here.
 
     low, high   = rate reduced to 0, or increased by acceleration · dt, within ± speed
     velocity    = (target − setpoint) / dt                   where that lies between low and high: the target is reached
@@ -26,8 +26,8 @@ from typing import Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.kernel.governor_fields import GOVERNOR
-from procs.kernel.library import chosen
+from trocar.procs.native.governor_fields import GOVERNOR
+from trocar.procs.native.library import chosen
 
 Array = NDArray[np.float64]
 

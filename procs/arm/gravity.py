@@ -8,11 +8,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.arm_types import ARM_TYPES
-from procs.document.system import ArmConfig
-from procs.kinematics.endoscopes import NONE, endoscope
-from procs.kinematics.gravity import Gravity, up_of
-from procs.kinematics.master_gravity import MasterGravity
+from trocar.procs.document.system import ArmConfig
+from trocar.procs.kinematics.endoscopes import NONE, endoscope
+from trocar.procs.kinematics.gravity import Gravity, up_of
+from trocar.procs.kinematics.master_gravity import MasterGravity
+from trocar.procs.tables.arm_types import ARM_TYPES
 
 Array = NDArray[np.float64]
 

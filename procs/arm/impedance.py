@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.kinematics.poses import PoseError, given_rotation, rotation_vector
+from trocar.procs.kinematics.poses import PoseError, given_rotation, rotation_vector
 
 Array = NDArray[np.float64]
 

@@ -11,10 +11,10 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from procs.arm.readings import ArmReadings, Fields
-from procs.requests import Answer, Sender
-from procs.wishes import NONE, OFF, ON, WISHES
-from shm.origins import Origin
+from trocar.procs.arm.readings import ArmReadings, Fields
+from trocar.procs.node.requests import Answer, Sender
+from trocar.procs.tables.desired_state import NONE, OFF, ON, WISHES
+from trocar.shm.mailbox.origins import Origin
 
 REFUSED_NS = 1_000_000_000
 MEMORY = 64

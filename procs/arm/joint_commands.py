@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from procs.arm.commands import ArmCommandRow, Ready, Table
-from procs.arm.control import Control
-from procs.arm.motion import Mode, Space
-from procs.arm.states import ArmState
-from procs.requests import Request
+from trocar.procs.arm.commands import ArmCommandRow, Ready, Table
+from trocar.procs.arm.control import Control
+from trocar.procs.arm.motion import Mode, Space
+from trocar.procs.arm.states import ArmState
+from trocar.procs.node.requests import Request
 
 
 class JointCommands:

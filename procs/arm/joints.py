@@ -17,13 +17,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.arm_types import ARM_TYPES
-from procs.document.system import ArmConfig, Tool
-from procs.kinematics.coupling import coupling
-from procs.kinematics.endoscopes import NONE, endoscope
-from procs.kinematics.forward import Kinematics
-from procs.kinematics.inverse.arms import BENDS, inverse_of
-from procs.kinematics.inverse.solver import InverseSolver
+from trocar.procs.document.system import ArmConfig, Tool
+from trocar.procs.kinematics.coupling import coupling
+from trocar.procs.kinematics.endoscopes import NONE, endoscope
+from trocar.procs.kinematics.forward import Kinematics
+from trocar.procs.kinematics.inverse.arms import BENDS, inverse_of
+from trocar.procs.kinematics.inverse.solver import InverseSolver
+from trocar.procs.tables.arm_types import ARM_TYPES
 
 Array = NDArray[np.float64]
 
@@ -40,8 +40,8 @@ class JointSpace:
     """`count` joints are published as the arm's; one more is the jaw. joint = `to_joint` · actuator.
 
     `tool` is the instrument or endoscope. `v_max`, `a_max` are those of moves at ratio 1; for `arrival`, `effort_…` and
-    `servo_…` see `procs.arm_types`; `rated` are the largest efforts by the kinematic files (ftmax), inf where these say
-    nothing. Positions and velocities map alike; efforts go with the
+    `servo_…` see `trocar.procs.tables.arm_types`; `rated` are the largest efforts by the kinematic files (ftmax), inf
+    where these say nothing. Positions and velocities map alike; efforts go with the
     transposed matrices the other way round, so that power is the same on both sides.
     """
 

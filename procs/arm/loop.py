@@ -8,22 +8,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from procs import codes, runtime
-from procs.arm.arm import ArmLogic, Surroundings
-from procs.arm.cartesian import Cartesian
-from procs.arm.effort_limits import motor_efforts
-from procs.arm.psm.detection import ToolReading
-from procs.arm.setup_base import SetupBase, place_of
-from procs.arm.supervision import power_lost
-from procs.arm_types import ARM_TYPES, class_of
-from procs.codes import AMPLIFIER
-from procs.document.system import Actuator, ArmConfig, Brake, IoConfig
-from procs.faults import FaultReport, axis_titles, boards_of, place, reported, sentence
-from procs.inputs import SETUP_LATE_S
-from procs.kernel.library import kernel
-from procs.manifest import proc
-from procs.user_code import class_named
-from shm.ring import RingReader
+from trocar.procs.arm.arm import ArmLogic, Surroundings
+from trocar.procs.arm.cartesian import Cartesian
+from trocar.procs.arm.effort_limits import motor_efforts
+from trocar.procs.arm.psm.detection import ToolReading
+from trocar.procs.arm.setup_base import SetupBase, place_of
+from trocar.procs.arm.supervision import power_lost
+from trocar.procs.document.system import Actuator, ArmConfig, Brake, IoConfig
+from trocar.procs.native.library import kernel
+from trocar.procs.node import runtime
+from trocar.procs.node.fault_report import FaultReport, axis_titles, boards_of, place, reported, sentence
+from trocar.procs.node.inputs import SETUP_LATE_S
+from trocar.procs.tables import codes
+from trocar.procs.tables.arm_types import ARM_TYPES, class_of
+from trocar.procs.tables.codes import AMPLIFIER
+from trocar.procs.tables.manifest import proc
+from trocar.procs.user.classes import class_named
+from trocar.shm.ring.ring import RingReader
 
 BEHIND_IO_NS = 40_000  # io's record is out by then
 AT_REST = 100  # cycles without a command or a motion of its own

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from procs import codes
-from procs.arm.states import (
+from trocar.procs.arm.states import (
     BEYOND,
     BUSY,
     COMMANDS,
@@ -18,8 +17,9 @@ from procs.arm.states import (
     follow,
     refusal,
 )
-from procs.faults import FaultReport
-from procs.requests import Reports, Request
+from trocar.procs.node.fault_report import FaultReport
+from trocar.procs.node.requests import Reports, Request
+from trocar.procs.tables import codes
 
 
 class ArmStates:

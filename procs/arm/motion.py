@@ -12,11 +12,11 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.arm.governor import MAX_STEP_NS, Governor
-from procs.arm.joints import JointSpace
-from procs.arm.streams import STREAM_NS
-from procs.inputs import FOR_EVER_NS
-from procs.kinematics.trajectory import Trajectory
+from trocar.procs.arm.governor import MAX_STEP_NS, Governor
+from trocar.procs.arm.joints import JointSpace
+from trocar.procs.arm.streams import STREAM_NS
+from trocar.procs.kinematics.trajectory import Trajectory
+from trocar.procs.node.inputs import FOR_EVER_NS
 
 Array = NDArray[np.float64]
 
@@ -42,7 +42,7 @@ class Motion:
     """The setpoint generator; `goal`, `velocity`, `effort` are what io is to follow in this cycle.
 
     `target` is where the joints are going, `asked` what the command at hand works on, `feed_velocity` the velocities
-    that a stream gave with its target. They stay the same objects in one joint space, see `procs.arm.governor`.
+    that a stream gave with its target. They stay the same objects in one joint space, see `trocar.procs.arm.governor`.
     """
 
     def __init__(self, joints: JointSpace, jerk_time_s: float = 0.0) -> None:

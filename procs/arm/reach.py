@@ -15,9 +15,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.arm.control import Control
-from procs.kinematics.inverse.solver import InverseSolver
-from procs.requests import CommandRefused
+from trocar.procs.arm.control import Control
+from trocar.procs.kinematics.inverse.solver import InverseSolver
+from trocar.procs.node.requests import CommandRefused
 
 Array = NDArray[np.float64]
 

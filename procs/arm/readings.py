@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.arm.contiguous import contiguous_view
-from procs.arm.joints import JointSpace
-from procs.codes import ARM_LOST, ERROR, FAULTS
-from procs.inputs import LATE_NS
+from trocar.procs.arm.contiguous import contiguous_view
+from trocar.procs.arm.joints import JointSpace
+from trocar.procs.node.inputs import LATE_NS
+from trocar.procs.tables.codes import ARM_LOST, ERROR, FAULTS
 
 Fields = Callable[[str], NDArray[Any]]
 Array = NDArray[np.float64]

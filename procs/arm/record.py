@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.arm.contiguous import contiguous_view
-from procs.arm.joints import JointSpace
-from procs.arm.motion import Mode, Motion, Space
-from procs.arm.readings import ROWS, ArmReadings, Fields
-from procs.arm.states import PUBLISHED, ArmState
-from procs.arm.supervision import Generations
-from shm.layout import shorten
+from trocar.procs.arm.contiguous import contiguous_view
+from trocar.procs.arm.joints import JointSpace
+from trocar.procs.arm.motion import Mode, Motion, Space
+from trocar.procs.arm.readings import ROWS, ArmReadings, Fields
+from trocar.procs.arm.states import PUBLISHED, ArmState
+from trocar.procs.arm.supervision import Generations
+from trocar.shm.memory.layout import shorten
 
 Array = NDArray[np.float64]
 

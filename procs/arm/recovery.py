@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.arm.readings import ArmReadings, Fields
-from procs.arm.states import ArmState
-from procs.kinematics.poses import matrix_from_pose, normalised
+from trocar.procs.arm.readings import ArmReadings, Fields
+from trocar.procs.arm.states import ArmState
+from trocar.procs.kinematics.poses import matrix_from_pose, normalised
 
 Array = NDArray[np.float64]
 

@@ -8,11 +8,11 @@ from typing import Final
 
 import numpy as np
 
-from procs import codes
-from procs.arm.commands import ArmCommandRow, Table
-from procs.arm.control import Control
-from procs.kinematics.poses import given_pose, pose_from_matrix
-from procs.requests import CommandRefused, Request, switch
+from trocar.procs.arm.commands import ArmCommandRow, Table
+from trocar.procs.arm.control import Control
+from trocar.procs.kinematics.poses import given_pose, pose_from_matrix
+from trocar.procs.node.requests import CommandRefused, Request, switch
+from trocar.procs.tables import codes
 
 CRTK_VERSION: Final = "1.1.0"
 POSE: Final = 7

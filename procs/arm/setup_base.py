@@ -12,8 +12,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.inputs import Input
-from procs.kinematics.poses import PoseError, matrix_from_pose, unit_quaternion
+from trocar.procs.kinematics.poses import PoseError, matrix_from_pose, unit_quaternion
+from trocar.procs.node.inputs import Input
 
 Array = NDArray[np.float64]
 

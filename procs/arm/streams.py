@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
-from procs.requests import STREAM_ENDED, STREAM_PAUSE_NS, Request
-from shm.command_row import FREE
+from trocar.procs.node.requests import STREAM_ENDED, STREAM_PAUSE_NS, Request
+from trocar.shm.mailbox.command_row import FREE
 
 STREAM_NS: Final = 100_000_000  # a goal older than this is of no stream
 PERIODS: Final = 3

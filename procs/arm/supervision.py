@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from procs import codes
-from procs.arm.readings import ArmReadings
-from procs.arm.states import UP, ArmState
-from procs.codes import AMPLIFIER, POWER_TIMEOUT
-from procs.faults import NO_FAULT, FaultReport
+from trocar.procs.arm.readings import ArmReadings
+from trocar.procs.arm.states import UP, ArmState
+from trocar.procs.node.fault_report import NO_FAULT, FaultReport
+from trocar.procs.tables import codes
+from trocar.procs.tables.codes import AMPLIFIER, POWER_TIMEOUT
 
 UNWATCHED = frozenset((ArmState.DISABLED, ArmState.FAULT))
 POWER_PROBLEMS = frozenset((POWER_TIMEOUT.number, AMPLIFIER.number))  # while powering: there is a second try

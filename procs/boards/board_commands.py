@@ -8,15 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from procs.boards.board_faults import BoardFaults
-from procs.boards.emulation import Emulation
-from procs.boards.instruments import EmulatedInstruments
-from procs.boards.packet_faults import DROPPED_REPLY, DUPLICATED, KINDS, LATE, LOST, MISLABELLED, PacketFaults
-from procs.boards.robots.hand import Grip, Hands
-from procs.boards.robots.plant import Plant
-from procs.document.system import SystemConfig
-from procs.kinematics.poses import POSE
-from shm.received import Received
+from trocar.procs.boards.board_faults import BoardFaults
+from trocar.procs.boards.emulation import Emulation
+from trocar.procs.boards.instruments import EmulatedInstruments
+from trocar.procs.boards.packet_faults import DROPPED_REPLY, DUPLICATED, KINDS, LATE, LOST, MISLABELLED, PacketFaults
+from trocar.procs.boards.robots.hand import Grip, Hands
+from trocar.procs.boards.robots.plant import Plant
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.kinematics.poses import POSE
+from trocar.shm.mailbox.received import Received
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from procs.boards.controllers.bus import EmulatedBus
-from procs.boards.emulation import Emulation, SensorErrors
-from procs.boards.robots.plant import Plant
+from trocar.procs.boards.controllers.bus import EmulatedBus
+from trocar.procs.boards.emulation import Emulation, SensorErrors
+from trocar.procs.boards.robots.plant import Plant
 
 MAX_EFFORT = 100.0  # N·m or N on a joint: no person pushes harder, and the physics stays calm
 MAX_FACTOR = 10.0

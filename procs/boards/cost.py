@@ -1,8 +1,8 @@
 """What a cycle costs the boards process: the half of `trocar bench boards` that measures, in a process of its own.
 
-Started as `python -m procs.boards.cost SYSTEM DOCUMENT`, with a ring for the state record made beforehand. It says `{}`
-when it is ready; then, for every line with a number of seconds, it measures so long and says one line: for every
-measurement its percentiles in ns of this thread's CPU time a cycle.
+Started as `python -m trocar.procs.boards.cost SYSTEM DOCUMENT`, with a ring for the state record made beforehand. It
+says `{}` when it is ready; then, for every line with a number of seconds, it measures so long and says one line: for
+every measurement its percentiles in ns of this thread's CPU time a cycle.
 
 A host drives the boards with broadcast query, hub read and broadcast write at 1500 Hz of simulated time, all amplifiers
 on, every arm swinging a little. A physics step falls into two of three cycles, so what is timed is a window of three
@@ -26,15 +26,15 @@ from time import thread_time_ns
 import numpy as np
 import numpy.typing as npt
 
-from procs.boards.emulation import Emulation
-from procs.boards.endpoints import Endpoints
-from procs.boards.loop import Publisher
-from procs.boards.robots.plant import Plant
-from procs.document.system import SystemConfig, from_json
-from procs.fpga import blocks, wire
-from procs.fpga import registers as reg
-from shm import directory
-from shm.clock import monotonic_ns, pause
+from trocar.procs.boards.emulation import Emulation
+from trocar.procs.boards.endpoints import Endpoints
+from trocar.procs.boards.loop import Publisher
+from trocar.procs.boards.robots.plant import Plant
+from trocar.procs.document.system import SystemConfig, from_json
+from trocar.procs.fpga import blocks, wire
+from trocar.procs.fpga import registers as reg
+from trocar.shm.system import directory
+from trocar.shm.time.clock import monotonic_ns, pause
 
 CYCLES = 3  # of a window
 WINDOW_NS = 2_000_000  # three periods at 1500 Hz, two physics steps

@@ -13,16 +13,16 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from procs.boards.controllers.bus import GROUP, EmulatedBus
-from procs.boards.controllers.lines import Lines
-from procs.boards.packet_faults import PacketFaults
-from procs.boards.setup_joints import fit
-from procs.boards.wiring import Wiring
-from procs.document.system import SystemConfig
-from procs.fpga import registers as reg
-from procs.fpga import wire
-from procs.kernel import library
-from procs.kernel.boards_fields import WORLD
+from trocar.procs.boards.controllers.bus import GROUP, EmulatedBus
+from trocar.procs.boards.controllers.lines import Lines
+from trocar.procs.boards.packet_faults import PacketFaults
+from trocar.procs.boards.setup_joints import fit
+from trocar.procs.boards.wiring import Wiring
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.fpga import registers as reg
+from trocar.procs.fpga import wire
+from trocar.procs.native import library
+from trocar.procs.native.boards_fields import WORLD
 
 Floats = npt.NDArray[np.float64]
 FRAME_TICKS = 33  # no two datagrams reach a board closer than the shortest frame takes at 1 Gbit/s

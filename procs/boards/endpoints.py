@@ -20,14 +20,14 @@ from ipaddress import IPv4Address
 from operator import itemgetter
 from typing import Final, cast
 
-from procs.boards.controllers.bus import GROUP
-from procs.boards.frames import FrameSocket
-from procs.boards.packet_faults import PacketFaults
-from procs.document.system import BusConfig
-from procs.fpga.wire import MULTICAST, READS, UDP_PORT, Buffer
-from procs.port_holders import holders
-from procs.setup_error import SetupError
-from shm.lockstep import wait_for_wakeup
+from trocar.procs.boards.controllers.bus import GROUP
+from trocar.procs.boards.frames import FrameSocket
+from trocar.procs.boards.packet_faults import PacketFaults
+from trocar.procs.document.system import BusConfig
+from trocar.procs.fpga.wire import MULTICAST, READS, UDP_PORT, Buffer
+from trocar.procs.machine.port_holders import holders
+from trocar.procs.node.setup_error import SetupError
+from trocar.shm.time.lockstep import wait_for_wakeup
 
 SO_RCVBUFFORCE, SO_TIMESTAMPNS, IP_PKTINFO = 33, 35, 8  # Linux; the socket module has no names for them
 RECEIVE_BYTES = 8 << 20  # a burst of a thousand writes must not be lost

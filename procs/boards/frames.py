@@ -9,8 +9,8 @@ import socket
 from collections.abc import Iterable, Sequence
 from typing import Final, cast
 
-from procs.boards.controllers.bus import GROUP
-from procs.fpga import wire
+from trocar.procs.boards.controllers.bus import GROUP
+from trocar.procs.fpga import wire
 
 PLAIN_FRAMES: Final = 0x0004  # frames with a length instead of a protocol
 SOL_PACKET, PACKET_ADD_MEMBERSHIP, PACKET_PROMISCUOUS = 263, 1, 1  # Linux; the socket module has no names for them

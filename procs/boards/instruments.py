@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from procs.boards.board_faults import BoardFaults
-from procs.boards.devices.dallas import Dallas, instrument_memory
-from procs.boards.emulation import Emulation
-from procs.boards.robots.plant import Plant
-from procs.document.catalogue import CANDIDATES, find, taken_apart
-from procs.document.system import ArmConfig, SystemConfig, Tool
-from procs.fpga.instrument import NAME_AT, NAME_END
+from trocar.procs.boards.board_faults import BoardFaults
+from trocar.procs.boards.devices.dallas import Dallas, instrument_memory
+from trocar.procs.boards.emulation import Emulation
+from trocar.procs.boards.robots.plant import Plant
+from trocar.procs.document.catalogue import CANDIDATES, find, taken_apart
+from trocar.procs.document.system import ArmConfig, SystemConfig, Tool
+from trocar.procs.fpga.instrument import NAME_AT, NAME_END
 
 VERSION = 1  # where neither the name nor the index says one
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from procs import codes, runtime
-from procs.boards.board_commands import BoardCommands
-from procs.boards.emulation import Emulation
-from procs.boards.endpoints import Endpoints
-from procs.boards.robots.plant import Plant
-from procs.kernel.library import kernel
-from shm.ring import RingWriter
+from trocar.procs.boards.board_commands import BoardCommands
+from trocar.procs.boards.emulation import Emulation
+from trocar.procs.boards.endpoints import Endpoints
+from trocar.procs.boards.robots.plant import Plant
+from trocar.procs.native.library import kernel
+from trocar.procs.node import runtime
+from trocar.procs.tables import codes
+from trocar.shm.ring.ring import RingWriter
 
 BEHIND_STEP_NS = 2_000  # we wake as a step begins: no query then waits until one is taken
 

@@ -12,7 +12,7 @@ import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from procs.fpga.wire import DROPPED, TRAILER_BYTES, Buffer
+from trocar.procs.fpga.wire import DROPPED, TRAILER_BYTES, Buffer
 
 NEVER = 1 << 62
 LOST, LATE, DUPLICATED, DROPPED_REPLY, MISLABELLED = KINDS = ("lost", "late", "duplicated", "dropped", "mislabelled")

@@ -13,13 +13,13 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from procs.boards.controllers.bus import EmulatedBus
-from procs.boards.controllers.interface_board import CHANNELS, EmulatedInterfaceBoard
-from procs.boards.wiring import BRAKE_HOLDS_OFF, BRAKE_LETS_GO, Wiring
-from procs.document.emulated import EmulatedSetupArm, Linear
-from procs.document.emulated import EmulatedSetupJoints as Described
-from procs.document.system import SystemConfig
-from procs.fpga import registers as reg
+from trocar.procs.boards.controllers.bus import EmulatedBus
+from trocar.procs.boards.controllers.interface_board import CHANNELS, EmulatedInterfaceBoard
+from trocar.procs.boards.wiring import BRAKE_HOLDS_OFF, BRAKE_LETS_GO, Wiring
+from trocar.procs.document.emulated import EmulatedSetupArm, Linear
+from trocar.procs.document.emulated import EmulatedSetupJoints as Described
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.fpga import registers as reg
 
 JOINTS: Final = 6
 PLUGS: Final = 4

@@ -1,8 +1,8 @@
 """Configuration: dVRK 2.4 files and our own YAML become one checked document; only this part of lib opens files."""
 
-from procs.config.build.kinds import HEADS, Checked, check_file, kind_of
-from procs.config.build.load import Loaded, load_system
-from procs.config.read.problem import FileProblem
-from procs.paths import PROJECT_CONFIGS
+from trocar.procs.config.loading.kinds import HEADS, Checked, check_file, kind_of
+from trocar.procs.config.loading.load import Loaded, load_system
+from trocar.procs.config.read.problem import FileProblem
+from trocar.procs.machine.paths import PROJECT_CONFIGS
 
 __all__ = ["HEADS", "PROJECT_CONFIGS", "Checked", "FileProblem", "Loaded", "check_file", "kind_of", "load_system"]

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Final
 
-from procs.console.logic import CAMERA, CLUTCH, OPERATOR, Logic
-from procs.debounce import CLICKED, PRESSED, RELEASED
-from procs.requests import ANSWERED, CommandRefused, Handler, Request, carry_out, has_left, switch
+from trocar.procs.console.logic import CAMERA, CLUTCH, OPERATOR, Logic
+from trocar.procs.node.debounce import CLICKED, PRESSED, RELEASED
+from trocar.procs.node.requests import ANSWERED, CommandRefused, Handler, Request, carry_out, has_left, switch
 
 STAY: Final = "stay"
 KINDS: Final = {0.0: RELEASED, 1.0: PRESSED, 2.0: CLICKED}

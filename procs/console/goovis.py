@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
-from procs.document.consoles import HidSensor
+from trocar.procs.document.consoles import HidSensor
 
 LONGEST: Final = 64
 LOOK_AGAIN_NS: Final = 1_000_000_000

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Protocol
 
-from procs.console.logic import CAMERA, CLUTCH, OPERATOR
-from procs.debounce import CLICKED, PRESSED, RELEASED
-from procs.document.system import Console, SystemConfig, WiredInput
-from procs.inputs import Input, RecordReader
+from trocar.procs.console.logic import CAMERA, CLUTCH, OPERATOR
+from trocar.procs.document.system import Console, SystemConfig, WiredInput
+from trocar.procs.node.debounce import CLICKED, PRESSED, RELEASED
+from trocar.procs.node.inputs import Input, RecordReader
 
 BUTTON, CLICK = b"button", b"clicked"
 

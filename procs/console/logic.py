@@ -11,11 +11,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final, Protocol
 
-from procs import codes
-from procs.codes import Code
-from procs.console.selection import ECM, Selectable, at_load, conflicts, shared_arm, tapped
-from procs.debounce import CLICKED, PRESSED, RELEASED
-from shm.origins import NOBODY, Origin
+from trocar.procs.console.selection import ECM, Selectable, at_load, conflicts, shared_arm, tapped
+from trocar.procs.node.debounce import CLICKED, PRESSED, RELEASED
+from trocar.procs.tables import codes
+from trocar.procs.tables.codes import Code
+from trocar.shm.mailbox.origins import NOBODY, Origin
 
 ENABLE, ALIGN, DISABLE = "enable", "align_MTM", "disable"
 DISABLED: Final = "DISABLED"

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from functools import partial
 
-from procs import runtime
-from procs.codes import HEAD_SENSOR
-from procs.console.commands import ConsoleCommands
-from procs.console.goovis import Goovis
-from procs.console.inputs import Inputs
-from procs.console.logic import Logic
-from procs.console.outbox import Mailboxes
-from procs.console.record import ConsoleRecord, go_on
-from procs.console.selection import members_of
-from procs.document.system import SystemConfig, TeleopPsmConfig
-from shm.faults import Watched
+from trocar.procs.console.commands import ConsoleCommands
+from trocar.procs.console.goovis import Goovis
+from trocar.procs.console.inputs import Inputs
+from trocar.procs.console.logic import Logic
+from trocar.procs.console.outbox import Mailboxes
+from trocar.procs.console.record import ConsoleRecord, go_on
+from trocar.procs.console.selection import members_of
+from trocar.procs.document.system import SystemConfig, TeleopPsmConfig
+from trocar.procs.node import runtime
+from trocar.procs.tables.codes import HEAD_SENSOR
+from trocar.shm.mailbox.generations import Watched
 
 
 def first_scale(system: SystemConfig, console: str) -> float:

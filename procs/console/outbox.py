@@ -5,21 +5,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from procs import codes
-from procs.codes import Code
-from procs.console.logic import Logic
-from procs.console.selection import Selectable
-from procs.debounce import NAMES
-from procs.runtime import Node
-from shm.client import LoopClient
-from shm.origins import NOBODY, Origin
-from shm.ring import RingReader
+from trocar.procs.console.logic import Logic
+from trocar.procs.console.selection import Selectable
+from trocar.procs.node.debounce import NAMES
+from trocar.procs.node.runtime import Node
+from trocar.procs.tables import codes
+from trocar.procs.tables.codes import Code
+from trocar.shm.mailbox.client import LoopClient
+from trocar.shm.mailbox.origins import NOBODY, Origin
+from trocar.shm.ring.ring import RingReader
 
 PAYLOADS: Final = (0.0, 1.0, 2.0)  # of button events, as io has them: pressed, released, clicked
 
 
 class Mailboxes:
-    """The desk of `procs.console.logic` on shared memory."""
+    """The desk of `trocar.procs.console.logic` on shared memory."""
 
     def __init__(self, node: Node, members: Sequence[Selectable]) -> None:
         """Takes a place in every mailbox that is needed; `members` are the teleoperations of all consoles."""

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from procs.console.inputs import Inputs
-from procs.console.logic import Logic
-from procs.document.system import Console
-from procs.inputs import RecordReader
-from shm.origins import Origin
+from trocar.procs.console.inputs import Inputs
+from trocar.procs.console.logic import Logic
+from trocar.procs.document.system import Console
+from trocar.procs.node.inputs import RecordReader
+from trocar.shm.mailbox.origins import Origin
 
 
 class ConsoleRecord:

@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from procs.document.system import SystemConfig
+from trocar.procs.document.system import SystemConfig
 
 ECM: Final = "ECM"
 PSM: Final = "PSM"

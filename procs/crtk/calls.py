@@ -7,17 +7,17 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
-from procs.crtk.messages import WrongMessage
-from procs.crtk.names import none_such
-from procs.document.bridges import Rights
-from procs.document.system import SystemConfig
-from procs.user_tables import commands_of
-from shm.client import Client, MailboxFull, Reply
-from shm.clock import monotonic_ns
-from shm.command_row import CommandRow
-from shm.commands import COMMANDS, ENDINGS, may_power
-from shm.header import SegmentError
-from shm.segment import names_of
+from trocar.procs.crtk.messages import WrongMessage
+from trocar.procs.crtk.names import none_such
+from trocar.procs.document.bridges import Rights
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.tables.user_rows import commands_of
+from trocar.shm.commands import COMMANDS, ENDINGS, may_power
+from trocar.shm.mailbox.client import Client, MailboxFull, Reply
+from trocar.shm.mailbox.command_row import CommandRow
+from trocar.shm.memory.header import SegmentError
+from trocar.shm.memory.segment import names_of
+from trocar.shm.time.clock import monotonic_ns
 
 PEERS: Final = itertools.count(1)
 """Clients of this bridge, by number: what one of them stops ends the streams of the others, too."""

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from procs.crtk.views import OpenTopic
-from shm.clock import monotonic_ns, pause
-from shm.origins import program_name
-from shm.subscriptions import Subscriber
+from trocar.procs.crtk.views import OpenTopic
+from trocar.shm.mailbox.origins import program_name
+from trocar.shm.system.subscriptions import Subscriber
+from trocar.shm.time.clock import monotonic_ns, pause
 
 POLL_S = 0.001
 

@@ -15,9 +15,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.crtk.names import none_such
-from procs.crtk.topics import EVENT, TopicEntry
-from shm.rows import HEAD_FIELDS, Field
+from trocar.procs.crtk.names import none_such
+from trocar.procs.crtk.topics import EVENT, TopicEntry
+from trocar.shm.memory.rows import HEAD_FIELDS, Field
 
 MAX_LENGTH: Final = 200
 PATH: Final = re.compile(r"(?P<topic>[\w-]+(?:/[\w-]+)+)"

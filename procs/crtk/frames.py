@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from procs.crtk.plain import plain
-from procs.crtk.topics import TopicEntry
-from shm.ring import RingReader
+from trocar.procs.crtk.plain import plain
+from trocar.procs.crtk.topics import TopicEntry
+from trocar.shm.ring.ring import RingReader
 
 
 def frame_name(entry: TopicEntry, ring: RingReader) -> Callable[[], str]:

@@ -13,9 +13,9 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Final
 
-from procs.crtk.calls import Calls
-from procs.crtk.messages import WrongMessage
-from shm.command_row import ITSELF, CommandRow
+from trocar.procs.crtk.calls import Calls
+from trocar.procs.crtk.messages import WrongMessage
+from trocar.shm.mailbox.command_row import ITSELF, CommandRow
 
 OFF: Final = (0.0,)
 Held = tuple[str, str, tuple[float, ...], str]

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final
 
-from procs.crtk.names import none_such
+from trocar.procs.crtk.names import none_such
 
 MAX_BYTES: Final = 65536
 """Of one message."""

@@ -6,7 +6,7 @@ import difflib
 from collections.abc import Iterable
 from typing import Final
 
-from shm.header import SegmentError
+from trocar.shm.memory.header import SegmentError
 
 
 class Unknown(SegmentError):

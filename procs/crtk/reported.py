@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, Final
 
-from shm import directory
-from shm.events import SEVERITIES
-from shm.ring import RingReader
-from shm.segment import SegmentError
+from trocar.shm.memory.segment import SegmentError
+from trocar.shm.ring.ring import RingReader
+from trocar.shm.system import directory
+from trocar.shm.system.events import SEVERITIES
 
 FIELDS: Final = ("severity", "code", "text", "hint", "monotonic_ns", "local_ns")
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from shm.clock import local_ns, monotonic_ns
+from trocar.shm.time.clock import local_ns, monotonic_ns
 
 
 class Stamps:

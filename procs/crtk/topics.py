@@ -11,12 +11,12 @@ import json
 from dataclasses import dataclass, field
 from typing import Any
 
-from procs.arm_types import ARM_TYPES
-from procs.crtk.names import Unknown, none_such
-from procs.manifest import PROCS
-from shm.directory import rings, topic_of
-from shm.segment import Segment, SegmentError, segment_name
-from shm.topics import Field, View
+from trocar.procs.crtk.names import Unknown, none_such
+from trocar.procs.tables.arm_types import ARM_TYPES
+from trocar.procs.tables.manifest import PROCS
+from trocar.shm.memory.segment import Segment, SegmentError, segment_name
+from trocar.shm.system.directory import rings, topic_of
+from trocar.shm.topics import Field, View
 
 EVENTS_OF_ALL = ("status", "warning", "error")
 SEEN_OF_SOME = {view for row in ARM_TYPES.values() for view in row.views}  # of arms of some types

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.crtk.plain import plain
-from procs.crtk.topics import EVENT, RECORD, TopicEntry, find, writer_gone
-from shm import directory
-from shm.ring import RingReader
-from shm.system_time import SystemTime
+from trocar.procs.crtk.plain import plain
+from trocar.procs.crtk.topics import EVENT, RECORD, TopicEntry, find, writer_gone
+from trocar.shm.ring.ring import RingReader
+from trocar.shm.system import directory
+from trocar.shm.time.system_time import SystemTime
 
 FLAGS = {"goal_reached": "reached", "arm_clutch": "pressed", "gripper/closed": "closed", "orientation_locked": "locked"}
 ONE_JOINT = ("jaw", "gripper")
@@ -42,7 +42,7 @@ class OpenTopic:
         self._fields = {name: self._reader.field(name) for name in self._names}
         on_demand = [row for row in entry.fields if row.group]
         self.groups = tuple(dict.fromkeys(row.group for row in on_demand))
-        """What of it is computed on demand (shm/subscriptions.py)."""
+        """What of it is computed on demand (shm/system/subscriptions.py)."""
         self._on_demand = [row.name for row in on_demand]
 
     @property

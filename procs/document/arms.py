@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from procs.document.gravity_parameters import MasterGravityParameters
-from procs.document.user_process import UserCommand
+from trocar.procs.document.gravity_parameters import MasterGravityParameters
+from trocar.procs.document.user_process import UserCommand
 
 Matrix = tuple[tuple[float, ...], ...]
 
@@ -63,7 +63,7 @@ class Tool:
     engage_upper: tuple[float, ...]
     snake: bool = False
     source: str = ""
-    names: tuple[str, ...] = ()  # what it is known by: see `procs.document.catalogue`
+    names: tuple[str, ...] = ()  # what it is known by: see `trocar.procs.document.catalogue`
     model: str = ""
     generation: str = ""  # of the instrument: Classic or S
     description: str = ""
@@ -103,7 +103,7 @@ class ArmConfig:
     cannula_depth: float = 0.0  # PSM, m; 0: that of its instrument
     inputs: ArmInputs = ArmInputs()
     instrument_reader: str = ""  # PSM: name of what reads its instruments' memory
-    endoscope: str = ""  # ECM: one of `procs.kinematics.endoscopes.NAMES`
+    endoscope: str = ""  # ECM: one of `trocar.procs.kinematics.endoscopes.NAMES`
     master_gravity: MasterGravityParameters | None = None  # MTM, from the file measured on it
     platform_gain: float = 0.5  # MTM, 0 to 1
     gripper: str = ""  # MTM: the robot of its gripper, on the same io

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from ipaddress import ip_address
 from typing import Final
 
-from procs.document.process import host_and_port
+from trocar.procs.document.process import host_and_port
 
 VIEW: Final = "view"
 COMMAND: Final = "command"

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from procs.document.arms import Chain, Matrix
+from trocar.procs.document.arms import Chain, Matrix
 
 Linear = tuple[float, float]  # scale, offset
 CLASSIC, SI, FIXED = "Classic", "Si", "Fixed"

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from procs.document.system import ArmConfig, IoConfig, SystemConfig
+    from trocar.procs.document.system import ArmConfig, IoConfig, SystemConfig
 
 Names = Mapping[tuple[str, str], str]  # (io, name in its files) → name on the boards
 

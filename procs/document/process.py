@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from ipaddress import ip_address
 from typing import Final
 
-from procs.document.decoding import decode
+from trocar.procs.document.decoding import decode
 
 ALWAYS: Final = "always"
 ON_DEMAND: Final = "on-demand"

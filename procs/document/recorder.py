@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from procs.document.user_process import Property, UserProcess
+from trocar.procs.document.user_process import Property, UserProcess
 
 NAME: Final = "recorder"
 COMPRESSIONS: Final = ("zstd", "lz4", "none")

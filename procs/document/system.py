@@ -12,38 +12,38 @@ import json
 from dataclasses import dataclass
 from typing import TypeVar
 
-from procs.document.arms import ArmConfig as ArmConfig
-from procs.document.arms import ArmInputs as ArmInputs
-from procs.document.arms import Chain as Chain
-from procs.document.arms import DhLink as DhLink
-from procs.document.arms import JawConfig as JawConfig
-from procs.document.arms import Matrix as Matrix
-from procs.document.arms import Tool as Tool
-from procs.document.bridges import FoxgloveServer as FoxgloveServer
-from procs.document.bridges import SocketBridge as SocketBridge
-from procs.document.bridges import WebConsole as WebConsole
-from procs.document.cart import Cart as Cart
-from procs.document.cart import CartArm as CartArm
-from procs.document.consoles import Console as Console
-from procs.document.consoles import Focus as Focus
-from procs.document.consoles import TeleopEcmConfig as TeleopEcmConfig
-from procs.document.consoles import TeleopPsmConfig as TeleopPsmConfig
-from procs.document.consoles import WiredInput as WiredInput
-from procs.document.decoding import decode
-from procs.document.emulated import BusConfig as BusConfig
-from procs.document.emulated import Controller as Controller
-from procs.document.emulated import EmulatedSetupJoints as EmulatedSetupJoints
-from procs.document.emulated import ModelVariation as ModelVariation
-from procs.document.emulated import Quirks as Quirks
-from procs.document.emulated_names import with_names_on_boards
-from procs.document.gains import PidAxis as PidAxis
-from procs.document.process import Process as Process
-from procs.document.recorder import NAME as RECORDER
-from procs.document.recorder import Recorder as Recorder
-from procs.document.ros import RosBridge as RosBridge
-from procs.document.tasks import TaskRow as TaskRow
-from procs.document.third_party import ThirdParty as ThirdParty
-from procs.document.user_process import UserProcess as UserProcess
+from trocar.procs.document.arms import ArmConfig as ArmConfig
+from trocar.procs.document.arms import ArmInputs as ArmInputs
+from trocar.procs.document.arms import Chain as Chain
+from trocar.procs.document.arms import DhLink as DhLink
+from trocar.procs.document.arms import JawConfig as JawConfig
+from trocar.procs.document.arms import Matrix as Matrix
+from trocar.procs.document.arms import Tool as Tool
+from trocar.procs.document.bridges import FoxgloveServer as FoxgloveServer
+from trocar.procs.document.bridges import SocketBridge as SocketBridge
+from trocar.procs.document.bridges import WebConsole as WebConsole
+from trocar.procs.document.cart import Cart as Cart
+from trocar.procs.document.cart import CartArm as CartArm
+from trocar.procs.document.consoles import Console as Console
+from trocar.procs.document.consoles import Focus as Focus
+from trocar.procs.document.consoles import TeleopEcmConfig as TeleopEcmConfig
+from trocar.procs.document.consoles import TeleopPsmConfig as TeleopPsmConfig
+from trocar.procs.document.consoles import WiredInput as WiredInput
+from trocar.procs.document.decoding import decode
+from trocar.procs.document.emulated import BusConfig as BusConfig
+from trocar.procs.document.emulated import Controller as Controller
+from trocar.procs.document.emulated import EmulatedSetupJoints as EmulatedSetupJoints
+from trocar.procs.document.emulated import ModelVariation as ModelVariation
+from trocar.procs.document.emulated import Quirks as Quirks
+from trocar.procs.document.emulated_names import with_names_on_boards
+from trocar.procs.document.gains import PidAxis as PidAxis
+from trocar.procs.document.process import Process as Process
+from trocar.procs.document.recorder import NAME as RECORDER
+from trocar.procs.document.recorder import Recorder as Recorder
+from trocar.procs.document.ros import RosBridge as RosBridge
+from trocar.procs.document.tasks import TaskRow as TaskRow
+from trocar.procs.document.third_party import ThirdParty as ThirdParty
+from trocar.procs.document.user_process import UserProcess as UserProcess
 
 T = TypeVar("T")
 
@@ -138,7 +138,7 @@ class Robot:
     only_io: bool = False
     joint_to_actuator_position: Matrix | None = None
     brakes: tuple[Brake, ...] = ()
-    lookup: str = ""  # DIGITAL potentiometers: their table, packed by `procs.fpga.lookup`
+    lookup: str = ""  # DIGITAL potentiometers: their table, packed by `trocar.procs.fpga.lookup`
     source: str = ""
 
 

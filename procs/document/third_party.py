@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from procs.document.arms import Matrix
+from trocar.procs.document.arms import Matrix
 
 
 @dataclass(frozen=True, slots=True)

@@ -40,9 +40,9 @@ class UserTopic:
 class UserCommand:
     """A command that it carries out.
 
-    `effect`: the worst that it can do (shm/command_row.py), by itself or by what it asks others for; from "relax" on it
-    needs an operator's command, whose origin is passed on. `stops`: it ends something; `latest`: of several that wait
-    only the newest counts.
+    `effect`: the worst that it can do (shm/mailbox/command_row.py), by itself or by what it asks others for; from
+    "relax" on it needs an operator's command, whose origin is passed on. `stops`: it ends something; `latest`: of
+    several that wait only the newest counts.
     """
 
     name: str

@@ -7,16 +7,16 @@ import logging
 from collections.abc import Callable
 from typing import Final
 
-from procs import codes
-from procs.document.process import Process
-from procs.runtime import TimeUp, cause_of, limited
-from procs.user_code import module_named
-from procs.user_life import classes_in
-from procs.user_process import OwnProcess
-from shm.clock import monotonic_ns
-from shm.control_page import ControlPage
-from shm.layout import shorten
-from shm.origins import ACTING, NOBODY
+from trocar.procs.document.process import Process
+from trocar.procs.node.runtime import TimeUp, cause_of, limited
+from trocar.procs.tables import codes
+from trocar.procs.user.classes import module_named
+from trocar.procs.user.life import classes_in
+from trocar.procs.user.process import OwnProcess
+from trocar.shm.mailbox.origins import ACTING, NOBODY
+from trocar.shm.memory.layout import shorten
+from trocar.shm.time.clock import monotonic_ns
+from trocar.shm.time.control_page import ControlPage
 
 HEALTHY_NS: Final = 10_000_000_000
 WARN_EVERY_NS: Final = 60_000_000_000

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from functools import partial
 
-from procs.document.system import WALL, SystemConfig
-from procs.filters.hosted import HostedFilter, filter_in
-from procs.manifest import hung_s
-from procs.user_life import live
-from procs.user_process import OwnProcess
+from trocar.procs.document.system import WALL, SystemConfig
+from trocar.procs.filters.hosted import HostedFilter, filter_in
+from trocar.procs.tables.manifest import hung_s
+from trocar.procs.user.life import live
+from trocar.procs.user.process import OwnProcess
 
 
 class FiltersLoop(OwnProcess):

@@ -6,16 +6,16 @@ from typing import Any, Final
 
 from numpy.typing import NDArray
 
-from procs import runtime
-from procs.document.system import Focus, WiredInput
-from procs.focus.lens import COMMANDED_NS, IN, OUT, Lens
-from procs.requests import CommandRefused, Request, carry_out, switch
+from trocar.procs.document.system import Focus, WiredInput
+from trocar.procs.focus.lens import COMMANDED_NS, IN, OUT, Lens
+from trocar.procs.node import runtime
+from trocar.procs.node.requests import CommandRefused, Request, carry_out, switch
 
 WAYS: Final = {"focus_in": IN, "focus_out": OUT}
 
 
 class Wires:
-    """Pedals and outputs on the records of io; the desk of `procs.focus.lens`."""
+    """Pedals and outputs on the records of io; the desk of `trocar.procs.focus.lens`."""
 
     def __init__(self, node: runtime.Node, row: Focus) -> None:
         """Attaches to the rings of the ios, and takes a place in the mailbox of the one with the outputs."""

@@ -11,13 +11,13 @@ import numpy as np
 from foxglove import channels as fx
 from foxglove.messages import JointState, JointStates, Log, LogLevel, Pose, PoseInFrame, Quaternion, Timestamp, Vector3
 
-from procs.crtk.frames import frame_name
-from procs.crtk.stamps import Stamps
-from procs.crtk.topics import EVENT, RECORD, TopicEntry
-from procs.crtk.views import FLAGS, JS, OPERATING_STATE, STAMPS, OpenTopic
-from shm.events import ERROR, STATUS, WARNING
-from shm.ring import RingReader
-from shm.subscriptions import Subscriber
+from trocar.procs.crtk.frames import frame_name
+from trocar.procs.crtk.stamps import Stamps
+from trocar.procs.crtk.topics import EVENT, RECORD, TopicEntry
+from trocar.procs.crtk.views import FLAGS, JS, OPERATING_STATE, STAMPS, OpenTopic
+from trocar.shm.ring.ring import RingReader
+from trocar.shm.system.events import ERROR, STATUS, WARNING
+from trocar.shm.system.subscriptions import Subscriber
 
 PROGRAM: Final = "foxglove"
 SECOND_NS: Final = 1_000_000_000

@@ -8,13 +8,13 @@ from __future__ import annotations
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Final
 
-from procs.document.system import SystemConfig
-from procs.setup_error import SetupError
-from procs.user_life import live
-from procs.user_process import OwnProcess
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.node.setup_error import SetupError
+from trocar.procs.user.life import live
+from trocar.procs.user.process import OwnProcess
 
 if TYPE_CHECKING:
-    from procs.foxglove.server import TopicServer
+    from trocar.procs.foxglove.server import TopicServer
 
 MISSING: Final = "foxglove-sdk is not installed: pip install foxglove-sdk in the environment of Trocar"
 
@@ -31,7 +31,7 @@ class FoxgloveLoop(OwnProcess):
             raise ValueError(f"{self.system} has no Foxglove server")
         if find_spec("foxglove") is None:
             raise SetupError(MISSING)
-        from procs.foxglove.server import TopicServer
+        from trocar.procs.foxglove.server import TopicServer
 
         self._server = TopicServer(self.own.document, row, self.time.simulated)
         self.log.info("Foxglove: %s://%s", "wss" if row.certificate else "ws", row.listen)

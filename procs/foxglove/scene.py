@@ -28,14 +28,14 @@ from foxglove.messages import (
 )
 from numpy.typing import NDArray
 
-from procs.crtk.plain import plain
-from procs.crtk.stamps import Stamps
-from procs.document.arms import ArmConfig
-from procs.foxglove.channels import rotation_of, timestamp
-from procs.kinematics.carrying import carrying
-from procs.kinematics.forward import Kinematics
-from procs.kinematics.poses import pose_from_matrix, product, turned
-from shm import directory
+from trocar.procs.crtk.plain import plain
+from trocar.procs.crtk.stamps import Stamps
+from trocar.procs.document.arms import ArmConfig
+from trocar.procs.foxglove.channels import rotation_of, timestamp
+from trocar.procs.kinematics.carrying import carrying
+from trocar.procs.kinematics.forward import Kinematics
+from trocar.procs.kinematics.poses import pose_from_matrix, product, turned
+from trocar.shm.system import directory
 
 FRAMES: Final = "/tf"
 SCENE: Final = "/scene"

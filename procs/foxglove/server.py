@@ -10,16 +10,16 @@ from typing import Final
 import foxglove
 from foxglove.websocket import Capability, ChannelView, Client, ServerListener
 
-from procs.crtk.stamps import Stamps
-from procs.crtk.topics import EVENT, RECORD, TopicEntry, catalogue
-from procs.document.bridges import FoxgloveServer
-from procs.document.process import host_and_port
-from procs.document.system import SystemConfig
-from procs.foxglove.channels import ShownEvents, ShownRecords
-from procs.foxglove.scene import RobotScene
-from procs.own_memory import Closing
-from procs.port_holders import TCP, holders
-from shm import directory
+from trocar.procs.crtk.stamps import Stamps
+from trocar.procs.crtk.topics import EVENT, RECORD, TopicEntry, catalogue
+from trocar.procs.document.bridges import FoxgloveServer
+from trocar.procs.document.process import host_and_port
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.foxglove.channels import ShownEvents, ShownRecords
+from trocar.procs.foxglove.scene import RobotScene
+from trocar.procs.machine.port_holders import TCP, holders
+from trocar.procs.node.node_memory import Closing
+from trocar.shm.system import directory
 
 LOOK_NS: Final = 100_000_000
 

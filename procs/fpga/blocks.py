@@ -10,8 +10,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Final
 
-from procs.fpga import registers
-from procs.fpga.wire import MAX_DATA, WireError
+from trocar.procs.fpga import registers
+from trocar.procs.fpga.wire import MAX_DATA, WireError
 
 AXES_OF: Final = {"QLA1": (4, 4), "DQLA": (8, 8), "dRA1": (10, 7)}  # hardware: motors (with brakes), encoders
 MAX_HUB_QUADS: Final = MAX_DATA // 4  # of a hub read: hub memory has 512, a block on the wire a few less

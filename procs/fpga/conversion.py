@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.fpga.registers import ENCODER_MASK, ENCODER_MIDRANGE
+from trocar.procs.fpga.registers import ENCODER_MASK, ENCODER_MIDRANGE
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.fpga import registers
+from trocar.procs.fpga import registers
 
 Floats = NDArray[np.float64]
 Words = NDArray[np.uint32]

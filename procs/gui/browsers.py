@@ -12,20 +12,20 @@ from typing import Any, Final, Protocol
 
 import numpy as np
 
-from procs.crtk.calls import Calls, CommandOwner
-from procs.crtk.held import HeldDown
-from procs.crtk.messages import MAX_BYTES, Message, WrongMessage, parsed, said
-from procs.crtk.plain import plain
-from procs.document.bridges import Rights
-from procs.gui.control import BrowserControl
-from procs.gui.messages import OPS
-from procs.gui.scene_source import ArmModels
-from procs.gui.sources import Sources
-from procs.gui.ticks import Ticks
-from procs.kinematics.poses import POSE
-from shm.clock import monotonic_ns
-from shm.ring import RingError
-from shm.segment import SegmentError
+from trocar.procs.crtk.calls import Calls, CommandOwner
+from trocar.procs.crtk.held import HeldDown
+from trocar.procs.crtk.messages import MAX_BYTES, Message, WrongMessage, parsed, said
+from trocar.procs.crtk.plain import plain
+from trocar.procs.document.bridges import Rights
+from trocar.procs.gui.control import BrowserControl
+from trocar.procs.gui.messages import OPS
+from trocar.procs.gui.scene_source import ArmModels
+from trocar.procs.gui.sources import Sources
+from trocar.procs.gui.ticks import Ticks
+from trocar.procs.kinematics.poses import POSE
+from trocar.shm.memory.segment import SegmentError
+from trocar.shm.ring.ring import RingError
+from trocar.shm.time.clock import monotonic_ns
 
 LATE_NS: Final = 1_000_000_000
 """So old a wish may be when it comes, as in mailboxes."""

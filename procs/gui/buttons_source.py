@@ -5,10 +5,10 @@ from __future__ import annotations
 import contextlib
 from typing import Any, Final
 
-from procs.document.system import SystemConfig
-from shm import directory
-from shm.ring import RingReader
-from shm.segment import SegmentError
+from trocar.procs.document.system import SystemConfig
+from trocar.shm.memory.segment import SegmentError
+from trocar.shm.ring.ring import RingReader
+from trocar.shm.system import directory
 
 A_LOOK: Final = 64
 """Events of a process that are read in a tick."""

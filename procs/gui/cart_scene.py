@@ -7,10 +7,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.document.cart import Cart, CartArm
-from procs.kinematics.forward import Kinematics
-from procs.kinematics.poses import pose_from_matrix
-from shm import directory
+from trocar.procs.document.cart import Cart, CartArm
+from trocar.procs.kinematics.forward import Kinematics
+from trocar.procs.kinematics.poses import pose_from_matrix
+from trocar.shm.system import directory
 
 Array = NDArray[np.float64]
 LATE_NS: Final = 500_000_000

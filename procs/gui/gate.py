@@ -19,7 +19,7 @@ from urllib.parse import parse_qs, urlsplit
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from procs.access import is_ours
+from trocar.procs.machine.access import is_ours
 
 COOKIE: Final = "trocar"
 GUESS_S: Final = 1.0

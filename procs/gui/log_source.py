@@ -7,11 +7,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from procs.crtk.names import none_such
-from procs.document.system import SystemConfig
-from procs.gui.sources import Maker
-from procs.paths import log_folder
-from shm.loglines import parsed
+from trocar.procs.crtk.names import none_such
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.gui.sources import Maker
+from trocar.procs.machine.paths import log_folder
+from trocar.shm.system.loglines import parsed
 
 LOOK_NS: Final = 250_000_000
 BYTES: Final = 1 << 16

@@ -9,20 +9,20 @@ from __future__ import annotations
 import os
 from typing import Any, Final
 
-from procs import runtime
-from procs.access import token_in
-from procs.crtk.calls import owners_of
-from procs.document.system import SystemConfig
-from procs.gui.browsers import Browsers, ConsoleService
-from procs.gui.catalogue import sources_of
-from procs.gui.pages.application import application
-from procs.gui.scene_source import ArmModels
-from procs.gui.server import WebServer
-from procs.paths import token_file
-from procs.pauses import Pauses, duration
-from procs.serving import ServingLoop
-from shm.clock import monotonic_ns
-from shm.faults import Faults
+from trocar.procs.crtk.calls import owners_of
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.gui.browsers import Browsers, ConsoleService
+from trocar.procs.gui.catalogue import sources_of
+from trocar.procs.gui.pages.application import application
+from trocar.procs.gui.scene_source import ArmModels
+from trocar.procs.gui.server import WebServer
+from trocar.procs.machine.access import token_in
+from trocar.procs.machine.paths import token_file
+from trocar.procs.node import runtime
+from trocar.procs.node.pauses import Pauses, duration
+from trocar.procs.node.serving import ServingLoop
+from trocar.shm.mailbox.generations import Faults
+from trocar.shm.time.clock import monotonic_ns
 
 HELD_UP_NS: Final = 1_000_000_000
 

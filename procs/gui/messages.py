@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from procs.crtk.messages import NO_WORD, SOME_NUMBERS, VALUES, WORD, MessagePart, Ops
+from trocar.procs.crtk.messages import NO_WORD, SOME_NUMBERS, VALUES, WORD, MessagePart, Ops
 
 MAX_SOURCES: Final = 64
 MAX_NAME: Final = 160

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections import deque
 from typing import Any, Final
 
-from procs.crtk.reported import FIELDS, event_rings, message_of
-from procs.document.system import SystemConfig
-from shm.events import ERROR, STATUS
-from shm.ring import RingReader
+from trocar.procs.crtk.reported import FIELDS, event_rings, message_of
+from trocar.procs.document.system import SystemConfig
+from trocar.shm.ring.ring import RingReader
+from trocar.shm.system.events import ERROR, STATUS
 
 KEPT: Final = 80
 OLDER: Final = 40

@@ -10,7 +10,7 @@ from typing import Final
 
 from fastapi import Response
 
-from procs.gui.robots import IoRobot
+from trocar.procs.gui.robots import IoRobot
 
 DUE_S: Final = 30.0
 WAITING: Final = 4
@@ -49,7 +49,7 @@ class PidFiles:
 
     async def _run(self, *words: str) -> tuple[int, str]:
         running = await asyncio.create_subprocess_exec(
-            sys.executable, "-m", "tools", *words, stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.PIPE,
+            sys.executable, "-m", "trocar", *words, stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.STDOUT)
         try:
             said, _ = await asyncio.wait_for(running.communicate(), DUE_S)

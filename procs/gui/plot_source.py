@@ -7,15 +7,15 @@ from typing import Any, Final
 
 import numpy as np
 
-from procs.crtk.field_paths import FieldCells, FieldPath, cells_of, parse_path
-from procs.crtk.topics import TopicEntry, find
-from procs.document.system import SystemConfig
-from procs.gui.sources import PROGRAM, Maker
-from procs.gui.validity import checked
-from shm import directory
-from shm.ring import RingReader
-from shm.segment import SegmentError
-from shm.subscriptions import Subscriber
+from trocar.procs.crtk.field_paths import FieldCells, FieldPath, cells_of, parse_path
+from trocar.procs.crtk.topics import TopicEntry, find
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.gui.sources import PROGRAM, Maker
+from trocar.procs.gui.validity import checked
+from trocar.shm.memory.segment import SegmentError
+from trocar.shm.ring.ring import RingReader
+from trocar.shm.system import directory
+from trocar.shm.system.subscriptions import Subscriber
 
 BEFORE_NS: Final = 60_000_000_000
 """Of what was before somebody looked, as far as the ring goes back."""

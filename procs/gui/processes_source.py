@@ -5,14 +5,14 @@ from __future__ import annotations
 import contextlib
 from typing import Any, Final
 
-from procs.crtk.plain import plain
-from procs.document.system import SystemConfig
-from procs.usage import Usage
-from shm import directory
-from shm.clock import monotonic_ns
-from shm.control_page import ControlPage
-from shm.ring import RingReader
-from shm.segment import SegmentError
+from trocar.procs.crtk.plain import plain
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.machine.usage import Usage
+from trocar.shm.memory.segment import SegmentError
+from trocar.shm.ring.ring import RingReader
+from trocar.shm.system import directory
+from trocar.shm.time.clock import monotonic_ns
+from trocar.shm.time.control_page import ControlPage
 
 LOOK_NS: Final = 1_000_000_000
 ROW: Final = ("lifecycle", "restarts", "exit_reason")

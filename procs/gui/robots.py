@@ -9,11 +9,11 @@ from urllib.parse import quote
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.document.gains import PidAxis
-from procs.document.system import IoConfig, PidConfig, Robot, SystemConfig
-from procs.faults import fault_of
-from procs.gui.sources import RecordSource
-from shm.topics import IO_GAINS, IO_STATE
+from trocar.procs.document.gains import PidAxis
+from trocar.procs.document.system import IoConfig, PidConfig, Robot, SystemConfig
+from trocar.procs.gui.sources import RecordSource
+from trocar.procs.node.fault_report import fault_of
+from trocar.shm.topics import IO_GAINS, IO_STATE
 
 NEVER_S: Final = 1e6
 PINS: Final = ("input", "output", "age_ns")

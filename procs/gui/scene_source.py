@@ -9,17 +9,17 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.arm_types import ARM_TYPES
-from procs.crtk.names import none_such
-from procs.document.arms import ArmConfig
-from procs.document.system import SystemConfig
-from procs.gui.cart_scene import SceneCart
-from procs.kinematics.carrying import carrying, inverse_carrying
-from procs.kinematics.forward import Kinematics
-from procs.kinematics.inverse.solver import InverseSolver
-from procs.kinematics.poses import given_pose, inverse, matrix_from_pose, pose_from_matrix
-from shm import directory
-from shm.segment import SegmentError
+from trocar.procs.crtk.names import none_such
+from trocar.procs.document.arms import ArmConfig
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.gui.cart_scene import SceneCart
+from trocar.procs.kinematics.carrying import carrying, inverse_carrying
+from trocar.procs.kinematics.forward import Kinematics
+from trocar.procs.kinematics.inverse.solver import InverseSolver
+from trocar.procs.kinematics.poses import given_pose, inverse, matrix_from_pose, pose_from_matrix
+from trocar.procs.tables.arm_types import ARM_TYPES
+from trocar.shm.memory.segment import SegmentError
+from trocar.shm.system import directory
 
 Array = NDArray[np.float64]
 LATE_NS: Final = 500_000_000

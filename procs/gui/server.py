@@ -12,10 +12,10 @@ from typing import Final
 import uvicorn
 from fastapi import FastAPI, WebSocket, WebSocketDisconnect
 
-from procs.access import tls_of
-from procs.document.bridges import WebConsole
-from procs.gui.browsers import Browsers
-from procs.gui.gate import Gate
+from trocar.procs.document.bridges import WebConsole
+from trocar.procs.gui.browsers import Browsers
+from trocar.procs.gui.gate import Gate
+from trocar.procs.machine.access import tls_of
 
 BYTES: Final = 1 << 20
 """Of a message, of those that NiceGUI sends as well."""

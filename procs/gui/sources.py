@@ -8,10 +8,10 @@ from typing import Any, Final, Protocol
 import numpy as np
 import orjson
 
-from procs.crtk.names import none_such
-from shm import directory
-from shm.segment import SegmentError
-from shm.subscriptions import Subscriber
+from trocar.procs.crtk.names import none_such
+from trocar.shm.memory.segment import SegmentError
+from trocar.shm.system import directory
+from trocar.shm.system.subscriptions import Subscriber
 
 PROGRAM: Final = "gui"
 OPTIONS: Final = orjson.OPT_SERIALIZE_NUMPY

@@ -13,7 +13,7 @@ KEPT: Final = 100
 
 @dataclass(frozen=True, slots=True)
 class Tick:
-    """One of them; `generation`: how many faults there were, see shm/faults.py."""
+    """One of them; `generation`: how many faults there were, see shm/mailbox/generations.py."""
 
     sent_ns: int
     generation: int

@@ -6,11 +6,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from procs.gui.robots import IoRobot
-from procs.gui.sources import PROGRAM
-from shm import directory
-from shm.subscriptions import Subscriber
-from shm.topics import IO_STATE
+from trocar.procs.gui.robots import IoRobot
+from trocar.procs.gui.sources import PROGRAM
+from trocar.shm.system import directory
+from trocar.shm.system.subscriptions import Subscriber
+from trocar.shm.topics import IO_STATE
 
 SIGNALS: Final = ("position", "setpoint_position", "velocity", "setpoint_velocity", "effort", "setpoint_effort",
                   "disturbance", "position_error")

@@ -10,11 +10,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from procs.crtk.field_paths import FieldCells
-from procs.document.system import SystemConfig
-from procs.gui.robots import IoRobot, Place, robots_of
-from shm.directory import topic_of
-from shm.topics import IO_STATE
+from trocar.procs.crtk.field_paths import FieldCells
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.gui.robots import IoRobot, Place, robots_of
+from trocar.shm.system.directory import topic_of
+from trocar.shm.topics import IO_STATE
 
 ALONE: Final = -1
 """The place in a flag that is no list."""

@@ -6,10 +6,10 @@ from collections import deque
 from collections.abc import Callable
 from typing import Final
 
-from procs.boards.controllers.bus import GROUP
-from procs.boards.emulation import Emulation
-from procs.fpga import registers, wire
-from procs.io.bus.udp import OWN_ADDRESS, address_of
+from trocar.procs.boards.controllers.bus import GROUP
+from trocar.procs.boards.emulation import Emulation
+from trocar.procs.fpga import registers, wire
+from trocar.procs.io.bus.udp import OWN_ADDRESS, address_of
 
 NODES: Final = 16
 TCODE_AT: Final = 5  # byte of a request with what is asked, in its upper half

@@ -5,8 +5,9 @@
         psm.send("state_command", (), "enable")
         host.run(0.5)
 
-What happens is what happens in lock-step between processes. Its shared memory has no names (shm/private.py): nothing is
-left of it, whatever becomes of the process. There is no supervisor: a loop that raises an error ends the host.
+What happens is what happens in lock-step between processes. Its shared memory has no names (shm/memory/private.py):
+nothing is left of it, whatever becomes of the process. There is no supervisor: a loop that raises an error ends the
+host.
 """
 
 from __future__ import annotations
@@ -17,22 +18,23 @@ import weakref
 from collections.abc import Callable, Iterator
 from typing import Any, Self
 
-from procs.crtk.names import none_such
-from procs.document.system import SystemConfig
-from procs.host.loops import HostedBoards, HostError, made
-from procs.host.node import HostedNode, SteppedClock
-from procs.host.objects import UnknownTypeError
-from procs.host.pages import HostPages
-from procs.host.snapshot import HostMemory, HostSnapshot
-from procs.manifest import proc
-from procs.runtime import Loop
-from procs.supervisor import memory
-from shm import directory, private
-from shm.client import Client
-from shm.clock import sleeping_by
-from shm.layout import Schema
-from shm.ring import RingReader
-from shm.segment import Make, create, names_of
+from trocar.procs.crtk.names import none_such
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.host.loops import HostedBoards, HostError, made
+from trocar.procs.host.node import HostedNode, SteppedClock
+from trocar.procs.host.objects import UnknownTypeError
+from trocar.procs.host.pages import HostPages
+from trocar.procs.host.snapshot import HostMemory, HostSnapshot
+from trocar.procs.node.runtime import Loop
+from trocar.procs.supervisor import memory
+from trocar.procs.tables.manifest import proc
+from trocar.shm.mailbox.client import Client
+from trocar.shm.memory import private
+from trocar.shm.memory.layout import Schema
+from trocar.shm.memory.segment import Make, create, names_of
+from trocar.shm.ring.ring import RingReader
+from trocar.shm.system import directory
+from trocar.shm.time.clock import sleeping_by
 
 HISTORY = 8
 """Records that rings keep, unless somebody wants more."""
@@ -49,7 +51,7 @@ FIRST_NUMBER = 1 << 31
 
 
 class CommandNumbers:
-    """Numbers of the persons' commands in a host, the same ones each time (shm/origins.py)."""
+    """Numbers of the persons' commands in a host, the same ones each time (shm/mailbox/origins.py)."""
 
     def __init__(self) -> None:
         self._count = 0
@@ -61,7 +63,7 @@ class CommandNumbers:
 
 
 class Host:
-    """One system. Time begins at EPOCH_NS (shm/lockstep.py) and passes in `run` only."""
+    """One system. Time begins at EPOCH_NS (shm/time/lockstep.py) and passes in `run` only."""
 
     def __init__(self, document: SystemConfig, history: int = HISTORY) -> None:
         """HostError for what cannot run here: real boards, users' processes, PSMs on boards with coarse physics.

@@ -4,23 +4,23 @@ from __future__ import annotations
 
 from typing import Final
 
-from procs import runtime
-from procs.arm.loop import ArmLoop
-from procs.boards.loop import BoardsLoop
-from procs.console.loop import ConsoleLoop
-from procs.document.system import IoConfig
-from procs.focus.loop import FocusLoop
-from procs.fpga.ports import PortName
-from procs.host.bus import DirectTransport
-from procs.host.node import HostedNode
-from procs.io.bus.bus_port import BusPort
-from procs.io.loop import IoLoop
-from procs.io.robots import Robots
-from procs.io.start import POWER_OFF
-from procs.suj.loop import SetupLoop
-from procs.system.loop import SystemLoop
-from procs.system.sound import Sound
-from procs.teleop.loop import TeleopLoop
+from trocar.procs.arm.loop import ArmLoop
+from trocar.procs.boards.loop import BoardsLoop
+from trocar.procs.console.loop import ConsoleLoop
+from trocar.procs.document.system import IoConfig
+from trocar.procs.focus.loop import FocusLoop
+from trocar.procs.fpga.ports import PortName
+from trocar.procs.host.bus import DirectTransport
+from trocar.procs.host.node import HostedNode
+from trocar.procs.io.bus.bus_port import BusPort
+from trocar.procs.io.loop import IoLoop
+from trocar.procs.io.robots import Robots
+from trocar.procs.io.start import POWER_OFF
+from trocar.procs.node import runtime
+from trocar.procs.suj.loop import SetupLoop
+from trocar.procs.system.loop import SystemLoop
+from trocar.procs.system.sound import Sound
+from trocar.procs.teleop.loop import TeleopLoop
 
 
 class HostError(Exception):

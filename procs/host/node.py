@@ -5,9 +5,9 @@ from __future__ import annotations
 import socket
 from collections.abc import Callable
 
-from procs.pacing import QUICKEST_NS
-from procs.runtime import Node
-from shm.lockstep import EPOCH_NS
+from trocar.procs.node.pacing import QUICKEST_NS
+from trocar.procs.node.runtime import Node
+from trocar.shm.time.lockstep import EPOCH_NS
 
 
 class SteppedClock:

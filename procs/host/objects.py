@@ -21,7 +21,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from shm.segment import Segment
+from trocar.shm.memory.segment import Segment
 
 Children = Iterable[tuple[str, object]]
 Slots = tuple[tuple[str, types.MemberDescriptorType], ...]

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import os
 
-from procs.document.system import SystemConfig
-from procs.host.node import SteppedClock
-from procs.supervisor.memory import simulated
-from shm.clock import monotonic_ns
-from shm.control_page import ControlPage
-from shm.lockstep import SCHEMA, clock_page, create_clock
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.host.node import SteppedClock
+from trocar.procs.supervisor.memory import simulated
+from trocar.shm.time.clock import monotonic_ns
+from trocar.shm.time.control_page import ControlPage
+from trocar.shm.time.lockstep import SCHEMA, clock_page, create_clock
 
 
 class HostPages:

@@ -6,8 +6,8 @@ import itertools
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from procs.host.objects import RememberedObjects, UnknownTypeError
-from shm.segment import Segment, names_of, segment_name
+from trocar.procs.host.objects import RememberedObjects, UnknownTypeError
+from trocar.shm.memory.segment import Segment, names_of, segment_name
 
 PAGE: Final = 4096
 ZEROS: Final = bytes(PAGE)

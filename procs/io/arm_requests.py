@@ -15,14 +15,14 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.io.record import Flags, IoRecord
-from procs.io.robots import Robots
-from procs.io.setpoint_tracker import SetpointTracker, TrackedRobot
-from procs.wishes import NONE, OFF, ON, SETTINGS, WISHES, Order
-from shm.command_row import CommandRow
-from shm.commands import COMMANDS
-from shm.layout import shorten
-from shm.origins import Origin, SenderId
+from trocar.procs.io.record import Flags, IoRecord
+from trocar.procs.io.robots import Robots
+from trocar.procs.io.setpoint_tracker import SetpointTracker, TrackedRobot
+from trocar.procs.tables.desired_state import NONE, OFF, ON, SETTINGS, WISHES, Order
+from trocar.shm.commands import COMMANDS
+from trocar.shm.mailbox.command_row import CommandRow
+from trocar.shm.mailbox.origins import Origin, SenderId
+from trocar.shm.memory.layout import shorten
 
 ROWS: Final = {row.name: row for row in COMMANDS["io"]}
 

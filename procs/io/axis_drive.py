@@ -14,11 +14,11 @@ from typing import Final
 
 import numpy as np
 
-from procs.io.brakes import Brakes
-from procs.io.pid import Pid
-from procs.io.record import Floats, IoRecord
-from procs.io.robots import Robots, Samples
-from procs.requests import Request
+from trocar.procs.io.brakes import Brakes
+from trocar.procs.io.pid import Pid
+from trocar.procs.io.record import Floats, IoRecord
+from trocar.procs.io.robots import Robots, Samples
+from trocar.procs.node.requests import Request
 
 MAX_SHARE: Final = 0.5  # of the motor's largest current
 MAX_RISE_S: Final = 3.0

@@ -16,12 +16,12 @@ from typing import Final
 
 import numpy as np
 
-from procs import codes
-from procs.fpga import conversion, registers
-from procs.io.bus.port import Port, PortError
-from procs.io.record import Flags, Floats, IoRecord
-from procs.io.reports import IoReports
-from procs.io.robots import Robots, Samples
+from trocar.procs.fpga import conversion, registers
+from trocar.procs.io.bus.port import Port, PortError
+from trocar.procs.io.record import Flags, Floats, IoRecord
+from trocar.procs.io.reports import IoReports
+from trocar.procs.io.robots import Robots, Samples
+from trocar.procs.tables import codes
 
 SETTLE_SAMPLES: Final = 2
 ATTEMPTS: Final = 3

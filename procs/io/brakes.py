@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.io.record import Floats, IoRecord
-from procs.io.robots import Robots
+from trocar.procs.io.record import Floats, IoRecord
+from trocar.procs.io.robots import Robots
 
 
 class Brakes:

@@ -6,12 +6,12 @@ from typing import Final
 
 import numpy as np
 
-from procs.debounce import NAMES, Debounce
-from procs.fpga import blocks
-from procs.io.bus.port import Port
-from procs.io.record import IoRecord
-from procs.io.reports import IoEvent, IoReports
-from procs.io.robots import Robots
+from trocar.procs.fpga import blocks
+from trocar.procs.io.bus.port import Port
+from trocar.procs.io.record import IoRecord
+from trocar.procs.io.reports import IoEvent, IoReports
+from trocar.procs.io.robots import Robots
+from trocar.procs.node.debounce import NAMES, Debounce
 
 PAYLOADS: Final = (0.0, 1.0, 2.0)  # as in CRTK's button events: pressed, released, clicked
 

@@ -11,10 +11,10 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-from procs.document.cart import LIFT_OUTPUTS, MULTIPLEXER_OUTPUTS
-from procs.io.digital_outputs import DigitalOutputs
-from procs.io.record import IoRecord
-from procs.io.robots import Robots
+from trocar.procs.document.cart import LIFT_OUTPUTS, MULTIPLEXER_OUTPUTS
+from trocar.procs.io.digital_outputs import DigitalOutputs
+from trocar.procs.io.record import IoRecord
+from trocar.procs.io.robots import Robots
 
 NEUTRAL, GAIN = 0.5, 0.1  # duty cycle at rest, and what full speed adds to it
 HOLD_NS: Final = 30_000_000

@@ -7,12 +7,10 @@ from typing import Final
 
 import numpy as np
 
-from procs import codes
-from procs.faults import fault_of
-from procs.io.arm_requests import ArmRequests, WishCommand
-from procs.io.brakes import Brakes
-from procs.io.bus.port import PortError
-from procs.io.devices import (
+from trocar.procs.io.arm_requests import ArmRequests, WishCommand
+from trocar.procs.io.brakes import Brakes
+from trocar.procs.io.bus.port import PortError
+from trocar.procs.io.devices import (
     AxisDriveDevice,
     BiasDevice,
     CartDevice,
@@ -23,15 +21,17 @@ from procs.io.devices import (
     SafetyDevice,
     SetupBrakesDevice,
 )
-from procs.io.pid import Pid
-from procs.io.record import Flags, IoRecord
-from procs.io.reports import IoReports
-from procs.io.robots import Robots
-from procs.io.setpoint_tracker import SetpointTracker
-from procs.requests import CommandRefused, Request, switch
-from procs.wishes import SETTINGS, SWITCHING
-from shm.faults import OwnCell
-from shm.guard import unauthorized
+from trocar.procs.io.pid import Pid
+from trocar.procs.io.record import Flags, IoRecord
+from trocar.procs.io.reports import IoReports
+from trocar.procs.io.robots import Robots
+from trocar.procs.io.setpoint_tracker import SetpointTracker
+from trocar.procs.node.fault_report import fault_of
+from trocar.procs.node.requests import CommandRefused, Request, switch
+from trocar.procs.tables import codes
+from trocar.procs.tables.desired_state import SETTINGS, SWITCHING
+from trocar.shm.mailbox.generations import OwnCell
+from trocar.shm.mailbox.guard import unauthorized
 
 ABOUT: Final = {"set_output": "output", "set_pwm": "output", "trigger_read": "instrument reader"}  # others: a robot
 WITH_MORE: Final = ("set_gains",)  # whose text goes on after the name

@@ -14,36 +14,36 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs import codes
-from procs.document.system import IoConfig
-from procs.inputs import FOR_EVER_NS
-from procs.io.arm_requests import ArmRequests, WishCommand
-from procs.io.axis_drive import AxisDrive
-from procs.io.bias import Bias
-from procs.io.brakes import Brakes
-from procs.io.bus.port import ExchangeSettings, Port
-from procs.io.buttons import Buttons
-from procs.io.cart_outputs import CartOutputs
-from procs.io.commands import IoCommands
-from procs.io.digital_outputs import DigitalOutputs
-from procs.io.fault_handler import FaultHandler
-from procs.io.gains import JointGains, configured_gains
-from procs.io.instruments import InstrumentReaders
-from procs.io.outputs import Outputs
-from procs.io.pid import Pid
-from procs.io.power import Power
-from procs.io.record import Field, Flags, IoRecord
-from procs.io.reports import IoReports, also
-from procs.io.robots import Robots, Samples
-from procs.io.safety import Safety
-from procs.io.setpoint_tracker import SetpointSource, SetpointTracker
-from procs.io.setup_brakes import SetupBrakes
-from procs.io.stages import stages
-from procs.io.tasks import Tasks
-from procs.io.timing import Timing
-from procs.kernel.progress import BAD, CHECKED, CONTROLLED, DECODED, ENCODED, NONE, READY, SENT
-from procs.requests import Request
-from shm.faults import NoFaults, OwnCell
+from trocar.procs.document.system import IoConfig
+from trocar.procs.io.arm_requests import ArmRequests, WishCommand
+from trocar.procs.io.axis_drive import AxisDrive
+from trocar.procs.io.bias import Bias
+from trocar.procs.io.brakes import Brakes
+from trocar.procs.io.bus.port import ExchangeSettings, Port
+from trocar.procs.io.buttons import Buttons
+from trocar.procs.io.cart_outputs import CartOutputs
+from trocar.procs.io.commands import IoCommands
+from trocar.procs.io.digital_outputs import DigitalOutputs
+from trocar.procs.io.fault_handler import FaultHandler
+from trocar.procs.io.gains import JointGains, configured_gains
+from trocar.procs.io.instruments import InstrumentReaders
+from trocar.procs.io.outputs import Outputs
+from trocar.procs.io.pid import Pid
+from trocar.procs.io.power import Power
+from trocar.procs.io.record import Field, Flags, IoRecord
+from trocar.procs.io.reports import IoReports, also
+from trocar.procs.io.robots import Robots, Samples
+from trocar.procs.io.safety import Safety
+from trocar.procs.io.setpoint_tracker import SetpointSource, SetpointTracker
+from trocar.procs.io.setup_brakes import SetupBrakes
+from trocar.procs.io.stages import stages
+from trocar.procs.io.tasks import Tasks
+from trocar.procs.io.timing import Timing
+from trocar.procs.native.progress import BAD, CHECKED, CONTROLLED, DECODED, ENCODED, NONE, READY, SENT
+from trocar.procs.node.inputs import FOR_EVER_NS
+from trocar.procs.node.requests import Request
+from trocar.procs.tables import codes
+from trocar.shm.mailbox.generations import NoFaults, OwnCell
 
 DEFAULT_AGE_NS: Final = 30_000_000  # how old a sample may get where the watchdog is switched off
 MISSED_REPEAT_NS: Final = 1_000_000_000
@@ -76,9 +76,10 @@ class RobotIo:
                  report: Callable[[WishCommand, str, str], None] | None = None) -> None:
         """`sources` in the order of `io.pids`; `preset` (axes,) says which encoders kept a preload.
 
-        `cells`, in the order of `io.robots`, say since when commands count: see shm/faults.py. `is_over`: we were held
-        up in the middle of this cycle; `over_ns`: from when on that is so, on CLOCK_BOOTTIME. `report` hears what
-        became of arms' wishes. `gains` and `instruments` give the fields of these records; None: nobody looks.
+        `cells`, in the order of `io.robots`, say since when commands count: see shm/mailbox/generations.py. `is_over`:
+        we were held up in the middle of this cycle; `over_ns`: from when on that is so, on CLOCK_BOOTTIME. `report`
+        hears what became of arms' wishes. `gains` and `instruments` give the fields of these records; None: nobody
+        looks.
         """
         self.io, self.record, self.reports = io, record, IoReports()
         self.port, self._now_ns, self._is_over, self._over_ns = port, now_ns, is_over, over_ns

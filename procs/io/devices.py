@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
-from procs.io.record import Flags, Floats
-from procs.requests import Request
+from trocar.procs.io.record import Flags, Floats
+from trocar.procs.node.requests import Request
 
 
 class MeasuredDevice(Protocol):

@@ -14,12 +14,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.document.system import DigitalOutput
-from procs.fpga import blocks, registers
-from procs.io.bus.port import Port, PortError
-from procs.io.record import Flags, IoRecord
-from procs.io.reports import IoReports
-from procs.io.robots import Robots
+from trocar.procs.document.system import DigitalOutput
+from trocar.procs.fpga import blocks, registers
+from trocar.procs.io.bus.port import Port, PortError
+from trocar.procs.io.record import Flags, IoRecord
+from trocar.procs.io.reports import IoReports
+from trocar.procs.io.robots import Robots
 
 MAX_COUNTS: Final = 0xFFFF
 TURN_TICKS: Final = 2  # an output turns so many ticks after its count is over

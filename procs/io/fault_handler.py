@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from procs import codes, faults
-from procs.io.arm_requests import ArmRequests
-from procs.io.brakes import Brakes
-from procs.io.devices import BiasDevice, PowerDevice
-from procs.io.record import IoRecord
-from procs.io.reports import IoEvent, IoFaultReport, IoReports
-from procs.io.robots import Robots
-from procs.io.setpoint_tracker import SetpointTracker
-from shm.events import SEVERITIES
-from shm.faults import OwnCell
+from trocar.procs.io.arm_requests import ArmRequests
+from trocar.procs.io.brakes import Brakes
+from trocar.procs.io.devices import BiasDevice, PowerDevice
+from trocar.procs.io.record import IoRecord
+from trocar.procs.io.reports import IoEvent, IoFaultReport, IoReports
+from trocar.procs.io.robots import Robots
+from trocar.procs.io.setpoint_tracker import SetpointTracker
+from trocar.procs.node import fault_report as faults
+from trocar.procs.tables import codes
+from trocar.shm.mailbox.generations import OwnCell
+from trocar.shm.system.events import SEVERITIES
 
 POWERING: Final = (codes.POWER_TIMEOUT, codes.AMPLIFIER)
 """Not faults of a robot that has power: whoever asked for it may try once more."""

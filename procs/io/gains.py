@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from procs.document.gains import GAINS, changed, leap, value_of
-from procs.document.system import IoConfig, PidAxis
-from procs.io.devices import MeasuredDevice
-from procs.io.pid import Pid
-from procs.io.record import Field, private
-from procs.io.reports import IoReports
-from procs.io.robots import Robots
-from shm.topics import IO_GAINS
+from trocar.procs.document.gains import GAINS, changed, leap, value_of
+from trocar.procs.document.system import IoConfig, PidAxis
+from trocar.procs.io.devices import MeasuredDevice
+from trocar.procs.io.pid import Pid
+from trocar.procs.io.record import Field, private
+from trocar.procs.io.reports import IoReports
+from trocar.procs.io.robots import Robots
+from trocar.shm.topics import IO_GAINS
 
 ALL: Final = -1  # in place of an axis
 

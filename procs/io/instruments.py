@@ -15,14 +15,14 @@ import contextlib
 from dataclasses import dataclass, field
 from typing import Final
 
-from procs.fpga import instrument, registers
-from procs.fpga.instrument import Instrument, instrument_of
-from procs.io.bus.port import Port, PortError
-from procs.io.record import Field, private
-from procs.io.reports import IoEvent, IoReports
-from procs.io.robots import Robots
-from procs.requests import Request
-from shm.topics import IO_INSTRUMENTS
+from trocar.procs.fpga import instrument, registers
+from trocar.procs.fpga.instrument import Instrument, instrument_of
+from trocar.procs.io.bus.port import Port, PortError
+from trocar.procs.io.record import Field, private
+from trocar.procs.io.reports import IoEvent, IoReports
+from trocar.procs.io.robots import Robots
+from trocar.procs.node.requests import Request
+from trocar.shm.topics import IO_INSTRUMENTS
 
 POLL_NS: Final = 20_000_000  # also how long it takes at least until "no answer" is one to our question
 MIN_NS: Final = 250_000_000  # 256 bytes cannot have come sooner

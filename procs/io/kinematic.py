@@ -17,21 +17,21 @@ from typing import Final
 
 import numpy as np
 
-from procs.document.system import IoConfig
-from procs.io.arm_requests import ArmRequests, WishCommand
-from procs.io.axis_drive import NoAxisDrive
-from procs.io.brakes import Brakes
-from procs.io.commands import IoCommands
-from procs.io.fault_handler import FaultHandler
-from procs.io.gains import JointGains, configured_gains
-from procs.io.pid import Pid
-from procs.io.record import Field, Flags, Floats, IoRecord
-from procs.io.reports import IoReports
-from procs.io.robots import Robots
-from procs.io.setpoint_tracker import SetpointSource, SetpointTracker
-from procs.io.stages import track
-from procs.requests import Request
-from shm.faults import NoFaults, OwnCell
+from trocar.procs.document.system import IoConfig
+from trocar.procs.io.arm_requests import ArmRequests, WishCommand
+from trocar.procs.io.axis_drive import NoAxisDrive
+from trocar.procs.io.brakes import Brakes
+from trocar.procs.io.commands import IoCommands
+from trocar.procs.io.fault_handler import FaultHandler
+from trocar.procs.io.gains import JointGains, configured_gains
+from trocar.procs.io.pid import Pid
+from trocar.procs.io.record import Field, Flags, Floats, IoRecord
+from trocar.procs.io.reports import IoReports
+from trocar.procs.io.robots import Robots
+from trocar.procs.io.setpoint_tracker import SetpointSource, SetpointTracker
+from trocar.procs.io.stages import track
+from trocar.procs.node.requests import Request
+from trocar.shm.mailbox.generations import NoFaults, OwnCell
 
 MOVING_NS: Final = 20_000_000  # without a newer setpoint for this long, nothing moves
 

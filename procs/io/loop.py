@@ -8,22 +8,22 @@ from typing import Final
 
 import numpy as np
 
-from procs import runtime
-from procs.document.system import IoConfig
-from procs.io.bus import owner
-from procs.io.bus.bus_port import BusPort
-from procs.io.bus.ports import port_of
-from procs.io.cycle import RobotIo
-from procs.io.kinematic import KinematicIo
-from procs.io.record import IoRecord
-from procs.io.reports import IoEvent
-from procs.io.robots import ACCELERATION, SOFTWARE_VELOCITY, Robots
-from procs.io.setpoint_tracker import WishFields
-from procs.io.start import POWER_OFF, prepare
-from shm.events import ERROR, STATUS, WARNING
-from shm.faults import NoFaults, robot_component
-from shm.layout import shorten
-from shm.ring import RingReader
+from trocar.procs.document.system import IoConfig
+from trocar.procs.io.bus import owner
+from trocar.procs.io.bus.bus_port import BusPort
+from trocar.procs.io.bus.ports import port_of
+from trocar.procs.io.cycle import RobotIo
+from trocar.procs.io.kinematic import KinematicIo
+from trocar.procs.io.record import IoRecord
+from trocar.procs.io.reports import IoEvent
+from trocar.procs.io.robots import ACCELERATION, SOFTWARE_VELOCITY, Robots
+from trocar.procs.io.setpoint_tracker import WishFields
+from trocar.procs.io.start import POWER_OFF, prepare
+from trocar.procs.node import runtime
+from trocar.shm.mailbox.generations import NoFaults, robot_component
+from trocar.shm.memory.layout import shorten
+from trocar.shm.ring.ring import RingReader
+from trocar.shm.system.events import ERROR, STATUS, WARNING
 
 BUTTON: Final = "button"
 SEVERITY = {"status": STATUS, "warning": WARNING, "error": ERROR}

@@ -10,11 +10,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.fpga import conversion, registers
-from procs.io.brakes import Brakes
-from procs.io.bus.port import Port
-from procs.io.record import Flags, IoRecord
-from procs.io.robots import Robots
+from trocar.procs.fpga import conversion, registers
+from trocar.procs.io.brakes import Brakes
+from trocar.procs.io.bus.port import Port
+from trocar.procs.io.record import Flags, IoRecord
+from trocar.procs.io.robots import Robots
 
 ENABLE = registers.DAC_VALID | registers.DAC_AMP_MASK | registers.DAC_AMP_ENABLE
 DISABLE = registers.DAC_VALID | registers.DAC_AMP_MASK

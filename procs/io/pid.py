@@ -23,7 +23,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.document.system import PidAxis
+from trocar.procs.document.system import PidAxis
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -17,15 +17,15 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs import codes
-from procs.fpga import blocks, registers
-from procs.inputs import FOR_EVER_NS
-from procs.io.brakes import Brakes
-from procs.io.bus.port import Port
-from procs.io.outputs import Outputs
-from procs.io.record import Flags, Floats, IoRecord
-from procs.io.reports import IoReports, also
-from procs.io.robots import Robots, Samples
+from trocar.procs.fpga import blocks, registers
+from trocar.procs.io.brakes import Brakes
+from trocar.procs.io.bus.port import Port
+from trocar.procs.io.outputs import Outputs
+from trocar.procs.io.record import Flags, Floats, IoRecord
+from trocar.procs.io.reports import IoReports, also
+from trocar.procs.io.robots import Robots, Samples
+from trocar.procs.node.inputs import FOR_EVER_NS
+from trocar.procs.tables import codes
 
 OFF: Final = "OFF"
 SUPPLY: Final = "SUPPLY"

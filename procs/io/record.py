@@ -8,8 +8,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from shm.layout import schema_of
-from shm.topics import IO_STATE, Topic
+from trocar.shm.memory.layout import schema_of
+from trocar.shm.topics import IO_STATE, Topic
 
 Field: TypeAlias = Callable[[str], NDArray[Any]]
 Floats: TypeAlias = NDArray[np.float64]

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from procs import codes, faults
-from procs.codes import Code
+from trocar.procs.node import fault_report as faults
+from trocar.procs.tables import codes
+from trocar.procs.tables.codes import Code
 
 
 @dataclass(frozen=True, slots=True)

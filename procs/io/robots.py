@@ -13,13 +13,13 @@ from typing import Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.document.system import Actuator, Brake, Encoder, IoConfig, Linear
-from procs.faults import axis_titles
-from procs.fpga import blocks, conversion, lookup, registers
-from procs.fpga.blocks import Columns
-from procs.fpga.velocity import FirmwareVelocity, SoftwareVelocity
-from procs.io.bus.port import Port
-from procs.io.record import Flags, Floats, IoRecord
+from trocar.procs.document.system import Actuator, Brake, Encoder, IoConfig, Linear
+from trocar.procs.fpga import blocks, conversion, lookup, registers
+from trocar.procs.fpga.blocks import Columns
+from trocar.procs.fpga.velocity import FirmwareVelocity, SoftwareVelocity
+from trocar.procs.io.bus.port import Port
+from trocar.procs.io.record import Flags, Floats, IoRecord
+from trocar.procs.node.fault_report import axis_titles
 
 Places: TypeAlias = NDArray[np.intp]
 

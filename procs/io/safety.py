@@ -13,11 +13,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs import codes
-from procs.fpga import conversion
-from procs.io.record import Flags, Floats, IoRecord
-from procs.io.reports import IoReports, also
-from procs.io.robots import CHECKED, CURRENT, OVERFLOW, PERIOD, POT_ERROR, SAFETY, TEMPERATURE, Robots, Samples
+from trocar.procs.fpga import conversion
+from trocar.procs.io.record import Flags, Floats, IoRecord
+from trocar.procs.io.reports import IoReports, also
+from trocar.procs.io.robots import CHECKED, CURRENT, OVERFLOW, PERIOD, POT_ERROR, SAFETY, TEMPERATURE, Robots, Samples
+from trocar.procs.tables import codes
 
 CURRENT_ERROR: Final = CHECKED  # the row after those of the samples, where it is asked for
 CURRENT_CYCLES: Final = 100  # consecutive cycles above the limit that are still tolerated

@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from shm.ring import RingReader
-from shm.segment import HEAD_AT
+from trocar.shm.memory.segment import HEAD_AT
+from trocar.shm.ring.ring import RingReader
 
 Addresses = NDArray[np.int64]
 

@@ -18,22 +18,22 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from procs import codes
-from procs.document.system import IoConfig
-from procs.io.devices import MeasuredDevice
-from procs.io.pid import Pid
-from procs.io.record import Field, Flags, Floats, IoRecord
-from procs.io.reports import IoReports, also
-from procs.io.robots import Robots
-from procs.io.setpoint_rings import rings_of
-from procs.wishes import WISHES
-from shm.origins import Origin
+from trocar.procs.document.system import IoConfig
+from trocar.procs.io.devices import MeasuredDevice
+from trocar.procs.io.pid import Pid
+from trocar.procs.io.record import Field, Flags, Floats, IoRecord
+from trocar.procs.io.reports import IoReports, also
+from trocar.procs.io.robots import Robots
+from trocar.procs.io.setpoint_rings import rings_of
+from trocar.procs.tables import codes
+from trocar.procs.tables.desired_state import WISHES
+from trocar.shm.mailbox.origins import Origin
 
 DRIVE: Final = 1  # mode of a setpoint that asks for something
 
 
 class WishFields:
-    """What the arm wants of io, in its setpoint record; see procs/wishes.py."""
+    """What the arm wants of io, in its setpoint record; see procs/tables/desired_state.py."""
 
     def __init__(self, field: Field) -> None:
         """`field` gives the arrays of the record."""

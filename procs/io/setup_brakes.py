@@ -13,13 +13,13 @@ from typing import Final
 
 import numpy as np
 
-from procs import codes
-from procs.document.cart import SETUP_BRAKE
-from procs.io.cart_outputs import HOLD_NS
-from procs.io.digital_outputs import DigitalOutputs
-from procs.io.record import Flags, IoRecord
-from procs.io.reports import IoReports
-from procs.io.robots import Robots
+from trocar.procs.document.cart import SETUP_BRAKE
+from trocar.procs.io.cart_outputs import HOLD_NS
+from trocar.procs.io.digital_outputs import DigitalOutputs
+from trocar.procs.io.record import Flags, IoRecord
+from trocar.procs.io.reports import IoReports
+from trocar.procs.io.robots import Robots
+from trocar.procs.tables import codes
 
 BUTTONS: Final = ("SUJ_clutch", "SUJ_clutch_2")
 

@@ -9,25 +9,25 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from procs.io.arm_requests import ArmRequests
-from procs.io.buttons import Buttons
-from procs.io.digital_outputs import DigitalOutputs
-from procs.io.outputs import Outputs
-from procs.io.pid import Pid
-from procs.io.power import Power
-from procs.io.record import IoRecord
-from procs.io.robots import Robots, Samples
-from procs.io.safety import Safety
-from procs.io.setpoint_tracker import SetpointTracker
-from procs.kernel.bound import BoundStruct
-from procs.kernel.io_fields import IO
-from procs.kernel.library import bind
-from procs.kernel.progress import CHECKED, CONTROLLED, DECODED, ENCODED, READY
-from procs.kernel.track_fields import TRACK
+from trocar.procs.io.arm_requests import ArmRequests
+from trocar.procs.io.buttons import Buttons
+from trocar.procs.io.digital_outputs import DigitalOutputs
+from trocar.procs.io.outputs import Outputs
+from trocar.procs.io.pid import Pid
+from trocar.procs.io.power import Power
+from trocar.procs.io.record import IoRecord
+from trocar.procs.io.robots import Robots, Samples
+from trocar.procs.io.safety import Safety
+from trocar.procs.io.setpoint_tracker import SetpointTracker
+from trocar.procs.native.bound import BoundStruct
+from trocar.procs.native.io_fields import IO
+from trocar.procs.native.library import bind
+from trocar.procs.native.progress import CHECKED, CONTROLLED, DECODED, ENCODED, READY
+from trocar.procs.native.track_fields import TRACK
 
 
 class Tracks(Protocol):
-    """Who takes setpoints; the kernel finds the arrays by these names (procs/kernel/track_fields.py)."""
+    """Who takes setpoints; the kernel finds the arrays by these names (procs/native/track_fields.py)."""
 
     robots: Robots
     record: IoRecord
@@ -37,7 +37,7 @@ class Tracks(Protocol):
 
 
 class Parts(Tracks, Protocol):
-    """Whose arrays the stages work on; the kernel finds them by these names (procs/kernel/io_fields.py)."""
+    """Whose arrays the stages work on; the kernel finds them by these names (procs/native/io_fields.py)."""
 
     samples: Samples
     power: Power

@@ -10,12 +10,12 @@ from typing import Final
 
 import numpy as np
 
-from procs.document.system import Actuator, Brake
-from procs.fpga import blocks, registers
-from procs.io.bus.port import ALL_BOARDS, BoardInfo, Port, PortError
-from procs.io.record import Flags
-from procs.io.robots import Robots
-from shm.clock import pause
+from trocar.procs.document.system import Actuator, Brake
+from trocar.procs.fpga import blocks, registers
+from trocar.procs.io.bus.port import ALL_BOARDS, BoardInfo, Port, PortError
+from trocar.procs.io.record import Flags
+from trocar.procs.io.robots import Robots
+from trocar.shm.time.clock import pause
 
 POWER_OFF: Final = registers.CONTROL_POWER_OFF | registers.CONTROL_AMPS_OFF
 FLASH_PAUSE_S: Final = 0.01  # for the arm to answer a command to its memory

@@ -22,15 +22,15 @@ from typing import Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from procs import codes
-from procs.codes import Code
-from procs.document import system as document
-from procs.document.tasks import Sample, Task, TaskMaker, TaskRobot
-from procs.io.pid import Pid
-from procs.io.record import Flags, Floats, IoRecord
-from procs.io.reports import IoReports
-from procs.io.robots import Robots, Samples
-from procs.setup_error import SetupError
+from trocar.procs.document import system as document
+from trocar.procs.document.tasks import Sample, Task, TaskMaker, TaskRobot
+from trocar.procs.io.pid import Pid
+from trocar.procs.io.record import Flags, Floats, IoRecord
+from trocar.procs.io.reports import IoReports
+from trocar.procs.io.robots import Robots, Samples
+from trocar.procs.node.setup_error import SetupError
+from trocar.procs.tables import codes
+from trocar.procs.tables.codes import Code
 
 FORGIVEN_AFTER: Final = 20  # cycles within the budget that make up for one over it
 

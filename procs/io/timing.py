@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from typing import Final
 
-from procs import codes
-from procs.io.record import IoRecord
-from procs.io.reports import IoReports
+from trocar.procs.io.record import IoRecord
+from trocar.procs.io.reports import IoReports
+from trocar.procs.tables import codes
 
 INTERVAL_NS: Final = 1_000_000_000
 START_NS: Final = 10_000_000_000  # nothing is judged before

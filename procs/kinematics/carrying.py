@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.arm_types import ARM_TYPES
-from procs.document.arms import ArmConfig
-from procs.document.system import Tool
-from procs.kinematics.endoscopes import NAMES, NONE, endoscope
-from procs.kinematics.forward import Kinematics
-from procs.kinematics.inverse.arms import inverse_of
-from procs.kinematics.inverse.solver import InverseSolver
+from trocar.procs.document.arms import ArmConfig
+from trocar.procs.document.system import Tool
+from trocar.procs.kinematics.endoscopes import NAMES, NONE, endoscope
+from trocar.procs.kinematics.forward import Kinematics
+from trocar.procs.kinematics.inverse.arms import inverse_of
+from trocar.procs.kinematics.inverse.solver import InverseSolver
+from trocar.procs.tables.arm_types import ARM_TYPES
 
 
 def carrying(arm: ArmConfig, carried: str) -> Kinematics:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.document.system import Chain, Matrix, Tool
+from trocar.procs.document.system import Chain, Matrix, Tool
 
 Array = NDArray[np.float64]
 

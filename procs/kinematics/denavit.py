@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.document.system import DhLink
+from trocar.procs.document.system import DhLink
 
 Array = NDArray[np.float64]
 

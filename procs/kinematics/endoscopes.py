@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.kinematics.poses import rotation_from_vector
+from trocar.procs.kinematics.poses import rotation_from_vector
 
 Array = NDArray[np.float64]
 

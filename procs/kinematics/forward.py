@@ -11,12 +11,12 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.document.system import Chain, DhLink, Tool
-from procs.kernel.arm_fields import CHAIN
-from procs.kernel.library import bind
-from procs.kinematics.denavit import split_row
-from procs.kinematics.frames import Frame, body_jacobian, finite, moved, product, spatial_jacobian
-from procs.kinematics.poses import renormalised
+from trocar.procs.document.system import Chain, DhLink, Tool
+from trocar.procs.kinematics.denavit import split_row
+from trocar.procs.kinematics.frames import Frame, body_jacobian, finite, moved, product, spatial_jacobian
+from trocar.procs.kinematics.poses import renormalised
+from trocar.procs.native.arm_fields import CHAIN
+from trocar.procs.native.library import bind
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.kinematics.poses import quaternion_of
+from trocar.procs.kinematics.poses import quaternion_of
 
 Array = NDArray[np.float64]
 Frame = Sequence[float]

@@ -14,11 +14,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.document.system import Chain
-from procs.kernel.arm_fields import GRAVITY
-from procs.kernel.library import bind
-from procs.kinematics.forward import Links
-from procs.kinematics.frames import dot, finite, times
+from trocar.procs.document.system import Chain
+from trocar.procs.kinematics.forward import Links
+from trocar.procs.kinematics.frames import dot, finite, times
+from trocar.procs.native.arm_fields import GRAVITY
+from trocar.procs.native.library import bind
 
 Array = NDArray[np.float64]
 

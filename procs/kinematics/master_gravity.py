@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.document.gravity_parameters import JOINTS, MODELLED, ORDERS, TERMS, MasterGravityParameters
+from trocar.procs.document.gravity_parameters import JOINTS, MODELLED, ORDERS, TERMS, MasterGravityParameters
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.kinematics.forward import Kinematics
+from trocar.procs.kinematics.forward import Kinematics
 
 Array = NDArray[np.float64]
 

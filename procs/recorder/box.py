@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
-from procs.recorder.disk import Disk, DiskFile
-from procs.recorder.files import KeptFile, kept, path_of, remove, too_old
-from procs.recorder.sources import SystemSources
-from procs.recorder.times import LocalTimes
-from procs.recordings import names
-from procs.recordings.chunks import Chunk
+from trocar.procs.recorder.disk import Disk, DiskFile
+from trocar.procs.recorder.files import KeptFile, kept, path_of, remove, too_old
+from trocar.procs.recorder.sources import SystemSources
+from trocar.procs.recorder.times import LocalTimes
+from trocar.procs.recordings import names
+from trocar.procs.recordings.chunks import Chunk
 
 PARTS: Final = 10
 """Files in the time, and in the size, that are kept."""

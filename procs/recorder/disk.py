@@ -16,8 +16,8 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import BinaryIO, Final
 
-from procs.recordings.chunks import Chunk, PackedChunk, packed
-from procs.recordings.writing import ChannelTable, RecordingFile
+from trocar.procs.recordings.chunks import Chunk, PackedChunk, packed
+from trocar.procs.recordings.writing import ChannelTable, RecordingFile
 
 MAX_WAITING: Final = 48 << 20
 UNSYNCED: Final = (errno.EINVAL, errno.ENOTSUP)

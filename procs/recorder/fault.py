@@ -7,17 +7,17 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
 
-from procs.recorder.disk import Disk, DiskFile
-from procs.recorder.files import remove, too_many
-from procs.recorder.sources import RecordedRing, SystemSources
-from procs.recorder.times import LocalTimes
-from procs.recorder.watch import SeenFault
-from procs.recordings import names
-from procs.recordings.chunks import Chunk
-from procs.recordings.copying import chunks_of
-from procs.recordings.writing import RecordingFile
-from shm.clock import monotonic_ns
-from shm.ring import RingReader
+from trocar.procs.recorder.disk import Disk, DiskFile
+from trocar.procs.recorder.files import remove, too_many
+from trocar.procs.recorder.sources import RecordedRing, SystemSources
+from trocar.procs.recorder.times import LocalTimes
+from trocar.procs.recorder.watch import SeenFault
+from trocar.procs.recordings import names
+from trocar.procs.recordings.chunks import Chunk
+from trocar.procs.recordings.copying import chunks_of
+from trocar.procs.recordings.writing import RecordingFile
+from trocar.shm.ring.ring import RingReader
+from trocar.shm.time.clock import monotonic_ns
 
 AFTER_NS: Final = 300_000_000
 """So long after the first fault: what came of it is in it, too."""

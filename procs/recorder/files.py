@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from procs.recordings import names
-from procs.recordings.reading import RecordingError, open_recording
+from trocar.procs.recordings import names
+from trocar.procs.recordings.reading import RecordingError, open_recording
 
 NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,59}")
 

@@ -6,14 +6,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
-from procs.recorder.box import BlackBox
-from procs.recorder.disk import Disk, DiskFile
-from procs.recorder.fault import FaultRecording
-from procs.recorder.sources import SystemSources
-from procs.recorder.times import LocalTimes
-from procs.recorder.watch import SeenFault
-from shm.clock import monotonic_ns, pause
-from shm.received import Received
+from trocar.procs.recorder.box import BlackBox
+from trocar.procs.recorder.disk import Disk, DiskFile
+from trocar.procs.recorder.fault import FaultRecording
+from trocar.procs.recorder.sources import SystemSources
+from trocar.procs.recorder.times import LocalTimes
+from trocar.procs.recorder.watch import SeenFault
+from trocar.shm.mailbox.received import Received
+from trocar.shm.time.clock import monotonic_ns, pause
 
 ASKED: Final = "asked"
 """The instance of what no fault is."""

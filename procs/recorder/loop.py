@@ -12,28 +12,28 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
-from procs import codes
-from procs.document.recorder import COMPRESSIONS, Recorder
-from procs.document.system import SystemConfig
-from procs.paths import recordings_folder
-from procs.recorder.box import BlackBox, BoxLimits
-from procs.recorder.disk import Disk, DiskFile, no_room_made
-from procs.recorder.fault import FaultRecording
-from procs.recorder.files import NAME, path_of
-from procs.recorder.keeping import ASKED, FaultKeeper
-from procs.recorder.named import NamedRecording, chosen
-from procs.recorder.sources import SystemSources
-from procs.recorder.times import LocalTimes
-from procs.recorder.watch import FaultWatch, SeenFault
-from procs.recordings import names
-from procs.recordings.chunks import COMPRESSIONS as METHODS
-from procs.recordings.facts import document_of, facts_of
-from procs.recordings.writing import ChannelTable
-from procs.requests import has_left
-from procs.user_life import live
-from procs.user_process import OwnProcess
-from shm.layout import cut_text, shorten
-from shm.received import Received
+from trocar.procs.document.recorder import COMPRESSIONS, Recorder
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.machine.paths import recordings_folder
+from trocar.procs.node.requests import has_left
+from trocar.procs.recorder.box import BlackBox, BoxLimits
+from trocar.procs.recorder.disk import Disk, DiskFile, no_room_made
+from trocar.procs.recorder.fault import FaultRecording
+from trocar.procs.recorder.files import NAME, path_of
+from trocar.procs.recorder.keeping import ASKED, FaultKeeper
+from trocar.procs.recorder.named import NamedRecording, chosen
+from trocar.procs.recorder.sources import SystemSources
+from trocar.procs.recorder.times import LocalTimes
+from trocar.procs.recorder.watch import FaultWatch, SeenFault
+from trocar.procs.recordings import names
+from trocar.procs.recordings.chunks import COMPRESSIONS as METHODS
+from trocar.procs.recordings.facts import document_of, facts_of
+from trocar.procs.recordings.writing import ChannelTable
+from trocar.procs.tables import codes
+from trocar.procs.user.life import live
+from trocar.procs.user.process import OwnProcess
+from trocar.shm.mailbox.received import Received
+from trocar.shm.memory.layout import cut_text, shorten
 
 TOLD_NS: Final = 60_000_000_000
 """Between two warnings of the same."""

@@ -6,15 +6,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from procs.crtk.topics import TopicEntry
-from procs.recorder.disk import DiskFile
-from procs.recorder.sources import RecordedRing, RecordedView, SystemSources, usual_views
-from procs.recorder.times import LocalTimes
-from procs.recordings import names
-from procs.recordings.chunks import Chunk
-from procs.ros.view_messages import VIEW_MESSAGES
-from shm.ring import RingReader
-from shm.subscriptions import Subscriber
+from trocar.procs.crtk.topics import TopicEntry
+from trocar.procs.recorder.disk import DiskFile
+from trocar.procs.recorder.sources import RecordedRing, RecordedView, SystemSources, usual_views
+from trocar.procs.recorder.times import LocalTimes
+from trocar.procs.recordings import names
+from trocar.procs.recordings.chunks import Chunk
+from trocar.procs.ros_messages.view_messages import VIEW_MESSAGES
+from trocar.shm.ring.ring import RingReader
+from trocar.shm.system.subscriptions import Subscriber
 
 CHUNK_NS: Final = 500_000_000
 CHUNK_BYTES: Final = 2 << 20

@@ -5,23 +5,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from procs.crtk.frames import frame_name
-from procs.crtk.plain import plain
-from procs.crtk.topics import EVENT, RECORD, TopicEntry, catalogue
-from procs.crtk.views import OpenTopic
-from procs.packed_view import PackedView
-from procs.recorder.times import LocalTimes
-from procs.recordings import names
-from procs.recordings.chunks import Chunk
-from procs.recordings.layout import ENCAPSULATION
-from procs.recordings.writing import ChannelTable
-from procs.ros.definitions import definition
-from procs.ros.hashes import ros_name
-from procs.ros.messages import Log, Time
-from procs.ros.view_messages import VIEW_MESSAGES
-from shm import directory
-from shm.ring import RingReader
-from shm.segment import SegmentError
+from trocar.procs.crtk.frames import frame_name
+from trocar.procs.crtk.plain import plain
+from trocar.procs.crtk.topics import EVENT, RECORD, TopicEntry, catalogue
+from trocar.procs.crtk.views import OpenTopic
+from trocar.procs.recorder.times import LocalTimes
+from trocar.procs.recordings import names
+from trocar.procs.recordings.chunks import Chunk
+from trocar.procs.recordings.layout import ENCAPSULATION
+from trocar.procs.recordings.writing import ChannelTable
+from trocar.procs.ros_messages.definitions import definition
+from trocar.procs.ros_messages.hashes import ros_name
+from trocar.procs.ros_messages.messages import Log, Time
+from trocar.procs.ros_messages.packed_view import PackedView
+from trocar.procs.ros_messages.view_messages import VIEW_MESSAGES
+from trocar.shm.memory.segment import SegmentError
+from trocar.shm.ring.ring import RingReader
+from trocar.shm.system import directory
 
 SECOND_NS: Final = 1_000_000_000
 LEVELS: Final = {1: 20, 2: 30, 3: 40}

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from shm.clock import local_ns, monotonic_ns
-from shm.system_time import SystemTime
+from trocar.shm.time.clock import local_ns, monotonic_ns
+from trocar.shm.time.system_time import SystemTime
 
 
 class LocalTimes:

@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Final
 
-from procs import codes
-from procs.crtk.plain import plain
-from procs.recorder.sources import RecordedRing, SystemSources
-from shm.events import ERROR
-from shm.ring import RingReader
+from trocar.procs.crtk.plain import plain
+from trocar.procs.recorder.sources import RecordedRing, SystemSources
+from trocar.procs.tables import codes
+from trocar.shm.ring.ring import RingReader
+from trocar.shm.system.events import ERROR
 
 IN_FAULT: Final = b"FAULT"
 OFF: Final = b"DISABLED"

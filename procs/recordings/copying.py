@@ -8,9 +8,9 @@ from typing import Final
 
 from mcap.opcode import Opcode
 
-from procs.recordings.chunks import RECORD, PackedChunk
-from procs.recordings.reading import CHUNK, MAX_RECORD
-from procs.recordings.writing import MAGIC
+from trocar.procs.recordings.chunks import RECORD, PackedChunk
+from trocar.procs.recordings.reading import CHUNK, MAX_RECORD
+from trocar.procs.recordings.writing import MAGIC
 
 INDEX_HEAD: Final = 6
 

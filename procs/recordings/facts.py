@@ -9,14 +9,14 @@ from typing import Final
 
 import numpy as np
 
-from procs.recordings import names
-from procs.version import VERSION
-from shm import directory
-from shm.clock import local_ns, monotonic_ns
-from shm.lockstep import SCHEMA as PAGE
-from shm.lockstep import clock_page
-from shm.segment import SegmentError
-from shm.system_time import SystemTime
+from trocar.procs.machine.version import VERSION
+from trocar.procs.recordings import names
+from trocar.shm.memory.segment import SegmentError
+from trocar.shm.system import directory
+from trocar.shm.time.clock import local_ns, monotonic_ns
+from trocar.shm.time.lockstep import SCHEMA as PAGE
+from trocar.shm.time.lockstep import clock_page
+from trocar.shm.time.system_time import SystemTime
 
 JSON_GZIP: Final = "application/gzip"
 

@@ -15,7 +15,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from shm.layout import Schema
+from trocar.shm.memory.layout import Schema
 
 ENCAPSULATION: Final = b"\x00\x01\x00\x00"
 WORDS: Final = {"b1": "bool", "u1": "uint8", "i1": "int8", "u2": "uint16", "i2": "int16", "u4": "uint32", "i4": "int32",

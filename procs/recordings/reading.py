@@ -26,16 +26,16 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, McapRecord, Metadata, Schema
 
-from procs.crtk.plain import plain
-from procs.recordings import names
-from procs.recordings.chunks import RECORD, ChunkError, messages, uncompressed
-from procs.recordings.layout import layout_of
-from procs.recordings.records import Piece, joined
-from procs.recordings.records import RecordedTopic as RecordedTopic
-from procs.recordings.records import Records as Records
-from procs.recordings.writing import MAGIC
-from shm.layout import LayoutError, schema_from_json, schema_of
-from shm.topics import AUDIT, EVENTS, Topic
+from trocar.procs.crtk.plain import plain
+from trocar.procs.recordings import names
+from trocar.procs.recordings.chunks import RECORD, ChunkError, messages, uncompressed
+from trocar.procs.recordings.layout import layout_of
+from trocar.procs.recordings.records import Piece, joined
+from trocar.procs.recordings.records import RecordedTopic as RecordedTopic
+from trocar.procs.recordings.records import Records as Records
+from trocar.procs.recordings.writing import MAGIC
+from trocar.shm.memory.layout import LayoutError, schema_from_json, schema_of
+from trocar.shm.topics import AUDIT, EVENTS, Topic
 
 CHUNK: Final = struct.Struct("<QQQII")
 MAX_RECORD: Final = 256 << 20

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.recordings.layout import ENCAPSULATION
+from trocar.procs.recordings.layout import ENCAPSULATION
 
 MAX_RATE_HZ: Final = 1e6
 

@@ -13,15 +13,15 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.recordings import names
-from procs.recordings.chunks import ZSTD, Chunk, packed
-from procs.recordings.facts import local_offset_ns
-from procs.recordings.layout import ENCAPSULATION, RecordLayout
-from procs.recordings.writing import ChannelTable, RecordingFile
-from shm import directory
-from shm.layout import Schema
-from shm.ring import LAST_STAMP, RingReader
-from shm.segment import Segment, segment_name
+from trocar.procs.recordings import names
+from trocar.procs.recordings.chunks import ZSTD, Chunk, packed
+from trocar.procs.recordings.facts import local_offset_ns
+from trocar.procs.recordings.layout import ENCAPSULATION, RecordLayout
+from trocar.procs.recordings.writing import ChannelTable, RecordingFile
+from trocar.shm.memory.layout import Schema
+from trocar.shm.memory.segment import Segment, segment_name
+from trocar.shm.ring.ring import LAST_STAMP, RingReader
+from trocar.shm.system import directory
 
 CHUNK_BYTES = 1 << 20
 ALL = 1 << 40

@@ -29,10 +29,10 @@ from mcap.records import (
     SummaryOffset,
 )
 
-from procs.recordings import names
-from procs.recordings.chunks import PackedChunk
-from procs.recordings.layout import RecordLayout, layout_of
-from shm.layout import Schema as RingSchema
+from trocar.procs.recordings import names
+from trocar.procs.recordings.chunks import PackedChunk
+from trocar.procs.recordings.layout import RecordLayout, layout_of
+from trocar.shm.memory.layout import Schema as RingSchema
 
 MAGIC: Final = bytes((137, 77, 67, 65, 80, 48, 13, 10))
 PROFILE: Final = "ros2"

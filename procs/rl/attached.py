@@ -16,22 +16,22 @@ from typing import Final, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.document.system import SystemConfig
-from procs.kinematics.poses import angle_between, matrix_from_pose
-from procs.rl.backend import RobotStopped
-from procs.rl.link import ArmLink
-from procs.rl.model import ArmModel, StartPose
-from procs.rl.others import OtherCommands
-from procs.rl.way import Way
-from shm import directory
-from shm.client import Client, MailboxFull, begin
-from shm.clock import boottime_ns
-from shm.commands import became
-from shm.segment import SegmentError
-from shm.system_time import LOCKSTEP, SystemTime
-from tools.errors import Problem
-from tools.inspect.watch import arm_names, document_of
-from tools.systems import chosen_system
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.kinematics.poses import angle_between, matrix_from_pose
+from trocar.procs.rl.backend import RobotStopped
+from trocar.procs.rl.link import ArmLink
+from trocar.procs.rl.model import ArmModel, StartPose
+from trocar.procs.rl.others import OtherCommands
+from trocar.procs.rl.way import Way
+from trocar.shm.commands import became
+from trocar.shm.mailbox.client import Client, MailboxFull, begin
+from trocar.shm.memory.segment import SegmentError
+from trocar.shm.system import directory
+from trocar.shm.time.clock import boottime_ns
+from trocar.shm.time.system_time import LOCKSTEP, SystemTime
+from trocar.tools.inspect.watch import arm_names, document_of
+from trocar.tools.output.errors import Problem
+from trocar.tools.systems.find import chosen_system
 
 Array = NDArray[np.float64]
 Pair = tuple[float, float]

@@ -8,8 +8,8 @@ from typing import Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.rl.link import ArmLink
-from procs.rl.model import ArmModel, StartPose
+from trocar.procs.rl.link import ArmLink
+from trocar.procs.rl.model import ArmModel, StartPose
 
 Array = NDArray[np.float64]
 

@@ -12,18 +12,18 @@ from gymnasium import spaces
 from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
-from procs.rl.attached import AttachedRobot, RunningSystem
-from procs.rl.backend import ATTACHED, BACKENDS, KINEMATIC, RobotBackend, RobotStopped
-from procs.rl.hosted import HostedRobot
-from procs.rl.interpolation import Interpolator
-from procs.rl.model import STARTS
-from procs.rl.picture import Picture
-from procs.rl.rotations import axes_of
-from procs.rl.scene import Drawn, scene_of
-from procs.rl.steering import CARTESIAN, CONTROLS, Steering
-from procs.rl.systems import PERIOD_S, document
-from shm.client import MailboxFull
-from shm.segment import SegmentError
+from trocar.procs.rl.attached import AttachedRobot, RunningSystem
+from trocar.procs.rl.backend import ATTACHED, BACKENDS, KINEMATIC, RobotBackend, RobotStopped
+from trocar.procs.rl.hosted import HostedRobot
+from trocar.procs.rl.interpolation import Interpolator
+from trocar.procs.rl.model import STARTS
+from trocar.procs.rl.picture import Picture
+from trocar.procs.rl.rotations import axes_of
+from trocar.procs.rl.scene import Drawn, scene_of
+from trocar.procs.rl.steering import CARTESIAN, CONTROLS, Steering
+from trocar.procs.rl.systems import PERIOD_S, document
+from trocar.shm.mailbox.client import MailboxFull
+from trocar.shm.memory.segment import SegmentError
 
 Array = NDArray[np.float64]
 Observation = dict[str, Array]

@@ -13,11 +13,11 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.kinematics.poses import compose, inverse, matrix_from_pose
-from procs.rl.backend import BOARDS, KINEMATIC
-from procs.rl.environment import RobotEnv
-from procs.rl.scene import GREEN, Drawn, ball, rod
-from procs.rl.tasks import in_ball
+from trocar.procs.kinematics.poses import compose, inverse, matrix_from_pose
+from trocar.procs.rl.backend import BOARDS, KINEMATIC
+from trocar.procs.rl.environment import RobotEnv
+from trocar.procs.rl.scene import GREEN, Drawn, ball, rod
+from trocar.procs.rl.tasks import in_ball
 
 Array = NDArray[np.float64]
 

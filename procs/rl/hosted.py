@@ -10,14 +10,14 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.document.arms import ArmConfig
-from procs.document.system import SystemConfig
-from procs.host.host import Host
-from procs.host.snapshot import HostSnapshot
-from procs.rl.backend import RobotStopped
-from procs.rl.link import ArmLink
-from procs.rl.model import ArmModel, StartPose
-from shm.commands import became
+from trocar.procs.document.arms import ArmConfig
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.host.host import Host
+from trocar.procs.host.snapshot import HostSnapshot
+from trocar.procs.rl.backend import RobotStopped
+from trocar.procs.rl.link import ArmLink
+from trocar.procs.rl.model import ArmModel, StartPose
+from trocar.shm.commands import became
 
 Array = NDArray[np.float64]
 Values = Array | tuple[float, ...]

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.kinematics.poses import pose_from_matrix, rotation_from_vector, rotation_vector
-from procs.rl.steering import JOINT, Steering
+from trocar.procs.kinematics.poses import pose_from_matrix, rotation_from_vector, rotation_vector
+from trocar.procs.rl.steering import JOINT, Steering
 
 Array = NDArray[np.float64]
 

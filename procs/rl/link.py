@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.crtk.plain import plain
-from shm.client import Client
-from shm.ring import RingReader
+from trocar.procs.crtk.plain import plain
+from trocar.shm.mailbox.client import Client
+from trocar.shm.ring.ring import RingReader
 
 Array = NDArray[np.float64]
 

@@ -9,10 +9,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.arm.joints import JointSpace, joints
-from procs.arm_types import ARM_TYPES
-from procs.document.arms import ArmConfig
-from procs.kinematics.poses import compose
+from trocar.procs.arm.joints import JointSpace, joints
+from trocar.procs.document.arms import ArmConfig
+from trocar.procs.kinematics.poses import compose
+from trocar.procs.tables.arm_types import ARM_TYPES
 
 Array = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.rl.scene import BOX, Colour, Drawn
+from trocar.procs.rl.scene import BOX, Colour, Drawn
 
 Array = NDArray[np.float64]
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Final
 
-from procs.crtk.plain import plain
-from shm.command_row import SETTING
-from shm.commands import COMMANDS
-from shm.ring import RingReader
+from trocar.procs.crtk.plain import plain
+from trocar.shm.commands import COMMANDS
+from trocar.shm.mailbox.command_row import SETTING
+from trocar.shm.ring.ring import RingReader
 
 ROWS: Final = {row.name: row for row in COMMANDS["arm"]}
 BASE: Final = "set_base_frame"

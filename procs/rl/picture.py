@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.rl.scene import BALL, BOX, ROD, TUBE, Drawn
+from trocar.procs.rl.scene import BALL, BOX, ROD, TUBE, Drawn
 
 GEOMS: Final = {BALL: mujoco.mjtGeom.mjGEOM_ELLIPSOID, ROD: mujoco.mjtGeom.mjGEOM_CAPSULE,
                 TUBE: mujoco.mjtGeom.mjGEOM_CYLINDER, BOX: mujoco.mjtGeom.mjGEOM_BOX}

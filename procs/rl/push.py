@@ -8,9 +8,9 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.rl.objects import Objects, PushedBlock
-from procs.rl.scene import GREEN, Drawn, ball, touching
-from procs.rl.tasks import PsmReach
+from trocar.procs.rl.objects import Objects, PushedBlock
+from trocar.procs.rl.scene import GREEN, Drawn, ball, touching
+from trocar.procs.rl.tasks import PsmReach
 
 Array = NDArray[np.float64]
 

@@ -15,8 +15,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from procs.ended_by import ended_by_term
-from procs.rl.rollouts import Episode, EpisodeRunner, RolloutTask, check
+from trocar.procs.machine.end_signals import ended_by_term
+from trocar.procs.rl.rollouts import Episode, EpisodeRunner, RolloutTask, check
 
 QUIET: Final = {"RAY_USAGE_STATS_ENABLED": "0", "RAY_DEDUP_LOGS": "0", "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0"}
 ONE_THREAD: Final = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}

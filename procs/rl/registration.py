@@ -6,9 +6,9 @@ from typing import Final
 
 import gymnasium
 
-NAMES: Final = {"PsmReach-v0": "procs.rl.tasks:PsmReach", "PsmTrack-v0": "procs.rl.tasks:PsmTrack",
-                "EcmAim-v0": "procs.rl.tasks:EcmAim", "PsmHandOver-v0": "procs.rl.hand_over:PsmHandOver",
-                "PsmPush-v0": "procs.rl.push:PsmPush"}
+NAMES: Final = {"PsmReach-v0": "trocar.procs.rl.tasks:PsmReach", "PsmTrack-v0": "trocar.procs.rl.tasks:PsmTrack",
+                "EcmAim-v0": "trocar.procs.rl.tasks:EcmAim", "PsmHandOver-v0": "trocar.procs.rl.hand_over:PsmHandOver",
+                "PsmPush-v0": "trocar.procs.rl.push:PsmPush"}
 
 for _name, _where in NAMES.items():
     if f"trocar/{_name}" not in gymnasium.registry:

@@ -20,8 +20,8 @@ import numpy as np
 from gymnasium.envs.registration import load_env_creator
 from numpy.typing import NDArray
 
-import procs.rl.registration  # noqa: F401  # the names of our own
-from procs.crtk.names import none_such
+import trocar.procs.rl.registration  # noqa: F401  # the names of our own
+from trocar.procs.crtk.names import none_such
 
 Policy = Callable[[Any], Any]
 """From an observation to an action."""

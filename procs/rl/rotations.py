@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.kinematics.poses import turned
+from trocar.procs.kinematics.poses import turned
 
 Array = NDArray[np.float64]
 

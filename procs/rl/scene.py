@@ -9,9 +9,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.arm_types import ARM_TYPES
-from procs.kinematics.poses import rotation_from_vector
-from procs.rl.model import ArmModel
+from trocar.procs.kinematics.poses import rotation_from_vector
+from trocar.procs.rl.model import ArmModel
+from trocar.procs.tables.arm_types import ARM_TYPES
 
 Array = NDArray[np.float64]
 Colour = tuple[float, float, float, float]

@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.kinematics.poses import compose, rotation_from_vector
-from procs.rl.model import INSERTION, ROOM_M, ArmModel
+from trocar.procs.kinematics.poses import compose, rotation_from_vector
+from trocar.procs.rl.model import INSERTION, ROOM_M, ArmModel
 
 Array = NDArray[np.float64]
 

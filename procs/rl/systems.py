@@ -8,9 +8,9 @@ import itertools
 import os
 from typing import Final
 
-from procs.config import PROJECT_CONFIGS, load_system
-from procs.document.system import LOCKSTEP, SystemConfig
-from procs.rl.backend import BOARDS
+from trocar.procs.config import PROJECT_CONFIGS, load_system
+from trocar.procs.document.system import LOCKSTEP, SystemConfig
+from trocar.procs.rl.backend import BOARDS
 
 PERIOD_S: Final = 0.002
 """Of io, arms and the physics of emulated robots, unless something else is asked for."""

@@ -9,11 +9,11 @@ from typing import ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.kinematics.poses import matrix_from_pose
-from procs.rl.backend import BOARDS, KINEMATIC
-from procs.rl.environment import RobotEnv
-from procs.rl.model import SPREAD
-from procs.rl.scene import GREEN, Drawn, ball, rod
+from trocar.procs.kinematics.poses import matrix_from_pose
+from trocar.procs.rl.backend import BOARDS, KINEMATIC
+from trocar.procs.rl.environment import RobotEnv
+from trocar.procs.rl.model import SPREAD
+from trocar.procs.rl.scene import GREEN, Drawn, ball, rod
 
 Array = NDArray[np.float64]
 

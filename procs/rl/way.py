@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.rl.model import ArmModel
+from trocar.procs.rl.model import ArmModel
 
 Array = NDArray[np.float64]
 

@@ -16,14 +16,14 @@ from uuid import UUID
 
 import numpy as np
 
-from procs.crtk.held import Held, ending, presses
-from procs.ros.dds import Participant, TopicReader
-from procs.ros_bridge.incoming import COMMAND_TOPICS, STREAM, CommandTopic, no_text
-from procs.ros_bridge.publishing import ros_topic
-from procs.ros_bridge.refusals import Refusals
-from shm.client import Client, MailboxFull
-from shm.commands import may_power
-from shm.segment import SegmentError
+from trocar.procs.crtk.held import Held, ending, presses
+from trocar.procs.ros_bridge.incoming import COMMAND_TOPICS, STREAM, CommandTopic, no_text
+from trocar.procs.ros_bridge.publishing import ros_topic
+from trocar.procs.ros_bridge.refusals import Refusals
+from trocar.procs.ros_messages.dds import Participant, TopicReader
+from trocar.shm.commands import may_power
+from trocar.shm.mailbox.client import Client, MailboxFull
+from trocar.shm.memory.segment import SegmentError
 
 MAY_NOT: Final = "the ROS bridge may not power, home or release anything (trocar: {ros: {may_power: …}})"
 MAX_PEERS: Final = 256

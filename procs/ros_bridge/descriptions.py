@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from procs.crtk.plain import plain
-from procs.document.system import ArmConfig
-from procs.kinematics.carrying import carrying
-from procs.kinematics.urdf import urdf
-from procs.ros.dds import LATCHED, Participant
-from procs.ros.messages import String
-from procs.ros_bridge.publishing import ros_topic
-from shm import directory
+from trocar.procs.crtk.plain import plain
+from trocar.procs.document.system import ArmConfig
+from trocar.procs.kinematics.carrying import carrying
+from trocar.procs.kinematics.urdf import urdf
+from trocar.procs.ros_bridge.publishing import ros_topic
+from trocar.procs.ros_messages.dds import LATCHED, Participant
+from trocar.procs.ros_messages.messages import String
+from trocar.shm.system import directory
 
 
 class Descriptions:

@@ -6,15 +6,15 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, Final
 
-from procs.crtk.stamps import Stamps
-from procs.ros.dds import LATCHED, Participant, TopicWriter
-from procs.ros.messages import Joy, Log, OperatingState
-from procs.ros_bridge.outgoing import EVENT_MESSAGES, EventMessage, pressed
-from procs.ros_bridge.publishing import ros_topic
-from procs.ros_bridge.shown import ShownTopics
-from procs.ros_bridge.stamps import time_of
-from shm.events import ERROR, STATUS, WARNING
-from shm.ring import RingReader
+from trocar.procs.crtk.stamps import Stamps
+from trocar.procs.ros_bridge.outgoing import EVENT_MESSAGES, EventMessage, pressed
+from trocar.procs.ros_bridge.publishing import ros_topic
+from trocar.procs.ros_bridge.shown import ShownTopics
+from trocar.procs.ros_bridge.stamps import time_of
+from trocar.procs.ros_messages.dds import LATCHED, Participant, TopicWriter
+from trocar.procs.ros_messages.messages import Joy, Log, OperatingState
+from trocar.shm.ring.ring import RingReader
+from trocar.shm.system.events import ERROR, STATUS, WARNING
 
 BUTTON: Final = EventMessage(Joy, pressed)
 PRESS: Final = b"button"

@@ -4,12 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from procs.crtk.plain import plain
-from procs.crtk.stamps import Stamps
-from procs.ros.dds import Participant
-from procs.ros.messages import MessageHeader, Quaternion, TFMessage, Transform, TransformStamped, Vector3
-from procs.ros_bridge.stamps import time_of
-from shm import directory
+from trocar.procs.crtk.plain import plain
+from trocar.procs.crtk.stamps import Stamps
+from trocar.procs.ros_bridge.stamps import time_of
+from trocar.procs.ros_messages.dds import Participant
+from trocar.procs.ros_messages.messages import (
+    MessageHeader,
+    Quaternion,
+    TFMessage,
+    Transform,
+    TransformStamped,
+    Vector3,
+)
+from trocar.shm.system import directory
 
 
 class TipFrames:

@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple
 
 from cyclonedds.idl import IdlStruct
 
-from procs.ros.messages import (
+from trocar.procs.ros_messages.messages import (
     Bool,
     CartesianImpedance,
     CartesianImpedanceHalfPlaneGains,
@@ -31,8 +31,8 @@ from procs.ros.messages import (
     Wrench,
     WrenchStamped,
 )
-from shm.command_row import CommandRow
-from shm.commands import COMMANDS
+from trocar.shm.commands import COMMANDS
+from trocar.shm.mailbox.command_row import CommandRow
 
 Numbers = Sequence[float]
 Take = Callable[[Any], Numbers]

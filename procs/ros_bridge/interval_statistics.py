@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from procs.document.system import SystemConfig
-from procs.ros.dds import Participant
-from procs.ros.messages import IntervalStatistics
-from procs.ros_bridge.publishing import ros_topic
-from procs.ros_bridge.stamps import time_of
-from shm.control_page import ControlPage
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.ros_bridge.publishing import ros_topic
+from trocar.procs.ros_bridge.stamps import time_of
+from trocar.procs.ros_messages.dds import Participant
+from trocar.procs.ros_messages.messages import IntervalStatistics
+from trocar.shm.time.control_page import ControlPage
 
 FIGURES = ("avg", "std", "min", "max")
 

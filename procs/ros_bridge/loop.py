@@ -12,30 +12,30 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
-from procs import codes
-from procs.crtk.stamps import Stamps
-from procs.crtk.topics import EVENT, RECORD, TopicEntry, catalogue
-from procs.document.system import SystemConfig
-from procs.own_memory import Closing
-from procs.pauses import duration
-from procs.ros.dds import EVENT_DEPTH, Participant
-from procs.ros.messages import Clock, Log, OperatingState
-from procs.ros.view_messages import VIEW_MESSAGES
-from procs.ros_bridge.carrying_out import Addressee, Commands
-from procs.ros_bridge.descriptions import Descriptions
-from procs.ros_bridge.events import EventTopics
-from procs.ros_bridge.frames import TipFrames
-from procs.ros_bridge.interval_statistics import LoopStatistics
-from procs.ros_bridge.publishing import RecordTopics
-from procs.ros_bridge.refusals import Refusals
-from procs.ros_bridge.services import Services
-from procs.ros_bridge.shown import READ_WRITE, ShownTopics
-from procs.ros_bridge.stamps import time_of
-from procs.user_life import live
-from procs.user_process import OwnProcess
-from shm import directory
-from shm.clock import boottime_ns
-from shm.origins import ACTING
+from trocar.procs.crtk.stamps import Stamps
+from trocar.procs.crtk.topics import EVENT, RECORD, TopicEntry, catalogue
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.node.node_memory import Closing
+from trocar.procs.node.pauses import duration
+from trocar.procs.ros_bridge.carrying_out import Addressee, Commands
+from trocar.procs.ros_bridge.descriptions import Descriptions
+from trocar.procs.ros_bridge.events import EventTopics
+from trocar.procs.ros_bridge.frames import TipFrames
+from trocar.procs.ros_bridge.interval_statistics import LoopStatistics
+from trocar.procs.ros_bridge.publishing import RecordTopics
+from trocar.procs.ros_bridge.refusals import Refusals
+from trocar.procs.ros_bridge.services import Services
+from trocar.procs.ros_bridge.shown import READ_WRITE, ShownTopics
+from trocar.procs.ros_bridge.stamps import time_of
+from trocar.procs.ros_messages.dds import EVENT_DEPTH, Participant
+from trocar.procs.ros_messages.messages import Clock, Log, OperatingState
+from trocar.procs.ros_messages.view_messages import VIEW_MESSAGES
+from trocar.procs.tables import codes
+from trocar.procs.user.life import live
+from trocar.procs.user.process import OwnProcess
+from trocar.shm.mailbox.origins import ACTING
+from trocar.shm.system import directory
+from trocar.shm.time.clock import boottime_ns
 
 IDLE_NS: Final = 100_000_000
 FRAMES_NS: Final = 20_000_000

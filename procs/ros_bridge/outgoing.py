@@ -1,7 +1,7 @@
 """THE TABLE of what ROS hears: which message an event or a field becomes, and how it is filled.
 
-Views (PSM1/measured_js, procs/ros/view_messages.py) go out every period while somebody reads them, with a stamp of 0
-where they are not valid.
+Views (PSM1/measured_js, procs/ros_messages/view_messages.py) go out every period while somebody reads them, with a
+stamp of 0 where they are not valid.
 Events and fields that change go out at once; who comes late gets the last one.
 """
 
@@ -14,8 +14,8 @@ from typing import Any, Final
 from cyclonedds.idl import IdlStruct
 from numpy.typing import NDArray
 
-from procs.crtk.plain import plain
-from procs.ros.messages import Bool, Empty, Float64, Joy, OperatingState, String
+from trocar.procs.crtk.plain import plain
+from trocar.procs.ros_messages.messages import Bool, Empty, Float64, Joy, OperatingState, String
 
 PRESSED: Final = {"released": 0, "pressed": 1, "clicked": 2}
 Row = dict[str, Any]

@@ -6,19 +6,18 @@ from collections.abc import Callable, Iterable
 from typing import Any, Final
 
 from numpy.typing import NDArray
-
-from procs.crtk.frames import frame_name
-from procs.crtk.plain import plain
-from procs.crtk.stamps import Stamps
-from procs.crtk.topics import TopicEntry
-from procs.crtk.views import OpenTopic
-from procs.packed_view import PackedView
-from procs.ros.dds import LATCHED, Participant, TopicWriter
-from procs.ros.messages import String
-from procs.ros.view_messages import VIEW_MESSAGES
-from procs.ros_bridge.outgoing import FieldTopic
-from shm.ring import RingReader
-from shm.subscriptions import Subscriber
+from trocar.procs.crtk.frames import frame_name
+from trocar.procs.crtk.plain import plain
+from trocar.procs.crtk.stamps import Stamps
+from trocar.procs.crtk.topics import TopicEntry
+from trocar.procs.crtk.views import OpenTopic
+from trocar.procs.ros_bridge.outgoing import FieldTopic
+from trocar.procs.ros_messages.dds import LATCHED, Participant, TopicWriter
+from trocar.procs.ros_messages.messages import String
+from trocar.procs.ros_messages.packed_view import PackedView
+from trocar.procs.ros_messages.view_messages import VIEW_MESSAGES
+from trocar.shm.ring.ring import RingReader
+from trocar.shm.system.subscriptions import Subscriber
 
 UNSUITABLE: Final = str.maketrans(" -.()[]", "_" * 7)
 

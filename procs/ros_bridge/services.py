@@ -18,8 +18,12 @@ import numpy as np
 from cyclonedds.idl import IdlStruct, make_idl_struct
 from cyclonedds.idl.types import int64, uint64
 
-from procs.ros.dds import Participant, TopicReader, TopicWriter
-from procs.ros.messages import (
+from trocar.procs.ros_bridge.carrying_out import Addressee, RosWish
+from trocar.procs.ros_bridge.incoming import pose_numbers
+from trocar.procs.ros_bridge.publishing import ros_topic
+from trocar.procs.ros_bridge.refusals import Refusals
+from trocar.procs.ros_messages.dds import Participant, TopicReader, TopicWriter
+from trocar.procs.ros_messages.messages import (
     ConvertFloat64ArrayRequest,
     ConvertFloat64ArrayResponse,
     OperatingState,
@@ -33,13 +37,9 @@ from procs.ros.messages import (
     TriggerRequest,
     TriggerResponse,
 )
-from procs.ros.view_messages import pose_of
-from procs.ros_bridge.carrying_out import Addressee, RosWish
-from procs.ros_bridge.incoming import pose_numbers
-from procs.ros_bridge.publishing import ros_topic
-from procs.ros_bridge.refusals import Refusals
-from shm.client import Client, MailboxFull
-from shm.segment import SegmentError
+from trocar.procs.ros_messages.view_messages import pose_of
+from trocar.shm.mailbox.client import Client, MailboxFull
+from trocar.shm.memory.segment import SegmentError
 
 CYCLONE: Final = b"\x01\x10"
 """How the keys of its participants begin."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
-from procs.crtk.topics import EVENTS_OF_ALL, TopicEntry
-from procs.document.ros import RosBridge
-from procs.document.system import SystemConfig
-from procs.ros_bridge.outgoing import FIELD_TOPICS, FieldTopic
+from trocar.procs.crtk.topics import EVENTS_OF_ALL, TopicEntry
+from trocar.procs.document.ros import RosBridge
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.ros_bridge.outgoing import FIELD_TOPICS, FieldTopic
 
 OFF: Final = "off"
 READ_WRITE: Final = "rw"

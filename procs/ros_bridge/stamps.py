@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from procs.ros.messages import Time
+from trocar.procs.ros_messages.messages import Time
 
 SECOND_NS = 1_000_000_000
 

@@ -7,8 +7,8 @@ from collections import deque
 from collections.abc import Callable
 from typing import Final, Protocol, cast
 
-from procs.crtk.messages import said
-from procs.socket_bridge.framing import Ended, Framing, framing_of
+from trocar.procs.crtk.messages import said
+from trocar.procs.socket_bridge.framing import Ended, Framing, framing_of
 
 SLICE: Final = 16
 """Messages of one client, then it is the next one's turn."""

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any, Final, Protocol
 
-from procs.crtk.messages import said
-from procs.crtk.topics import EVENT
-from procs.socket_bridge.topics import SharedTopic, Topics, age_of, comes_each, ended, message_of
+from trocar.procs.crtk.messages import said
+from trocar.procs.crtk.topics import EVENT
+from trocar.procs.socket_bridge.topics import SharedTopic, Topics, age_of, comes_each, ended, message_of
 
 EACH_NS: Final = 5_000_000
 """Between two looks at what comes now and then."""

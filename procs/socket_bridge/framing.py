@@ -10,7 +10,7 @@ from websockets.http11 import Request
 from websockets.protocol import State
 from websockets.server import ServerProtocol
 
-from procs.crtk.messages import MAX_BYTES
+from trocar.procs.crtk.messages import MAX_BYTES
 
 HTTP: Final = b"GET "
 TOO_LONG: Final = f"a message has {MAX_BYTES} bytes at most"

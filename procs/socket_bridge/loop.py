@@ -9,9 +9,9 @@ from __future__ import annotations
 import asyncio
 from typing import Any
 
-from procs import runtime
-from procs.serving import ServingLoop
-from procs.socket_bridge.server import SocketServer
+from trocar.procs.node import runtime
+from trocar.procs.node.serving import ServingLoop
+from trocar.procs.socket_bridge.server import SocketServer
 
 
 class SocketLoop(ServingLoop):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from procs.crtk.messages import NO_WORD, VALUE, VALUES, WORD, MessagePart, Ops, a_number
+from trocar.procs.crtk.messages import NO_WORD, VALUE, VALUES, WORD, MessagePart, Ops, a_number
 
 MAX_RATE_HZ: Final = 1000.0
 MIN_RATE_HZ: Final = 0.01

@@ -9,13 +9,13 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Final
 
-from procs.access import is_ours, tls_of, token_in
-from procs.crtk.calls import owners_of
-from procs.document.system import SystemConfig
-from procs.socket_bridge.connection import Connection
-from procs.socket_bridge.session import ClientService, Session
-from procs.socket_bridge.topics import Topics
-from shm.clock import monotonic_ns
+from trocar.procs.crtk.calls import owners_of
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.machine.access import is_ours, tls_of, token_in
+from trocar.procs.socket_bridge.connection import Connection
+from trocar.procs.socket_bridge.session import ClientService, Session
+from trocar.procs.socket_bridge.topics import Topics
+from trocar.shm.time.clock import monotonic_ns
 
 HELLO_S: Final = 10.0
 """In which a client has to show its token."""

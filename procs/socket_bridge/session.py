@@ -7,18 +7,18 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Final, Protocol
 
-from procs.crtk.calls import Calls, CommandOwner
-from procs.crtk.held import HeldDown
-from procs.crtk.messages import Message, NoMessage, WrongMessage, parsed, said
-from procs.document.bridges import COMMAND, VIEW, Rights
-from procs.document.user_process import PROPERTIES, SET_PROPERTY
-from procs.socket_bridge.feeds import Feed, Outlet, Reading, subscribed
-from procs.socket_bridge.messages import OPS
-from procs.socket_bridge.topics import SharedTopic, Topics
-from shm.clock import monotonic_ns
-from shm.command_row import listed
-from shm.header import SegmentError
-from shm.ring import RingError
+from trocar.procs.crtk.calls import Calls, CommandOwner
+from trocar.procs.crtk.held import HeldDown
+from trocar.procs.crtk.messages import Message, NoMessage, WrongMessage, parsed, said
+from trocar.procs.document.bridges import COMMAND, VIEW, Rights
+from trocar.procs.document.user_process import PROPERTIES, SET_PROPERTY
+from trocar.procs.socket_bridge.feeds import Feed, Outlet, Reading, subscribed
+from trocar.procs.socket_bridge.messages import OPS
+from trocar.procs.socket_bridge.topics import SharedTopic, Topics
+from trocar.shm.mailbox.command_row import listed
+from trocar.shm.memory.header import SegmentError
+from trocar.shm.ring.ring import RingError
+from trocar.shm.time.clock import monotonic_ns
 
 PROTOCOL: Final = 1
 MAX_STREAMS: Final = 256

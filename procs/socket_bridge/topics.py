@@ -6,11 +6,11 @@ import json
 from collections import Counter
 from typing import Any, Final
 
-from procs.crtk.names import Unknown, none_such
-from procs.crtk.topics import EVENT, RECORD, TopicEntry, catalogue
-from procs.crtk.views import OpenTopic, state_as_event
-from shm import directory
-from shm.subscriptions import Subscriber
+from trocar.procs.crtk.names import Unknown, none_such
+from trocar.procs.crtk.topics import EVENT, RECORD, TopicEntry, catalogue
+from trocar.procs.crtk.views import OpenTopic, state_as_event
+from trocar.shm.system import directory
+from trocar.shm.system.subscriptions import Subscriber
 
 PROGRAM: Final = "socket_bridge"
 STATE: Final = ("stamp_ns", "sequence", "state", "sub_state", "is_homed", "is_busy")

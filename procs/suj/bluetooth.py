@@ -1,6 +1,6 @@
 """Potentiometer boards over Bluetooth, read by a child process: connecting takes seconds and needs an event loop.
 
-    python -m procs.suj.bluetooth ADDRESS...
+    python -m trocar.procs.suj.bluetooth ADDRESS...
 
 prints a line for every reading, `{"board": ADDRESS, "reading": TEXT}`, and for every change of what is wrong,
 `{"board": ADDRESS, "problem": TEXT}`. It ends when nobody reads any more. The optional package bleak does the talking.
@@ -34,7 +34,7 @@ class BluetoothBoards:
         self._start()
 
     def _start(self) -> None:
-        self._child = subprocess.Popen([sys.executable, "-m", "procs.suj.bluetooth", *self._addresses],
+        self._child = subprocess.Popen([sys.executable, "-m", "trocar.procs.suj.bluetooth", *self._addresses],
                                        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE)
         if self._child.stdout is None:
             raise OSError("no pipe to the Bluetooth reader")

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.document.cart import CartArm
+from trocar.procs.document.cart import CartArm
 
 Array = NDArray[np.float64]
 

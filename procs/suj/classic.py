@@ -11,16 +11,16 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs import codes
-from procs.document.cart import Cart
-from procs.faults import reported
-from procs.requests import Reports
-from procs.suj.brakes import SetupArmBrakes
-from procs.suj.interface_board import InterfaceBoard
-from procs.suj.machine import SetupState
-from procs.suj.multiplexer import INCREMENT, PLUGS, Multiplexer
-from procs.suj.pots import CLASSIC_LIMITS, PotReadings
-from procs.suj.setups import Array, Fields, Setups
+from trocar.procs.document.cart import Cart
+from trocar.procs.node.fault_report import reported
+from trocar.procs.node.requests import Reports
+from trocar.procs.suj.brakes import SetupArmBrakes
+from trocar.procs.suj.interface_board import InterfaceBoard
+from trocar.procs.suj.machine import SetupState
+from trocar.procs.suj.multiplexer import INCREMENT, PLUGS, Multiplexer
+from trocar.procs.suj.pots import CLASSIC_LIMITS, PotReadings
+from trocar.procs.suj.setups import Array, Fields, Setups
+from trocar.procs.tables import codes
 
 ROUNDS: Final = 3  # whole ones, after the one during which the arm came to rest
 MAX_ROUND_NS: Final = 5_000_000_000

@@ -7,11 +7,11 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from procs.document.cart import FIXED, Cart
-from procs.kinematics.poses import matrix_from_pose, normalised
-from procs.requests import CommandRefused, Handler, Request, carry_out, switch
-from procs.suj.machine import SetupState, SetupStates
-from procs.suj.setups import Setups
+from trocar.procs.document.cart import FIXED, Cart
+from trocar.procs.kinematics.poses import matrix_from_pose, normalised
+from trocar.procs.node.requests import CommandRefused, Handler, Request, carry_out, switch
+from trocar.procs.suj.machine import SetupState, SetupStates
+from trocar.procs.suj.setups import Setups
 
 FURTHEST: Final = 100.0  # m or rad: no joint of a patient cart goes further
 

@@ -12,8 +12,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.kinematics.poses import inverse, pose_from_matrix
-from procs.suj.setups import Array, Fields, Setups
+from trocar.procs.kinematics.poses import inverse, pose_from_matrix
+from trocar.procs.suj.setups import Array, Fields, Setups
 
 CART: Final = "Cart"
 

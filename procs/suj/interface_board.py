@@ -8,11 +8,11 @@ from typing import Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.codes import ARM_LOST, ERROR, FAULTS
-from procs.document.cart import channel_inputs
-from procs.document.system import IoConfig
-from procs.inputs import RecordReader
-from procs.suj.multiplexer import PLUGS
+from trocar.procs.document.cart import channel_inputs
+from trocar.procs.document.system import IoConfig
+from trocar.procs.node.inputs import RecordReader
+from trocar.procs.suj.multiplexer import PLUGS
+from trocar.procs.tables.codes import ARM_LOST, ERROR, FAULTS
 
 SILENT_NS: Final = 50_000_000  # io writes 1500 records a second
 MOST: Final = 256  # samples looked at in one cycle

@@ -7,18 +7,18 @@ from typing import Final
 
 import numpy as np
 
-from procs.document.cart import Cart
-from procs.requests import Reports, Request
-from procs.suj.classic import Classic
-from procs.suj.commands import SetupCommands
-from procs.suj.frames import Frames
-from procs.suj.machine import NoPower, SetupState, SetupStates
-from procs.suj.reference import CarriedTip
-from procs.suj.setups import Fields, Setups
-from procs.suj.si import Si
-from shm.faults import NoFaults, OwnCell
-from shm.layout import shorten
-from shm.origins import Origin
+from trocar.procs.document.cart import Cart
+from trocar.procs.node.requests import Reports, Request
+from trocar.procs.suj.classic import Classic
+from trocar.procs.suj.commands import SetupCommands
+from trocar.procs.suj.frames import Frames
+from trocar.procs.suj.machine import NoPower, SetupState, SetupStates
+from trocar.procs.suj.reference import CarriedTip
+from trocar.procs.suj.setups import Fields, Setups
+from trocar.procs.suj.si import Si
+from trocar.shm.mailbox.generations import NoFaults, OwnCell
+from trocar.shm.mailbox.origins import Origin
+from trocar.shm.memory.layout import shorten
 
 PATIENCE_NS: Final = 1_000_000_000  # for io's first record after a restart
 

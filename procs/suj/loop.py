@@ -8,18 +8,19 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs import codes, runtime
-from procs.document.cart import CLASSIC, SI, Cart
-from procs.inputs import SETUP_LATE_S
-from procs.suj.bluetooth import BluetoothBoards
-from procs.suj.classic import Classic
-from procs.suj.interface_board import InterfaceBoard
-from procs.suj.joints import SetupJoints
-from procs.suj.reference import CarriedTip
-from procs.suj.setups import Setups
-from procs.suj.si import EmulatedBoards, PotLink, Si
-from shm.client import LoopClient
-from shm.origins import Origin
+from trocar.procs.document.cart import CLASSIC, SI, Cart
+from trocar.procs.node import runtime
+from trocar.procs.node.inputs import SETUP_LATE_S
+from trocar.procs.suj.bluetooth import BluetoothBoards
+from trocar.procs.suj.classic import Classic
+from trocar.procs.suj.interface_board import InterfaceBoard
+from trocar.procs.suj.joints import SetupJoints
+from trocar.procs.suj.reference import CarriedTip
+from trocar.procs.suj.setups import Setups
+from trocar.procs.suj.si import EmulatedBoards, PotLink, Si
+from trocar.procs.tables import codes
+from trocar.shm.mailbox.client import LoopClient
+from trocar.shm.mailbox.origins import Origin
 
 BEHIND_IO_NS: Final = 120_000
 

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from enum import StrEnum
 from typing import Final, Protocol
 
-from procs import codes
-from procs.requests import Reports, Request
+from trocar.procs.node.requests import Reports, Request
+from trocar.procs.tables import codes
 
 
 class SetupState(StrEnum):

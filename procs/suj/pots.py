@@ -7,10 +7,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs import codes
-from procs.document.cart import CartArm
-from procs.requests import Reports
-from procs.suj.setups import Setups
+from trocar.procs.document.cart import CartArm
+from trocar.procs.node.requests import Reports
+from trocar.procs.suj.setups import Setups
+from trocar.procs.tables import codes
 
 Array = NDArray[np.float64]
 

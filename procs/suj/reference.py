@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from procs.inputs import Input
-from procs.kinematics.poses import matrix_from_pose, normalised
-from procs.suj.setups import Array
+from trocar.procs.kinematics.poses import matrix_from_pose, normalised
+from trocar.procs.node.inputs import Input
+from trocar.procs.suj.setups import Array
 
 
 class CarriedTip:

@@ -8,9 +8,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.document.cart import Cart, CartArm
-from procs.kinematics.forward import Kinematics
-from procs.kinematics.poses import matrix_from_pose, normalised, pose_from_matrix
+from trocar.procs.document.cart import Cart, CartArm
+from trocar.procs.kinematics.forward import Kinematics
+from trocar.procs.kinematics.poses import matrix_from_pose, normalised, pose_from_matrix
 
 Array = NDArray[np.float64]
 Fields = Callable[[str], NDArray[Any]]

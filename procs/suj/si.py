@@ -14,12 +14,12 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from procs import codes
-from procs.document.cart import Cart
-from procs.requests import Reports
-from procs.suj.machine import SetupState
-from procs.suj.pots import SI_LIMITS, Potentiometers, PotReadings
-from procs.suj.setups import Array, Fields, Setups
+from trocar.procs.document.cart import Cart
+from trocar.procs.node.requests import Reports
+from trocar.procs.suj.machine import SetupState
+from trocar.procs.suj.pots import SI_LIMITS, Potentiometers, PotReadings
+from trocar.procs.suj.setups import Array, Fields, Setups
+from trocar.procs.tables import codes
 
 STALE_NS: Final = 5_000_000_000  # boards are asked several times a second, and a connection takes seconds
 SETTLED: Final = 2  # readings after somebody let go: the first may be from before

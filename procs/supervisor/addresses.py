@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Final
 
-from procs.config.build.emulated import ports_of
-from procs.document.system import IoConfig, SystemConfig
-from procs.port_holders import holders
+from trocar.procs.config.loading.emulated import ports_of
+from trocar.procs.document.system import IoConfig, SystemConfig
+from trocar.procs.machine.port_holders import holders
 
 BUS_PORT: Final = 1394
 

@@ -1,7 +1,7 @@
 """The life of one instance: what was asked of it, what became of it, and when it is started again.
 
 Pure: it acts on a process that it is given and reads a clock that it is given. The states are those of
-procs/lifecycle.py; each way in (`start`, `stop`, `look`) is one event of that table.
+procs/tables/lifecycle.py; each way in (`start`, `stop`, `look`) is one event of that table.
 """
 
 from __future__ import annotations
@@ -11,10 +11,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, Protocol
 
-from procs import lifecycle
-from procs.document.system import Process
-from procs.manifest import proc
-from shm.clock import monotonic_ns
+from trocar.procs.document.system import Process
+from trocar.procs.tables import lifecycle
+from trocar.procs.tables.manifest import proc
+from trocar.shm.time.clock import monotonic_ns
 
 HEALTHY_NS: Final = 10_000_000_000
 SETUP_S: Final = 60.0

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from procs.document.system import SystemConfig
-from shm.control_page import ControlPage
-from shm.subscriptions import Clearing
+from trocar.procs.document.system import SystemConfig
+from trocar.shm.system.subscriptions import Clearing
+from trocar.shm.time.control_page import ControlPage
 
 CLEAR_NS = 200_000_000
 

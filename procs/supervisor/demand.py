@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from procs import lifecycle
-from procs.supervisor.children import Child
+from trocar.procs.supervisor.children import Child
+from trocar.procs.tables import lifecycle
 
 
 class Demand:

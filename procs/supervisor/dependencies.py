@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from procs import lifecycle
-from procs.document.system import Process
-from procs.supervisor.children import Child
+from trocar.procs.document.system import Process
+from trocar.procs.supervisor.children import Child
+from trocar.procs.tables import lifecycle
 
 
 class Circle(ValueError):

@@ -14,10 +14,11 @@ import sys
 from collections.abc import Collection, Sequence
 from typing import Final
 
-from procs.realtime import keep_with
-from procs.supervisor import template
-from procs.supervisor.template import READY, ROOT
-from shm.clock import monotonic_ns
+from trocar.procs.machine.paths import ROOT
+from trocar.procs.node.realtime import keep_with
+from trocar.procs.supervisor import template
+from trocar.procs.supervisor.template import READY
+from trocar.shm.time.clock import monotonic_ns
 
 PR_SET_CHILD_SUBREAPER: Final = 36
 IMPORT_NS: Final = 20_000_000_000  # how long a start waits for the template to import

@@ -12,8 +12,8 @@ import socket
 from collections.abc import Iterator
 from typing import Final
 
-from procs.document.system import SystemConfig
-from procs.paths import made_log_folder, token_file
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.machine.paths import made_log_folder, token_file
 
 BYTES: Final = 16
 

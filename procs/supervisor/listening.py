@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from typing import Final
 
-from procs.document.process import Process, host_and_port
-from procs.port_holders import TCP, connections, holders
+from trocar.procs.document.process import Process, host_and_port
+from trocar.procs.machine.port_holders import TCP, connections, holders
 
 BACKLOG: Final = 128
 LOOK_NS: Final = 500_000_000  # between two looks at the kernel's list of connections

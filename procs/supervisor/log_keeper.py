@@ -1,4 +1,4 @@
-"""The process that keeps log files small (procs/log_files.py), for as long as the system is up."""
+"""The process that keeps log files small (procs/machine/log_files.py), for as long as the system is up."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import sys
 from pathlib import Path
 from typing import Final
 
-from procs import log_files
-from procs.document.system import Logs
+from trocar.procs.document.system import Logs
+from trocar.procs.machine import log_files
 
 AGAIN_NS: Final = 5_000_000_000
 

@@ -6,13 +6,13 @@ import argparse
 import sys
 from pathlib import Path
 
-from procs.open_files import raise_limit
-from procs.supervisor.forking import Template
+from trocar.procs.machine.open_files import raise_limit
+from trocar.procs.supervisor.forking import Template
 
 
 def arguments() -> argparse.Namespace:
     """The command line; `trocar up` passes its own options on."""
-    parser = argparse.ArgumentParser(prog="procs.supervisor.loop", description="Run one system; see trocar up --help.")
+    parser = argparse.ArgumentParser(prog="supervisor", description="Run one system; see trocar up --help.")
     parser.add_argument("file", type=Path)
     parser.add_argument("--system")
     parser.add_argument("--boards", choices=["emulated"])
@@ -29,7 +29,7 @@ def main() -> None:
     chosen, template = arguments(), Template()
     raise_limit()  # before there is a process that inherits it
     template.start()
-    from procs.supervisor.run import run  # takes as long as what the template imports meanwhile
+    from trocar.procs.supervisor.run import run  # takes as long as what the template imports meanwhile
 
     sys.exit(run(chosen, template))
 

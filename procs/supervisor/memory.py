@@ -9,19 +9,15 @@ import os
 import socket
 from typing import Final
 
-from procs.document.system import PACED, WALL, Process, SystemConfig, to_json
-from procs.manifest import IN_TIME, THIRD_PARTY, proc
-from procs.user_tables import own_commands, topics_of
-from procs.verb_lines import verb_line
-from shm import directory
-from shm.clock import monotonic_ns, pause
-from shm.commands import COMMANDS
-from shm.control_page import create_control
-from shm.faults import create_faults, robot_component
-from shm.lockstep import Table, create_clock
-from shm.mailbox_map import create_mailbox
-from shm.owners import SERVICE_USER
-from shm.segment import (
+from trocar.procs.document.system import PACED, WALL, Process, SystemConfig, to_json
+from trocar.procs.machine.verb_lines import verb_line
+from trocar.procs.tables.manifest import IN_TIME, THIRD_PARTY, proc
+from trocar.procs.tables.user_rows import own_commands, topics_of
+from trocar.shm.commands import COMMANDS
+from trocar.shm.mailbox.generations import create_faults, robot_component
+from trocar.shm.mailbox.mailbox_map import create_mailbox
+from trocar.shm.memory.owners import SERVICE_USER
+from trocar.shm.memory.segment import (
     FOLDER,
     Make,
     Segment,
@@ -36,6 +32,10 @@ from shm.segment import (
     size_of,
     unlink,
 )
+from trocar.shm.system import directory
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.shm.time.control_page import create_control
+from trocar.shm.time.lockstep import Table, create_clock
 
 ORPHANS_NS: Final = 10_000_000_000
 POLL_S: Final = 0.05
@@ -184,8 +184,8 @@ def _create_instance(system: SystemConfig, process: Process, make: Make) -> int:
     topics = [directory.topic_of(process.kind, name) for name in (*row.topics, "events", *audit)]
     total = create_control(system.name, process.name, make, [*topics, *declared])
     if audit:
-        total += create_mailbox(system.name, process.name, process.kind, make, wakes=row.woken,
-                                own=own_commands(system, process.name))
+        total += create_mailbox(system.name, process.name, process.kind, COMMANDS.get(process.kind, ()), make,
+                                wakes=row.woken, own=own_commands(system, process.name))
     for own in declared:
         total += directory.create_ring(system.name, process.name, own, {}, {"kind": process.kind}, make)
     dims, info = row.sizes(system, process.name)

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from procs.document.system import Process
-from procs.manifest import proc
-from procs.supervisor.forking import ENVIRON, Forked, Template
-from procs.supervisor.template import ROOT
-from shm.control_page import ControlPage
+from trocar.procs.document.system import Process
+from trocar.procs.machine.paths import ROOT
+from trocar.procs.supervisor.forking import ENVIRON, Forked, Template
+from trocar.procs.tables.manifest import proc
+from trocar.shm.time.control_page import ControlPage
 
 FRAME: Final = re.compile(r'most recent call first\):\n  File "(?P<file>.*)", line (?P<line>\d+) in (?P<function>.*)')
 TRACE_BYTES: Final = 1 << 16
@@ -54,7 +54,7 @@ class OsProcess:
     def begin(self) -> None:
         """Start one; OSError when there can be none."""
         self.page.show("CREATED")
-        command = [sys.executable, "-m", proc(self.row.kind).door, "--system", self.system, "--name", self.row.name]
+        command = [sys.executable, "-m", proc(self.row.kind).module, "--system", self.system, "--name", self.row.name]
         environ = dict(ENVIRON)
         given = [each.fileno() for each in self.sockets]
         if given:
@@ -74,14 +74,14 @@ class OsProcess:
             self.popen.send_signal(signal.SIGCONT)  # a stopped process must wake to end
 
     def abort(self) -> None:
-        """SIGABRT, at which Python writes where each thread is (faulthandler, procs/user_life.py)."""
+        """SIGABRT, at which Python writes where each thread is (faulthandler, procs/user/life.py)."""
         self._log_size = self._size()
         if self.popen is not None:
             self.popen.send_signal(signal.SIGABRT)
             self.popen.send_signal(signal.SIGCONT)
 
     def trace(self) -> None:
-        """Send SIGUSR1: Python writes where its main thread is, and continues (faulthandler, procs/runtime.py)."""
+        """Send SIGUSR1: Python writes where its main thread is, and continues (faulthandler, procs/node/runtime.py)."""
         self._log_size = self._size()
         if self.popen is not None:
             self.popen.send_signal(signal.SIGUSR1)

@@ -8,10 +8,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from procs import lifecycle
-from procs.requests import Request
-from procs.supervisor.children import Child
-from procs.supervisor.dependencies import missing
+from trocar.procs.node.requests import Request
+from trocar.procs.supervisor.children import Child
+from trocar.procs.supervisor.dependencies import missing
+from trocar.procs.tables import lifecycle
 
 
 @dataclass(frozen=True, slots=True)

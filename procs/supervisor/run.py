@@ -13,21 +13,21 @@ from dataclasses import replace
 from types import FrameType
 from typing import Final
 
-from procs.config import load_system
-from procs.document.process import ON_DEMAND
-from procs.document.system import LOCKSTEP, PACED, WALL, SystemConfig, from_json
-from procs.paths import NoStateFolder
-from procs.realtime import cores
-from procs.supervisor.addresses import NoAddress, at_free_addresses, free_address
-from procs.supervisor.children import Child
-from procs.supervisor.dependencies import Circle
-from procs.supervisor.forking import Template
-from procs.supervisor.gui_token import told
-from procs.supervisor.listening import AddressTaken
-from procs.supervisor.supervisor import SetupFailed, Supervisor
-from procs.verb_lines import DEFAULT_SYSTEM
-from shm import loglines
-from shm.segment import SegmentError
+from trocar.procs.config import load_system
+from trocar.procs.document.process import ON_DEMAND
+from trocar.procs.document.system import LOCKSTEP, PACED, WALL, SystemConfig, from_json
+from trocar.procs.machine.paths import NoStateFolder
+from trocar.procs.machine.verb_lines import DEFAULT_SYSTEM
+from trocar.procs.node.realtime import cores
+from trocar.procs.supervisor.addresses import NoAddress, at_free_addresses, free_address
+from trocar.procs.supervisor.children import Child
+from trocar.procs.supervisor.dependencies import Circle
+from trocar.procs.supervisor.forking import Template
+from trocar.procs.supervisor.gui_token import told
+from trocar.procs.supervisor.listening import AddressTaken
+from trocar.procs.supervisor.supervisor import SetupFailed, Supervisor
+from trocar.shm.memory.segment import SegmentError
+from trocar.shm.system import loglines
 
 CLOCKS = {WALL: "wall, real time", LOCKSTEP: "lockstep, simulated time as fast as the machine allows",
           PACED: "paced, simulated time, never faster than real time: a busy machine only slows it"}

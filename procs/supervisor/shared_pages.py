@@ -14,8 +14,8 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Final
 
-from procs.realtime import LOCKED, NOT_LOCKED, regions
-from shm.segment import names_of, path_of, segment_name
+from trocar.procs.node.realtime import LOCKED, NOT_LOCKED, regions
+from trocar.shm.memory.segment import names_of, path_of, segment_name
 
 MAP_LOCKED: Final = 0x2000
 FAILED: Final = ctypes.c_void_p(-1).value

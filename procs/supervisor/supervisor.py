@@ -10,40 +10,41 @@ from contextlib import ExitStack, closing
 from functools import partial
 from typing import Final
 
-from procs import codes, lifecycle
-from procs.config.build.placement import ROBOTS
-from procs.document.process import ELSEWHERE, ON_DEMAND
-from procs.document.system import WALL, Process, SystemConfig
-from procs.log_files import put_run_aside
-from procs.manifest import hung_s, late_s, proc
-from procs.paths import made_log_folder
-from procs.realtime import in_words, lacking, realtime, step_back
-from procs.supervisor import memory
-from procs.supervisor.children import Child, Ending
-from procs.supervisor.clearing import Clearings
-from procs.supervisor.demand import Demand
-from procs.supervisor.dependencies import missing, waves
-from procs.supervisor.forking import Template, reap_orphans
-from procs.supervisor.gui_token import gui_token
-from procs.supervisor.judge import HUNG, LATE, Judge, JudgedProcess
-from procs.supervisor.listening import Listening
-from procs.supervisor.log_keeper import LogKeeper
-from procs.supervisor.os_process import OsProcess
-from procs.supervisor.requests import Requests
-from procs.supervisor.shared_pages import lock_shared
-from procs.supervisor.systemd import Notifier
-from procs.verb_lines import verb_line
-from shm import directory, loglines
-from shm.audit import Audit
-from shm.clock import monotonic_ns, pause
-from shm.control_page import ControlPage
-from shm.events import Events
-from shm.layout import shorten
-from shm.lockstep import Timekeeper
-from shm.mailbox import Mailbox
-from shm.ring import RingWriter
-from shm.segment import Make
-from shm.subscriptions import Subscriptions
+from trocar.procs.config.loading.placement import ROBOTS
+from trocar.procs.document.process import ELSEWHERE, ON_DEMAND
+from trocar.procs.document.system import WALL, Process, SystemConfig
+from trocar.procs.machine.log_files import put_run_aside
+from trocar.procs.machine.paths import made_log_folder
+from trocar.procs.machine.verb_lines import verb_line
+from trocar.procs.node.realtime import in_words, lacking, realtime, step_back
+from trocar.procs.supervisor import memory
+from trocar.procs.supervisor.children import Child, Ending
+from trocar.procs.supervisor.clearing import Clearings
+from trocar.procs.supervisor.demand import Demand
+from trocar.procs.supervisor.dependencies import missing, waves
+from trocar.procs.supervisor.forking import Template, reap_orphans
+from trocar.procs.supervisor.gui_token import gui_token
+from trocar.procs.supervisor.judge import HUNG, LATE, Judge, JudgedProcess
+from trocar.procs.supervisor.listening import Listening
+from trocar.procs.supervisor.log_keeper import LogKeeper
+from trocar.procs.supervisor.os_process import OsProcess
+from trocar.procs.supervisor.requests import Requests
+from trocar.procs.supervisor.shared_pages import lock_shared
+from trocar.procs.supervisor.systemd import Notifier
+from trocar.procs.tables import codes, lifecycle
+from trocar.procs.tables.manifest import hung_s, late_s, proc
+from trocar.shm.commands import COMMANDS
+from trocar.shm.mailbox.audit import Audit
+from trocar.shm.mailbox.mailbox import Mailbox
+from trocar.shm.memory.layout import shorten
+from trocar.shm.memory.segment import Make
+from trocar.shm.ring.ring import RingWriter
+from trocar.shm.system import directory, loglines
+from trocar.shm.system.events import Events
+from trocar.shm.system.subscriptions import Subscriptions
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.shm.time.control_page import ControlPage
+from trocar.shm.time.lockstep import Timekeeper
 
 BEAT_S: Final = 0.02
 QUICK_BEAT_S: Final = 0.002  # while it starts and stops: each process waits for those that it needs
@@ -70,7 +71,7 @@ class Supervisor:
     def __init__(self, system: SystemConfig, awaits_holder: bool = False, template: Template | None = None) -> None:
         """Make all shared memory; SegmentError when the name is taken or memory is full, AddressTaken.
 
-        `awaits_holder`: simulated time stands at its beginning until somebody holds it back (shm/held_time.py).
+        `awaits_holder`: simulated time stands at its beginning until somebody holds it back (shm/time/held_time.py).
         """
         self.system, self._awaits_holder = system, awaits_holder
         self._template = template or Template()
@@ -117,7 +118,8 @@ class Supervisor:
             self.keeper.hold(True)  # until all are up: so every run begins at the same instant
         self.beat()
         self.events = Events(self._writes("events"), self.now_ns, loglines.into(log))
-        self.mailbox = Mailbox(system.name, "supervisor", "supervisor", audit=Audit(self._writes("audit"), self.now_ns))
+        self.mailbox = Mailbox(system.name, "supervisor", COMMANDS["supervisor"],
+                               audit=Audit(self._writes("audit"), self.now_ns))
         self._state = self._writes("state")
         self._rows = tuple(row for row in system.processes if row.start != ELSEWHERE)  # those are ours
         self._pages: dict[str, ControlPage] = {}

@@ -1,6 +1,6 @@
 """The template: a process that has imported the loops of most kinds, opened nothing, and forks off those that run.
 
-    python -m procs.supervisor.template SOCKET PADDING
+    python -m trocar.procs.supervisor.template SOCKET PADDING
 
 A fresh interpreter imports for 0.3 s of a core before it can begin, and shares none of its memory. A fork of the
 template begins in milliseconds and shares what was imported. Each request on the socket is one process: its command
@@ -27,11 +27,11 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Final, NoReturn
 
+from trocar.procs.machine.paths import PACKAGE
+
 READY: Final = b"ready"
 MOST: Final = 1 << 16  # bytes of a request
 PR_SET_PDEATHSIG: Final = 1
-ROOT: Final = Path(__file__).resolve().parents[2]
-OURS: Final = tuple(str(ROOT / folder) for folder in ("procs", "shm"))
 ARGUMENTS_AT: Final = 47  # in /proc/self/stat: first and last address of the command line, counted from 0
 
 
@@ -40,7 +40,7 @@ def main() -> None:
     signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])  # the supervisor holds it back until it listens to it
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)  # also while stopped; forks do not inherit it
     asking = socket.socket(fileno=int(sys.argv[1]))
-    for row in importlib.import_module("procs.manifest").PROCS:
+    for row in importlib.import_module("trocar.procs.tables.manifest").PROCS:
         if row.is_forked:
             importlib.import_module(row.module)
     gc.collect()
@@ -91,7 +91,7 @@ def _sources() -> Iterator[str]:
     """The files of ours that are imported."""
     for module in tuple(sys.modules.values()):
         file = getattr(module, "__file__", None) or ""
-        if file.startswith(OURS):
+        if file.startswith(str(PACKAGE)):
             yield file
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from procs.inputs import Input
-from procs.runtime import Node
-from shm.client import LoopClient
-from shm.origins import Origin
+from trocar.procs.node.inputs import Input
+from trocar.procs.node.runtime import Node
+from trocar.shm.mailbox.client import LoopClient
+from trocar.shm.mailbox.origins import Origin
 
 LATE_S: Final = 0.1
 ENABLED, FAULT = "ENABLED", "FAULT"

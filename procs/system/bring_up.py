@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from procs.bring_up import DISABLE, ENABLE, HOME, LIMITS_S, reached
-from procs.system.arms import ArmOnRing
-from shm.origins import Origin
+from trocar.procs.system.arms import ArmOnRing
+from trocar.procs.tables.bring_up import DISABLE, ENABLE, HOME, LIMITS_S, reached
+from trocar.shm.mailbox.origins import Origin
 
 POWER_ON, POWER_OFF = "power_on", "power_off"
 WORDS: Final = {POWER_ON: ENABLE, HOME: HOME, POWER_OFF: DISABLE}

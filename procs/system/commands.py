@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from procs import codes
-from procs.bring_up import HOME
-from procs.requests import ANSWERED, CommandRefused, Handler, Request, carry_out
-from procs.system.arms import ArmOnRing
-from procs.system.bring_up import POWER_OFF, POWER_ON, BringUp
-from procs.system.sound import Sound
-from shm.client import LoopClient
-from shm.events import Events
+from trocar.procs.node.requests import ANSWERED, CommandRefused, Handler, Request, carry_out
+from trocar.procs.system.arms import ArmOnRing
+from trocar.procs.system.bring_up import POWER_OFF, POWER_ON, BringUp
+from trocar.procs.system.sound import Sound
+from trocar.procs.tables import codes
+from trocar.procs.tables.bring_up import HOME
+from trocar.shm.mailbox.client import LoopClient
+from trocar.shm.system.events import Events
 
 BEEP_S, BEEP_HZ = 0.3, 3000.0
 MIN_S, MAX_S = 0.05, 60.0

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from procs import codes, runtime
-from procs.system.arms import arms_of
-from procs.system.commands import SystemCommands
-from procs.system.message_hub import MessageHub, MessageSource
-from procs.system.record import SystemRecord
-from procs.system.sound import Sound
-from shm.clock import monotonic_ns
-from shm.faults import NoFaults
+from trocar.procs.node import runtime
+from trocar.procs.system.arms import arms_of
+from trocar.procs.system.commands import SystemCommands
+from trocar.procs.system.message_hub import MessageHub, MessageSource
+from trocar.procs.system.record import SystemRecord
+from trocar.procs.system.sound import Sound
+from trocar.procs.tables import codes
+from trocar.shm.mailbox.generations import NoFaults
+from trocar.shm.time.clock import monotonic_ns
 
 
 def sources(node: runtime.Node) -> list[MessageSource]:

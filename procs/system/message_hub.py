@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Final
 
-from procs.inputs import RecordReader
-from shm.events import ERROR, STATUS, WARNING, Events
+from trocar.procs.node.inputs import RecordReader
+from trocar.shm.system.events import ERROR, STATUS, WARNING, Events
 
 BEEP_NS: Final = 2_000_000_000
 AT_MOST: Final = 32  # events of one process a cycle; the rest in the next

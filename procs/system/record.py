@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from procs.system.arms import ENABLED, FAULT, ArmOnRing
-from procs.system.commands import SystemCommands
-from procs.system.message_hub import MessageHub
-from procs.system.sound import Sound
-from shm.events import Events
-from shm.layout import shorten
+from trocar.procs.system.arms import ENABLED, FAULT, ArmOnRing
+from trocar.procs.system.commands import SystemCommands
+from trocar.procs.system.message_hub import MessageHub
+from trocar.procs.system.sound import Sound
+from trocar.shm.memory.layout import shorten
+from trocar.shm.system.events import Events
 
 
 class SystemRecord:

@@ -9,12 +9,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.codes import INVERSE_KINEMATICS
-from procs.inputs import Input, RecordReader
-from procs.kinematics.poses import angle_between
-from procs.requests import STREAM_ENDED, Answer, Sender
-from procs.teleop.motion_check import MotionCheck
-from shm.origins import Origin
+from trocar.procs.kinematics.poses import angle_between
+from trocar.procs.node.inputs import Input, RecordReader
+from trocar.procs.node.requests import STREAM_ENDED, Answer, Sender
+from trocar.procs.tables.codes import INVERSE_KINEMATICS
+from trocar.procs.teleop.motion_check import MotionCheck
+from trocar.shm.mailbox.origins import Origin
 
 Array = NDArray[np.float64]
 Fields = Callable[[str], NDArray[Any]]

@@ -7,18 +7,18 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs import codes
-from procs.document.consoles import TeleopEcmConfig as Settings
-from procs.inputs import LATE_S
-from procs.kinematics.poses import matrix_from_pose, pose_from_matrix
-from procs.requests import Reports
-from procs.teleop.arms import TeleopArm
-from procs.teleop.camera import Camera, outside
-from procs.teleop.presence import Operator
-from procs.teleop.record import TeleopRecord
-from procs.teleop.teleop import Teleop
-from shm.faults import Cell
-from shm.operator_topics import TeleopState
+from trocar.procs.document.consoles import TeleopEcmConfig as Settings
+from trocar.procs.kinematics.poses import matrix_from_pose, pose_from_matrix
+from trocar.procs.node.requests import Reports
+from trocar.procs.tables import codes
+from trocar.procs.tables.manifest import LATE_S
+from trocar.procs.teleop.arms import TeleopArm
+from trocar.procs.teleop.camera import Camera, outside
+from trocar.procs.teleop.presence import Operator
+from trocar.procs.teleop.record import TeleopRecord
+from trocar.procs.teleop.teleop import Teleop
+from trocar.shm.mailbox.generations import Cell
+from trocar.shm.operator_topics import TeleopState
 
 Array = NDArray[np.float64]
 

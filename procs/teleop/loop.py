@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from typing import Final
 
-from procs import runtime
-from procs.document.system import TeleopPsmConfig as PsmRow
-from procs.teleop.arms import BaseFrame, TeleopArm
-from procs.teleop.ecm import TeleopEcm
-from procs.teleop.presence import Operator
-from procs.teleop.psm import JawRange, TeleopPsm
-from procs.teleop.record import TeleopRecord
-from procs.teleop.teleop import Teleop
-from procs.teleop.third_party import ThirdPartyArm
-from shm.faults import Cell, Watched
-from shm.ring import RingWriter
+from trocar.procs.document.system import TeleopPsmConfig as PsmRow
+from trocar.procs.node import runtime
+from trocar.procs.teleop.arms import BaseFrame, TeleopArm
+from trocar.procs.teleop.ecm import TeleopEcm
+from trocar.procs.teleop.presence import Operator
+from trocar.procs.teleop.psm import JawRange, TeleopPsm
+from trocar.procs.teleop.record import TeleopRecord
+from trocar.procs.teleop.teleop import Teleop
+from trocar.procs.teleop.third_party import ThirdPartyArm
+from trocar.shm.mailbox.generations import Cell, Watched
+from trocar.shm.ring.ring import RingWriter
 
 BEHIND_MASTER_NS: Final = 190_000  # its record is out by then
 

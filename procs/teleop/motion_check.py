@@ -12,8 +12,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.inputs import LATE_NS
-from procs.kinematics.poses import angle_between
+from trocar.procs.kinematics.poses import angle_between
+from trocar.procs.node.inputs import LATE_NS
 
 Array = NDArray[np.float64]
 

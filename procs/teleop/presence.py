@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from procs.inputs import Input
+from trocar.procs.node.inputs import Input
 
 
 class Operator:

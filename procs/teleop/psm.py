@@ -9,18 +9,19 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs import codes
-from procs.document.consoles import TeleopPsmConfig as Settings
-from procs.inputs import FOR_EVER_NS, LATE_S
-from procs.kinematics.poses import angle_between
-from procs.requests import CommandRefused, Handler, Reports, Request, switch
-from procs.teleop.arms import BaseFrame, TeleopArm
-from procs.teleop.presence import Operator
-from procs.teleop.record import TeleopRecord
-from procs.teleop.teleop import Teleop
-from procs.teleop.teleoperation import JawMapping, PoseMapping, Presence, Start, roll_between, waiting_for
-from shm.faults import Cell
-from shm.operator_topics import TeleopState
+from trocar.procs.document.consoles import TeleopPsmConfig as Settings
+from trocar.procs.kinematics.poses import angle_between
+from trocar.procs.node.inputs import FOR_EVER_NS
+from trocar.procs.node.requests import CommandRefused, Handler, Reports, Request, switch
+from trocar.procs.tables import codes
+from trocar.procs.tables.manifest import LATE_S
+from trocar.procs.teleop.arms import BaseFrame, TeleopArm
+from trocar.procs.teleop.presence import Operator
+from trocar.procs.teleop.record import TeleopRecord
+from trocar.procs.teleop.teleop import Teleop
+from trocar.procs.teleop.teleoperation import JawMapping, PoseMapping, Presence, Start, roll_between, waiting_for
+from trocar.shm.mailbox.generations import Cell
+from trocar.shm.operator_topics import TeleopState
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shm.layout import shorten
+from trocar.shm.memory.layout import shorten
 
 Fields = Callable[[str], NDArray[Any]]
 

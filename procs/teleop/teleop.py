@@ -10,16 +10,15 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Final
 
 from numpy.typing import NDArray
-
-from procs import codes
-from procs.codes import Code
-from procs.requests import STREAM_PAUSE_NS, CommandRefused, Handler, Reports, Request, carry_out
-from procs.teleop.arms import TeleopArm
-from procs.teleop.presence import Operator
-from procs.teleop.record import TeleopRecord
-from shm.faults import Cell
-from shm.operator_topics import TeleopState
-from shm.origins import NOBODY, Origin
+from trocar.procs.node.requests import STREAM_PAUSE_NS, CommandRefused, Handler, Reports, Request, carry_out
+from trocar.procs.tables import codes
+from trocar.procs.tables.codes import Code
+from trocar.procs.teleop.arms import TeleopArm
+from trocar.procs.teleop.presence import Operator
+from trocar.procs.teleop.record import TeleopRecord
+from trocar.shm.mailbox.generations import Cell
+from trocar.shm.mailbox.origins import NOBODY, Origin
+from trocar.shm.operator_topics import TeleopState
 
 Fields = Callable[[str], NDArray[Any]]
 

@@ -14,8 +14,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.inputs import LATE_S
-from procs.kinematics.poses import conjugate, product, turned
+from trocar.procs.kinematics.poses import conjugate, product, turned
+from trocar.procs.tables.manifest import LATE_S
 
 Array = NDArray[np.float64]
 Quaternion = tuple[float, float, float, float]

@@ -8,9 +8,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.inputs import Input, RecordReader
-from procs.requests import Sender
-from procs.teleop.arms import Array, Fields, TeleopArm
+from trocar.procs.node.inputs import Input, RecordReader
+from trocar.procs.node.requests import Sender
+from trocar.procs.teleop.arms import Array, Fields, TeleopArm
 
 UNIT: Final = 1e-3  # how far from length 1 a quaternion may be
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from types import ModuleType
 
-from procs.document.system import SystemConfig
-from procs.user_code import module_named
-from procs.user_life import classes_in, live
-from procs.user_process import OwnProcess
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.user.classes import module_named
+from trocar.procs.user.life import classes_in, live
+from trocar.procs.user.process import OwnProcess
 
 
 class FunctionLoop(OwnProcess):

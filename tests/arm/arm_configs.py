@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from procs.document.system import ArmConfig, Chain, DhLink, JawConfig, Tool
+from trocar.procs.document.system import ArmConfig, Chain, DhLink, JawConfig, Tool
 
 EYE = tuple(tuple(float(i == j) for j in range(4)) for i in range(4))
 

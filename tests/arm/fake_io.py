@@ -8,23 +8,23 @@ from typing import Any
 
 import numpy as np
 
-from procs import codes
-from procs.arm.arm import ArmLogic, Surroundings
-from procs.arm.psm.detection import ToolReading
-from procs.arm.psm.psm import PsmLogic
-from procs.arm_types import ARM_TYPES
-from procs.document.system import ArmConfig
-from procs.faults import FaultReport
-from procs.io.arm_requests import WishCommand, WishState
-from procs.wishes import SETTINGS, WISHES
-from shm.client import Reply
-from shm.guard import unauthorized
-from shm.layout import schema_of
-from shm.origins import Origin
-from shm.topics import ARM_STATE, IO_STATE, SETPOINT
 from tests.arm.arm_configs import fixed_arm
 from tests.arm.fake_requests import PERSON, FakeReports, FakeRequest
 from tests.guarded import FakeCell, Guarded
+from trocar.procs.arm.arm import ArmLogic, Surroundings
+from trocar.procs.arm.psm.detection import ToolReading
+from trocar.procs.arm.psm.psm import PsmLogic
+from trocar.procs.document.system import ArmConfig
+from trocar.procs.io.arm_requests import WishCommand, WishState
+from trocar.procs.node.fault_report import FaultReport
+from trocar.procs.tables import codes
+from trocar.procs.tables.arm_types import ARM_TYPES
+from trocar.procs.tables.desired_state import SETTINGS, WISHES
+from trocar.shm.mailbox.client import Reply
+from trocar.shm.mailbox.guard import unauthorized
+from trocar.shm.mailbox.origins import Origin
+from trocar.shm.memory.layout import schema_of
+from trocar.shm.topics import ARM_STATE, IO_STATE, SETPOINT
 
 AXES = 7
 PERIOD_NS = 2_000_000

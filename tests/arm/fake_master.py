@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from procs.arm.mtm.mtm import MtmLogic
-from procs.document.system import ArmConfig
 from tests import stock
 from tests.arm.fake_io import AXES, SECOND, ArmHarness, FakeIo
+from trocar.procs.arm.mtm.mtm import MtmLogic
+from trocar.procs.document.system import ArmConfig
 
 ROLL = 6
 STOP = math.radians(-480.0)

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from procs.document.system import ArmInputs
 from tests.arm.arm_configs import TOOL, bare_arm
 from tests.arm.fake_io import PERIOD_NS, ArmHarness
+from trocar.procs.document.system import ArmInputs
 
 INPUTS = {"PSM1_arm_clutch": 0, "PSM1_adapter": 1, "PSM1_tool": 2}
 NAMES = ArmInputs(clutch="PSM1_arm_clutch", adapter="PSM1_adapter", tool="PSM1_tool")

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from procs.codes import Code
-from shm.command_row import CommandRow
-from shm.events import SEVERITIES, sentence
-from shm.origins import Origin, SenderId
 from tests.command_rows import row_named
+from trocar.procs.tables.codes import Code
+from trocar.shm.mailbox.command_row import CommandRow
+from trocar.shm.mailbox.origins import Origin, SenderId
+from trocar.shm.system.events import SEVERITIES, sentence
 
 
 @dataclass

@@ -7,20 +7,20 @@ from typing import Any
 
 import numpy as np
 
-from procs import codes
-from procs.arm.arm import ArmLogic, Surroundings
-from procs.arm.effort_limits import motor_efforts
-from procs.arm.loop import gripper_in, place_in
-from procs.arm_types import ARM_TYPES, class_of
-from procs.document.system import SystemConfig
-from procs.faults import FaultReport
-from procs.io.setpoint_tracker import WishFields
-from shm.client import Reply
-from shm.topics import ARM_STATE, SETPOINT
 from tests.arm.fake_io import Record
 from tests.arm.fake_requests import FakeReports, FakeRequest
 from tests.arm.test_kinematic_arm import Order
 from tests.io.boards_harness import BoardsHarness
+from trocar.procs.arm.arm import ArmLogic, Surroundings
+from trocar.procs.arm.effort_limits import motor_efforts
+from trocar.procs.arm.loop import gripper_in, place_in
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.io.setpoint_tracker import WishFields
+from trocar.procs.node.fault_report import FaultReport
+from trocar.procs.tables import codes
+from trocar.procs.tables.arm_types import ARM_TYPES, class_of
+from trocar.shm.mailbox.client import Reply
+from trocar.shm.topics import ARM_STATE, SETPOINT
 
 SETPOINTS = ("mode", "has_velocity", "count", "in_effort", "bias_generation", "pid_generation", "position", "velocity",
              "effort", "feed_forward")

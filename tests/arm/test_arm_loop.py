@@ -11,25 +11,26 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs import codes
-from procs.document.system import Actuator, IoConfig, Linear, Process, Robot, SystemConfig
-from procs.supervisor import memory
-from shm import directory
-from shm.client import Client
-from shm.clock import monotonic_ns
-from shm.control_page import ControlPage
-from shm.events import Events
-from shm.mailbox import Mailbox
 from tests.arm.arm_configs import fixed_arm
 from tests.arm.fake_io import FakeIo, View
+from trocar.procs.document.system import Actuator, IoConfig, Linear, Process, Robot, SystemConfig
+from trocar.procs.supervisor import memory
+from trocar.procs.tables import codes
+from trocar.shm.commands import COMMANDS
+from trocar.shm.mailbox.client import Client
+from trocar.shm.mailbox.mailbox import Mailbox
+from trocar.shm.system import directory
+from trocar.shm.system.events import Events
+from trocar.shm.time.clock import monotonic_ns
+from trocar.shm.time.control_page import ControlPage
 
 pytestmark = pytest.mark.slow
 ARM = """
 import runpy, sys
-import procs.arm.readings
-procs.arm.readings.LATE_NS = 5_000_000_000  # io is this test, which a busy machine holds up
+import trocar.procs.arm.readings
+trocar.procs.arm.readings.LATE_NS = 5_000_000_000  # io is this test, which a busy machine holds up
 sys.argv[1:] = ["--system", sys.argv[1], "--name", "PSM1"]
-runpy.run_module("procs.arm.loop", run_name="__main__")
+runpy.run_module("trocar.procs.arm.loop", run_name="__main__")
 """
 ACTUATOR = Actuator(0, 0, "REVOLUTE", 1.0, Linear(), Linear(), 1.0)
 
@@ -53,7 +54,7 @@ class ArmLoopBench:
         self.supervisor = ControlPage(world.name, "supervisor", write=True)
         self.ring = directory.writer(world.name, "IO1", "state", "io")
         self.events = Events(directory.writer(world.name, "IO1", "events", "io"), monotonic_ns)
-        self.mailbox = Mailbox(world.name, "IO1", "io")
+        self.mailbox = Mailbox(world.name, "IO1", COMMANDS["io"])
         self.setpoint = directory.reader(world.name, "PSM1", "setpoint")
         self.state = directory.reader(world.name, "PSM1", "state")
         self.io = FakeIo()

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.arm_types import ARM_TYPES
-from procs.config import load_system
 from tests import stock
 from tests.arm.arm_configs import bare_arm, fixed_arm
 from tests.arm.fake_io import ArmHarness
 from tests.arm.fake_requests import FakeRequest
 from tests.arm.on_boards import OnBoards
+from trocar.procs.config import load_system
+from trocar.procs.tables.arm_types import ARM_TYPES
 
 DEEP = (0.0, 0.0, 0.12, 0.0, 0.0, 0.0)
 

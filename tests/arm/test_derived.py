@@ -9,14 +9,14 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from procs.arm.derived import DerivedArm, DerivedEcm, DerivedMtm, DerivedPsm, State
-from procs.arm.loop import logic_of
-from procs.document.user_process import UserCommand, UserField
-from procs.user_code import class_named
-from procs.user_tables import command_row
 from tests.arm.arm_configs import fixed_arm
 from tests.arm.fake_io import ArmHarness
 from tests.arm.test_recovery import restart
+from trocar.procs.arm.derived import DerivedArm, DerivedEcm, DerivedMtm, DerivedPsm, State
+from trocar.procs.arm.loop import logic_of
+from trocar.procs.document.user_process import UserCommand, UserField
+from trocar.procs.tables.user_rows import command_row
+from trocar.procs.user.classes import class_named
 
 COMMANDS = (UserCommand("nod", (UserField("angle", "float", "rad"),)), UserCommand("rest", stops=True),
             UserCommand("jump"))
@@ -164,7 +164,7 @@ def test_mistakes_of_the_class_are_told_at_once() -> None:
 
 def test_its_class_is_found_and_has_to_be_one_of_its_type(tmp_path: Path) -> None:
     file = tmp_path / "arm_of_a_test.py"
-    file.write_text("from procs.arm import derived\nclass A(derived.DerivedPsm): pass\n"
+    file.write_text("from trocar.procs.arm import derived\nclass A(derived.DerivedPsm): pass\n"
                     "class B(derived.DerivedMtm): pass\n")
     arm = fixed_arm()
     assert issubclass(logic_of(dataclasses.replace(arm, derived=f"{file}:A")), DerivedPsm)

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.arm.ecm import EcmLogic
-from procs.document.arms import ArmConfig, ArmInputs, Chain, DhLink
 from tests.arm.arm_configs import link
 from tests.arm.fake_io import ArmHarness
+from trocar.procs.arm.ecm import EcmLogic
+from trocar.procs.document.arms import ArmConfig, ArmInputs, Chain, DhLink
 
 CHAIN = Chain(
     "modified",

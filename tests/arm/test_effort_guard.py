@@ -9,13 +9,13 @@ from functools import cache
 import numpy as np
 import pytest
 
-from procs.arm.effort_guard import MAX_ZONE, EffortGuard
-from procs.arm.effort_limits import EffortLimits, motor_efforts
-from procs.arm.joints import JointSpace, joints
-from procs.arm.motion import Motion
-from procs.arm_types import ARM_TYPES
-from procs.boards.robots.inertia import arm_inertia, wrist_inertia
-from procs.config import PROJECT_CONFIGS, load_system
+from trocar.procs.arm.effort_guard import MAX_ZONE, EffortGuard
+from trocar.procs.arm.effort_limits import EffortLimits, motor_efforts
+from trocar.procs.arm.joints import JointSpace, joints
+from trocar.procs.arm.motion import Motion
+from trocar.procs.boards.robots.inertia import arm_inertia, wrist_inertia
+from trocar.procs.config import PROJECT_CONFIGS, load_system
+from trocar.procs.tables.arm_types import ARM_TYPES
 
 ARMS = {"PSM": "demo", "PSM Si": "demo-psm-si", "ECM": "demo-ecm", "ECM Si": "demo-ecm-si", "MTM": "demo-mtm"}
 CYCLE_S = 1 / 1500

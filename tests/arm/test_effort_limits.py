@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.arm.effort_limits import EffortLimits, motor_efforts
-from procs.arm.joints import joints
-from procs.config import PROJECT_CONFIGS, load_system
-from procs.kinematics.forward import Kinematics
 from tests.arm.arm_configs import CHAIN, TOOL, fixed_arm
 from tests.arm.fake_io import ArmHarness
+from trocar.procs.arm.effort_limits import EffortLimits, motor_efforts
+from trocar.procs.arm.joints import joints
+from trocar.procs.config import PROJECT_CONFIGS, load_system
+from trocar.procs.kinematics.forward import Kinematics
 
 DEEP = (0.0, 0.0, 0.12, 0.0, 0.0, 0.0)
 MOTORS = (3.3, 3.3, 9.9, 0.34, 0.34, 0.34, 0.34)

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.arm.effort_guard import EffortGuard
-from procs.arm.effort_limits import EffortLimits, motor_efforts
-from procs.arm.joints import joints
-from procs.document.arms import ArmConfig
 from tests.arm.arm_configs import TOOL, bare_arm, fixed_arm
+from trocar.procs.arm.effort_guard import EffortGuard
+from trocar.procs.arm.effort_limits import EffortLimits, motor_efforts
+from trocar.procs.arm.joints import joints
+from trocar.procs.document.arms import ArmConfig
 
 MOTORS = np.array((3.3, 3.3, 9.9, 0.34, 0.34, 0.0, 0.34))
 SPRING, FREE_SHARE, MAX_ZONE = 0.3, 0.5, 0.2  # docs/configuration.md

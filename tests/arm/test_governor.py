@@ -13,9 +13,9 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from procs.arm.governor import LATE_S, MAX_LAG_S, MAX_STEP_NS, Governor
-from procs.arm_types import ARM_TYPES
 from tests.examples import examples
+from trocar.procs.arm.governor import LATE_S, MAX_LAG_S, MAX_STEP_NS, Governor
+from trocar.procs.tables.arm_types import ARM_TYPES
 
 DATA = Path(os.environ.get("TROCAR_TEST_DATA", Path(__file__).parents[3] / "shared/data")) / "real"
 SPEED, ACCELERATION = np.array((2.0, 0.5, 20.0)), np.array((300.0, 60.0, 400.0))

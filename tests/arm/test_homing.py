@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procs.arm.contiguous import contiguous_view
-from procs.codes import AMPLIFIER, POWER_TIMEOUT, Code
 from tests.arm.arm_configs import bare_arm, fixed_arm
 from tests.arm.fake_io import ArmHarness
+from trocar.procs.arm.contiguous import contiguous_view
+from trocar.procs.tables.codes import AMPLIFIER, POWER_TIMEOUT, Code
 
 
 def sub_states(harness: ArmHarness) -> list[str]:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procs.config import load_system
 from tests import stock
 from tests.arm.on_boards import OnBoards
+from trocar.procs.config import load_system
 
 pytestmark = pytest.mark.slow
 WAY = ["CALIBRATING_ENCODERS_FROM_POTS", "ENCODERS_BIASED", "HOMING"]

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from procs.codes import BAD_READS
-from procs.wishes import NONE, OFF, ON, WISHES
 from tests.arm.fake_io import ArmHarness
 from tests.arm.fake_requests import PERSON, FakeRequest
 from tests.arm.test_kinematic_arm import KinematicPair, Order
+from trocar.procs.tables.codes import BAD_READS
+from trocar.procs.tables.desired_state import NONE, OFF, ON, WISHES
 
 
 def wanted(harness: ArmHarness) -> dict[str, int]:

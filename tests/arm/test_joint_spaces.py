@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procs.arm.joints import JointSpace, joints, kinematic_home
-from procs.config import PROJECT_CONFIGS, load_system
-from procs.document.arms import ArmConfig, Tool
 from tests import stock
 from tests.arm.arm_configs import CHAIN, TOOL, bare_arm, fixed_arm
 from tests.traces import Trace
+from trocar.procs.arm.joints import JointSpace, joints, kinematic_home
+from trocar.procs.config import PROJECT_CONFIGS, load_system
+from trocar.procs.document.arms import ArmConfig, Tool
 
 FILES = ("demo", "demo-psm-si", "demo-ecm", "demo-ecm-si", "demo-mtm")
 ARRAYS = ("lower", "upper", "v_max", "a_max", "effort_speed", "effort_zone", "rated", "to_joint", "to_actuator", "none")

@@ -8,21 +8,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.arm.arm import ArmLogic, Surroundings
-from procs.arm.ecm import EcmLogic
-from procs.arm.psm.psm import PsmLogic
-from procs.arm_types import ARM_TYPES
-from procs.config import PROJECT_CONFIGS, load_system
-from procs.document.system import SystemConfig
-from procs.io.kinematic import KinematicIo
-from procs.io.record import IoRecord as IoRecord
-from procs.io.setpoint_tracker import WishFields
-from shm.client import Reply
-from shm.origins import SenderId
-from shm.topics import ARM_STATE, IO_STATE, SETPOINT
 from tests.arm.fake_io import Record
 from tests.arm.fake_requests import PERSON, FakeReports, FakeRequest
 from tests.command_rows import row_named
+from trocar.procs.arm.arm import ArmLogic, Surroundings
+from trocar.procs.arm.ecm import EcmLogic
+from trocar.procs.arm.psm.psm import PsmLogic
+from trocar.procs.config import PROJECT_CONFIGS, load_system
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.io.kinematic import KinematicIo
+from trocar.procs.io.record import IoRecord as IoRecord
+from trocar.procs.io.setpoint_tracker import WishFields
+from trocar.procs.tables.arm_types import ARM_TYPES
+from trocar.shm.mailbox.client import Reply
+from trocar.shm.mailbox.origins import SenderId
+from trocar.shm.topics import ARM_STATE, IO_STATE, SETPOINT
 
 PERIOD_NS = 2_000_000
 

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procs.arm.reach import QUICKEST
-from procs.arm_types import ARM_TYPES
-from procs.kinematics.poses import matrix_from_pose, pose_from_matrix, rotation_from_vector
 from tests.arm.arm_configs import fixed_arm
 from tests.arm.fake_io import PERIOD_NS, ArmHarness
 from tests.examples import examples
+from trocar.procs.arm.reach import QUICKEST
+from trocar.procs.kinematics.poses import matrix_from_pose, pose_from_matrix, rotation_from_vector
+from trocar.procs.tables.arm_types import ARM_TYPES
 
 STRAIGHT = (0.0, 0.0, 0.12, 0.0, 0.0, 0.0)
 SERVO = np.array(ARM_TYPES["PSM"].servo.speed[:6])

@@ -8,11 +8,11 @@ import math
 import numpy as np
 import pytest
 
-from procs.kinematics.forward import Kinematics
-from procs.kinematics.poses import matrix_from_pose
 from tests import stock
 from tests.arm.fake_master import MasterHarness, actuator_of, master
 from tests.lib.test_gravity import parameters
+from trocar.procs.kinematics.forward import Kinematics
+from trocar.procs.kinematics.poses import matrix_from_pose
 
 BENT = (0.1, 0.2, 0.3, -0.4, 0.5, -0.6, 0.7)
 WEIGHT = (-0.04732, 0.5073, 0.21282, 0.05798, 0.04149, -0.03281, 0.0)  # at BENT, of MTML 22723

@@ -7,13 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from procs.config import load_system
-from procs.document.system import SystemConfig
-from procs.kinematics.forward import Kinematics
-from procs.kinematics.poses import rotation_vector
 from tests import stock
 from tests.arm.fake_requests import FakeRequest
 from tests.arm.on_boards import OnBoards
+from trocar.procs.config import load_system
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.kinematics.forward import Kinematics
+from trocar.procs.kinematics.poses import rotation_vector
 
 pytestmark = pytest.mark.slow
 WAY = ["CALIBRATING_ENCODERS_FROM_POTS", "ENCODERS_BIASED", "CALIBRATING_ROLL", "RESETTING_ROLL_ENCODER", "HOMING"]

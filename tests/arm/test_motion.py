@@ -7,10 +7,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from procs.document.arms import ArmConfig
 from tests.arm.arm_configs import bare_arm, fixed_arm
 from tests.arm.fake_io import SECOND, ArmHarness
 from tests.arm.fake_requests import FakeRequest
+from trocar.procs.document.arms import ArmConfig
 
 DEEP = (0.0, 0.0, 0.12, 0.0, 0.0, 0.0)
 

@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from procs.kinematics.poses import matrix_from_pose, pose_from_matrix, rotation_vector
 from tests.arm.fake_io import SECOND
 from tests.arm.fake_master import MasterHarness, actuator_of, master
 from tests.arm.test_recovery import restart
+from trocar.procs.kinematics.poses import matrix_from_pose, pose_from_matrix, rotation_vector
 
 START = (0.1, 0.2, 0.1, 0.2, 0.3, 0.1, 0.5)
 BASE = (0.1, 0.2, 0.3, 0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5))

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.arm.cartesian import Cartesian
-from procs.arm.joints import joints
-from procs.document.system import ArmConfig, ArmInputs
-from procs.kinematics.poses import pose_from_matrix
 from tests import stock
 from tests.arm.arm_configs import fixed_arm
 from tests.arm.fake_io import ArmHarness
+from trocar.procs.arm.cartesian import Cartesian
+from trocar.procs.arm.joints import joints
+from trocar.procs.document.system import ArmConfig, ArmInputs
+from trocar.procs.kinematics.poses import pose_from_matrix
 
 DEEP = (0.0, 0.0, 0.12, 0.0, 0.0, 0.0)
 ALL_TOOLS = sorted(path.stem for path in stock.find("dvrk-share/tool").glob("*_[0-9]*.json"))

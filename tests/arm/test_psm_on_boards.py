@@ -7,12 +7,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from procs.boards.board_faults import BoardFaults
-from procs.boards.instruments import EmulatedInstruments
-from procs.config import load_system
-from procs.kinematics.forward import Kinematics
 from tests import stock
 from tests.arm.on_boards import OnBoards
+from trocar.procs.boards.board_faults import BoardFaults
+from trocar.procs.boards.instruments import EmulatedInstruments
+from trocar.procs.config import load_system
+from trocar.procs.kinematics.forward import Kinematics
 
 pytestmark = pytest.mark.slow
 MAX_JUMP = 0.5e-3  # m

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procs.codes import ARM_LOST
 from tests.arm.arm_configs import bare_arm
 from tests.arm.fake_io import PERIOD_NS, ArmHarness
+from trocar.procs.tables.codes import ARM_LOST
 
 ELSEWHERE = (0.4, 0.2, 0.1, 0.0, 0.0, 0.0)
 

@@ -6,11 +6,11 @@ from collections.abc import Callable
 
 import pytest
 
-from shm.origins import NOBODY
 from tests.arm.fake_io import SECOND, ArmHarness
 from tests.arm.fake_master import MasterHarness
 from tests.arm.fake_psm import DRIVER, SwitchedPsm, with_adapter
 from tests.arm.fake_requests import FakeRequest
+from trocar.shm.mailbox.origins import NOBODY
 
 AWAY_NS = {"held up for 31 ms": 31_000_000, "killed": SECOND // 2}
 EFFORTS = (0.0, 0.0, 0.1, 0.0, 0.0, 0.0)

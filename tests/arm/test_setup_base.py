@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procs.arm.setup_base import SetupBase, place_of
-from procs.inputs import SETUP_LATE_S, Input
-from procs.kinematics.poses import matrix_from_pose
-from shm.layout import schema_of
-from shm.topics import SUJ_STATE
+from trocar.procs.arm.setup_base import SetupBase, place_of
+from trocar.procs.kinematics.poses import matrix_from_pose
+from trocar.procs.node.inputs import SETUP_LATE_S, Input
+from trocar.shm.memory.layout import schema_of
+from trocar.shm.topics import SUJ_STATE
 
 MS = 1_000_000
 POSE = np.array((0.1, -0.2, 0.3, 0.5, 0.5, 0.5, 0.5))

@@ -6,7 +6,8 @@ import itertools
 
 import pytest
 
-from procs.arm.states import (
+from tests.arm.fake_io import ArmHarness
+from trocar.procs.arm.states import (
     ACCEPTED,
     BEYOND,
     BUSY,
@@ -19,7 +20,6 @@ from procs.arm.states import (
     follow,
     refusal,
 )
-from tests.arm.fake_io import ArmHarness
 
 POWERED = (ArmState.ENABLED, ArmState.CALIBRATING, ArmState.BIASED, ArmState.HOMING, ArmState.HOMED)
 # of some arms only

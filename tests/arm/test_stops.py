@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from shm.origins import Origin, SenderId
 from tests.arm.arm_configs import fixed_arm
 from tests.arm.fake_io import ArmHarness
 from tests.arm.fake_master import MasterHarness
 from tests.arm.fake_requests import FakeRequest
+from trocar.shm.mailbox.origins import Origin, SenderId
 
 DEEP = np.array((0.0, 0.0, 0.12, 0.0, 0.0, 0.0))
 WE, OTHERS = SenderId(3), SenderId(4)

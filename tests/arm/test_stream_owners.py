@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from procs.arm.streams import StreamKind, Streams
-from procs.requests import STREAM_PAUSE_NS
-from shm.origins import Origin
 from tests.arm.fake_requests import FakeRequest
+from trocar.procs.arm.streams import StreamKind, Streams
+from trocar.procs.node.requests import STREAM_PAUSE_NS
+from trocar.shm.mailbox.origins import Origin
 
 MS = 1_000_000
 

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.arm.streams import STREAM_NS
-from procs.requests import STREAM_PAUSE_NS
-from shm.origins import Origin, SenderId
 from tests.arm.arm_configs import fixed_arm
 from tests.arm.fake_io import PERIOD_NS, ArmHarness
 from tests.arm.fake_requests import FakeRequest
+from trocar.procs.arm.streams import STREAM_NS
+from trocar.procs.node.requests import STREAM_PAUSE_NS
+from trocar.shm.mailbox.origins import Origin, SenderId
 
 MS = 1_000_000
 DEEP = np.array((0.0, 0.0, 0.12, 0.0, 0.0, 0.0))

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from procs.arm.governor import MAX_LAG_S
-from procs.config import PROJECT_CONFIGS, load_system
 from tests.arm.on_boards import OnBoards
+from trocar.procs.arm.governor import MAX_LAG_S
+from trocar.procs.config import PROJECT_CONFIGS, load_system
 
 DEEP = np.array((0.0, 0.0, 0.12, 0.0, 0.0, 0.0))
 RANGE = np.array((1.0, 0.8, 0.08, 4.0, 1.3, 1.3))  # from there, either way

@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs import codes
-from procs.arm.arm import Surroundings
-from procs.arm.loop import LastGood
-from procs.arm.psm.psm import PsmLogic
-from procs.faults import FaultReport
-from procs.inputs import LATE_NS
-from shm import directory
-from shm.ring import HEAD
-from shm.segment import Segment, segment_name
-from shm.topics import IO_STATE
 from tests.arm.fake_io import AXES, PERIOD_NS, ArmHarness, View
+from trocar.procs.arm.arm import Surroundings
+from trocar.procs.arm.loop import LastGood
+from trocar.procs.arm.psm.psm import PsmLogic
+from trocar.procs.node.fault_report import FaultReport
+from trocar.procs.node.inputs import LATE_NS
+from trocar.procs.tables import codes
+from trocar.shm.memory.segment import Segment, segment_name
+from trocar.shm.ring.ring import HEAD
+from trocar.shm.system import directory
+from trocar.shm.topics import IO_STATE
 
 GARBAGE = b"\xc7"  # every flag is set, every number is far away
 

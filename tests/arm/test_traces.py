@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.arm.effort_limits import EffortLimits
-from procs.arm.efforts import Efforts
-from procs.arm.impedance import COUNT, impedance_of
-from procs.arm.joints import JointSpace, joints
-from procs.arm.motion import Mode, Motion, Space
-from procs.kinematics.poses import matrix_from_pose
 from tests.arm.arm_configs import TOOL, fixed_arm
 from tests.traces import Trace, shown
+from trocar.procs.arm.effort_limits import EffortLimits
+from trocar.procs.arm.efforts import Efforts
+from trocar.procs.arm.impedance import COUNT, impedance_of
+from trocar.procs.arm.joints import JointSpace, joints
+from trocar.procs.arm.motion import Mode, Motion, Space
+from trocar.procs.kinematics.poses import matrix_from_pose
 
 FOLDER = Path(__file__).parent / "traces"
 STEPS = 900

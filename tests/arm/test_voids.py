@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from shm.faults import NoFaults
 from tests.arm.fake_io import ArmHarness
+from trocar.shm.mailbox.generations import NoFaults
 
 
 class VoidCell(NoFaults):

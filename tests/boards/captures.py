@@ -22,9 +22,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from procs.fpga import blocks, wire
-from procs.fpga import registers as reg
 from tests.lib import board_side
+from trocar.procs.fpga import blocks, wire
+from trocar.procs.fpga import registers as reg
 
 TIME_STAMP_TICKS = reg.CLOCK_HZ // 2000
 _SWITCH_PORT = 0x60  # trailer flags of Rev 9

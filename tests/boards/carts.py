@@ -6,16 +6,16 @@ import dataclasses
 
 import numpy as np
 
-from procs.boards.emulation import Emulation
-from procs.boards.setup_joints import SetupJointsPlant
-from procs.config import load_system
-from procs.document.emulated import EmulatedSetupArm
-from procs.document.emulated import EmulatedSetupJoints as Described
-from procs.document.system import Controller, SystemConfig
-from procs.fpga import registers as reg
-from procs.fpga import wire
 from tests import stock
 from tests.boards.rails import MS, START, Rails
+from trocar.procs.boards.emulation import Emulation
+from trocar.procs.boards.setup_joints import SetupJointsPlant
+from trocar.procs.config import load_system
+from trocar.procs.document.emulated import EmulatedSetupArm
+from trocar.procs.document.emulated import EmulatedSetupJoints as Described
+from trocar.procs.document.system import Controller, SystemConfig
+from trocar.procs.fpga import registers as reg
+from trocar.procs.fpga import wire
 
 RESET, INCREMENT, PWM, DISABLE = range(4)  # bits of the digital outputs
 ONE_SHOT_S = 1e-4

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from procs.boards.controllers.bus import GROUP
-from procs.boards.controllers.models import HARDWARE
-from procs.document.system import BusConfig, Controller
-from procs.fpga import blocks, wire
-from procs.fpga import registers as reg
+from trocar.procs.boards.controllers.bus import GROUP
+from trocar.procs.boards.controllers.models import HARDWARE
+from trocar.procs.document.system import BusConfig, Controller
+from trocar.procs.fpga import blocks, wire
+from trocar.procs.fpga import registers as reg
 
 MS = 1_000_000
 SECOND = 1000 * MS

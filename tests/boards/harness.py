@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from procs.boards.controllers import bus as wired
-from procs.document.system import Controller, Quirks
-from procs.fpga import registers as reg
-from procs.fpga import wire
+from trocar.procs.boards.controllers import bus as wired
+from trocar.procs.document.system import Controller, Quirks
+from trocar.procs.fpga import registers as reg
+from trocar.procs.fpga import wire
 
 MS = reg.CLOCK_HZ // 1000
 VALID, MASK, ENABLE, COLLECT = reg.DAC_VALID, reg.DAC_AMP_MASK, reg.DAC_AMP_ENABLE, reg.DAC_COLLECT

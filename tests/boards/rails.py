@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from procs.boards.emulation import Emulation
-from procs.document.system import (
+from trocar.procs.boards.emulation import Emulation
+from trocar.procs.document.system import (
     Actuator,
     BusConfig,
     Controller,
@@ -17,8 +17,8 @@ from procs.document.system import (
     Robot,
     SystemConfig,
 )
-from procs.document.system import EmulationConfig as EmulationRow
-from procs.fpga import wire
+from trocar.procs.document.system import EmulationConfig as EmulationRow
+from trocar.procs.fpga import wire
 
 MS = 1_000_000
 START = 77_000_000_123

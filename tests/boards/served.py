@@ -8,11 +8,11 @@ import time
 
 import pytest
 
-from procs.boards.emulation import Emulation
-from procs.boards.endpoints import Endpoints
-from procs.document.system import BusConfig
-from procs.fpga import wire
 from tests.boards.rails import MS, Rails, two_buses
+from trocar.procs.boards.emulation import Emulation
+from trocar.procs.boards.endpoints import Endpoints
+from trocar.procs.document.system import BusConfig
+from trocar.procs.fpga import wire
 
 KEPT_BYTES = 1280  # what the kernel charges for a short datagram, at most
 PATIENCE_S = 20.0

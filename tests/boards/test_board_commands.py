@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.boards.board_commands import BoardCommands
-from procs.boards.board_faults import BoardFaults
-from procs.boards.emulation import Emulation
-from procs.boards.packet_faults import KINDS
-from procs.boards.robots.hand import Grip, Hands
-from shm.command_row import listed
-from shm.commands import COMMANDS
 from tests.boards.rails import START, Rails, two_buses
 from tests.command_rows import row_named
-from tools.verbs.send import parsed, renamed
+from trocar.procs.boards.board_commands import BoardCommands
+from trocar.procs.boards.board_faults import BoardFaults
+from trocar.procs.boards.emulation import Emulation
+from trocar.procs.boards.packet_faults import KINDS
+from trocar.procs.boards.robots.hand import Grip, Hands
+from trocar.shm.commands import COMMANDS
+from trocar.shm.mailbox.command_row import listed
+from trocar.tools.verbs.send import parsed, renamed
 
 NAN, INF = float("nan"), float("inf")
 

@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from procs.boards.board_faults import BoardFaults
-from procs.boards.emulation import Emulation
-from procs.document.system import Controller
-from procs.fpga import blocks, wire
-from procs.fpga import registers as reg
 from tests.boards.rails import MS, START, Rails, real_time, two_buses, write
+from trocar.procs.boards.board_faults import BoardFaults
+from trocar.procs.boards.emulation import Emulation
+from trocar.procs.document.system import Controller
+from trocar.procs.fpga import blocks, wire
+from trocar.procs.fpga import registers as reg
 
 
 def _world() -> tuple[Emulation, BoardFaults]:

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from procs.boards.emulation import Emulation
-from procs.document.system import Brake, Linear, SystemConfig
-from procs.fpga import registers as reg
-from procs.fpga import wire
 from tests.boards.rails import MS, START, Rails, two_buses, write
+from trocar.procs.boards.emulation import Emulation
+from trocar.procs.document.system import Brake, Linear, SystemConfig
+from trocar.procs.fpga import registers as reg
+from trocar.procs.fpga import wire
 
 SCALE, OFFSET = 16000.0, -32768.0  # an offset as in real files: right in the 16 bits of a command
 

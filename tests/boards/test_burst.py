@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procs.boards import endpoints
-from procs.boards.endpoints import RECEIVE_BYTES, SO_RCVBUFFORCE
-from procs.fpga import registers as reg
-from procs.fpga import wire
 from tests.boards.served import Served
+from trocar.procs.boards import endpoints
+from trocar.procs.boards.endpoints import RECEIVE_BYTES, SO_RCVBUFFORCE
+from trocar.procs.fpga import registers as reg
+from trocar.procs.fpga import wire
 
 BURST = 1000
 MOST = Path("/proc/sys/net/core/rmem_max")

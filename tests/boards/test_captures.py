@@ -12,12 +12,12 @@ from pathlib import Path
 
 import pytest
 
-from procs.boards.controllers.bus import EmulatedBus
-from procs.document.system import Controller
-from procs.fpga import registers as reg
-from procs.fpga import wire
 from tests.boards.captures import Capture, Comparison, Exchange, read_capture
 from tests.lib import board_side
+from trocar.procs.boards.controllers.bus import EmulatedBus
+from trocar.procs.document.system import Controller
+from trocar.procs.fpga import registers as reg
+from trocar.procs.fpga import wire
 
 ALL = ("d_r7_p0", "d_r7_p1", "d_r7_p2", "d_r8_p0", "d_r8_p1", "d_r8_p2", "d_r9_p0", "d_r9_p1", "d_r9_p2", "d_r9b_p2")
 Data = Callable[[str], Path]

@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procs.boards.cost import BLOCK, CYCLES, MAX_OFF, SWITCH_ON_WINDOWS, WARM_UP, WINDOW_NS, BoardsBench, summary
-from procs.config import load_system
-from procs.fpga import blocks, wire
-from shm.directory import create_ring
-from shm.topics import BOARDS_STATE
 from tests.conftest import World
 from tests.lib import board_side
-from tools.bench.io_loop import write_system
+from trocar.procs.boards.cost import BLOCK, CYCLES, MAX_OFF, SWITCH_ON_WINDOWS, WARM_UP, WINDOW_NS, BoardsBench, summary
+from trocar.procs.config import load_system
+from trocar.procs.fpga import blocks, wire
+from trocar.shm.system.directory import create_ring
+from trocar.shm.topics import BOARDS_STATE
+from trocar.tools.bench.io_loop import write_system
 
 MEASURED = {"whole", "sockets", "paused", "physics", "query", "read", "write", "record", "answering"}
 

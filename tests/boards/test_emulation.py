@@ -8,13 +8,13 @@ import math
 
 import pytest
 
-from procs.boards.emulation import FRAME_TICKS, MAX_STEPS, Emulation, ns_of, ticks_of
-from procs.boards.wiring import Wiring
-from procs.document.system import BusConfig, Controller, Linear
-from procs.document.system import EmulationConfig as EmulationRow
-from procs.fpga import blocks, wire
-from procs.fpga import registers as reg
 from tests.boards.rails import MS, START, Rails, real_time, two_buses, write
+from trocar.procs.boards.emulation import FRAME_TICKS, MAX_STEPS, Emulation, ns_of, ticks_of
+from trocar.procs.boards.wiring import Wiring
+from trocar.procs.document.system import BusConfig, Controller, Linear
+from trocar.procs.document.system import EmulationConfig as EmulationRow
+from trocar.procs.fpga import blocks, wire
+from trocar.procs.fpga import registers as reg
 
 
 def test_ticks_and_nanoseconds_give_each_other_back() -> None:

@@ -10,11 +10,11 @@ from collections.abc import Iterator
 
 import pytest
 
-from procs.boards import endpoints as endpoints_module
-from procs.boards.controllers.bus import GROUP
-from procs.boards.endpoints import ANY, MULTICAST, BusAddressTaken, Endpoints
-from procs.document.system import BusConfig, Controller
-from procs.fpga import wire
+from trocar.procs.boards import endpoints as endpoints_module
+from trocar.procs.boards.controllers.bus import GROUP
+from trocar.procs.boards.endpoints import ANY, MULTICAST, BusAddressTaken, Endpoints
+from trocar.procs.document.system import BusConfig, Controller
+from trocar.procs.fpga import wire
 
 MS = 1_000_000
 Heard = list[tuple[int, int, bytes]]

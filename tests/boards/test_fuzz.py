@@ -16,18 +16,18 @@ import numpy as np
 import psutil
 import pytest
 
-from procs.boards.controllers.bus import GROUP
-from procs.boards.controllers.models import HARDWARE
-from procs.boards.emulation import Emulation
-from procs.boards.robots.plant import Plant
-from procs.config import load_system
-from procs.document.system import BusConfig, Controller, SystemConfig
-from procs.fpga import blocks, wire
-from procs.fpga import registers as reg
 from tests.boards.fuzzing import MS, SECOND, Rules, Sender, read_quads
 from tests.boards.served import Served
 from tests.conftest import ROOT
 from tests.lib import board_side
+from trocar.procs.boards.controllers.bus import GROUP
+from trocar.procs.boards.controllers.models import HARDWARE
+from trocar.procs.boards.emulation import Emulation
+from trocar.procs.boards.robots.plant import Plant
+from trocar.procs.config import load_system
+from trocar.procs.document.system import BusConfig, Controller, SystemConfig
+from trocar.procs.fpga import blocks, wire
+from trocar.procs.fpga import registers as reg
 
 # of CPU time for one datagram: a hundred physics steps to be made up for (25 ms; ten times that on test boards, where
 # PWM drives the encoders of all boards edge by edge), and a busy machine

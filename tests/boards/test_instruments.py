@@ -6,10 +6,11 @@ import dataclasses
 
 import pytest
 
-from procs.boards.board_faults import BoardFaults
-from procs.boards.emulation import Emulation
-from procs.boards.instruments import EmulatedInstruments
-from procs.document.system import (
+from tests.boards.rails import MS, START, Rails, real_time, two_buses, write
+from trocar.procs.boards.board_faults import BoardFaults
+from trocar.procs.boards.emulation import Emulation
+from trocar.procs.boards.instruments import EmulatedInstruments
+from trocar.procs.document.system import (
     ArmConfig,
     ArmInputs,
     Chain,
@@ -19,10 +20,9 @@ from procs.document.system import (
     SystemConfig,
     Tool,
 )
-from procs.fpga import blocks, wire
-from procs.fpga import registers as reg
-from procs.fpga.instrument import MODEL_AT, NAME_AT, VERSION_AT
-from tests.boards.rails import MS, START, Rails, real_time, two_buses, write
+from trocar.procs.fpga import blocks, wire
+from trocar.procs.fpga import registers as reg
+from trocar.procs.fpga.instrument import MODEL_AT, NAME_AT, VERSION_AT
 
 LND, HOOK = "LARGE_NEEDLE_DRIVER:400006", "PERMANENT_CAUTERY_HOOK:420183[11..]"
 NODE, ADAPTER, TOOL = 1, 7, 10  # of board 3

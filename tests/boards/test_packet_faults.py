@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from procs.boards.emulation import Emulation
-from procs.boards.packet_faults import KINDS, NEVER, PacketFaults
-from procs.fpga import registers as reg
-from procs.fpga import wire
 from tests.boards.rails import MS, START, Rails, two_buses
+from trocar.procs.boards.emulation import Emulation
+from trocar.procs.boards.packet_faults import KINDS, NEVER, PacketFaults
+from trocar.procs.fpga import registers as reg
+from trocar.procs.fpga import wire
 
 BOTH = range(2)
 

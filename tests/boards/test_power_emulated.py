@@ -6,11 +6,11 @@ import dataclasses
 
 import numpy as np
 
-from procs.boards.emulation import Emulation, SensorErrors
-from procs.document.system import Controller, SystemConfig
-from procs.fpga import registers as reg
-from procs.fpga import wire
 from tests.boards.rails import MS, START, Rails, two_buses, write
+from trocar.procs.boards.emulation import Emulation, SensorErrors
+from trocar.procs.document.system import Controller, SystemConfig
+from trocar.procs.fpga import registers as reg
+from trocar.procs.fpga import wire
 
 
 def _with(*controllers: Controller) -> SystemConfig:

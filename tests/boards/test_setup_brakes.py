@@ -8,12 +8,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from procs.boards.board_faults import BoardFaults
-from procs.boards.setup_joints import LIFT_M_S
-from procs.document.system import SystemConfig
-from procs.fpga import registers as reg
 from tests.boards.carts import DISABLE, JOINTS, PLACES, PWM, CartHost, cart, described, with_arms
 from tests.boards.rails import Rails
+from trocar.procs.boards.board_faults import BoardFaults
+from trocar.procs.boards.setup_joints import LIFT_M_S
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.fpga import registers as reg
 
 
 @pytest.fixture(scope="module")

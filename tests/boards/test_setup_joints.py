@@ -9,16 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procs.boards.controllers.interface_board import FEW_CHANGES, EmulatedInterfaceBoard
-from procs.boards.devices.outputs import EVERY_OUTPUT, MAX_CHANGES, PLAY, BoardOutputs, Changes
-from procs.boards.devices.waveform import VALID
-from procs.boards.emulation import Emulation
-from procs.boards.setup_joints import SetupJointsPlant
-from procs.document.emulated import EmulatedSetupArm
-from procs.document.emulated import EmulatedSetupJoints as Described
-from procs.document.system import Controller, SystemConfig
-from procs.fpga import registers as reg
-from procs.fpga import wire
 from tests.boards.carts import (
     CHANNELS,
     DISABLE,
@@ -36,6 +26,16 @@ from tests.boards.carts import (
 )
 from tests.boards.rails import START, Rails, two_buses
 from tests.examples import examples
+from trocar.procs.boards.controllers.interface_board import FEW_CHANGES, EmulatedInterfaceBoard
+from trocar.procs.boards.devices.outputs import EVERY_OUTPUT, MAX_CHANGES, PLAY, BoardOutputs, Changes
+from trocar.procs.boards.devices.waveform import VALID
+from trocar.procs.boards.emulation import Emulation
+from trocar.procs.boards.setup_joints import SetupJointsPlant
+from trocar.procs.document.emulated import EmulatedSetupArm
+from trocar.procs.document.emulated import EmulatedSetupJoints as Described
+from trocar.procs.document.system import Controller, SystemConfig
+from trocar.procs.fpga import registers as reg
+from trocar.procs.fpga import wire
 
 
 @pytest.fixture(scope="module")

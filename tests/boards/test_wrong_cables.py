@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procs.boards.board_faults import BoardFaults
-from procs.config import PROJECT_CONFIGS, load_system
 from tests.io.boards_harness import BoardsHarness
+from trocar.procs.boards.board_faults import BoardFaults
+from trocar.procs.config import PROJECT_CONFIGS, load_system
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from procs.config import PROJECT_CONFIGS, FileProblem, Loaded, load_system
+from trocar.procs.config import PROJECT_CONFIGS, FileProblem, Loaded, load_system
 
 SYSTEM = "systems/demo.yaml"
 Section = Mapping[str, object]

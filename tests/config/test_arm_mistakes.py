@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from procs.config import FileProblem, check_file, load_system
 from tests import stock
 from tests.config.conftest import Home
+from trocar.procs.config import FileProblem, check_file, load_system
 
 ECM, MTML, PSM = "arms/ECM-demo.yaml", "arms/MTML-demo.yaml", "arms/PSM1-Si-demo.yaml"
 SYSTEM_OF = {ECM: "systems/demo-ecm.yaml", MTML: "systems/demo-mtm.yaml", PSM: "systems/demo-psm-si.yaml"}

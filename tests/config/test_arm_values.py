@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procs.config import load_system
-from procs.document import system as document
-from procs.kinematics.forward import Kinematics
-from procs.kinematics.poses import pose_from_matrix
 from tests import stock
+from trocar.procs.config import load_system
+from trocar.procs.document import system as document
+from trocar.procs.kinematics.forward import Kinematics
+from trocar.procs.kinematics.poses import pose_from_matrix
 
 SHARE = "dvrk-share"
 

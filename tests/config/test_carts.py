@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from procs.config import Loaded, load_system
-from procs.config.build.kinds import check_file
-from procs.fpga import registers
 from tests import stock
+from trocar.procs.config import Loaded, load_system
+from trocar.procs.config.loading.kinds import check_file
+from trocar.procs.fpga import registers
 
 FOLDERS = {"Classic": "dvrk-site/jhu-daVinci/suj-ECM-1-2-3.json", "Si": "dvrk-site/jhu-daVinci-Si/suj-si.json",
            "Fixed": "dvrk-share/arm/suj-fixed-simulated.json"}

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import re
 
-from procs.config.build import convert
-from procs.config.models.emulation_section import (
+from tests.config.conftest import SYSTEM, Home
+from tests.conftest import ROOT
+from trocar.procs.config.loading import convert
+from trocar.procs.config.models.emulation_section import (
     ControllerKeys,
     EmulatedBusKeys,
     EmulationOptions,
     ModelVariationKeys,
     QuirkKeys,
 )
-from procs.config.models.trocar_section import ArmOptions, IoOptions, ProcessKeys, TrocarSection
-from procs.config.read.yamltext import parse_yaml
-from procs.document.system import ArmConfig, IoConfig
-from tests.config.conftest import SYSTEM, Home
-from tests.conftest import ROOT
+from trocar.procs.config.models.trocar_section import ArmOptions, IoOptions, ProcessKeys, TrocarSection
+from trocar.procs.config.read.yamltext import parse_yaml
+from trocar.procs.document.system import ArmConfig, IoConfig
 
 PAGE = (ROOT / "docs/configuration.md").read_text()
 

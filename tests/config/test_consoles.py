@@ -7,13 +7,13 @@ import re
 
 import pytest
 
-from procs.config import load_system
-from procs.config.build.kinds import check_file
-from procs.document import system as document
-from procs.document.consoles import HidSensor
-from procs.document.system import SystemConfig, WiredInput
 from tests import stock
 from tests.config.conftest import SYSTEM, Home
+from trocar.procs.config import load_system
+from trocar.procs.config.loading.kinds import check_file
+from trocar.procs.document import system as document
+from trocar.procs.document.consoles import HidSensor
+from trocar.procs.document.system import SystemConfig, WiredInput
 
 FULL = "dvrk-share/system/system-full-system-simulated.json"
 ARMS = [{"name": name, "type": name[:3], "simulation": "KINEMATIC", "serial": "0",

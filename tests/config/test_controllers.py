@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from procs.config import load_system
-from procs.config.models.emulation_section import QuirkKeys
-from procs.document import system as document
 from tests.config.conftest import SYSTEM, Home, Section
+from trocar.procs.config import load_system
+from trocar.procs.config.models.emulation_section import QuirkKeys
+from trocar.procs.document import system as document
 
 
 def _system(home: Home, section: Section, hardware: str = "QLA1", **keys: object) -> document.SystemConfig:

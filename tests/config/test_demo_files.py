@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from procs.config import PROJECT_CONFIGS, check_file, load_system
-from procs.document import system as document
+from trocar.procs.config import PROJECT_CONFIGS, check_file, load_system
+from trocar.procs.document import system as document
 
 FULL_SCALE_A = 6.25
 TORQUE_CONSTANT = 0.0438  # N·m/A

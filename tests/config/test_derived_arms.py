@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from procs.document import system as document
 from tests.config.conftest import Home
+from trocar.procs.document import system as document
 
 ARM = {"name": "PSM1", "type": "PSM_DERIVED", "simulation": "KINEMATIC", "arm_file": "arms/PSM1-demo.yaml",
        "component": "mine.Mine"}

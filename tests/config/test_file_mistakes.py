@@ -7,8 +7,8 @@ import os
 
 import pytest
 
-from procs.config import check_file
 from tests.config.conftest import SYSTEM, Home
+from trocar.procs.config import check_file
 
 IO = "io/PSM1-demo.yaml"
 PID = "pid/PSM.yaml"

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.config.build.context import Context
-from procs.config.models.gravity_file import LENGTHS, load_master_gravity
-from procs.config.read.matrices import check_invertible, check_rigid, check_size
-from procs.config.read.problem import WARNING, FileProblem, key_text, value_text
-from procs.config.read.search import expanded, search_path
-from procs.config.read.source import SourceFile, read_bytes, read_source
+from trocar.procs.config.loading.context import Context
+from trocar.procs.config.models.gravity_file import LENGTHS, load_master_gravity
+from trocar.procs.config.read.matrices import check_invertible, check_rigid, check_size
+from trocar.procs.config.read.problem import WARNING, FileProblem, key_text, value_text
+from trocar.procs.config.read.search import expanded, search_path
+from trocar.procs.config.read.source import SourceFile, read_bytes, read_source
 
 FILE = SourceFile(Path("x.yaml"), {}, {})
 

@@ -6,10 +6,10 @@ import json
 
 import pytest
 
-from procs.config import Loaded
-from procs.document.system import Focus, WiredInput, from_json, to_json
 from tests import stock
 from tests.config.conftest import Home
+from trocar.procs.config import Loaded
+from trocar.procs.document.system import Focus, WiredInput, from_json, to_json
 
 PEDALS = "dvrk-share/io/sawRobotIO1394-MTMR-foot-pedals-QLA1.json"
 

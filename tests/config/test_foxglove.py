@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from procs.config import load_system
-from procs.document.bridges import FoxgloveServer
 from tests.system.robot import ROOT
+from trocar.procs.config import load_system
+from trocar.procs.document.bridges import FoxgloveServer
 
 FILE = ROOT / "configs" / "systems" / "kinematic.yaml"
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 import yaml
 
-from procs.config import check_file, load_system
-from procs.document import system as document
 from tests import stock
 from tests.config.conftest import Home
+from trocar.procs.config import check_file, load_system
+from trocar.procs.document import system as document
 
 ARM = "arms/PSM1-demo.yaml"
 TOOL = "tool/LARGE_NEEDLE_DRIVER_400006.yaml"

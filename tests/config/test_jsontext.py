@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procs.config.read.jsontext import TextError, parse_json
+from trocar.procs.config.read.jsontext import TextError, parse_json
 
 VALUES = st.recursive(
     st.none()

@@ -15,7 +15,7 @@ from typing import Any
 
 import pydantic
 
-from procs.config import models
+from trocar.procs.config import models
 
 KEYS = Path(__file__).with_name("keys.txt")
 SAID_ELSEWHERE = ("description", "title", "properties", "required")

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.config import PROJECT_CONFIGS, check_file, load_system
-from procs.document import system as document
 from tests import stock
 from tests.config.conftest import Home
+from trocar.procs.config import PROJECT_CONFIGS, check_file, load_system
+from trocar.procs.document import system as document
 
 ROBOTS = {
     "system-PSM1_Classic_KIN_SIMULATED": ("PSM1",),

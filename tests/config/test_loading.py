@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from procs.config.build.emulated import default_addresses
-from procs.config.read.source import SourceFile
 from tests.config.conftest import SYSTEM, Home
+from trocar.procs.config.loading.emulated import default_addresses
+from trocar.procs.config.read.source import SourceFile
 
 IO = "io/PSM1-demo.yaml"
 

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.config.build.context import Context, Opened
-from procs.config.models.io_file import IoFile
-from procs.config.models.lookup_file import check_table, load_tables
-from procs.config.read.search import search_path
-from procs.config.read.validate import validate
-from procs.fpga import lookup
 from tests.config.test_spoiled_files import DRIVE, HEAD, source_of
+from trocar.procs.config.loading.context import Context, Opened
+from trocar.procs.config.models.io_file import IoFile
+from trocar.procs.config.models.lookup_file import check_table, load_tables
+from trocar.procs.config.read.search import search_path
+from trocar.procs.config.read.validate import validate
+from trocar.procs.fpga import lookup
 
 KEY = "potentiometers.lookup_table_file"
 ROW = [0.001 * reading for reading in range(lookup.ENTRIES)]

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.config.read.matrices import check_rigid
-from procs.config.read.source import SourceFile
+from trocar.procs.config.read.matrices import check_rigid
+from trocar.procs.config.read.source import SourceFile
 
 FILE = SourceFile(Path("x.yaml"), {}, {})
 

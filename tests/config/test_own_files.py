@@ -8,14 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from procs.config import PROJECT_CONFIGS, check_file, load_system
-from procs.config.build import convert
-from procs.config.build.chains import load_chain, load_tool
-from procs.config.build.context import Context
-from procs.config.models.pid_file import PidFile
-from procs.config.read.search import search_path
-from procs.document import system as document
 from tests import stock
+from trocar.procs.config import PROJECT_CONFIGS, check_file, load_system
+from trocar.procs.config.loading import convert
+from trocar.procs.config.loading.chains import load_chain, load_tool
+from trocar.procs.config.loading.context import Context
+from trocar.procs.config.models.pid_file import PidFile
+from trocar.procs.config.read.search import search_path
+from trocar.procs.document import system as document
 
 ARMS = {  # of every system: names, types, generations
     "demo": (("PSM1", "PSM", "Classic"),),

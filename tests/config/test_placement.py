@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from procs.config.build.placement import Placement, placed
-from procs.manifest import proc
 from tests.config.conftest import SYSTEM, Home
+from trocar.procs.config.loading.placement import Placement, placed
+from trocar.procs.tables.manifest import proc
 
 FOUR = tuple((number,) for number in range(4))
 EIGHT = tuple((number,) for number in range(8))

@@ -10,10 +10,10 @@ from typing import Any
 
 import pytest
 
-from procs.config import check_file, load_system
-from procs.config.read.problem import FileProblem
-from procs.document import system as document
 from tests import stock
+from trocar.procs.config import check_file, load_system
+from trocar.procs.config.read.problem import FileProblem
+from trocar.procs.document import system as document
 
 KINDS = ("system", "io", "pid", "psm", "ecm", "mtm", "kinematic", "tool", "tool index", "setup joints, Classic",
          "setup joints, Si", "setup joints, fixed", "potentiometer table", "gravity")

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from procs.config import load_system
-from procs.document.ros import RosBridge
-from procs.document.system import SystemConfig
 from tests.config.conftest import Home
 from tests.config.test_consoles import ARMS
 from tests.system.robot import ROOT
+from trocar.procs.config import load_system
+from trocar.procs.document.ros import RosBridge
+from trocar.procs.document.system import SystemConfig
 
 PSM = next(arm for arm in ARMS if arm["name"] == "PSM1")
 FILE = ROOT / "configs" / "systems" / "kinematic.yaml"

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from procs.config import Loaded, load_system
-from procs.document.system import DigitalOutput, from_json, to_json
 from tests import stock
+from trocar.procs.config import Loaded, load_system
+from trocar.procs.document.system import DigitalOutput, from_json, to_json
 
 SYSTEM, IO, ARMS = "system-SUJ.json", "sawRobotIO1394-SUJ.json", "suj-ECM-1-2-3.json"
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from procs.document.bridges import Rights, SocketBridge
-from procs.document.process import ON_DEMAND
 from tests.config.conftest import SYSTEM, Home
+from trocar.procs.document.bridges import Rights, SocketBridge
+from trocar.procs.document.process import ON_DEMAND
 
 
 def attach(home: Home, text: str) -> None:

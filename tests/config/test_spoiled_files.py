@@ -12,21 +12,21 @@ from typing import Any
 
 import pytest
 
-from procs.config.build.context import Context, Opened
-from procs.config.build.io_checks import board_ids, check_bus, check_io_file
-from procs.config.models.arm_file import EcmFile, MtmFile, PsmFile
-from procs.config.models.base_frame import base_frame_of
-from procs.config.models.emulation_section import EmulationOptions
-from procs.config.models.io_file import IoFile
-from procs.config.models.kinematic_file import ToolFile
-from procs.config.models.pid_file import PidFile
-from procs.config.models.system_file import SystemFile
-from procs.config.read.jsontext import parse_json
-from procs.config.read.problem import ERROR, Key
-from procs.config.read.search import search_path
-from procs.config.read.source import SourceFile
-from procs.config.read.validate import validate
 from tests.traces import Trace
+from trocar.procs.config.loading.context import Context, Opened
+from trocar.procs.config.loading.io_checks import board_ids, check_bus, check_io_file
+from trocar.procs.config.models.arm_file import EcmFile, MtmFile, PsmFile
+from trocar.procs.config.models.base_frame import base_frame_of
+from trocar.procs.config.models.emulation_section import EmulationOptions
+from trocar.procs.config.models.io_file import IoFile
+from trocar.procs.config.models.kinematic_file import ToolFile
+from trocar.procs.config.models.pid_file import PidFile
+from trocar.procs.config.models.system_file import SystemFile
+from trocar.procs.config.read.jsontext import parse_json
+from trocar.procs.config.read.problem import ERROR, Key
+from trocar.procs.config.read.search import search_path
+from trocar.procs.config.read.source import SourceFile
+from trocar.procs.config.read.validate import validate
 
 FOLDER = Path(__file__).parent / "traces"
 DRIVE = {"effort_to_current": {"scale": 2.5}, "current_to_bits": {"scale": 5242.88, "offset": 32768.0},

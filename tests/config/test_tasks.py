@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from procs.document import system as document
 from tests.config.conftest import SYSTEM, Home
+from trocar.procs.document import system as document
 
 TASK = "{module: mine.py, name: Mine}"
 

@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 
-from procs.config.read.jsontext import Parsed, TextError, parse_json
-from procs.config.read.yamltext import parse_yaml
 from tests.traces import Trace
+from trocar.procs.config.read.jsontext import Parsed, TextError, parse_json
+from trocar.procs.config.read.yamltext import parse_yaml
 
 FOLDER = Path(__file__).parent / "traces"
 JSON = '''// a comment

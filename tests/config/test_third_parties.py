@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from procs.document import system as document
-from procs.document.system import ThirdParty, WiredInput
 from tests import stock
 from tests.config.conftest import Home
 from tests.config.test_consoles import ARMS
+from trocar.procs.document import system as document
+from trocar.procs.document.system import ThirdParty, WiredInput
 
 CLOCK = "clock: wall, because third-party programs do not wait for simulated time: MTMR"
 FALCON = {"name": "MTMR", "type": "MTM_GENERIC", "component": "Falcon", "interface": "Arm"}

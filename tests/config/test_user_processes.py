@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from procs.document import system as document
-from procs.document.user_process import BYTES
-from shm.type_words import DTYPES, dtype_of
 from tests.config.conftest import SYSTEM, Home
+from trocar.procs.document import system as document
+from trocar.procs.document.user_process import BYTES
+from trocar.shm.memory.type_words import DTYPES, dtype_of
 
 
 @pytest.fixture

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from procs.document.bridges import WebConsole
-from procs.document.process import ON_DEMAND
-from procs.document.system import from_json, to_json
 from tests.config.conftest import SYSTEM, Home
+from trocar.procs.document.bridges import WebConsole
+from trocar.procs.document.process import ON_DEMAND
+from trocar.procs.document.system import from_json, to_json
 
 
 def attach(home: Home, text: str) -> None:

@@ -12,13 +12,13 @@ from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 from pydantic import BaseModel
 
-from procs.config import models
-from procs.config.build.tasks import TaskKeys
-from procs.config.read.problem import FileProblem, value_text
-from procs.config.read.source import SourceFile
-from procs.config.read.validate import fields_of, validate
 from tests.config.conftest import SYSTEM, Home
 from tests.examples import examples
+from trocar.procs.config import models
+from trocar.procs.config.loading.tasks import TaskKeys
+from trocar.procs.config.read.problem import FileProblem, value_text
+from trocar.procs.config.read.source import SourceFile
+from trocar.procs.config.read.validate import fields_of, validate
 
 MARK = "zqx"  # in every value, and in nothing that is allowed
 FILE, LINE = "spoiled.json", 47

@@ -7,10 +7,10 @@ import math
 import pytest
 import yaml
 
-from procs.config import PROJECT_CONFIGS
-from procs.config.read.jsontext import TextError
-from procs.config.read.search import _other_names
-from procs.config.read.yamltext import parse_yaml
+from trocar.procs.config import PROJECT_CONFIGS
+from trocar.procs.config.read.jsontext import TextError
+from trocar.procs.config.read.search import _other_names
+from trocar.procs.config.read.yamltext import parse_yaml
 
 
 @pytest.mark.parametrize(

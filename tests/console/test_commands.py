@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from procs.console.commands import LET_GO_NS, ConsoleCommands
-from procs.console.logic import OPERATOR, Logic
-from procs.console.selection import PSM, Selectable
-from procs.debounce import PRESSED
 from tests.console.test_logic import ALL, RIGHT, FakeDesk
 from tests.io.harness import FakeCommand
+from trocar.procs.console.commands import LET_GO_NS, ConsoleCommands
+from trocar.procs.console.logic import OPERATOR, Logic
+from trocar.procs.console.selection import PSM, Selectable
+from trocar.procs.node.debounce import PRESSED
 
 OTHER = Selectable("MTMX_PSM1", "d", PSM, ("MTMX", "PSM1"))
 MINE = Selectable("MTMX_PSM4", "d", PSM, ("MTMX", "PSM4"))

@@ -10,15 +10,15 @@ from typing import Any
 
 import pytest
 
-from procs.console import goovis
-from procs.console.goovis import LOOK_AGAIN_NS, Goovis, find
-from procs.console.inputs import Inputs
-from procs.debounce import CLICKED, PRESSED, RELEASED
-from procs.document.consoles import HidSensor
-from procs.document.system import Console, WiredInput
-from procs.inputs import LATE_NS
-from shm.topics import EVENTS, IO_STATE
 from tests.console.test_inputs import NAMES, FakeInputRing
+from trocar.procs.console import goovis
+from trocar.procs.console.goovis import LOOK_AGAIN_NS, Goovis, find
+from trocar.procs.console.inputs import Inputs
+from trocar.procs.document.consoles import HidSensor
+from trocar.procs.document.system import Console, WiredInput
+from trocar.procs.node.debounce import CLICKED, PRESSED, RELEASED
+from trocar.procs.node.inputs import LATE_NS
+from trocar.shm.topics import EVENTS, IO_STATE
 
 MS = 1_000_000
 LONG = "a_pedal_whose_name_is_as_long_as_names_are"  # events have 24 letters of it

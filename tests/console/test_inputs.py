@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.console.goovis import LOOK_AGAIN_NS, Goovis, find
-from procs.console.inputs import Inputs
-from procs.debounce import CLICKED, PRESSED, RELEASED
-from procs.document.consoles import HidSensor
-from procs.document.system import Console, WiredInput
-from procs.inputs import LATE_NS
-from shm.layout import schema_of
-from shm.topics import EVENTS, IO_STATE, Topic
+from trocar.procs.console.goovis import LOOK_AGAIN_NS, Goovis, find
+from trocar.procs.console.inputs import Inputs
+from trocar.procs.document.consoles import HidSensor
+from trocar.procs.document.system import Console, WiredInput
+from trocar.procs.node.debounce import CLICKED, PRESSED, RELEASED
+from trocar.procs.node.inputs import LATE_NS
+from trocar.shm.memory.layout import schema_of
+from trocar.shm.topics import EVENTS, IO_STATE, Topic
 
 GOOVIS = HidSensor(0x880A, 0x3501, 17)
 NAMES = ("clutch", "camera", "coag", "beam_1", "beam_2", "beam_3", "beam_4")

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 
 import pytest
 
-from procs.codes import Code
-from procs.console.logic import ALIGN, CAMERA, CLUTCH, DISABLE, ENABLE, OPERATOR, REFUSED_NS, Logic
-from procs.console.selection import ECM, PSM, Selectable, at_load, tapped
-from procs.debounce import CLICKED, PRESSED, RELEASED
-from shm.origins import NOBODY, Origin
 from tests.guarded import objection
+from trocar.procs.console.logic import ALIGN, CAMERA, CLUTCH, DISABLE, ENABLE, OPERATOR, REFUSED_NS, Logic
+from trocar.procs.console.selection import ECM, PSM, Selectable, at_load, tapped
+from trocar.procs.node.debounce import CLICKED, PRESSED, RELEASED
+from trocar.procs.tables.codes import Code
+from trocar.shm.mailbox.origins import NOBODY, Origin
 
 RIGHT = Selectable("MTMR_PSM1", "c", PSM, ("MTMR", "PSM1"))
 LEFT = Selectable("MTML_PSM2", "c", PSM, ("MTML", "PSM2"))

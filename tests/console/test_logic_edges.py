@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from procs.console.logic import ALIGN, CAMERA, OPERATOR, REFUSED_NS
-from procs.console.selection import PSM, Selectable
-from procs.debounce import PRESSED, RELEASED
 from tests.console.test_logic import PERSON, RIGHT, console
+from trocar.procs.console.logic import ALIGN, CAMERA, OPERATOR, REFUSED_NS
+from trocar.procs.console.selection import PSM, Selectable
+from trocar.procs.node.debounce import PRESSED, RELEASED
 
 
 def test_asking_for_another_selection_frees_what_that_needs_too() -> None:

@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs import codes
-from procs.console.logic import ENABLE, Logic
-from procs.console.outbox import Mailboxes
-from procs.console.record import ConsoleRecord, go_on
-from procs.console.selection import ECM, PSM, Selectable
-from procs.debounce import CLICKED, PRESSED, RELEASED
-from procs.document.consoles import Console
-from shm.layout import schema_of
-from shm.operator_topics import CONSOLE_STATE
-from shm.origins import NOBODY, Origin
+from trocar.procs.console.logic import ENABLE, Logic
+from trocar.procs.console.outbox import Mailboxes
+from trocar.procs.console.record import ConsoleRecord, go_on
+from trocar.procs.console.selection import ECM, PSM, Selectable
+from trocar.procs.document.consoles import Console
+from trocar.procs.node.debounce import CLICKED, PRESSED, RELEASED
+from trocar.procs.tables import codes
+from trocar.shm.mailbox.origins import NOBODY, Origin
+from trocar.shm.memory.layout import schema_of
+from trocar.shm.operator_topics import CONSOLE_STATE
 
 MEMBERS = (Selectable("MTML_MTMR_ECM", "c", ECM, ("MTML", "MTMR", "ECM")),
            Selectable("MTMR_PSM1", "c", PSM, ("MTMR", "PSM1")), Selectable("MTML_PSM2", "c", PSM, ("MTML", "PSM2")),

@@ -10,15 +10,15 @@ from typing import Any
 
 import pytest
 
-from procs.codes import Code
-from procs.console.commands import ConsoleCommands
-from procs.console.logic import CAMERA, CLUTCH, OPERATOR, Logic
-from procs.console.selection import ECM, PSM, Selectable, conflicts
-from procs.debounce import CLICKED, PRESSED, RELEASED
-from shm.origins import NOBODY, Origin
 from tests.arm.fake_requests import FakeRequest
 from tests.guarded import objection
 from tests.traces import Trace, shown
+from trocar.procs.console.commands import ConsoleCommands
+from trocar.procs.console.logic import CAMERA, CLUTCH, OPERATOR, Logic
+from trocar.procs.console.selection import ECM, PSM, Selectable, conflicts
+from trocar.procs.node.debounce import CLICKED, PRESSED, RELEASED
+from trocar.procs.tables.codes import Code
+from trocar.shm.mailbox.origins import NOBODY, Origin
 
 FOLDER = Path(__file__).parent / "traces"
 STEPS = 500

@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procs.crtk.field_paths import BadPath, FieldCells, all_cells, cells_of, indices_text, parse_path
-from procs.crtk.topics import find
-from shm import directory
 from tests.tools.robot import ScriptedRobot, robot
+from trocar.procs.crtk.field_paths import BadPath, FieldCells, all_cells, cells_of, indices_text, parse_path
+from trocar.procs.crtk.topics import find
+from trocar.shm.system import directory
 
 
 @pytest.fixture

@@ -7,11 +7,11 @@ from typing import cast
 
 import pytest
 
-from procs.crtk.calls import Calls, CommandOwner
-from procs.crtk.held import HeldDown
-from procs.crtk.messages import WrongMessage
-from shm.command_row import ITSELF
-from shm.commands import COMMANDS
+from trocar.procs.crtk.calls import Calls, CommandOwner
+from trocar.procs.crtk.held import HeldDown
+from trocar.procs.crtk.messages import WrongMessage
+from trocar.shm.commands import COMMANDS
+from trocar.shm.mailbox.command_row import ITSELF
 
 KINDS = {"SUJ": "suj", "focus": "focus", "console": "console", "boards": "boards", "PSM1": "arm"}
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from procs.crtk.names import none_such
+from trocar.procs.crtk.names import none_such
 
 
 def test_the_owner_and_the_nearest_names_are_in_the_sentence() -> None:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from procs.focus.lens import AGAIN_NS, COMMANDED_NS, Lens
-from procs.focus.loop import execute
-from procs.requests import carry_out
 from tests.arm.fake_requests import FakeRequest
+from trocar.procs.focus.lens import AGAIN_NS, COMMANDED_NS, Lens
+from trocar.procs.focus.loop import execute
+from trocar.procs.node.requests import carry_out
 
 CYCLE_NS = 10_000_000
 

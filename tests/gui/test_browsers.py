@@ -10,20 +10,20 @@ from typing import Any
 
 import pytest
 
-from procs.crtk.calls import CommandOwner, owners_of
-from procs.document.system import from_json
-from procs.gui import browsers
-from procs.gui.browsers import PENDING, Browser, Browsers, ConsoleService
-from procs.gui.catalogue import sources_of
-from procs.gui.scene_source import ArmModels
-from shm import directory
-from shm.clock import monotonic_ns
-from shm.commands import COMMANDS
-from shm.faults import FaultCell, Faults
-from shm.mailbox import Mailbox
-from shm.mailbox_map import create_mailbox
 from tests.conftest import World
 from tests.tools.robot import ScriptedRobot, robot
+from trocar.procs.crtk.calls import CommandOwner, owners_of
+from trocar.procs.document.system import from_json
+from trocar.procs.gui import browsers
+from trocar.procs.gui.browsers import PENDING, Browser, Browsers, ConsoleService
+from trocar.procs.gui.catalogue import sources_of
+from trocar.procs.gui.scene_source import ArmModels
+from trocar.shm.commands import COMMANDS
+from trocar.shm.mailbox.generations import FaultCell, Faults
+from trocar.shm.mailbox.mailbox import Mailbox
+from trocar.shm.mailbox.mailbox_map import create_mailbox
+from trocar.shm.system import directory
+from trocar.shm.time.clock import monotonic_ns
 
 
 class FakePage:
@@ -228,9 +228,9 @@ def test_what_is_no_message_is_answered_and_does_nothing(world: World, message: 
 
 def test_a_tip_that_a_page_pulls_is_let_go_with_its_control_whatever_holds_up_the_order(world: World) -> None:
     async def story(console: Console) -> None:
-        create_mailbox(world.name, "boards", "boards")
+        create_mailbox(world.name, "boards", "boards", COMMANDS["boards"])
         console.owners["boards"] = CommandOwner("boards", {row.name: row for row in COMMANDS["boards"]})
-        with closing(Mailbox(world.name, "boards", "boards")) as boards:
+        with closing(Mailbox(world.name, "boards", COMMANDS["boards"])) as boards:
             (one, _), (other, page) = console.page(), console.page()
             pull = {"op": "call", "to": "boards", "command": "pull_tip", "values": [0.0] * 6 + [1.0], "text": "PSM1"}
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 
-from procs.document.system import DigitalInput, SystemConfig, from_json
-from procs.gui.buttons_source import ButtonsSource
-from shm import directory
-from shm.clock import monotonic_ns
-from shm.events import Events
 from tests.conftest import World
 from tests.tools.robot import robot
+from trocar.procs.document.system import DigitalInput, SystemConfig, from_json
+from trocar.procs.gui.buttons_source import ButtonsSource
+from trocar.shm.system import directory
+from trocar.shm.system.events import Events
+from trocar.shm.time.clock import monotonic_ns
 
 
 def with_pedals(document: SystemConfig) -> SystemConfig:

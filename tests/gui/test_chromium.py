@@ -10,14 +10,14 @@ import pytest
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.keys import Keys
 
-from procs.paths import token_file
-from shm.ring import RingReader
 from tests.gui.chromium import BrowserPage, chromium
 from tests.system.conftest import records as records
 from tests.system.conftest import robot as robot
 from tests.system.conftest import robots as robots
 from tests.system.robot import ROOT, Robot
 from tests.system.test_socket_bridge import free
+from trocar.procs.machine.paths import token_file
+from trocar.shm.ring.ring import RingReader
 
 pytestmark = [pytest.mark.slow, pytest.mark.peers, pytest.mark.simulated("paced")]
 KINEMATIC = ROOT / "configs" / "systems" / "kinematic-teleop.yaml"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from procs.gui.control import HEARTBEAT_NS, BrowserControl
+from trocar.procs.gui.control import HEARTBEAT_NS, BrowserControl
 
 S = 1_000_000_000
 

@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from procs.gui import gate
-from procs.gui.gate import Gate
+from trocar.procs.gui import gate
+from trocar.procs.gui.gate import Gate
 
 TOKEN = b"0123456789abcdef"
 HERE = {"host": "127.0.0.1:8080"}

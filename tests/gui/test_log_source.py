@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from procs.document.system import from_json
-from procs.gui.log_source import LETTERS, LINES, LOOK_NS, LogSource, log_of
-from procs.gui.sources import AGAIN_NS, Sources
-from shm import directory
 from tests.conftest import World
 from tests.tools.robot import robot
+from trocar.procs.document.system import from_json
+from trocar.procs.gui.log_source import LETTERS, LINES, LOOK_NS, LogSource, log_of
+from trocar.procs.gui.sources import AGAIN_NS, Sources
+from trocar.shm.system import directory
 
 LINE = "2026-11-22 20:50:01.123456 5012.345678 WARNING axis 2: <b>hot</b>\n"
 

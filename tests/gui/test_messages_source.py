@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from contextlib import closing
 
-from procs import codes
-from procs.codes import Code
-from procs.document.system import from_json
-from procs.gui.messages_source import KEPT, LOOK_NS, MessagesSource
-from shm import directory
-from shm.clock import monotonic_ns
-from shm.events import Events
 from tests.conftest import World
 from tests.tools.robot import robot
+from trocar.procs.document.system import from_json
+from trocar.procs.gui.messages_source import KEPT, LOOK_NS, MessagesSource
+from trocar.procs.tables import codes
+from trocar.procs.tables.codes import Code
+from trocar.shm.system import directory
+from trocar.shm.system.events import Events
+from trocar.shm.time.clock import monotonic_ns
 
 
 def test_the_remedy_of_an_arm_is_that_of_its_own_last_error_however_long_ago(world: World) -> None:

@@ -10,15 +10,15 @@ from nicegui.client import Client
 from nicegui.element import Element
 from nicegui.page import page as nicegui_page
 
-from procs.config import load_system
-from procs.document.system import DigitalOutput, IoConfig, SystemConfig
-from procs.gui.pages.application import pages_of_system
-from procs.gui.pages.buttons import _outputs
-from procs.gui.pages.frame import page, pages_of
-from procs.gui.pages.system import system_page
-from procs.gui.validity import flags_of
 from tests.system.robot import ROOT
 from tests.system.test_two_consoles import dual
+from trocar.procs.config import load_system
+from trocar.procs.document.system import DigitalOutput, IoConfig, SystemConfig
+from trocar.procs.gui.pages.application import pages_of_system
+from trocar.procs.gui.pages.buttons import _outputs
+from trocar.procs.gui.pages.frame import page, pages_of
+from trocar.procs.gui.pages.system import system_page
+from trocar.procs.gui.validity import flags_of
 
 SYSTEMS = ROOT / "configs" / "systems"
 MOVING = ('"home"', '"enable"', '"resume"', '"power_on"',

@@ -11,16 +11,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.config import load_system
-from procs.crtk.field_paths import FieldCells
-from procs.gui.validity import checked
-from shm.clock import monotonic_ns
-from shm.directory import topic_of
-from shm.layout import schema_of
-from shm.rows import Field
 from tests.conftest import World
 from tests.gui.test_browsers import Console, play
 from tests.system.robot import ROOT
+from trocar.procs.config import load_system
+from trocar.procs.crtk.field_paths import FieldCells
+from trocar.procs.gui.validity import checked
+from trocar.shm.memory.layout import schema_of
+from trocar.shm.memory.rows import Field
+from trocar.shm.system.directory import topic_of
+from trocar.shm.time.clock import monotonic_ns
 
 NAME = "plot:PSM1/state.position[1]"
 

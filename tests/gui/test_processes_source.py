@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from procs.document.system import from_json
-from procs.gui.processes_source import LOOK_NS, ProcessesSource
-from shm import directory
 from tests.conftest import World
 from tests.tools.robot import robot
+from trocar.procs.document.system import from_json
+from trocar.procs.gui.processes_source import LOOK_NS, ProcessesSource
+from trocar.shm.system import directory
 
 
 def test_what_a_process_says_is_wrong_with_it_is_shown_until_it_is_over(world: World) -> None:

@@ -10,18 +10,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procs.codes import FAULTS
-from procs.document.system import Actuator, Brake, IoConfig, Linear, Robot, from_json
-from procs.gui.catalogue import sources_of
-from procs.gui.pid_file import WAITING, PidFiles
-from procs.gui.robots import IoRobot, robots_of, slides
-from procs.gui.trace_source import SIGNALS, TraceSource
-from shm import directory
-from shm.clock import monotonic_ns
-from shm.commands import COMMANDS
-from shm.topics import IO_STATE
 from tests.conftest import World
 from tests.tools.robot import robot
+from trocar.procs.document.system import Actuator, Brake, IoConfig, Linear, Robot, from_json
+from trocar.procs.gui.catalogue import sources_of
+from trocar.procs.gui.pid_file import WAITING, PidFiles
+from trocar.procs.gui.robots import IoRobot, robots_of, slides
+from trocar.procs.gui.trace_source import SIGNALS, TraceSource
+from trocar.procs.tables.codes import FAULTS
+from trocar.shm.commands import COMMANDS
+from trocar.shm.system import directory
+from trocar.shm.time.clock import monotonic_ns
+from trocar.shm.topics import IO_STATE
 
 LINE = Linear(1.0)
 MOTOR = Actuator(3, 0, "PRISMATIC", 1.0, LINE, LINE, 1.0)

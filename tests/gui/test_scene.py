@@ -9,21 +9,21 @@ from contextlib import closing
 import numpy as np
 import pytest
 
-from procs.arm_types import ARM_TYPES
-from procs.config import PROJECT_CONFIGS, load_system
-from procs.document.system import SystemConfig
-from procs.gui.cart_scene import SceneCart, setup_frames
-from procs.gui.scene_source import frames_of, joint_velocity, slowed
-from procs.kinematics.carrying import carrying, inverse_carrying
-from procs.kinematics.forward import Kinematics
-from procs.kinematics.poses import matrix_from_pose
-from procs.suj.setups import Setups
-from procs.supervisor import memory
-from shm import directory
-from shm.clock import monotonic_ns
-from shm.segment import names_of, segment_name, unlink
 from tests.conftest import World
 from tests.gui.test_browsers import Console, play
+from trocar.procs.config import PROJECT_CONFIGS, load_system
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.gui.cart_scene import SceneCart, setup_frames
+from trocar.procs.gui.scene_source import frames_of, joint_velocity, slowed
+from trocar.procs.kinematics.carrying import carrying, inverse_carrying
+from trocar.procs.kinematics.forward import Kinematics
+from trocar.procs.kinematics.poses import matrix_from_pose
+from trocar.procs.suj.setups import Setups
+from trocar.procs.supervisor import memory
+from trocar.procs.tables.arm_types import ARM_TYPES
+from trocar.shm.memory.segment import names_of, segment_name, unlink
+from trocar.shm.system import directory
+from trocar.shm.time.clock import monotonic_ns
 
 
 @pytest.fixture(scope="module")

@@ -7,10 +7,10 @@ import itertools
 import os
 from collections.abc import Sequence
 
-from procs.config import PROJECT_CONFIGS, load_system
-from procs.document.system import SystemConfig
-from procs.host.host import Host
-from shm.ring import RingReader
+from trocar.procs.config import PROJECT_CONFIGS, load_system
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.host.host import Host
+from trocar.shm.ring.ring import RingReader
 
 COUNTER = itertools.count()
 QUICK = ("io.period_s=0.002", "arm.period_s=0.002")

@@ -12,12 +12,12 @@ from typing import Any
 
 import pytest
 
-from procs.crtk.views import open_topic
-from procs.host.host import Host
-from procs.host.loops import HostError
-from shm.lockstep import EPOCH_NS
-from shm.segment import FOLDER, SegmentError, names_of
 from tests.host.hosted import COARSE, QUICK, HashedArm, document
+from trocar.procs.crtk.views import open_topic
+from trocar.procs.host.host import Host
+from trocar.procs.host.loops import HostError
+from trocar.shm.memory.segment import FOLDER, SegmentError, names_of
+from trocar.shm.time.lockstep import EPOCH_NS
 
 GOAL = (0.1, -0.1, 0.12, 0.0, 0.0, 0.0)
 BOARDS = ("demo.yaml", "emulated", COARSE)

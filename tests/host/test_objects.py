@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.host.objects import RememberedObjects, UnknownTypeError
+from trocar.procs.host.objects import RememberedObjects, UnknownTypeError
 
 
 class Plain:

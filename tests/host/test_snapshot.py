@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.host.host import Host
-from procs.host.loops import HostError
-from procs.host.snapshot import HostSnapshot
-from shm.segment import names_of
 from tests.host.hosted import COARSE, QUICK, document
+from trocar.procs.host.host import Host
+from trocar.procs.host.loops import HostError
+from trocar.procs.host.snapshot import HostSnapshot
+from trocar.shm.memory.segment import names_of
 
 NOT_RINGS = ("control", "mailbox", "document", "faults")
 REAL = ("monotonic_ns", "local_ns")

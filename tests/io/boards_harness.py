@@ -11,21 +11,21 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from procs.boards.controllers.bus import GROUP
-from procs.boards.emulation import Emulation
-from procs.boards.robots.plant import Plant
-from procs.document.system import SystemConfig
-from procs.fpga import registers, wire
-from procs.inputs import FOR_EVER_NS
-from procs.io.bus.bus_port import BusPort
-from procs.io.cycle import RobotIo
-from procs.io.record import IoRecord
-from procs.io.reports import IoEvent
-from procs.io.robots import Robots
-from procs.io.start import POWER_OFF, prepare
-from shm.clock import boottime_ns
 from tests.guarded import FakeCell
 from tests.io.harness import FakeCommand, FakeSource, SteppedClock
+from trocar.procs.boards.controllers.bus import GROUP
+from trocar.procs.boards.emulation import Emulation
+from trocar.procs.boards.robots.plant import Plant
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.fpga import registers, wire
+from trocar.procs.io.bus.bus_port import BusPort
+from trocar.procs.io.cycle import RobotIo
+from trocar.procs.io.record import IoRecord
+from trocar.procs.io.reports import IoEvent
+from trocar.procs.io.robots import Robots
+from trocar.procs.io.start import POWER_OFF, prepare
+from trocar.procs.node.inputs import FOR_EVER_NS
+from trocar.shm.time.clock import boottime_ns
 
 
 class Direct:

@@ -7,11 +7,11 @@ import socket
 import threading
 import time
 
-from procs.boards.controllers.bus import EmulatedBus
-from procs.document.system import Controller
-from procs.fpga import wire
 from tests.io.stub_bus import own_address
 from tests.lib import board_side
+from trocar.procs.boards.controllers.bus import EmulatedBus
+from trocar.procs.document.system import Controller
+from trocar.procs.fpga import wire
 
 TICKS_PER_NS = 49.152e-3
 

@@ -13,13 +13,13 @@ import subprocess
 import sys
 import time
 
-from procs.boards.controllers.bus import EmulatedBus
-from procs.boards.endpoints import ANY, Endpoints
-from procs.document import system as document
-from procs.document.system import Controller
-from procs.fpga import wire
-from procs.fpga.ports import DEFAULT_ADDRESS
-from procs.io.bus.udp import address_of
+from trocar.procs.boards.controllers.bus import EmulatedBus
+from trocar.procs.boards.endpoints import ANY, Endpoints
+from trocar.procs.document import system as document
+from trocar.procs.document.system import Controller
+from trocar.procs.fpga import wire
+from trocar.procs.fpga.ports import DEFAULT_ADDRESS
+from trocar.procs.io.bus.udp import address_of
 
 TICKS_PER_NS = 49.152e-3
 PATIENCE_S = 20.0

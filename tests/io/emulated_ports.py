@@ -12,16 +12,16 @@ from pathlib import Path
 
 import pytest
 
-from procs.boards.controllers.bus import GROUP, EmulatedBus
-from procs.boards.endpoints import Endpoints
-from procs.document import system as document
-from procs.document.system import Controller
-from procs.fpga import wire
-from procs.io.bus.bus_port import BusPort
-from procs.io.bus.port import BROADCAST_QUERY
-from procs.io.bus.ports import named, transport_of
-from procs.io.bus.transport import Transport
 from tests.io.stub_bus import own_address
+from trocar.procs.boards.controllers.bus import GROUP, EmulatedBus
+from trocar.procs.boards.endpoints import Endpoints
+from trocar.procs.document import system as document
+from trocar.procs.document.system import Controller
+from trocar.procs.fpga import wire
+from trocar.procs.io.bus.bus_port import BusPort
+from trocar.procs.io.bus.port import BROADCAST_QUERY
+from trocar.procs.io.bus.ports import named, transport_of
+from trocar.procs.io.bus.transport import Transport
 
 ROOT = Path(__file__).resolve().parents[2]
 TICKS_PER_NS = 49.152e-3

@@ -13,10 +13,10 @@ import socket
 import struct
 from collections.abc import Callable
 
-from procs.fpga import wire
-from procs.io.bus import cdev as firewire
-from procs.io.bus.firewire import FirewireTransport
 from tests.io.emulated_ports import PortBench
+from trocar.procs.fpga import wire
+from trocar.procs.io.bus import cdev as firewire
+from trocar.procs.io.bus.firewire import FirewireTransport
 
 CARD, OTHER_CARD, DISK = "/dev/fw0", "/dev/fw1", "/dev/fw2"
 LOCAL_BUS = 0xFFC0

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from procs.codes import FAULTS
-from procs.document.system import Brake, Linear
-from procs.fpga import blocks, lookup, registers
 from tests.io.harness import IoHarness, robot
+from trocar.procs.document.system import Brake, Linear
+from trocar.procs.fpga import blocks, lookup, registers
+from trocar.procs.tables.codes import FAULTS
 
 RELEASED_A, ENGAGED_A = 0.1, 0.0
 EFFORT = 0.4  # what the robot is asked for, 0.2 A on every actuator

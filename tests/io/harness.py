@@ -7,7 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from procs.document.system import (
+from tests.command_rows import row_named
+from tests.guarded import objection
+from trocar.procs.document.system import (
     Actuator,
     DigitalInput,
     Encoder,
@@ -19,17 +21,15 @@ from procs.document.system import (
     Robot,
     Tolerance,
 )
-from procs.fpga import blocks, registers
-from procs.io.bus.port import BoardInfo, Counters
-from procs.io.cycle import RobotIo
-from procs.io.record import IoRecord, private
-from procs.io.setpoint_tracker import SetpointSource, WishFields
-from procs.kernel.progress import BAD, NONE
-from procs.wishes import WISHES
-from shm.origins import Origin, SenderId
-from shm.topics import SETPOINT
-from tests.command_rows import row_named
-from tests.guarded import objection
+from trocar.procs.fpga import blocks, registers
+from trocar.procs.io.bus.port import BoardInfo, Counters
+from trocar.procs.io.cycle import RobotIo
+from trocar.procs.io.record import IoRecord, private
+from trocar.procs.io.setpoint_tracker import SetpointSource, WishFields
+from trocar.procs.native.progress import BAD, NONE
+from trocar.procs.tables.desired_state import WISHES
+from trocar.shm.mailbox.origins import Origin, SenderId
+from trocar.shm.topics import SETPOINT
 
 PERIOD_NS = 1_000_000_000 // 1024  # 976562 ns and a half: steps are counted in the boards' own ticks
 TICKS = 48000  # 1/1024 s

@@ -9,12 +9,12 @@ import threading
 import time
 from dataclasses import dataclass, field
 
-from procs.fpga import blocks, registers, wire
-from procs.io.bus.bus_port import BusPort
-from procs.io.bus.port import BROADCAST_QUERY
-from procs.io.bus.ports import named
-from procs.io.bus.udp import UdpTransport
 from tests.lib import board_side
+from trocar.procs.fpga import blocks, registers, wire
+from trocar.procs.io.bus.bus_port import BusPort
+from trocar.procs.io.bus.port import BROADCAST_QUERY
+from trocar.procs.io.bus.ports import named
+from trocar.procs.io.bus.udp import UdpTransport
 
 _COUNTER = iter(range(1, 1 << 16))
 

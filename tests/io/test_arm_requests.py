@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from procs import codes
-from procs.wishes import OFF, ON
-from shm.origins import Origin
 from tests.guarded import UNAUTHORIZED, FakeCell
 from tests.io.fault_rows import braked
 from tests.io.harness import FakeCommand, IoHarness
+from trocar.procs.tables import codes
+from trocar.procs.tables.desired_state import OFF, ON
+from trocar.shm.mailbox.origins import Origin
 
 OLD, NEW = Origin(77, 0, "trocar home"), Origin(78, 1, "trocar home")
 

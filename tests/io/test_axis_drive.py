@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procs.config import PROJECT_CONFIGS, load_system
 from tests.io.boards_harness import BoardsHarness
 from tests.io.harness import FakeCommand
+from trocar.procs.config import PROJECT_CONFIGS, load_system
 
 
 def _rig(name: str) -> BoardsHarness:

@@ -6,13 +6,13 @@ import math
 
 import pytest
 
-from procs import codes
-from procs.document.system import DigitalOutput
-from procs.fpga import registers
-from procs.io.bus.port import PortError
-from shm.origins import NOBODY, Origin
 from tests.guarded import FakeCell
 from tests.io.harness import PERIOD_NS, FakeCommand, IoHarness
+from trocar.procs.document.system import DigitalOutput
+from trocar.procs.fpga import registers
+from trocar.procs.io.bus.port import PortError
+from trocar.procs.tables import codes
+from trocar.shm.mailbox.origins import NOBODY, Origin
 
 PWM, PIN = 3, 2
 OUTPUTS = (

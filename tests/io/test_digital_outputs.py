@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from procs.config import load_system
-from procs.document.system import DigitalOutput
-from procs.fpga import registers
 from tests import stock
 from tests.io.boards_harness import BoardsHarness
 from tests.io.harness import IoHarness
+from trocar.procs.config import load_system
+from trocar.procs.document.system import DigitalOutput
+from trocar.procs.fpga import registers
 
 LIGHT, LAMP = DigitalOutput("light", 0, 1), DigitalOutput("lamp", 0, 2)
 PULSE = DigitalOutput("pulse", 1, 0, high_s=1e-4)

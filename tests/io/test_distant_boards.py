@@ -12,11 +12,11 @@ import time
 
 import pytest
 
-from procs.fpga import blocks, registers
-from procs.io.bus import discovery, link
-from procs.io.bus.port import PROTOCOLS
-from procs.io.bus.ports import port_of
 from tests.io.emulated_ports import ROOT, in_namespace
+from trocar.procs.fpga import blocks, registers
+from trocar.procs.io.bus import discovery, link
+from trocar.procs.io.bus.port import PROTOCOLS
+from trocar.procs.io.bus.ports import port_of
 
 pytestmark = pytest.mark.skipif(not in_namespace(), reason="runs in the namespace of the conformance test")
 

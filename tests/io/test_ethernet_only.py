@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import pytest
 
-from procs.boards.controllers.bus import EmulatedBus
-from procs.document.system import Controller
-from procs.fpga import blocks, registers, wire
-from procs.io.bus.bus_port import BusPort
-from procs.io.bus.port import BROADCAST_QUERY, SEQUENTIAL, SEQUENTIAL_BROADCAST, PortError
-from procs.io.bus.udp import address_of
 from tests.io.boards_harness import Direct
 from tests.io.test_udp_discovery import recorded_requests, without_address
 from tests.lib import board_side
+from trocar.procs.boards.controllers.bus import EmulatedBus
+from trocar.procs.document.system import Controller
+from trocar.procs.fpga import blocks, registers, wire
+from trocar.procs.io.bus.bus_port import BusPort
+from trocar.procs.io.bus.port import BROADCAST_QUERY, SEQUENTIAL, SEQUENTIAL_BROADCAST, PortError
+from trocar.procs.io.bus.udp import address_of
 
 
 def late(board: int, hardware: str = "QLA1") -> Controller:

@@ -6,10 +6,10 @@ import select
 
 import pytest
 
-from procs.fpga import registers, wire
-from procs.io.bus.firewire import FirewireTransport
-from procs.io.bus.port import ALL_BOARDS, SEQUENTIAL, PortError
 from tests.io.fake_firewire import CARD, DISK, OTHER_CARD, FakeFirewire
+from trocar.procs.fpga import registers, wire
+from trocar.procs.io.bus.firewire import FirewireTransport
+from trocar.procs.io.bus.port import ALL_BOARDS, SEQUENTIAL, PortError
 
 
 def eventually_reads(port, tries=50):

@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procs.codes import FAULTS
-from procs.config import load_system
-from procs.config.build.tasks import TaskKeys
-from procs.config.read.yamltext import parse_yaml
-from procs.document.system import PidConfig, TaskRow
-from procs.document.tasks import Sample, TaskRobot
-from procs.io.tasks import TaskError
 from tests.conftest import ROOT
 from tests.io.harness import IoHarness, gains
+from trocar.procs.config import load_system
+from trocar.procs.config.loading.tasks import TaskKeys
+from trocar.procs.config.read.yamltext import parse_yaml
+from trocar.procs.document.system import PidConfig, TaskRow
+from trocar.procs.document.tasks import Sample, TaskRobot
+from trocar.procs.io.tasks import TaskError
+from trocar.procs.tables.codes import FAULTS
 
 PAGE = (ROOT / "docs/in-cycle.md").read_text()
 DEMO = ROOT / "configs/systems/demo.yaml"

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procs.fpga import blocks
 from tests.io.fault_rows import BUTTON, RELEASED_A, brake_a, braked, is_off, lose_packets, reported, working
+from trocar.procs.fpga import blocks
 
 
 def test_one_bad_packet_changes_nothing_but_a_warning() -> None:

@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
-from procs.document.system import Linear, Potentiometer
-from procs.fpga import blocks, registers
-from procs.io.bus.port import PortError
-from procs.io.robots import Robots
-from procs.io.start import prepare
 from tests.io.harness import FakePort, IoHarness, document, robot, with_actuators
+from trocar.procs.document.system import Linear, Potentiometer
+from trocar.procs.fpga import blocks, registers
+from trocar.procs.io.bus.port import PortError
+from trocar.procs.io.robots import Robots
+from trocar.procs.io.start import prepare
 
 
 def test_encoders_take_the_value_of_constant_potentiometers() -> None:

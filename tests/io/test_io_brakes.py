@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procs.document.system import Brake, Linear
 from tests.io.harness import IoHarness, robot
+from trocar.procs.document.system import Brake, Linear
 
 TIMES = (0.5, 0.25)
 

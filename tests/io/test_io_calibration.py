@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procs.config import load_system
-from procs.fpga import registers
 from tests import stock
 from tests.io.boards_harness import BoardsHarness
 from tests.io.harness import IoHarness
+from trocar.procs.config import load_system
+from trocar.procs.fpga import registers
 
 
 def codes(harness: IoHarness, kind: str) -> list[str]:

@@ -7,12 +7,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from procs.config import load_system
-from procs.document.system import Brake, Linear
-from procs.kernel.progress import NONE
 from tests import stock
 from tests.io.boards_harness import BoardsHarness
 from tests.io.harness import IoHarness, robot
+from trocar.procs.config import load_system
+from trocar.procs.document.system import Brake, Linear
+from trocar.procs.native.progress import NONE
 
 AMOUNT_A, LAST_S = 0.5, 10 / 1024
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procs.fpga import blocks, registers
-from procs.io.safety import WARM_REPEAT_NS
 from tests.io.fault_rows import NOWHERE, braked, digital, heal, read_pots, working
 from tests.io.harness import IoHarness, actuator, robot
+from trocar.procs.fpga import blocks, registers
+from trocar.procs.io.safety import WARM_REPEAT_NS
 
 MS = 1_000_000
 

@@ -10,9 +10,6 @@ import itertools
 
 import pytest
 
-from procs.codes import FAULTS
-from procs.fpga import blocks, registers
-from procs.io.bias import ATTEMPTS
 from tests.io.fault_rows import (
     BUTTON,
     EFFORT,
@@ -34,6 +31,9 @@ from tests.io.fault_rows import (
     zero_current,
 )
 from tests.io.harness import IoHarness, actuator, robot
+from trocar.procs.fpga import blocks, registers
+from trocar.procs.io.bias import ATTEMPTS
+from trocar.procs.tables.codes import FAULTS
 
 
 @pytest.mark.parametrize("row", ROWS, ids=str)

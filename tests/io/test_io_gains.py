@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procs.document.gains import GAINS, value_of
 from tests.io.harness import FakeCommand, IoHarness, robot
+from trocar.procs.document.gains import GAINS, value_of
 
 
 @pytest.fixture

@@ -9,20 +9,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procs.boards.board_faults import BoardFaults
-from procs.boards.devices.dallas import Dallas, instrument_memory
-from procs.config import load_system
-from procs.document.system import InstrumentReader
-from procs.fpga import instrument, registers
-from procs.fpga.instrument import CHUNK_BYTES, RECORD_AT, Instrument, instrument_of
-from procs.io.bus.port import PortError
-from procs.io.instruments import MAX_NS, InstrumentReaders
-from procs.io.reports import IoReports
-from procs.io.robots import Robots
 from tests import stock
 from tests.examples import examples
 from tests.io.boards_harness import BoardsHarness
 from tests.io.harness import FakeCommand, document
+from trocar.procs.boards.board_faults import BoardFaults
+from trocar.procs.boards.devices.dallas import Dallas, instrument_memory
+from trocar.procs.config import load_system
+from trocar.procs.document.system import InstrumentReader
+from trocar.procs.fpga import instrument, registers
+from trocar.procs.fpga.instrument import CHUNK_BYTES, RECORD_AT, Instrument, instrument_of
+from trocar.procs.io.bus.port import PortError
+from trocar.procs.io.instruments import MAX_NS, InstrumentReaders
+from trocar.procs.io.reports import IoReports
+from trocar.procs.io.robots import Robots
 
 STEP_NS = 1_000_000
 LND = instrument_memory("Large Needle Driver", 400006, 3)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
-from procs.io.loop import IoLoop
-from procs.io.reports import IoEvent
+from trocar.procs.io.loop import IoLoop
+from trocar.procs.io.reports import IoEvent
 
 
 def test_who_hears_of_a_fault_or_a_button_finds_the_record_to_it() -> None:

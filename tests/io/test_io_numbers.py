@@ -7,7 +7,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-from procs.kernel.progress import NONE
 from tests.io.fault_rows import (
     ENGAGED_A,
     NUMBERS,
@@ -20,6 +19,7 @@ from tests.io.fault_rows import (
     working,
     zero_current,
 )
+from trocar.procs.native.progress import NONE
 
 BAD_NUMBERS = (np.nan, np.inf, -np.inf)
 

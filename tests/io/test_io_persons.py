@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from procs import codes
-from shm.origins import Origin
 from tests.guarded import FakeCell
 from tests.io.harness import FakeCommand, IoHarness
+from trocar.procs.tables import codes
+from trocar.shm.mailbox.origins import Origin
 
 
 def harness() -> tuple[IoHarness, FakeCell]:

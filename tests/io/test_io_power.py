@@ -3,9 +3,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from procs.fpga import blocks, registers
-from procs.io import commands
 from tests.io.harness import IoHarness, actuator, robot, with_actuators
+from trocar.procs.fpga import blocks, registers
+from trocar.procs.io import commands
 
 
 def test_nothing_is_powered_before_somebody_asks() -> None:

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from procs.fpga import blocks, registers
 from tests.io.harness import IoHarness
+from trocar.procs.fpga import blocks, registers
 
 
 def test_over_current_trips_on_the_101st_cycle() -> None:

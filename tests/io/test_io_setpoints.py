@@ -3,9 +3,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procs.document.system import PidConfig
 from tests.examples import examples
 from tests.io.harness import PERIOD_NS, IoHarness, actuator, gains, robot
+from trocar.procs.document.system import PidConfig
 
 TIMEOUT = 30_000_000 // PERIOD_NS
 

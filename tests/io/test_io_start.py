@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from procs.io.bus.port import PortError
-from procs.io.robots import Robots
-from procs.io.start import check
 from tests.io.harness import FakePort, actuator, document, robot
+from trocar.procs.io.bus.port import PortError
+from trocar.procs.io.robots import Robots
+from trocar.procs.io.start import check
 
 
 @pytest.mark.parametrize(("axis", "is_there"), [(3, True), (4, False), (7, False)])

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procs.document.system import TaskRow
-from procs.io.tasks import FORGIVEN_AFTER, TaskError
 from tests.io.harness import IoHarness
+from trocar.procs.document.system import TaskRow
+from trocar.procs.io.tasks import FORGIVEN_AFTER, TaskError
 
 HEAD = """
 import numpy as np

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from procs.io.record import IoRecord
-from procs.io.reports import IoReports
-from procs.io.timing import Timing
 from tests.io.harness import IoHarness
+from trocar.procs.io.record import IoRecord
+from trocar.procs.io.reports import IoReports
+from trocar.procs.io.timing import Timing
 
 PERIOD_S = 1 / 1500
 SLOW_NS = 1_333_334  # just above twice the period

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.io.loop import RingSource
-from shm import directory
-from shm.ring import HEAD
-from shm.segment import Segment, segment_name
-from shm.topics import SETPOINT
 from tests.io.harness import PERIOD_NS, IoHarness
+from trocar.procs.io.loop import RingSource
+from trocar.shm.memory.segment import Segment, segment_name
+from trocar.shm.ring.ring import HEAD
+from trocar.shm.system import directory
+from trocar.shm.topics import SETPOINT
 
 TIMEOUT = 30_000_000 // PERIOD_NS
 NAMES = ("mode", "has_velocity", "count", "in_effort", "bias_generation", "pid_generation", "position", "velocity",

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procs.arm_types import ARM_TYPES
-from procs.config import PROJECT_CONFIGS, load_system
-from procs.document.system import IoConfig
-from procs.io.kinematic import KinematicIo
-from procs.io.record import IoRecord
-from procs.io.setpoint_tracker import DRIVE
-from procs.kinematics.trajectory import Trajectory
 from tests.io.harness import FakeCommand, FakeSource, SteppedClock
+from trocar.procs.config import PROJECT_CONFIGS, load_system
+from trocar.procs.document.system import IoConfig
+from trocar.procs.io.kinematic import KinematicIo
+from trocar.procs.io.record import IoRecord
+from trocar.procs.io.setpoint_tracker import DRIVE
+from trocar.procs.kinematics.trajectory import Trajectory
+from trocar.procs.tables.arm_types import ARM_TYPES
 
 PERIOD_NS = 1_000_000
 SEVEN = (0.1, -0.2, 0.15, 0.3, 0.1, -0.1, 0.2)

@@ -15,14 +15,14 @@ import pytest
 from hypothesis import HealthCheck, Phase, given
 from hypothesis import strategies as st
 
-from procs.boards.controllers.bus import GROUP, EmulatedBus
-from procs.document.system import Controller
-from procs.fpga import blocks, registers, wire
-from procs.io.bus import discovery
-from procs.io.bus.bus_port import BusPort
-from procs.io.bus.port import BROADCAST_QUERY, SEQUENTIAL, SEQUENTIAL_BROADCAST
 from tests.examples import examples
 from tests.lib import board_side
+from trocar.procs.boards.controllers.bus import GROUP, EmulatedBus
+from trocar.procs.document.system import Controller
+from trocar.procs.fpga import blocks, registers, wire
+from trocar.procs.io.bus import discovery
+from trocar.procs.io.bus.bus_port import BusPort
+from trocar.procs.io.bus.port import BROADCAST_QUERY, SEQUENTIAL, SEQUENTIAL_BROADCAST
 
 PERIOD_NS = 666_667
 WAY_NS, WORK_NS = 20_000, 30_000  # of a datagram, either way; of the boards, for each

@@ -8,13 +8,13 @@ import sys
 
 import pytest
 
-from procs.io.bus import owner
-from procs.io.bus.port import PortError
 from tests.io.stub_bus import own_address
+from trocar.procs.io.bus import owner
+from trocar.procs.io.bus.port import PortError
 
 HOLDER = """
 import sys
-from procs.io.bus import owner
+from trocar.procs.io.bus import owner
 lock = owner.hold(sys.argv[1])
 print("held", flush=True)
 sys.stdin.read()

@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from procs.config import load_system
-from procs.fpga import registers
 from tests import stock
 from tests.io.boards_harness import BoardsHarness
 from tests.system.robot import ROOT
+from trocar.procs.config import load_system
+from trocar.procs.fpga import registers
 
 pytestmark = pytest.mark.slow
 

@@ -7,11 +7,11 @@ import sys
 import numpy as np
 import pytest
 
-from procs.fpga import blocks, registers, wire
-from procs.io.bus import discovery
-from procs.io.bus.port import ALL_BOARDS, BROADCAST_QUERY, PROTOCOLS, PortError
 from tests.io.emulated_ports import ROOT, WITHOUT, PortBench, in_namespace, nothing_wrong, run_in_namespace, times
 from tests.io.fake_firewire import FakeFirewire
+from trocar.procs.fpga import blocks, registers, wire
+from trocar.procs.io.bus import discovery
+from trocar.procs.io.bus.port import ALL_BOARDS, BROADCAST_QUERY, PROTOCOLS, PortError
 
 pytestmark = pytest.mark.slow
 

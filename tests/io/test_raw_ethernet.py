@@ -7,12 +7,12 @@ import subprocess
 
 import pytest
 
-from procs.fpga import registers, wire
-from procs.io.bus import ethernet, owner
-from procs.io.bus.ethernet import EthernetTransport, interface_of
-from procs.io.bus.port import PortError
 from tests.io.emulated_ports import OTHER_END, OUR_END, PortBench, in_namespace
 from tests.lib import board_side
+from trocar.procs.fpga import registers, wire
+from trocar.procs.io.bus import ethernet, owner
+from trocar.procs.io.bus.ethernet import EthernetTransport, interface_of
+from trocar.procs.io.bus.port import PortError
 
 on_cable = pytest.mark.skipif(not in_namespace(), reason="runs in the namespace of the conformance test")
 

@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 import pytest
 
-from procs.boards.board_faults import BoardFaults
-from procs.boards.robots.plant import Plant
 from tests.io.boards_harness import BoardsHarness
 from tests.io.test_real_robots import rig_of
+from trocar.procs.boards.board_faults import BoardFaults
+from trocar.procs.boards.robots.plant import Plant
 
 pytestmark = pytest.mark.slow
 ROBOTS = (("jhu-dVRK/system-PSM1", "PSM1"), ("jhu-daVinci-Si/system-PSM1", "PSM1"))

@@ -7,13 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from procs.boards.board_faults import BoardFaults
-from procs.boards.instruments import EmulatedInstruments
-from procs.config import load_system
-from procs.kinematics.coupling import coupling
 from tests import stock
 from tests.io.boards_harness import BoardsHarness
 from tests.io.test_real_robots import rig_of
+from trocar.procs.boards.board_faults import BoardFaults
+from trocar.procs.boards.instruments import EmulatedInstruments
+from trocar.procs.config import load_system
+from trocar.procs.kinematics.coupling import coupling
 
 ROLL, STOP = 6, math.radians(-480.0)
 SEARCH, SPEED = 6.5 * math.pi, 2.0 * math.pi  # rad, rad/s

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procs.boards.board_faults import BoardFaults
-from procs.config import load_system
 from tests import stock
 from tests.io.boards_harness import BoardsHarness
+from trocar.procs.boards.board_faults import BoardFaults
+from trocar.procs.config import load_system
 
 TELEOP = "dvrk-site/jhu-dVRK/system-MTML-PSM1-Teleop.json"
 CONTACT = "dvrk-site/jhu-dVRK/sawRobotIO1394-PSM2-contact-sensor.json"

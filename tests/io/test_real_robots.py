@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from procs.config import load_system
-from procs.fpga import lookup
-from procs.io.bus.port import PortError
-from procs.io.start import prepare
 from tests import stock
 from tests.io.boards_harness import BoardsHarness
+from trocar.procs.config import load_system
+from trocar.procs.fpga import lookup
+from trocar.procs.io.bus.port import PortError
+from trocar.procs.io.start import prepare
 
 
 def rig_of(name: str) -> BoardsHarness:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procs.boards.board_faults import BoardFaults
-from procs.document.system import DigitalInput, DigitalOutput
-from procs.fpga import registers
-from shm.origins import NOBODY
 from tests.io.harness import FakeCommand, IoHarness
 from tests.io.test_real_robots import rig_of
+from trocar.procs.boards.board_faults import BoardFaults
+from trocar.procs.document.system import DigitalInput, DigitalOutput
+from trocar.procs.fpga import registers
+from trocar.shm.mailbox.origins import NOBODY
 
 LET_GO, HOLD = (1, registers.DIGITAL_OUTPUT, 0x100), (1, registers.DIGITAL_OUTPUT, 0x101)
 BUTTONS = tuple(DigitalInput(f"PSM1_SUJ_{end}", 0, bit, False, True, True) for bit, end in enumerate(

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.document.system import Brake, Linear, PidConfig, Tolerance
-from procs.fpga import blocks, lookup, registers
-from procs.io.cycle import RobotIo
-from procs.kernel.progress import CHECKED, DECODED, READY
 from tests.io.harness import POT_AT_ZERO, FakeCommand, IoHarness, actuator, gains, robot
 from tests.traces import Mishaps, Trace, shown
+from trocar.procs.document.system import Brake, Linear, PidConfig, Tolerance
+from trocar.procs.fpga import blocks, lookup, registers
+from trocar.procs.io.cycle import RobotIo
+from trocar.procs.native.progress import CHECKED, DECODED, READY
 
 FOLDER = Path(__file__).parent / "traces"
 STEPS = 1800

@@ -6,11 +6,11 @@ import time
 import numpy as np
 import pytest
 
-from procs.fpga import blocks, registers, wire
-from procs.io.bus import discovery, link
-from procs.io.bus.port import ALL_BOARDS, PROTOCOLS, SEQUENTIAL, PortError
 from tests.io.stub_bus import bus_of, port_to
 from tests.lib import board_side
+from trocar.procs.fpga import blocks, registers, wire
+from trocar.procs.io.bus import discovery, link
+from trocar.procs.io.bus.port import ALL_BOARDS, PROTOCOLS, SEQUENTIAL, PortError
 
 
 @pytest.fixture(autouse=True)
@@ -289,7 +289,7 @@ def test_a_board_whose_replies_were_lost_after_a_reset_is_found_later(monkeypatc
     with bus_of(2) as bus, port_to(bus) as port:
         port.discover()
         port._link.cycle_timeout_ms = 20
-        monkeypatch.setattr("procs.io.bus.discovery.PROBE_NS", 50_000_000)
+        monkeypatch.setattr("trocar.procs.io.bus.discovery.PROBE_NS", 50_000_000)
         gone = bus.boards.pop()
         bus.generation = 4
         assert eventually_reads(port) and port.away.tolist() == [False, True]

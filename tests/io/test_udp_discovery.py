@@ -5,13 +5,13 @@ import time
 
 import pytest
 
-from procs.fpga import registers, wire
-from procs.io.bus import discovery
-from procs.io.bus.port import BROADCAST_QUERY, SEQUENTIAL, SEQUENTIAL_BROADCAST, PortError
-from procs.io.bus.udp import discovery_address
-from procs.io.start import POWER_OFF
 from tests.io.stub_bus import StubBoard, StubBus, bus_of, udp_port_to
 from tests.lib import board_side
+from trocar.procs.fpga import registers, wire
+from trocar.procs.io.bus import discovery
+from trocar.procs.io.bus.port import BROADCAST_QUERY, SEQUENTIAL, SEQUENTIAL_BROADCAST, PortError
+from trocar.procs.io.bus.udp import discovery_address
+from trocar.procs.io.start import POWER_OFF
 
 DQLA, BCFG = registers.DQLA, 0x42434647
 

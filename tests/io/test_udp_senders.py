@@ -9,11 +9,11 @@ from collections.abc import Iterator
 
 import pytest
 
-from procs.fpga import wire
-from procs.io.bus.udp import NODES, PORTS, UdpTransport, address_of
 from tests.io.emulated_ports import block_address
 from tests.io.harness import IoHarness
 from tests.lib import board_side
+from trocar.procs.fpga import wire
+from trocar.procs.io.bus.udp import NODES, PORTS, UdpTransport, address_of
 
 ASKING = wire.quadlet_read(wire.BROADCAST, 4, 1, 0)
 

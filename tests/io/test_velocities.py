@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from procs.config import load_system
-from procs.io.robots import ACCELERATION, SOFTWARE_VELOCITY
 from tests import stock
 from tests.io.boards_harness import BoardsHarness
+from trocar.procs.config import load_system
+from trocar.procs.io.robots import ACCELERATION, SOFTWARE_VELOCITY
 
 SWING, HZ, JOINT = 0.2, 0.5, 0
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 
-from procs.fpga import registers
-from procs.fpga.blocks import layout_of
-from procs.fpga.wire import (
+from trocar.procs.fpga import registers
+from trocar.procs.fpga.blocks import layout_of
+from trocar.procs.fpga.wire import (
     _PACKET,
     _QUAD,
     _REQUEST,

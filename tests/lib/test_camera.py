@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procs.teleop.camera import Camera, outside
+from trocar.procs.teleop.camera import Camera, outside
 
 LEFT, RIGHT = np.array((0.15, -0.05, 0.40)), np.array((-0.15, -0.05, 0.40))
 STRAIGHT = np.array((0.0, 0.0, 0.12, 0.0))

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procs.document.catalogue import CANDIDATES, find, full_name, taken_apart
+from trocar.procs.document.catalogue import CANDIDATES, find, full_name, taken_apart
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procs.fpga import conversion, registers
 from tests.stock import chain, find
+from trocar.procs.fpga import conversion, registers
 
 
 def _axis(path: str, axis: int) -> dict:

@@ -14,7 +14,7 @@ import pytest
 from tests.lib.test_convert_console import ARM, EMBEDDED, KEYBOARD, TELEOPS
 from tests.lib.test_convert_rob import FULL
 from tests.old import config, joint, matrix, only, pid, three
-from tools.converters import convert_file, to_json
+from trocar.tools.converters import convert_file, to_json
 
 SITE = "dvrk-site"
 ROBOTS = (

@@ -8,7 +8,7 @@ import math
 import pytest
 
 from tests.old import convert, one_problem, only, outcomes
-from tools.converters import CONVERTED, DEFAULTED, DROPPED, LOST
+from trocar.tools.converters import CONVERTED, DEFAULTED, DROPPED, LOST
 
 FRAME = [[1.0, 0.0, 0.0, 0.1], [0.0, 1.0, 0.0, 0.2], [0.0, 0.0, 1.0, 0.3], [0.0, 0.0, 0.0, 1.0]]
 PSM = {"name": "PSM1", "type": "PSM", "serial": "11111"}

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.old import GEAR, actuator, config, convert, drive, matrix, one_problem, only, outcomes, robot, three
-from tools.converters import CONVERTED, DEFAULTED, DROPPED, LOST
+from trocar.tools.converters import CONVERTED, DEFAULTED, DROPPED, LOST
 
 NUMBERS = st.floats(min_value=-1e6, max_value=1e6, allow_nan=False)
 

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from tests.old import convert, joint, one_problem, only, outcomes, pid
-from tools.converters import DEFAULTED, DROPPED, LOST
+from trocar.tools.converters import DEFAULTED, DROPPED, LOST
 
 
 def row(text: str) -> dict:  # type: ignore[type-arg]

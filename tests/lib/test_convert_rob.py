@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procs.config.build.kinds import check_file
 from tests.old import convert, one_problem, only, outcomes
-from tools.converters import DEFAULTED, DROPPED, to_json
+from trocar.procs.config.loading.kinds import check_file
+from trocar.tools.converters import DEFAULTED, DROPPED, to_json
 
 TWO = """2
 modified  1.5708 0.0 0.0 0.25 revolute  active  -1.5 -2 2.5

@@ -7,8 +7,8 @@ import json
 import numpy as np
 import pytest
 
-from procs.kinematics.coupling import Coupling, coupling
 from tests import stock
+from trocar.procs.kinematics.coupling import Coupling, coupling
 
 
 def test_an_arm_without_instrument_is_not_coupled() -> None:

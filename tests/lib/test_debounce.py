@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from procs.debounce import CLICKED, PRESSED, RELEASED, Debounce
-from procs.document.system import DigitalInput
+from trocar.procs.document.system import DigitalInput
+from trocar.procs.node.debounce import CLICKED, PRESSED, RELEASED, Debounce
 
 DT = 1.0 / 1024.0
 

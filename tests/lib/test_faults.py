@@ -1,7 +1,7 @@
 import re
 
-from procs.codes import FAULTS, NOTHING, WARNING
-from procs.faults import fault_of, figures
+from trocar.procs.node.fault_report import fault_of, figures
+from trocar.procs.tables.codes import FAULTS, NOTHING, WARNING
 
 
 def test_numbers_and_codes_are_unique() -> None:

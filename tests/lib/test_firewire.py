@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procs.io.bus import cdev as firewire
-from procs.io.bus.cdev import BusReset, CdevResponse
+from trocar.procs.io.bus import cdev as firewire
+from trocar.procs.io.bus.cdev import BusReset, CdevResponse
 
 HEADER = Path("/usr/include/linux/firewire-cdev.h")
 FACTS = {  # as the C compiler has it on x86-64

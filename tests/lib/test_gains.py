@@ -12,12 +12,12 @@ from annotated_types import Ge, Gt, Le
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procs.config.models.pid_file import PidKeys
-from procs.document.gains import GAINS, changed, value_of
-from procs.document.system import PidAxis
-from procs.io import pid as controller
-from procs.io.pid import Pid
-from shm.topics import IO_GAINS
+from trocar.procs.config.models.pid_file import PidKeys
+from trocar.procs.document.gains import GAINS, changed, value_of
+from trocar.procs.document.system import PidAxis
+from trocar.procs.io import pid as controller
+from trocar.procs.io.pid import Pid
+from trocar.shm.topics import IO_GAINS
 
 ROW = PidAxis("a", "REVOLUTE", 6.0, 0.1, 0.0, pid_max_output=-1.0)
 NOWHERE = np.zeros(1, dtype=bool)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from procs.paths import PROJECT_CONFIGS, given_file, not_found
+from trocar.procs.machine.paths import PROJECT_CONFIGS, given_file, not_found
 
 
 @pytest.fixture

@@ -11,11 +11,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procs.document.gravity_parameters import MasterGravityParameters
-from procs.kinematics.gravity import Gravity, up_of
-from procs.kinematics.master_gravity import MasterGravity
 from tests import stock
 from tests.examples import examples
+from trocar.procs.document.gravity_parameters import MasterGravityParameters
+from trocar.procs.kinematics.gravity import Gravity, up_of
+from trocar.procs.kinematics.master_gravity import MasterGravity
 
 FILES = {"gravity_PSM_Si": ("PSM_Si_physical", None), "gravity_ECM_Classic_SD": ("ECM", 1.5)}
 

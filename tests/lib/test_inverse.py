@@ -12,13 +12,13 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from procs.kinematics.forward import Kinematics
-from procs.kinematics.inverse.arms import BENDS, inverse_of
-from procs.kinematics.inverse.master import Master
-from procs.kinematics.inverse.solver import InverseSolver
-from procs.kinematics.poses import rotation_from_vector
 from tests import stock
 from tests.examples import examples
+from trocar.procs.kinematics.forward import Kinematics
+from trocar.procs.kinematics.inverse.arms import BENDS, inverse_of
+from trocar.procs.kinematics.inverse.master import Master
+from trocar.procs.kinematics.inverse.solver import InverseSolver
+from trocar.procs.kinematics.poses import rotation_from_vector
 
 STRAIGHT = np.array(((0.0, 1.0, 0.0, 0.0), (-1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.0)))
 TILT = rotation_from_vector(np.array((math.radians(30.0), 0.0, 0.0)))

@@ -9,9 +9,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from procs.kinematics.forward import Kinematics
-from procs.kinematics.poses import pose_from_matrix, rotation_from_vector
 from tests import stock
+from trocar.procs.kinematics.forward import Kinematics
+from trocar.procs.kinematics.poses import pose_from_matrix, rotation_from_vector
 
 LND = "LARGE_NEEDLE_DRIVER_400006"
 STRAIGHT = np.array(((0.0, 1.0, 0.0, 0.0), (-1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.0)))

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procs.fpga import lookup
+from trocar.procs.fpga import lookup
 
 MISSING = 31.4159
 

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procs.document.system import PidAxis
-from procs.io.pid import Pid
+from trocar.procs.document.system import PidAxis
+from trocar.procs.io.pid import Pid
 
 ALL = slice(None)
 FREE = np.zeros(1)

@@ -9,8 +9,8 @@ from random import Random
 import numpy as np
 import pytest
 
-from procs.document.system import PidAxis
-from procs.io.pid import Pid
+from trocar.procs.document.system import PidAxis
+from trocar.procs.io.pid import Pid
 
 DT_S = 1 / 1500
 ALL = slice(None)

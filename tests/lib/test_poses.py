@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procs.kinematics import poses
+from trocar.procs.kinematics import poses
 
 number = st.floats(-3.0, 3.0)
 vectors = st.tuples(number, number, number)

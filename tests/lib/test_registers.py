@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procs.fpga import registers
+from trocar.procs.fpga import registers
 
 
 def test_axis_registers_start_at_channel_one():

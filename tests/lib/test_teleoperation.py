@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procs.kinematics.poses import angle_between, matrix_from_pose, pose_from_matrix, rotation_from_vector
-from procs.teleop.teleoperation import JawMapping, PoseMapping, Presence, Start, roll_between, waiting_for
 from tests.examples import examples
+from trocar.procs.kinematics.poses import angle_between, matrix_from_pose, pose_from_matrix, rotation_from_vector
+from trocar.procs.teleop.teleoperation import JawMapping, PoseMapping, Presence, Start, roll_between, waiting_for
 
 DEGREE = math.pi / 180
 NEAR = st.floats(-0.3, 0.3)

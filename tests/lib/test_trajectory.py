@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procs.arm_types import ARM_TYPES
-from procs.kinematics.trajectory import PlanError, Trajectory
 from tests.examples import examples
+from trocar.procs.kinematics.trajectory import PlanError, Trajectory
+from trocar.procs.tables.arm_types import ARM_TYPES
 
 
 def plan(arm: str, goal: np.ndarray, ratio: float = 1.0, velocity: np.ndarray | None = None) -> Trajectory:

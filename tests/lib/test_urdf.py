@@ -8,12 +8,12 @@ import numpy as np
 import pinocchio
 import pytest
 
-from procs.config import load_system
-from procs.document.system import ArmConfig
-from procs.kinematics.endoscopes import NONE, endoscope
-from procs.kinematics.forward import Kinematics
-from procs.kinematics.urdf import urdf
 from tests.system.robot import ROOT
+from trocar.procs.config import load_system
+from trocar.procs.document.system import ArmConfig
+from trocar.procs.kinematics.endoscopes import NONE, endoscope
+from trocar.procs.kinematics.forward import Kinematics
+from trocar.procs.kinematics.urdf import urdf
 
 
 def arms() -> dict[str, ArmConfig]:

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from procs.fpga import registers
-from procs.fpga.velocity import FirmwareVelocity, SoftwareVelocity
+from trocar.procs.fpga import registers
+from trocar.procs.fpga.velocity import FirmwareVelocity, SoftwareVelocity
 
 A_UP = registers.EDGE_A_UP << registers.QUARTER_EDGE_SHIFT
 B_UP = registers.EDGE_B_UP << registers.QUARTER_EDGE_SHIFT

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procs.fpga import wire
 from tests.lib import board_side
+from trocar.procs.fpga import wire
 
 
 def datagrams(folder, direction):

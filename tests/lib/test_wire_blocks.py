@@ -3,11 +3,11 @@ from __future__ import annotations
 import json
 from typing import get_args
 
-from procs.boards.devices.board import GIT_DESCRIPTIONS
-from procs.config.models.emulation_section import BoardKeys
-from procs.document.emulated import MADE_FOR
-from procs.fpga import blocks, registers, wire
 from tests.lib import board_side
+from trocar.procs.boards.devices.board import GIT_DESCRIPTIONS
+from trocar.procs.config.models.emulation_section import BoardKeys
+from trocar.procs.document.emulated import MADE_FOR
+from trocar.procs.fpga import blocks, registers, wire
 
 
 def recorded(folder):

@@ -6,23 +6,23 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from procs.recorder.box import BlackBox, BoxLimits
-from procs.recorder.disk import Disk, DiskFile, no_room_made, open_new
-from procs.recorder.fault import FaultRecording
-from procs.recorder.files import path_of
-from procs.recorder.named import NamedRecording, chosen
-from procs.recorder.sources import SystemSources
-from procs.recorder.times import LocalTimes
-from procs.recorder.watch import SeenFault
-from procs.recordings import names
-from procs.recordings.writing import ChannelTable
-from shm import directory
-from shm.clock import monotonic_ns, pause
-from shm.control_page import create_control
-from shm.events import Events
-from shm.rows import Field
-from shm.system_time import SystemTime
-from shm.topics import ARM_STATE, EVENTS, RECORDER_STATE, SETPOINT, Topic
+from trocar.procs.recorder.box import BlackBox, BoxLimits
+from trocar.procs.recorder.disk import Disk, DiskFile, no_room_made, open_new
+from trocar.procs.recorder.fault import FaultRecording
+from trocar.procs.recorder.files import path_of
+from trocar.procs.recorder.named import NamedRecording, chosen
+from trocar.procs.recorder.sources import SystemSources
+from trocar.procs.recorder.times import LocalTimes
+from trocar.procs.recorder.watch import SeenFault
+from trocar.procs.recordings import names
+from trocar.procs.recordings.writing import ChannelTable
+from trocar.shm.memory.rows import Field
+from trocar.shm.system import directory
+from trocar.shm.system.events import Events
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.shm.time.control_page import create_control
+from trocar.shm.time.system_time import SystemTime
+from trocar.shm.topics import ARM_STATE, EVENTS, RECORDER_STATE, SETPOINT, Topic
 
 SELDOM = Topic("gains", "user", 0, 0, (Field("number", "<f8", "", "as it is set"),), depth=8)
 SLOW = Topic("state", "user", 100, 0.2, (Field("number", "<f8", "", "counts"),))

@@ -12,13 +12,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from procs.recorder import box, loop
-from procs.recorder.watch import SeenFault
-from procs.recordings.reading import open_recording
-from shm import directory
-from shm.clock import monotonic_ns, pause
 from tests.tools.robot import ScriptedRobot
-from tools.remote import Remote
+from trocar.procs.recorder import box, loop
+from trocar.procs.recorder.watch import SeenFault
+from trocar.procs.recordings.reading import open_recording
+from trocar.shm.system import directory
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.tools.client.remote import Remote
 
 PATIENCE_NS = 60_000_000_000
 

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import pytest
 
-from procs.recorder.disk import Disk
-from procs.recorder.files import KeptFile, kept, path_of, too_old
-from procs.recordings import names
-from procs.recordings.chunks import Chunk
-from procs.recordings.reading import open_recording
 from tests.recorder.harness import RingsOfATest
+from trocar.procs.recorder.disk import Disk
+from trocar.procs.recorder.files import KeptFile, kept, path_of, too_old
+from trocar.procs.recordings import names
+from trocar.procs.recordings.chunks import Chunk
+from trocar.procs.recordings.reading import open_recording
 
 
 @pytest.mark.slow
@@ -232,7 +232,7 @@ def test_what_a_disk_does_not_write_back_is_told(rings: RingsOfATest, monkeypatc
     def refuses(fd: int) -> None:
         raise error
 
-    monkeypatch.setattr("procs.recorder.disk.os.fdatasync", refuses)
+    monkeypatch.setattr("trocar.procs.recorder.disk.os.fdatasync", refuses)
     box = rings.box()
     rings.write(5)
     rings.passes()

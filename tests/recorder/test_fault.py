@@ -6,11 +6,11 @@ import threading
 
 import pytest
 
-from procs.recorder.files import kept
-from procs.recorder.watch import SeenFault
-from procs.recordings import names
-from procs.recordings.reading import open_recording
 from tests.recorder.harness import RingsOfATest
+from trocar.procs.recorder.files import kept
+from trocar.procs.recorder.watch import SeenFault
+from trocar.procs.recordings import names
+from trocar.procs.recordings.reading import open_recording
 
 
 def test_all_that_rings_have_and_the_box_before_is_kept(rings: RingsOfATest) -> None:

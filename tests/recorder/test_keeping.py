@@ -11,15 +11,15 @@ from typing import Any
 
 import pytest
 
-from procs.recorder import keeping
-from procs.recorder.fault import FaultRecording
-from procs.recorder.files import kept, path_of
-from procs.recorder.keeping import ASKED, FaultKeeper
-from procs.recorder.watch import SeenFault
-from procs.recordings import names
-from procs.recordings.reading import open_recording
-from shm.clock import monotonic_ns
 from tests.recorder.harness import RingsOfATest
+from trocar.procs.recorder import keeping
+from trocar.procs.recorder.fault import FaultRecording
+from trocar.procs.recorder.files import kept, path_of
+from trocar.procs.recorder.keeping import ASKED, FaultKeeper
+from trocar.procs.recorder.watch import SeenFault
+from trocar.procs.recordings import names
+from trocar.procs.recordings.reading import open_recording
+from trocar.shm.time.clock import monotonic_ns
 
 KEEP = 10
 

@@ -16,16 +16,17 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
-from procs.recorder.loop import RecorderLoop
-from procs.recordings import names
-from procs.recordings.reading import open_recording
-from shm import directory
-from shm.clock import monotonic_ns
-from shm.clock import pause as really_pause
 from tests.system.robot import ROOT
 from tests.tools.robot import ScriptedRobot
-from tools import cli, remote
-from tools.verbs import record
+from trocar.procs.recorder.loop import RecorderLoop
+from trocar.procs.recordings import names
+from trocar.procs.recordings.reading import open_recording
+from trocar.shm.system import directory
+from trocar.shm.time.clock import monotonic_ns
+from trocar.shm.time.clock import pause as really_pause
+from trocar.tools import cli
+from trocar.tools.client import remote
+from trocar.tools.verbs import record
 
 
 @dataclass
@@ -59,7 +60,7 @@ class Recording:
         for module in (remote, record):
             patch.setattr(module, "pause", self.wait)
         patch.setattr(record, "monotonic_ns", lambda: monotonic_ns() + self.ahead_ns)
-        patch.setattr("shm.system_time.monotonic_ns", lambda: monotonic_ns() + self.ahead_ns)
+        patch.setattr("trocar.shm.time.system_time.monotonic_ns", lambda: monotonic_ns() + self.ahead_ns)
 
     def wait(self, seconds: float) -> None:
         really_pause(0.001)
@@ -135,7 +136,7 @@ def test_whoever_hears_of_the_end_finds_the_last_figures(recording: Recording) -
                          ids=["killed", "asked to end", "terminal closed", "nobody reads"])
 @pytest.mark.slow
 def test_it_ends_with_the_program_that_asked_for_it(recording: Recording, how: signal.Signals | None) -> None:
-    command = [sys.executable, "-m", "tools", "record", "run", "PSM1", "--json", "--system", recording.robot.name]
+    command = [sys.executable, "-m", "trocar", "record", "run", "PSM1", "--json", "--system", recording.robot.name]
 
     def begin() -> subprocess.Popen[bytes]:
         return subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,

@@ -6,11 +6,11 @@ from contextlib import closing
 
 import pytest
 
-from procs.recordings import names
-from procs.recordings.reading import open_recording
-from shm.control_page import ControlPage
-from shm.subscriptions import Subscriptions
 from tests.recorder.harness import RingsOfATest
+from trocar.procs.recordings import names
+from trocar.procs.recordings.reading import open_recording
+from trocar.shm.system.subscriptions import Subscriptions
+from trocar.shm.time.control_page import ControlPage
 
 
 def recorded(rings: RingsOfATest, *topics: str, steps: int = 20, each: int = 30) -> list:

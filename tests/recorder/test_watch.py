@@ -6,15 +6,15 @@ from collections.abc import Iterator
 
 import pytest
 
-from procs import codes
-from procs.recorder.sources import SystemSources
-from procs.recorder.watch import WELL_NS, FaultWatch
-from shm import directory
-from shm.clock import monotonic_ns
-from shm.control_page import create_control
-from shm.events import Events
-from shm.topics import EVENTS
 from tests.recorder.harness import RingsOfATest
+from trocar.procs.recorder.sources import SystemSources
+from trocar.procs.recorder.watch import WELL_NS, FaultWatch
+from trocar.procs.tables import codes
+from trocar.shm.system import directory
+from trocar.shm.system.events import Events
+from trocar.shm.time.clock import monotonic_ns
+from trocar.shm.time.control_page import create_control
+from trocar.shm.topics import EVENTS
 
 
 @pytest.fixture
@@ -83,7 +83,7 @@ def test_homings_that_fail_again_are_not_the_first(rings: RingsOfATest, watch: F
 def test_who_stays_without_power_is_well(rings: RingsOfATest, watch: FaultWatch,
                                          monkeypatch: pytest.MonkeyPatch) -> None:
     at_ns = 1_000_000_000
-    monkeypatch.setattr("shm.events.monotonic_ns", lambda: at_ns)
+    monkeypatch.setattr("trocar.shm.system.events.monotonic_ns", lambda: at_ns)
     goes(rings, "FAULT", "DISABLED", "POWERING")
     at_ns += WELL_NS
     goes(rings, "FAULT")

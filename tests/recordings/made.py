@@ -11,12 +11,12 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.recordings import names
-from procs.recordings.chunks import ZSTD, Chunk, packed
-from procs.recordings.layout import ENCAPSULATION
-from procs.recordings.writing import ChannelTable, RecordingFile
-from shm.layout import Schema, schema_of
-from shm.rows import Field, Topic
+from trocar.procs.recordings import names
+from trocar.procs.recordings.chunks import ZSTD, Chunk, packed
+from trocar.procs.recordings.layout import ENCAPSULATION
+from trocar.procs.recordings.writing import ChannelTable, RecordingFile
+from trocar.shm.memory.layout import Schema, schema_of
+from trocar.shm.memory.rows import Field, Topic
 
 BEGIN_NS = 1_700_000_000_000_000_000
 STEP_NS = 1_000_000

@@ -19,18 +19,18 @@ from mcap.stream_reader import StreamReader
 from rosbags.rosbag2.storage_mcap import McapReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from procs.recordings import names, reading
-from procs.recordings.chunks import COMPRESSIONS, Chunk, packed
-from procs.recordings.layout import ENCAPSULATION, layout_of
-from procs.recordings.reading import RecordingError, open_recording
-from procs.recordings.writing import MAGIC, ChannelTable, RecordingFile
-from procs.ros.definitions import definition
-from procs.ros.hashes import ros_name
-from procs.ros.messages import JointStates, MessageHeader, Time
-from shm.layout import schema_of
-from shm.rows import Field, Topic
 from tests.examples import examples
 from tests.recordings.made import BEGIN_NS, FACTS, STATE, a_recording, in_memory, rows_of, written
+from trocar.procs.recordings import names, reading
+from trocar.procs.recordings.chunks import COMPRESSIONS, Chunk, packed
+from trocar.procs.recordings.layout import ENCAPSULATION, layout_of
+from trocar.procs.recordings.reading import RecordingError, open_recording
+from trocar.procs.recordings.writing import MAGIC, ChannelTable, RecordingFile
+from trocar.procs.ros_messages.definitions import definition
+from trocar.procs.ros_messages.hashes import ros_name
+from trocar.procs.ros_messages.messages import JointStates, MessageHeader, Time
+from trocar.shm.memory.layout import schema_of
+from trocar.shm.memory.rows import Field, Topic
 
 TYPE_NAME = re.compile(r"[a-z][a-z0-9_]*/msg/[A-Z][A-Za-z0-9]*")
 FIELD_LINE = re.compile(r"(bool|u?int(8|16|32|64)|float(32|64))(\[[1-9][0-9]*\])? [a-z]([a-z0-9]|_[a-z0-9])*(  # .*)?")

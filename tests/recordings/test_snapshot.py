@@ -9,15 +9,15 @@ from pathlib import Path
 
 import pytest
 
-from procs.recordings import names
-from procs.recordings.facts import document_of, facts_of, local_offset_ns
-from procs.recordings.reading import open_recording
-from procs.recordings.snapshot import take
-from shm import directory
-from shm.clock import local_ns, monotonic_ns
-from shm.segment import path_of, segment_name
-from shm.topics import EVENTS, SETPOINT
 from tests.conftest import World
+from trocar.procs.recordings import names
+from trocar.procs.recordings.facts import document_of, facts_of, local_offset_ns
+from trocar.procs.recordings.reading import open_recording
+from trocar.procs.recordings.snapshot import take
+from trocar.shm.memory.segment import path_of, segment_name
+from trocar.shm.system import directory
+from trocar.shm.time.clock import local_ns, monotonic_ns
+from trocar.shm.topics import EVENTS, SETPOINT
 
 SECOND_NS = 1_000_000_000
 

@@ -6,12 +6,12 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from procs import own_memory
-from procs.host.host import HISTORY, Host
-from procs.rl import attached
-from procs.rl.systems import document
-from shm.audit import Audit
 from tests.rl.running import HostTime, home
+from trocar.procs.host.host import HISTORY, Host
+from trocar.procs.node import node_memory as own_memory
+from trocar.procs.rl import attached
+from trocar.procs.rl.systems import document
+from trocar.shm.mailbox.audit import Audit
 
 
 @pytest.fixture

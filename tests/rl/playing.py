@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from procs.rl.environment import RobotEnv
-from procs.rl.model import ArmModel
-from procs.rl.systems import document
+from trocar.procs.rl.environment import RobotEnv
+from trocar.procs.rl.model import ArmModel
+from trocar.procs.rl.systems import document
 
 
 def psm(backend: str = "kinematic") -> ArmModel:

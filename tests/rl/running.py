@@ -8,13 +8,13 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from procs.host.host import Host
-from procs.rl.attached import RunningSystem
-from procs.rl.backend import RobotStopped
-from procs.rl.environment import RobotEnv
-from procs.rl.tasks import PsmReach
-from shm.client import Client
-from shm.system_time import PACED
+from trocar.procs.host.host import Host
+from trocar.procs.rl.attached import RunningSystem
+from trocar.procs.rl.backend import RobotStopped
+from trocar.procs.rl.environment import RobotEnv
+from trocar.procs.rl.tasks import PsmReach
+from trocar.shm.mailbox.client import Client
+from trocar.shm.time.system_time import PACED
 
 
 class HostTime:

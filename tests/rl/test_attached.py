@@ -9,16 +9,16 @@ import gymnasium
 import numpy as np
 import pytest
 
-from procs.host.host import Host
-from procs.rl import attached
-from procs.rl.attached import RunningSystem
-from procs.rl.backend import RobotStopped
-from procs.rl.hand_over import PsmHandOver
-from procs.rl.tasks import EcmAim, PsmReach
-from shm.system_time import LOCKSTEP
 from tests.rl.playing import drawn
 from tests.rl.running import HandAtArm, HostTime, ask, home, is_over, made
-from tools.errors import Problem
+from trocar.procs.host.host import Host
+from trocar.procs.rl import attached
+from trocar.procs.rl.attached import RunningSystem
+from trocar.procs.rl.backend import RobotStopped
+from trocar.procs.rl.hand_over import PsmHandOver
+from trocar.procs.rl.tasks import EcmAim, PsmReach
+from trocar.shm.time.system_time import LOCKSTEP
+from trocar.tools.output.errors import Problem
 
 
 @pytest.mark.parametrize("control", ["joint", "cartesian"])

@@ -8,13 +8,13 @@ import gymnasium
 import numpy as np
 import pytest
 
-from procs.host.host import Host
-from procs.rl import attached
-from procs.rl.attached import RunningSystem
-from procs.rl.backend import RobotStopped
-from procs.rl.tasks import PsmReach
-from shm.ring import RingReader
 from tests.rl.running import HostTime, ask, home, made
+from trocar.procs.host.host import Host
+from trocar.procs.rl import attached
+from trocar.procs.rl.attached import RunningSystem
+from trocar.procs.rl.backend import RobotStopped
+from trocar.procs.rl.tasks import PsmReach
+from trocar.shm.ring.ring import RingReader
 
 
 @pytest.mark.slow

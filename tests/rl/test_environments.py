@@ -15,15 +15,15 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from procs.rl.backend import RobotStopped
-from procs.rl.environment import RobotEnv
-from procs.rl.hand_over import FIRST, SECOND, PsmHandOver
-from procs.rl.hosted import HostedRobot
-from procs.rl.push import PsmPush
-from procs.rl.systems import document
-from procs.rl.tasks import EcmAim, PsmReach, PsmTrack
-from shm.segment import names_of
 from tests.rl.playing import drawn, toward
+from trocar.procs.rl.backend import RobotStopped
+from trocar.procs.rl.environment import RobotEnv
+from trocar.procs.rl.hand_over import FIRST, SECOND, PsmHandOver
+from trocar.procs.rl.hosted import HostedRobot
+from trocar.procs.rl.push import PsmPush
+from trocar.procs.rl.systems import document
+from trocar.procs.rl.tasks import EcmAim, PsmReach, PsmTrack
+from trocar.shm.memory.segment import names_of
 
 TASKS = (PsmReach, PsmTrack, EcmAim, PsmHandOver, PsmPush)
 

@@ -50,13 +50,13 @@ def processes() -> set[int]:
 
 def rollout(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [str(PYTHON), "-m", "tools", "rl", "rollout", *words, "--json"], cwd=ROOT, text=True, capture_output=True,
+        [str(PYTHON), "-m", "trocar", "rl", "rollout", *words, "--json"], cwd=ROOT, text=True, capture_output=True,
         timeout=240, check=False, env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1",
                                        "TMPDIR": str(folder), "HOME": str(folder)})
 
 
 def test_who_ends_it_from_outside_leaves_nothing(folder: Path) -> None:
-    words = [str(PYTHON), "-m", "tools", "rl", "rollout", "CartPole-v1", "-n", "1000000", "--actors", "1", "--json"]
+    words = [str(PYTHON), "-m", "trocar", "rl", "rollout", "CartPole-v1", "-n", "1000000", "--actors", "1", "--json"]
     with subprocess.Popen(words, cwd=ROOT, text=True, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
                           env={**os.environ, "TMPDIR": str(folder), "HOME": str(folder)}) as process:
         assert process.stdout is not None and process.stdout.readline().startswith('{"seed"')

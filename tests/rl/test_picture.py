@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from procs.rl import picture
-from procs.rl.environment import RobotEnv
-from procs.rl.hand_over import PEG_COLOUR, PsmHandOver
-from procs.rl.picture import Picture, PictureError
-from procs.rl.scene import DARK, GREEN, STEEL, scene_of
-from procs.rl.tasks import EcmAim, PsmReach
 from tests.rl.playing import psm
+from trocar.procs.rl import picture
+from trocar.procs.rl.environment import RobotEnv
+from trocar.procs.rl.hand_over import PEG_COLOUR, PsmHandOver
+from trocar.procs.rl.picture import Picture, PictureError
+from trocar.procs.rl.scene import DARK, GREEN, STEEL, scene_of
+from trocar.procs.rl.tasks import EcmAim, PsmReach
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -98,7 +98,7 @@ def test_where_nothing_draws_it_says_what_to_install(monkeypatch: pytest.MonkeyP
 
 @pytest.mark.slow
 def test_gymnasium_finds_nothing_wrong_with_its_pictures() -> None:
-    importlib.import_module("procs.rl.registration")
+    importlib.import_module("trocar.procs.rl.registration")
     env = gymnasium.make("trocar/PsmReach-v0", render_mode="rgb_array", starts=1, width=64, height=48)
     with warnings.catch_warnings(action="error"):
         check_env(env.unwrapped)

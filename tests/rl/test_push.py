@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from procs.rl.push import BLOCK, PsmPush
-from procs.rl.scene import DARK, Drawn, rod
 from tests.rl.playing import drawn
+from trocar.procs.rl.push import BLOCK, PsmPush
+from trocar.procs.rl.scene import DARK, Drawn, rod
 
 Array = NDArray[np.float64]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procs.rl.tasks import PsmReach
-from tools.examples.rllib_reach import HORIZON, REWARD, SCALE_M, action_of, features, made
+from trocar.procs.rl.tasks import PsmReach
+from trocar.tools.examples.rllib_reach import HORIZON, REWARD, SCALE_M, action_of, features, made
 
 
 def test_its_network_sees_the_way_to_the_goal() -> None:

@@ -17,10 +17,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from procs.rl import ray_actors
-from procs.rl.backend import RobotStopped
-from procs.rl.rollouts import EpisodeRunner, NoPolicy, PolicyFailed, RolloutTask, check, policy_of, run
-from tools import cli
+from trocar.procs.rl import ray_actors
+from trocar.procs.rl.backend import RobotStopped
+from trocar.procs.rl.rollouts import EpisodeRunner, NoPolicy, PolicyFailed, RolloutTask, check, policy_of, run
+from trocar.tools import cli
 
 ROOT = Path(__file__).resolve().parents[2]
 CART = RolloutTask("CartPole-v1", {})
@@ -140,7 +140,7 @@ gymnasium.register("Endless-v0", entry_point=Endless)
 @pytest.mark.parametrize(("sent", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
 def test_who_ends_it_from_outside_has_its_environment_closed(tmp_path: Path, sent: int, code: int) -> None:
     (tmp_path / "endless.py").write_text(ENDLESS)
-    with subprocess.Popen([sys.executable, "-m", "tools", "rl", "rollout", "endless:Endless-v0"], cwd=ROOT, text=True,
+    with subprocess.Popen([sys.executable, "-m", "trocar", "rl", "rollout", "endless:Endless-v0"], cwd=ROOT, text=True,
                           stderr=subprocess.PIPE, env={**os.environ, "PYTHONPATH": f"{ROOT}:{tmp_path}"}) as process:
         assert process.stderr is not None
         for line in process.stderr:

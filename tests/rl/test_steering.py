@@ -7,11 +7,11 @@ import itertools
 import numpy as np
 import pytest
 
-from procs.kinematics.poses import matrix_from_pose, rotation_vector
-from procs.rl.interpolation import Interpolator
-from procs.rl.model import ROOM_M, ArmModel
-from procs.rl.steering import CARTESIAN, CONTROLS, JOINT, Steering
 from tests.rl.playing import psm
+from trocar.procs.kinematics.poses import matrix_from_pose, rotation_vector
+from trocar.procs.rl.interpolation import Interpolator
+from trocar.procs.rl.model import ROOM_M, ArmModel
+from trocar.procs.rl.steering import CARTESIAN, CONTROLS, JOINT, Steering
 
 SPEED, PERIOD_S = 0.5, 0.05
 

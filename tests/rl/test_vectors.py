@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procs.rl.backend import RobotStopped
-from procs.rl.tasks import PsmReach
-from shm.segment import FOLDER
+from trocar.procs.rl.backend import RobotStopped
+from trocar.procs.rl.tasks import PsmReach
+from trocar.shm.memory.segment import FOLDER
 
 pytestmark = pytest.mark.slow
 ROOT = Path(__file__).resolve().parents[2]
@@ -27,7 +27,7 @@ def made() -> PsmReach:
 PLAYED = """
 import functools, warnings
 import gymnasium, numpy, psutil
-from procs.rl.tasks import PsmReach
+from trocar.procs.rl.tasks import PsmReach
 made = functools.partial(PsmReach, starts=2, horizon=5)
 ours = made()
 first, _ = ours.reset(seed=3, options={"start": 1})

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from procs.rl.way import Way
 from tests.rl.playing import psm
+from trocar.procs.rl.way import Way
 
 HERE = np.array((0.1, 0.0, 0.12, 0.0, 0.0, 0.0, 0.3))
 YAW = np.eye(7)[0]

@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from procs.ros_bridge import loop
-from procs.ros_bridge.carrying_out import RosWish
-from procs.ros_bridge.loop import DEAF_NS, STREAM_NS, RosLoop
+from trocar.procs.ros_bridge import loop
+from trocar.procs.ros_bridge.carrying_out import RosWish
+from trocar.procs.ros_bridge.loop import DEAF_NS, STREAM_NS, RosLoop
 
 MS_NS = 1_000_000
 LATE_S = 1.0

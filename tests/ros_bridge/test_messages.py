@@ -10,10 +10,10 @@ from cyclonedds.idl import IdlStruct
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procs.ros import messages
-from procs.ros.hashes import dds_name, ros_name, type_hash
-from procs.ros.messages import Float64, JointStates, MessageHeader, PoseStamped, String, Time
-from procs.ros_bridge.services import SERVICES, framed
+from trocar.procs.ros_bridge.services import SERVICES, framed
+from trocar.procs.ros_messages import messages
+from trocar.procs.ros_messages.hashes import dds_name, ros_name, type_hash
+from trocar.procs.ros_messages.messages import Float64, JointStates, MessageHeader, PoseStamped, String, Time
 
 # as `ros2 topic info -v` of ROS 2 Jazzy shows them
 HASHES = {

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procs.ros.messages import JointStates
-from procs.ros.packing import PackedMessage
-from procs.ros.view_messages import VIEW_MESSAGES
+from trocar.procs.ros_messages.messages import JointStates
+from trocar.procs.ros_messages.packing import PackedMessage
+from trocar.procs.ros_messages.view_messages import VIEW_MESSAGES
 
 SIZES = {"cp": 7, "cv": 6, "cf": 6, "turn": 4}
 NUMBERS = st.floats(allow_nan=False)

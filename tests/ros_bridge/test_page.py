@@ -10,13 +10,13 @@ from pathlib import Path
 
 import yaml
 
-from procs.config import load_system
-from procs.document.system import SystemConfig
-from procs.ros_bridge.incoming import MESSAGES
-from procs.ros_bridge.loop import RosLoop
-from procs.supervisor import memory
 from tests.conftest import World
 from tests.stock import ROOT
+from trocar.procs.config import load_system
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.ros_bridge.incoming import MESSAGES
+from trocar.procs.ros_bridge.loop import RosLoop
+from trocar.procs.supervisor import memory
 
 FOCUS = [{"name": f"endoscope_focus_{way}", "board_id": 0, "bit_id": bit, "is_PWM": False}
          for bit, way in enumerate(("in", "out"))]

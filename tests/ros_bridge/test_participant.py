@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from procs.ros.dds import DdsError, Participant
+from trocar.procs.ros_messages.dds import DdsError, Participant
 
 
 @pytest.mark.parametrize("interface", ["none9", "203.0.113.7"])

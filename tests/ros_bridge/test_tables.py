@@ -7,11 +7,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.arm_types import ARM_TYPES
-from procs.config.build.load import load_system
-from procs.manifest import proc
-from procs.ros.hashes import ros_name
-from procs.ros.messages import (
+from tests.command_rows import row_named
+from tests.stock import ROOT
+from trocar.procs.config.loading.load import load_system
+from trocar.procs.ros_bridge.carrying_out import Addressee, topics_of
+from trocar.procs.ros_bridge.incoming import COMMAND_TOPICS, CommandTopic
+from trocar.procs.ros_bridge.loop import addressees
+from trocar.procs.ros_bridge.outgoing import EVENT_MESSAGES, FIELD_TOPICS
+from trocar.procs.ros_bridge.services import SERVICES
+from trocar.procs.ros_messages.hashes import ros_name
+from trocar.procs.ros_messages.messages import (
     CartesianImpedance,
     CartesianImpedanceHalfPlaneGains,
     CartesianState,
@@ -24,17 +29,12 @@ from procs.ros.messages import (
     StringStamped,
     Vector3,
 )
-from procs.ros.view_messages import VIEW_MESSAGES
-from procs.ros_bridge.carrying_out import Addressee, topics_of
-from procs.ros_bridge.incoming import COMMAND_TOPICS, CommandTopic
-from procs.ros_bridge.loop import addressees
-from procs.ros_bridge.outgoing import EVENT_MESSAGES, FIELD_TOPICS
-from procs.ros_bridge.services import SERVICES
-from shm.commands import COMMANDS, may_power
-from shm.directory import topic_of
-from shm.topics import ARM_STATE
-from tests.command_rows import row_named
-from tests.stock import ROOT
+from trocar.procs.ros_messages.view_messages import VIEW_MESSAGES
+from trocar.procs.tables.arm_types import ARM_TYPES
+from trocar.procs.tables.manifest import proc
+from trocar.shm.commands import COMMANDS, may_power
+from trocar.shm.system.directory import topic_of
+from trocar.shm.topics import ARM_STATE
 
 # What clients of dVRK 2.4 subscribe to (S), publish (P) or ask (V) of an arm.
 HEARD = {

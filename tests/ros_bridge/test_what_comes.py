@@ -12,12 +12,12 @@ from typing import Any
 import pytest
 from cyclonedds.core import DDSException
 
-from procs.ros.dds import Participant
-from procs.ros.messages import JointStates, Joy, OperatingState, Time
-from procs.ros_bridge import carrying_out
-from procs.ros_bridge.events import REPEAT_NS, ToldState
-from procs.ros_bridge.refusals import KEPT, SILENT_NS, Refusals
-from procs.ros_bridge.services import STRANGERS, Services
+from trocar.procs.ros_bridge import carrying_out
+from trocar.procs.ros_bridge.events import REPEAT_NS, ToldState
+from trocar.procs.ros_bridge.refusals import KEPT, SILENT_NS, Refusals
+from trocar.procs.ros_bridge.services import STRANGERS, Services
+from trocar.procs.ros_messages.dds import Participant
+from trocar.procs.ros_messages.messages import JointStates, Joy, OperatingState, Time
 
 HOUR_NS = 3600 * 10**9
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from shm.layout import schema_of
-from shm.segment import create, segment_name, unlink
-from shm.topics import SETPOINT
+from trocar.shm.memory.layout import schema_of
+from trocar.shm.memory.segment import create, segment_name, unlink
+from trocar.shm.topics import SETPOINT
 
 
 @pytest.fixture

@@ -7,11 +7,11 @@ import os
 import sys
 from collections.abc import Callable
 
-from shm.clock import WallClock, monotonic_ns
-from shm.ring import RingReader, RingWriter
-from shm.segment import Segment, segment_name
 from tests.shm import wrongs
 from tests.shm.witness import Author, Lives, RingViolation, Witness, holds
+from trocar.shm.memory.segment import Segment, segment_name
+from trocar.shm.ring.ring import RingReader, RingWriter
+from trocar.shm.time.clock import WallClock, monotonic_ns
 
 PATIENCE_NS = 600_000_000_000
 TURNS = 64  # between two looks at whether the test is over

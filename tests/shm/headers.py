@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from shm.segment import FIXED, path_of
+from trocar.shm.memory.segment import FIXED, path_of
 
 FIELDS = ("magic", "version", "first", "fingerprint", "stride", "depth", "schema", "info", "kind", "size")
 

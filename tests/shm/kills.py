@@ -27,12 +27,12 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, Protocol
 
-from shm import ring
-from shm.segment import names_of, segment_name, unlink
 from tests.shm import senders, victims, wrongs
 from tests.shm.witness import Notes, RingViolation, die_with_parent, holds
+from trocar.shm.memory.segment import names_of, segment_name, unlink
+from trocar.shm.ring import ring
 
-TRACED = (str(Path(ring.__file__).parent) + os.sep, str(Path(__file__).with_name("wrongs.py")))
+TRACED = (str(Path(ring.__file__).parents[1]) + os.sep, str(Path(__file__).with_name("wrongs.py")))
 PATIENCE_NS = 20_000_000_000
 LATE_STEPS, LATE_US = 2500, 1500  # how long a victim that has attached goes on at most
 UNTIL_KILLED = 1 << 60

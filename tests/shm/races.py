@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from shm.clock import monotonic_ns
-from shm.control_page import ControlPage
-from shm.order import full_fence
-from shm.wakeup import Wakeup
 from tests.shm.witness import die_with_parent
+from trocar.shm.memory.order import full_fence
+from trocar.shm.time.clock import monotonic_ns
+from trocar.shm.time.control_page import ControlPage
+from trocar.shm.time.wakeup import Wakeup
 
 PHASES = 4096
 PATIENT_SPINS = 2000  # then let others have the core

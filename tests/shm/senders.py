@@ -10,11 +10,12 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from shm.mailbox import Mailbox, Received
-from shm.mailbox_map import CLIENTS, COMMANDS_DEPTH, create_mailbox
-from shm.place import MailboxFull, Place, Reply, StopPlace, take_place
-from shm.segment import Segment, segment_name
 from tests.shm.witness import Notes, RingViolation, holds
+from trocar.shm.commands import COMMANDS
+from trocar.shm.mailbox.mailbox import Mailbox, Received
+from trocar.shm.mailbox.mailbox_map import CLIENTS, COMMANDS_DEPTH, create_mailbox
+from trocar.shm.mailbox.place import MailboxFull, Place, Reply, StopPlace, take_place
+from trocar.shm.memory.segment import Segment, segment_name
 
 COMMAND, STOP = "bias_encoders", "servo_zero"
 SIZES = 13  # longest command: more values than come with the owner's first copy
@@ -59,9 +60,9 @@ class ClientVictim:
     NEIGHBOUR = 0
 
     def __init__(self, system: str, notes: Notes) -> None:
-        create_mailbox(system, "io", "io")
+        create_mailbox(system, "io", "io", COMMANDS["io"])
         self._system, self._notes = system, notes.words
-        self._box, self._neighbour = Mailbox(system, "io", "io"), take_place(system, "io")
+        self._box, self._neighbour = Mailbox(system, "io", COMMANDS["io"]), take_place(system, "io")
         self._life = self._ran = self._id = self._own_sent = self._own_ran = 0
         self.figures = {"sent": 0, "ran": 0, "died_unrecorded": 0, "answers_seen": 0, "neighbour_ran": 0}
 
@@ -139,9 +140,9 @@ class StopVictim:
     NEIGHBOUR = 0
 
     def __init__(self, system: str, notes: Notes) -> None:
-        create_mailbox(system, "io", "io")
+        create_mailbox(system, "io", "io", COMMANDS["io"])
         self._system, self._notes = system, notes.words
-        self._box, self._neighbour = Mailbox(system, "io", "io"), StopPlace(system, "io", "neighbour")
+        self._box, self._neighbour = Mailbox(system, "io", COMMANDS["io"]), StopPlace(system, "io", "neighbour")
         self._life = self._ran = self._id = self._own_sent = self._own_ran = self._own_answered = 0
         self.figures = {"sent": 0, "ran": 0, "died_unrecorded": 0, "answers_seen": 0, "neighbour_ran": 0}
 
@@ -292,7 +293,7 @@ class OwnerVictim:
     EPOCH = Notes.FREE
 
     def __init__(self, system: str, notes: Notes) -> None:
-        create_mailbox(system, "io", "io")
+        create_mailbox(system, "io", "io", COMMANDS["io"])
         self._system, self._notes, self._epoch = system, notes.words, 0
         self._segment = Segment(segment_name(system, "io", "mailbox"))
         self._runs = memoryview(mmap.mmap(-1, 2 * Account.SPAN))
@@ -308,7 +309,7 @@ class OwnerVictim:
 
     def live(self, life: int, ready: Callable[[], None]) -> None:
         """Claim, refuse what waits (every other life), and run for ever."""
-        box = Mailbox(self._system, "io", "io")
+        box = Mailbox(self._system, "io", COMMANDS["io"])
         if life % 2:
             box.refuse_waiting(JUST_STARTED)
         ready()
@@ -345,7 +346,7 @@ class OwnerVictim:
 
     def finish(self) -> None:
         """The last successor answers everything."""
-        box = Mailbox(self._system, "io", "io")
+        box = Mailbox(self._system, "io", COMMANDS["io"])
         for _ in range(2 * COMMANDS_DEPTH):
             for got in box.drain():
                 self._run(got)

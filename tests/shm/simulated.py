@@ -21,28 +21,29 @@ from types import CodeType, ModuleType
 from typing import Any
 from unittest.mock import patch
 
-from shm.commands import COMMANDS
-from shm.layout import Schema, schema_of
-from shm.segment import Header
-from shm.topics import Field, Topic
 from tests.shm.process import PLAIN, REAL, Actor, Address
+from trocar.shm.commands import COMMANDS
+from trocar.shm.memory.layout import Schema, schema_of
+from trocar.shm.memory.segment import Header
+from trocar.shm.topics import Field, Topic
 
 FIRST = 4096
 NAPS_AT = FIRST + 64
 PAIR = schema_of(Topic("pair", "io", 0, 0, (Field("value", "<i8", "", "a number"),), depth=1))  # payload: stamp, value
-MODULES = ("order", "ring", "locks", "mailbox_map", "received", "mailbox", "place", "wakeup", "lockstep")
+MODULES = {"order": "memory", "ring": "ring", "locks": "memory", "mailbox_map": "mailbox", "received": "mailbox",
+           "mailbox": "mailbox", "place": "mailbox", "wakeup": "time", "lockstep": "time"}
 SMALL = (
     ("mailbox", "PER_CYCLE = 8", "PER_CYCLE = 1"),
     ("mailbox_map", "COMMANDS_DEPTH = COMMAND.depth", "COMMANDS_DEPTH = 2"),
     ("mailbox_map", "REPLIES_DEPTH = REPLY.depth", "REPLIES_DEPTH = 2"),
     ("mailbox_map", "CLIENTS = 16", "CLIENTS = 1"),
-    ("mailbox_map", "from shm.holders import HOLDER, PROGRAM, Holder, in_words",
-     'from shm.holders import Holder, in_words; HOLDER, PROGRAM = struct.Struct("<I4s"), 4'),
+    ("mailbox_map", "from trocar.shm.memory.holders import HOLDER, PROGRAM, Holder, in_words",
+     'from trocar.shm.memory.holders import Holder, in_words; HOLDER, PROGRAM = struct.Struct("<I4s"), 4'),
     ("place", "STOP_TRIES, STOP_PAUSE_S = 200, 0.001", "STOP_TRIES, STOP_PAUSE_S = 2, 0.0"),
     ("mailbox_map", "MAX_VALUES, MAX_TEXT = 64, 64", "MAX_VALUES, MAX_TEXT = 2, 0"),
     ("mailbox", "SHORT = 8", "SHORT = 1"),
     ("mailbox_map", "<qQQQHHI", "<qQBBBBI"),
-    ("mailbox_map", "from shm.origins import PROGRAM_BYTES", "PROGRAM_BYTES = 0"),
+    ("mailbox_map", "from trocar.shm.mailbox.origins import PROGRAM_BYTES", "PROGRAM_BYTES = 0"),
     ("mailbox_map", '"<QB200s"', '"<QB7s"'),
     ("mailbox_map", "REPLY_TEXT = 199", "REPLY_TEXT = 6"),
     ("lockstep", "words[monotonic], words[local] = monotonic_ns(), local_ns()", "pass"),  # nobody here looks at them
@@ -128,7 +129,7 @@ class Words:
 
 
 class Segment:
-    """Stands for shm.segment.Segment, attached and checked."""
+    """Stands for trocar.shm.memory.segment.Segment, attached and checked."""
 
     fd = 0
 
@@ -233,7 +234,7 @@ class Real:
         return self
 
     def _read(self, name: str, changes: Iterable[Change]) -> Any:
-        path = Path(str(importlib.import_module(f"shm.{name}").__file__))
+        path = Path(str(importlib.import_module(f"trocar.shm.{MODULES[name]}.{name}").__file__))
         text = path.read_text()
         if name == "ring":  # a memoryview copies from real buffers only: have the slot copied first
             text, count = re.subn(r"\] = ((?:self\._)?slot)\b(?=\s)", r"] = bytes(\1)", text)
@@ -245,7 +246,7 @@ class Real:
             if where == name:
                 assert text.count(old) >= 1, f"{path}: there is no {old!r}"
                 text = text.replace(old, new)
-        module = ModuleType(f"shm.{name}")
+        module = ModuleType(f"trocar.shm.{MODULES[name]}.{name}")
         exec(_compiled(text, f"{REAL}{path.name}"), module.__dict__)
         if name in ("mailbox_map", "received"):  # what follows from its numbers has to follow from these
             sys.modules[module.__name__] = module
@@ -281,7 +282,7 @@ class Real:
 
     def owner(self) -> Any:
         """A Mailbox."""
-        return self.mailbox.Mailbox("s", "IO1", "io")
+        return self.mailbox.Mailbox("s", "IO1", COMMANDS["io"])
 
     def sender(self) -> Any:
         """A Place, taken."""

@@ -12,19 +12,20 @@ from typing import Any
 
 import pytest
 
-from shm.client import KEPT, Client, LoopClient
-from shm.mailbox import Mailbox
-from shm.mailbox_map import CLIENTS, COMMANDS_DEPTH, MailboxMap, create_mailbox
-from shm.origins import program_name
-from shm.place import MailboxFull, Places, take_place
-from shm.segment import SegmentError, segment_name, unlink
+from trocar.shm.commands import COMMANDS
+from trocar.shm.mailbox.client import KEPT, Client, LoopClient
+from trocar.shm.mailbox.mailbox import Mailbox
+from trocar.shm.mailbox.mailbox_map import CLIENTS, COMMANDS_DEPTH, MailboxMap, create_mailbox
+from trocar.shm.mailbox.origins import program_name
+from trocar.shm.mailbox.place import MailboxFull, Places, take_place
+from trocar.shm.memory.segment import SegmentError, segment_name, unlink
 
 Open = Callable[..., Any]
 
 
 @pytest.fixture
 def system(world: Any) -> Iterator[str]:
-    create_mailbox(world.name, "PSM1", "arm")
+    create_mailbox(world.name, "PSM1", "arm", COMMANDS["arm"])
     yield world.name
     unlink(segment_name(world.name, "PSM1", "mailbox"))
 
@@ -38,7 +39,7 @@ def open_now(system: str) -> Iterator[Open]:
 
 @pytest.fixture
 def box(open_now: Open) -> Mailbox:
-    owner: Mailbox = open_now(Mailbox, "arm")
+    owner: Mailbox = open_now(Mailbox, COMMANDS["arm"])
     return owner
 
 
@@ -145,8 +146,8 @@ def test_a_system_that_was_made_anew_gets_a_place_of_its_own(system: str, open_n
     unlink(segment_name(system, "PSM1", "mailbox"))
     with pytest.raises(SegmentError, match="there is no such segment"):
         open_now()
-    create_mailbox(system, "PSM1", "arm")
-    box, new = open_now(Mailbox, "arm"), open_now()
+    create_mailbox(system, "PSM1", "arm", COMMANDS["arm"])
+    box, new = open_now(Mailbox, COMMANDS["arm"]), open_now()
     assert new.send("hold") == 1 and old.send("hold") == 2
     assert serve(box) == ["hold"] and len(new.poll()) == 1
     old.close()
@@ -202,7 +203,7 @@ def test_a_forked_child_does_not_use_its_parents_place(system: str, box: Mailbox
 def test_a_place_is_free_when_its_process_dies_though_a_child_lives(world: Any, system: str) -> None:
     parent = world.start("""
 import os, sys
-from shm.client import Client
+from trocar.shm.mailbox.client import Client
 client = Client(sys.argv[1], "PSM1")
 client.send("hold")
 child = os.fork()

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from shm.clock import WallClock
+from trocar.shm.time.clock import WallClock
 
 
 def test_wall_time_never_goes_back_and_sleeps_long_enough() -> None:

@@ -10,15 +10,16 @@ from typing import Any
 
 import pytest
 
-from shm import directory
-from shm.control_page import ControlPage, create_control
-from shm.lockstep import LockstepClock, Table, Timekeeper
-from shm.mailbox import Mailbox
-from shm.mailbox_map import create_mailbox
-from shm.place import take_place
-from shm.segment import Segment
-from shm.subscriptions import Subscriber, Subscriptions
-from shm.topics import SETPOINT
+from trocar.shm.commands import COMMANDS
+from trocar.shm.mailbox.mailbox import Mailbox
+from trocar.shm.mailbox.mailbox_map import create_mailbox
+from trocar.shm.mailbox.place import take_place
+from trocar.shm.memory.segment import Segment
+from trocar.shm.system import directory
+from trocar.shm.system.subscriptions import Subscriber, Subscriptions
+from trocar.shm.time.control_page import ControlPage, create_control
+from trocar.shm.time.lockstep import LockstepClock, Table, Timekeeper
+from trocar.shm.topics import SETPOINT
 
 Ends = tuple[Any, ...]
 
@@ -35,7 +36,7 @@ TABLE = Table(("PSM1",), "PSM1")
 ENDS: dict[str, Callable[[str], Ends]] = {
     "ring writer": lambda system: (directory.writer(system, "PSM1", "setpoint", "arm"),),
     "ring reader": lambda system: (directory.reader(system, "PSM1", "setpoint", "arm"),),
-    "mailbox": lambda system: (Mailbox(system, "PSM1", "arm"),),
+    "mailbox": lambda system: (Mailbox(system, "PSM1", COMMANDS["arm"]),),
     "place": lambda system: (take_place(system, "PSM1"),),
     "wakeup": with_page(ControlPage.wakeup),
     "subscriptions": with_page(Subscriptions),
@@ -49,7 +50,7 @@ ENDS: dict[str, Callable[[str], Ends]] = {
 def system(world: Any) -> Iterator[str]:
     """A system with one of everything, and the garbage collector off."""
     directory.create_ring(world.name, "PSM1", SETPOINT, {}, {"kind": "arm"})
-    create_mailbox(world.name, "PSM1", "arm")
+    create_mailbox(world.name, "PSM1", "arm", COMMANDS["arm"])
     create_control(world.name, "PSM1")
     gc.collect()
     gc.disable()

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from shm.control_page import SCHEMA, STATES, ControlPage, create_control
-from shm.segment import SegmentError, segment_name
+from trocar.shm.memory.segment import SegmentError, segment_name
+from trocar.shm.time.control_page import SCHEMA, STATES, ControlPage, create_control
 
 
 @pytest.fixture
@@ -64,7 +64,7 @@ def test_an_absent_instance_is_an_error(page: str) -> None:
 
 
 def test_one_segment_is_not_another(page: str, world: Any) -> None:
-    from shm.segment import Segment, create
+    from trocar.shm.memory.segment import Segment, create
 
     with Segment(segment_name(page, "PSM1", "control")) as segment:
         schema = segment.header.schema

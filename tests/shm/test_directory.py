@@ -7,11 +7,12 @@ from typing import Any
 
 import pytest
 
-from shm import directory
-from shm.control_page import create_control
-from shm.mailbox_map import create_mailbox
-from shm.segment import SegmentError
-from shm.topics import ARM_STATE, EVENTS, IO_STATE, SETPOINT
+from trocar.shm.commands import COMMANDS
+from trocar.shm.mailbox.mailbox_map import create_mailbox
+from trocar.shm.memory.segment import SegmentError
+from trocar.shm.system import directory
+from trocar.shm.time.control_page import create_control
+from trocar.shm.topics import ARM_STATE, EVENTS, IO_STATE, SETPOINT
 
 DIMS = {"axes": 7, "drives": 7, "robots": 1, "inputs": 2, "outputs": 0}
 
@@ -22,7 +23,7 @@ def system(world: Any) -> Iterator[str]:
     for instance in ("supervisor", "IO1", "PSM1"):
         create_control(world.name, instance)
         directory.create_ring(world.name, instance, EVENTS, {}, {"kind": instance})
-    create_mailbox(world.name, "IO1", "io")
+    create_mailbox(world.name, "IO1", "io", COMMANDS["io"])
     directory.create_ring(world.name, "IO1", IO_STATE, DIMS, {"robots": {"PSM1": 7}})
     directory.create_ring(world.name, "PSM1", SETPOINT, {}, {})
     directory.publish_document(world.name, '{"name":"größe"}'.encode())
@@ -42,8 +43,8 @@ def test_the_document_comes_back_byte_for_byte(system: str) -> None:
 
 
 def test_a_document_still_being_written_is_refused(system: str) -> None:
-    from shm.ring import HEAD
-    from shm.segment import Segment, segment_name
+    from trocar.shm.memory.segment import Segment, segment_name
+    from trocar.shm.ring.ring import HEAD
 
     with Segment(segment_name(system, "supervisor", "document"), write=True) as segment:
         segment.words()[HEAD] = 0

@@ -8,12 +8,12 @@ from typing import Any
 
 import pytest
 
-from procs import codes
-from shm import directory
-from shm.clock import local_ns, monotonic_ns
-from shm.events import ERROR, STATUS, WARNING, Events
-from shm.ring import RingReader
-from shm.topics import EVENTS
+from trocar.procs.tables import codes
+from trocar.shm.ring.ring import RingReader
+from trocar.shm.system import directory
+from trocar.shm.system.events import ERROR, STATUS, WARNING, Events
+from trocar.shm.time.clock import local_ns, monotonic_ns
+from trocar.shm.topics import EVENTS
 
 
 @pytest.fixture

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from shm.faults import FaultCell, Faults, Watched, create_faults
-from shm.segment import SegmentError
 from tests.conftest import World
+from trocar.shm.mailbox.generations import FaultCell, Faults, Watched, create_faults
+from trocar.shm.memory.segment import SegmentError
 
 COMPONENTS = ("PSM1", "PSM2", "IO1/PSM1")
 

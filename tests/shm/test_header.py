@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
-from shm.layout import schema_of
-from shm.segment import FIXED, Segment, SegmentError, path_of
-from shm.topics import SETPOINT
 from tests.shm.headers import rewrite
+from trocar.shm.memory.layout import schema_of
+from trocar.shm.memory.segment import FIXED, Segment, SegmentError, path_of
+from trocar.shm.topics import SETPOINT
 
 SCHEMA = schema_of(SETPOINT)
 

@@ -8,18 +8,18 @@ from typing import Any
 
 import pytest
 
-from shm import held_time
-from shm.clock import monotonic_ns
-from shm.control_page import create_control
-from shm.held_time import HeldTime
-from shm.lockstep import EPOCH_NS, Table, Timekeeper
-from shm.segment import SegmentError
 from tests.shm.test_lockstep import MS, PLAYER
+from trocar.shm.memory.segment import SegmentError
+from trocar.shm.time import held_time
+from trocar.shm.time.clock import monotonic_ns
+from trocar.shm.time.control_page import create_control
+from trocar.shm.time.held_time import HeldTime
+from trocar.shm.time.lockstep import EPOCH_NS, Table, Timekeeper
 
 SECOND = 1_000_000_000
 HOLDER = """
 import sys
-from shm.held_time import HeldTime
+from trocar.shm.time.held_time import HeldTime
 held = HeldTime(sys.argv[1])
 print("holds", flush=True)
 sys.stdin.read()

@@ -11,12 +11,12 @@ from typing import Any
 from hypothesis import given
 from hypothesis import strategies as st
 
-from shm.directory import create_ring
-from shm.ring import HEAD, RingReader, RingWriter
-from shm.segment import Segment, segment_name, unlink
 from tests.conftest import World
 from tests.examples import examples
 from tests.shm.witness import Author, Lives, Witness, topic
+from trocar.shm.memory.segment import Segment, segment_name, unlink
+from trocar.shm.ring.ring import HEAD, RingReader, RingWriter
+from trocar.shm.system.directory import create_ring
 
 SLOTS = 8
 KEPT = SLOTS - 1

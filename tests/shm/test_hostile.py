@@ -18,17 +18,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procs.document.system import SystemConfig, from_json
-from shm import directory
-from shm.client import Client
-from shm.control_page import ControlPage, create_control
-from shm.layout import LayoutError, schema_from_json
-from shm.lockstep import LockstepClock, Table, create_clock
-from shm.mailbox import Mailbox
-from shm.mailbox_map import create_mailbox
-from shm.segment import FIXED, SegmentError, names_of, path_of, segment_name, unlink
-from shm.topics import SUPERVISOR_STATE
 from tests.examples import examples
+from trocar.procs.document.system import SystemConfig, from_json
+from trocar.shm.commands import COMMANDS
+from trocar.shm.mailbox.client import Client
+from trocar.shm.mailbox.mailbox import Mailbox
+from trocar.shm.mailbox.mailbox_map import create_mailbox
+from trocar.shm.memory.layout import LayoutError, schema_from_json
+from trocar.shm.memory.segment import FIXED, SegmentError, names_of, path_of, segment_name, unlink
+from trocar.shm.system import directory
+from trocar.shm.time.control_page import ControlPage, create_control
+from trocar.shm.time.lockstep import LockstepClock, Table, create_clock
+from trocar.shm.topics import SUPERVISOR_STATE
 
 SYSTEM = f"thostile{os.getpid()}"
 HANG_S = 10
@@ -96,7 +97,7 @@ def write_ring() -> None:
 
 def use_mailbox() -> None:
     with contextlib.ExitStack() as stack, contextlib.suppress(SegmentError):
-        owner = stack.enter_context(contextlib.closing(Mailbox(SYSTEM, "PSM1", "arm")))
+        owner = stack.enter_context(contextlib.closing(Mailbox(SYSTEM, "PSM1", COMMANDS["arm"])))
         client = stack.enter_context(contextlib.closing(Client(SYSTEM, "PSM1")))
         with contextlib.suppress(KeyError):  # its header names another kind
             client.send("hold")
@@ -138,7 +139,7 @@ TABLE = Table(("boards",))
 KINDS = {kind.name: kind for kind in (
     Kind("ring", OWNER, "state", some_records, read_ring),
     Kind("writer", OWNER, "state", some_records, write_ring),
-    Kind("mailbox", "PSM1", "mailbox", lambda: create_mailbox(SYSTEM, "PSM1", "arm"), use_mailbox),
+    Kind("mailbox", "PSM1", "mailbox", lambda: create_mailbox(SYSTEM, "PSM1", "arm", COMMANDS["arm"]), use_mailbox),
     Kind("control", "PSM2", "control", lambda: create_control(SYSTEM, "PSM2"), use_control),
     Kind("clock", OWNER, "clock", lambda: create_clock(SYSTEM, TABLE), use_clock),
     Kind("document", OWNER, "document", lambda: directory.publish_document(SYSTEM, b'{"name":"a"}' * 9),

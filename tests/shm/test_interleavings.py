@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from shm.ring import HEAD
 from tests.shm.interleave import Broken, Explorer, Outcome
 from tests.shm.process import Actor, Program
 from tests.shm.simulated import FIRST, PAIR, Change, Real, private
+from trocar.shm.ring.ring import HEAD
 
 W2, W3, W4 = "self._slot[ALL] = self._source  # W2", "words[self._at] = n  # W3", "words[HEAD] = n  # W4"
 VIOLATION = r"AssertionError|at the end"  # and not a mistake in the mutant's text

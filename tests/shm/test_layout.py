@@ -8,9 +8,9 @@ import struct
 
 import pytest
 
-from shm import mailbox_map
-from shm.layout import LINE, LayoutError, cut_text, schema_from_json, schema_of
-from shm.topics import COMMAND, IO_STATE, SETPOINT, TOPICS, Field, Topic
+from trocar.shm.mailbox import mailbox_map
+from trocar.shm.memory.layout import LINE, LayoutError, cut_text, schema_from_json, schema_of
+from trocar.shm.topics import COMMAND, IO_STATE, SETPOINT, TOPICS, Field, Topic
 
 DIMS = {"axes": 7, "drives": 7, "robots": 1, "inputs": 3, "outputs": 0, "readers": 1, "boards": 2, "setups": 4,
         "instances": 4, "teleops": 2, "arms": 3}

@@ -13,16 +13,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shm import mailbox_map, received
-from shm.commands import COMMANDS
-from shm.control_page import ControlPage, create_control
-from shm.mailbox import Mailbox
-from shm.mailbox_map import QUEUES_AT, create_mailbox
-from shm.place import take_place
-from shm.segment import SegmentError, path_of, segment_name
-from shm.subscriptions import Clearing, Subscriptions
-from shm.topics import EVENTS
 from tests.shm.layout_page import TEXT, Row, records, table, tables
+from trocar.shm.commands import COMMANDS
+from trocar.shm.mailbox import mailbox_map, received
+from trocar.shm.mailbox.mailbox import Mailbox
+from trocar.shm.mailbox.mailbox_map import QUEUES_AT, create_mailbox
+from trocar.shm.mailbox.place import take_place
+from trocar.shm.memory.segment import SegmentError, path_of, segment_name
+from trocar.shm.system.subscriptions import Clearing, Subscriptions
+from trocar.shm.time.control_page import ControlPage, create_control
+from trocar.shm.topics import EVENTS
 
 ARM = [command.name for command in COMMANDS["arm"]]
 
@@ -94,8 +94,8 @@ class MailByThePage(ByThePage):
 
 
 def test_a_client_made_from_the_page_is_served(system: str) -> None:
-    create_mailbox(system, "PSM1", "arm")
-    owner, seen = Mailbox(system, "PSM1", "arm"), MailByThePage(system, "PSM1")
+    create_mailbox(system, "PSM1", "arm", COMMANDS["arm"])
+    owner, seen = Mailbox(system, "PSM1", COMMANDS["arm"]), MailByThePage(system, "PSM1")
     assert [size for _, size in seen.layout[:4]] == [8, 8, 8, 1]
     assert seen.layout[5] == (QUEUES_AT, seen.commands * seen.command_bytes + seen.replies * seen.reply_bytes)
     ours = take_place(system, "PSM1")  # has place 0
@@ -114,8 +114,8 @@ def test_a_client_made_from_the_page_is_served(system: str) -> None:
 
 
 def test_who_has_a_place_by_the_page_can_be_named_and_stopped(system: str) -> None:
-    create_mailbox(system, "PSM1", "arm")
-    owner, seen = Mailbox(system, "PSM1", "arm"), MailByThePage(system, "PSM1")
+    create_mailbox(system, "PSM1", "arm", COMMANDS["arm"])
+    owner, seen = Mailbox(system, "PSM1", COMMANDS["arm"]), MailByThePage(system, "PSM1")
     for place in range(mailbox_map.CLIENTS):
         assert seen.lock(seen.locks + place)
         seen.sign(place, os.getpid(), "größer".encode())

@@ -11,17 +11,22 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shm import control_page as page
-from shm import faults, header, lockstep, mailbox, mailbox_map, received, ring, subscriptions, wakeup
-from shm.commands import COMMANDS
-from shm.control_page import STATES
-from shm.directory import create_ring
-from shm.layout import LINE, LayoutError, Schema, schema_from_json, schema_of
-from shm.mailbox_map import COMMAND_SCHEMA, REPLY_SCHEMA
-from shm.ring import RingWriter
-from shm.segment import NAME, Segment, segment_name
-from shm.topics import TOPICS, Field, Topic
 from tests.shm.layout_page import ROOT, TEXT, code, number, places, records, table, tables
+from trocar.shm.commands import COMMANDS
+from trocar.shm.mailbox import generations as faults
+from trocar.shm.mailbox import mailbox, mailbox_map, received
+from trocar.shm.mailbox.mailbox_map import COMMAND_SCHEMA, REPLY_SCHEMA
+from trocar.shm.memory import header
+from trocar.shm.memory.layout import LINE, LayoutError, Schema, schema_from_json, schema_of
+from trocar.shm.memory.segment import NAME, Segment, segment_name
+from trocar.shm.ring import ring
+from trocar.shm.ring.ring import RingWriter
+from trocar.shm.system import subscriptions
+from trocar.shm.system.directory import create_ring
+from trocar.shm.time import control_page as page
+from trocar.shm.time import lockstep, wakeup
+from trocar.shm.time.control_page import STATES
+from trocar.shm.topics import TOPICS, Field, Topic
 
 
 def test_the_header_lies_where_the_page_says() -> None:
@@ -40,11 +45,11 @@ def test_every_constant_is_that_of_the_code() -> None:
         row["in the code"]: code(row["in the code"]) for row in rows}
     named = {row["in the code"] for row in rows}
     assert len(named) == len(rows)
-    assert named >= {"shm.header.VERSION", "shm.header.TEXT_AT", "shm.header.MAX_TEXT", "shm.layout.MAX_STRIDE",
-                     "shm.layout.MAX_DEPTH", "shm.layout.PAGE", "shm.layout.LINE", "shm.ring.BUSY", "shm.ring.RETRIES",
-                     "shm.locks.OFD_SETLK", "shm.mailbox_map.CLIENTS",
-                     "shm.mailbox_map.COMMANDS_DEPTH", "shm.mailbox_map.REPLIES_DEPTH", "shm.mailbox.LAST_NUMBER",
-                     "shm.mailbox.LATE_NS"}
+    assert {name.removeprefix("trocar.shm.") for name in named} >= {
+        "memory.header.VERSION", "memory.header.TEXT_AT", "memory.header.MAX_TEXT", "memory.layout.MAX_STRIDE",
+        "memory.layout.MAX_DEPTH", "memory.layout.PAGE", "memory.layout.LINE", "memory.locks.OFD_SETLK",
+        "ring.ring.BUSY", "ring.ring.RETRIES", "mailbox.mailbox_map.CLIENTS", "mailbox.mailbox_map.COMMANDS_DEPTH",
+        "mailbox.mailbox_map.REPLIES_DEPTH", "mailbox.mailbox.LAST_NUMBER", "mailbox.mailbox.LATE_NS"}
 
 
 def test_the_kinds_are_all_there_are() -> None:

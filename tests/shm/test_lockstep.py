@@ -10,15 +10,15 @@ from typing import Any
 
 import pytest
 
-from shm.clock import monotonic_ns
-from shm.control_page import ControlPage, create_control
-from shm.lockstep import BEHIND_NS, EPOCH_NS, LockstepClock, Table, Timekeeper, wait_for_wakeup
-from shm.segment import SegmentError
+from trocar.shm.memory.segment import SegmentError
+from trocar.shm.time.clock import monotonic_ns
+from trocar.shm.time.control_page import ControlPage, create_control
+from trocar.shm.time.lockstep import BEHIND_NS, EPOCH_NS, LockstepClock, Table, Timekeeper, wait_for_wakeup
 
 MS = 1_000_000
 PLAYER = """
 import sys
-from shm.lockstep import LockstepClock
+from trocar.shm.time.lockstep import LockstepClock
 clock = LockstepClock(sys.argv[1], sys.argv[2])
 period, count = int(sys.argv[3]), int(sys.argv[4])
 deadline = clock.now_ns()

@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from shm.lockstep import SCHEMA, Table
 from tests.shm.interleave import Broken, Explorer, Outcome
 from tests.shm.process import Actor, Address, Program
 from tests.shm.simulated import Change, Real
+from trocar.shm.time.lockstep import SCHEMA, Table
 
 pytestmark = pytest.mark.slow
 

@@ -8,9 +8,9 @@ import sys
 
 import pytest
 
-from shm.clock import monotonic_ns
-from shm.events import ERROR, STATUS
-from shm.loglines import STATUSES, LogLine, Stamped, into, parsed
+from trocar.shm.system.events import ERROR, STATUS
+from trocar.shm.system.loglines import STATUSES, LogLine, Stamped, into, parsed
+from trocar.shm.time.clock import monotonic_ns
 
 
 @pytest.fixture
@@ -53,7 +53,7 @@ def test_status_is_written_but_not_without_end(log: tuple[logging.Logger, io.Str
                                                monkeypatch: pytest.MonkeyPatch) -> None:
     logger, out = log
     now_ns = 5_000_000_000
-    monkeypatch.setattr("shm.loglines.monotonic_ns", lambda: now_ns)
+    monkeypatch.setattr("trocar.shm.system.loglines.monotonic_ns", lambda: now_ns)
     write = into(logger)
     for _ in range(3 * STATUSES):
         write(STATUS, "PSM1: position limit: yaw")

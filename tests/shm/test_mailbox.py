@@ -12,20 +12,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from shm import mailbox as m
-from shm.client import LoopClient
-from shm.command_row import READ, CommandRow
-from shm.commands import COMMANDS
-from shm.mailbox import Mailbox
-from shm.mailbox_map import CLIENTS, create_mailbox
-from shm.place import MailboxFull, Place, take_place
-from shm.received import DONE
-from shm.segment import SegmentError, segment_name, unlink
+from tests.conftest import World
 from tests.examples import examples
+from trocar.shm.commands import COMMANDS
+from trocar.shm.mailbox import mailbox as m
+from trocar.shm.mailbox.client import LoopClient
+from trocar.shm.mailbox.command_row import READ, CommandRow
+from trocar.shm.mailbox.mailbox import Mailbox
+from trocar.shm.mailbox.mailbox_map import CLIENTS, create_mailbox
+from trocar.shm.mailbox.place import MailboxFull, Place, take_place
+from trocar.shm.mailbox.received import DONE
+from trocar.shm.memory.segment import SegmentError, segment_name, unlink
 
 CLIENT = """
 import sys
-from shm.place import take_place
+from trocar.shm.mailbox.place import take_place
 client = take_place(sys.argv[1], "IO1")
 for i in range(int(sys.argv[2])):
     client.send("power_off", (i,), "child")
@@ -34,7 +35,7 @@ sys.stdin.read()
 """
 HURRIED = """
 import sys
-from shm.place import MailboxFull, take_place
+from trocar.shm.mailbox.place import MailboxFull, take_place
 client = take_place(sys.argv[1], "IO1")
 sent, n, outcomes = 0, int(sys.argv[2]), 0
 while outcomes < n:
@@ -54,14 +55,14 @@ print(outcomes, client.lost)
 @pytest.fixture
 def system(world: Any) -> Iterator[str]:
     """A system with one mailbox, of an io process."""
-    create_mailbox(world.name, "IO1", "io")
+    create_mailbox(world.name, "IO1", "io", COMMANDS["io"])
     yield world.name
     unlink(segment_name(world.name, "IO1", "mailbox"))
 
 
 @pytest.fixture
 def box(system: str) -> Iterator[Mailbox]:
-    owner = Mailbox(system, "IO1", "io")
+    owner = Mailbox(system, "IO1", COMMANDS["io"])
     yield owner
     owner.close()
 
@@ -90,8 +91,8 @@ def test_a_command_arrives_as_it_was_sent(box: Mailbox, client: Place) -> None:
        text=st.text(st.characters(exclude_characters="\0", exclude_categories=["Cs"]), max_size=16))
 def test_any_numbers_and_text_survive(values: list[float], text: str) -> None:
     name = f"tmail{os.getpid()}"
-    create_mailbox(name, "IO1", "io")
-    owner, sender = Mailbox(name, "IO1", "io"), take_place(name, "IO1")
+    create_mailbox(name, "IO1", "io", COMMANDS["io"])
+    owner, sender = Mailbox(name, "IO1", COMMANDS["io"]), take_place(name, "IO1")
     try:
         sender.send("bias_encoders", values, text)
         sender.send("bias_encoders", np.array(values), text)
@@ -262,14 +263,14 @@ def test_a_dead_client_s_place_is_reclaimed(world: Any, system: str, box: Mailbo
 
 
 def test_commands_wait_for_a_restarted_owner(system: str, client: Place) -> None:
-    first = Mailbox(system, "IO1", "io")
+    first = Mailbox(system, "IO1", COMMANDS["io"])
     for i in range(3):
         client.send("power_off", (i,))
     drained = first.drain()
     next(drained).done()
     drained.close()
     first.close()
-    second = Mailbox(system, "IO1", "io")
+    second = Mailbox(system, "IO1", COMMANDS["io"])
     for got in second.drain():
         got.done()
     assert [r.id for r in client.poll()] == [1, 2, 3]  # each exactly once
@@ -293,7 +294,7 @@ def test_a_loop_hears_no_answers_to_a_predecessor_in_its_place(system: str, box:
 
 def test_a_second_owner_is_refused(system: str, box: Mailbox) -> None:
     with pytest.raises(SegmentError, match=rf"IO1 \(pid {os.getpid()}\)"):
-        Mailbox(system, "IO1", "io")
+        Mailbox(system, "IO1", COMMANDS["io"])
 
 
 def test_the_mailbox_describes_its_commands(client: Place) -> None:
@@ -323,7 +324,7 @@ def test_busy_clients_lose_and_reorder_nothing(world: Any, system: str, box: Mai
 def test_a_new_owner_refuses_what_its_predecessor_was_told(system: str, client: Place) -> None:
     for i in range(m.COMMANDS_DEPTH):
         client.send("power_off", (i,))
-    owner = Mailbox(system, "IO1", "io")
+    owner = Mailbox(system, "IO1", COMMANDS["io"])
     owner.refuse_waiting("just started")
     assert list(owner.drain()) == []
     replies = client.poll()
@@ -335,7 +336,7 @@ def test_a_new_owner_refuses_what_its_predecessor_was_told(system: str, client: 
 
 @pytest.mark.parametrize("before", [0, m.REPLIES_DEPTH - 1, m.REPLIES_DEPTH, 3 * m.REPLIES_DEPTH])
 def test_an_answer_cut_short_is_given_anew(system: str, client: Place, before: int) -> None:
-    owner = Mailbox(system, "IO1", "io")
+    owner = Mailbox(system, "IO1", COMMANDS["io"])
     for i in range(before):
         client.send("power_off", (i,))
         for got in owner.drain():
@@ -348,13 +349,13 @@ def test_an_answer_cut_short_is_given_anew(system: str, client: Place, before: i
     owner._words[at >> 3] = 0  # A1
     m.REPLY_BODY.pack_into(owner._view, at + m.REPLY_START, last, DONE, b"")  # A2; it dies before A3
     owner.close()
-    heir = Mailbox(system, "IO1", "io")
+    heir = Mailbox(system, "IO1", COMMANDS["io"])
     assert [(r.id, r.outcome, r.text) for r in client.poll()] == [(last, "failed", m.DIED)]
     heir.close()
 
 
 def test_what_the_dead_had_accepted_is_answered_by_the_successor(system: str, client: Place) -> None:
-    owner = Mailbox(system, "IO1", "io")
+    owner = Mailbox(system, "IO1", COMMANDS["io"])
     for _ in range(4):
         client.send("power_off")
     quick, slow, slower, last = owner.drain()
@@ -365,10 +366,10 @@ def test_what_the_dead_had_accepted_is_answered_by_the_successor(system: str, cl
     slow.fail("changed its mind")
     owner.close()
     client.poll()
-    heir = Mailbox(system, "IO1", "io")
+    heir = Mailbox(system, "IO1", COMMANDS["io"])
     assert [(r.id, r.outcome, r.text) for r in client.poll()] == [(i, "failed", m.DIED) for i in (slower.id, last.id)]
     heir.close()
-    Mailbox(system, "IO1", "io").close()
+    Mailbox(system, "IO1", COMMANDS["io"]).close()
     assert client.poll() == []  # once is enough
 
 
@@ -401,9 +402,18 @@ def test_a_late_state_command_only_stops(text: str, late: bool) -> None:
     assert row.expires(text, ()) != late
 
 
-def test_another_command_table_is_refused_by_both_ends(system: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_owner_with_another_command_table_is_refused(system: str) -> None:
     rows = COMMANDS["io"]
-    monkeypatch.setitem(COMMANDS, "io", (rows[0], CommandRow("new", READ, "one more"), *rows[1:]))
-    for end in (lambda: take_place(system, "IO1"), lambda: Mailbox(system, "IO1", "io")):
-        with pytest.raises(SegmentError, match="its commands are not those of this program"):
-            end()
+    with pytest.raises(SegmentError, match="its commands are not those of this program"):
+        Mailbox(system, "IO1", (rows[0], CommandRow("new", READ, "one more"), *rows[1:]))
+
+
+def test_a_sender_goes_by_the_table_that_the_mailbox_lists(world: World) -> None:
+    rows = (CommandRow("new", READ, "one more"), *COMMANDS["io"])
+    create_mailbox(world.name, "IO2", "io", rows)
+    owner, sender = Mailbox(world.name, "IO2", rows), take_place(world.name, "IO2")
+    sender.send("new")
+    assert [command.name for command in owner.drain(time.monotonic_ns())] == ["new"]
+    sender.close()
+    owner.close()
+    world.remove()

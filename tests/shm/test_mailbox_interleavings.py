@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-from shm.mailbox import DIED
-from shm.mailbox_map import CURSOR_BYTES, CURSORS
 from tests.shm.interleave import Broken, Explorer, Outcome
 from tests.shm.process import Actor, Address, Program
 from tests.shm.simulated import FIRST, Change, Real, private
+from trocar.shm.mailbox.mailbox import DIED
+from trocar.shm.mailbox.mailbox_map import CURSOR_BYTES, CURSORS
 
 pytestmark = pytest.mark.slow
 

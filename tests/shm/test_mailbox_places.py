@@ -8,16 +8,17 @@ from typing import Any
 
 import pytest
 
-from shm import mailbox as m
-from shm.mailbox import Mailbox
-from shm.mailbox_map import MailboxMap, create_mailbox
-from shm.place import take_place
-from shm.segment import segment_name, unlink
+from trocar.shm.commands import COMMANDS
+from trocar.shm.mailbox import mailbox as m
+from trocar.shm.mailbox.mailbox import Mailbox
+from trocar.shm.mailbox.mailbox_map import MailboxMap, create_mailbox
+from trocar.shm.mailbox.place import take_place
+from trocar.shm.memory.segment import segment_name, unlink
 
 
 @pytest.fixture
 def system(world: Any) -> Iterator[str]:
-    create_mailbox(world.name, "IO1", "io")
+    create_mailbox(world.name, "IO1", "io", COMMANDS["io"])
     yield world.name
     unlink(segment_name(world.name, "IO1", "mailbox"))
 
@@ -29,7 +30,7 @@ def system(world: Any) -> Iterator[str]:
 def test_a_place_out_of_step_is_put_right_and_used_again(
     system: str, which: str, value: int, before: int, attempts: int
 ) -> None:
-    owner, hand = Mailbox(system, "IO1", "io"), MailboxMap(system, "IO1")
+    owner, hand = Mailbox(system, "IO1", COMMANDS["io"]), MailboxMap(system, "IO1")
     for _ in range(3):  # what was put right once can be spoilt again
         with contextlib.closing(take_place(system, "IO1")) as first:
             for _ in range(before):
@@ -54,7 +55,7 @@ def test_a_place_out_of_step_is_put_right_and_used_again(
 
 
 def test_a_place_that_looks_full_is_passed_over(system: str) -> None:
-    owner, hand = Mailbox(system, "IO1", "io"), MailboxMap(system, "IO1")
+    owner, hand = Mailbox(system, "IO1", COMMANDS["io"]), MailboxMap(system, "IO1")
     hand.words[hand.cursor("sent", 0)] = 2 * m.COMMANDS_DEPTH
     assert list(owner.drain()) == []
     hand.words[hand.cursor("taken", 0)] = m.COMMANDS_DEPTH
@@ -64,14 +65,14 @@ def test_a_place_that_looks_full_is_passed_over(system: str) -> None:
             number = client.send("power_off", (), "now")
             assert [got.id for got in owner.drain() if got.text == "now"] == [number]
         owner.close()
-        owner = Mailbox(system, "IO1", "io")
+        owner = Mailbox(system, "IO1", COMMANDS["io"])
         owner.refuse_waiting("just started")
     owner.close()
     hand.segment.close()
 
 
 def test_what_a_dead_client_filled_its_place_with_is_run(system: str) -> None:
-    owner = Mailbox(system, "IO1", "io")
+    owner = Mailbox(system, "IO1", COMMANDS["io"])
     with contextlib.closing(take_place(system, "IO1")) as client:
         for i in range(m.COMMANDS_DEPTH):
             client.send("power_off", (i,))
@@ -83,7 +84,7 @@ def test_what_a_dead_client_filled_its_place_with_is_run(system: str) -> None:
 
 
 def test_a_place_nobody_used_since_is_put_right_again(system: str) -> None:
-    owner, hand = Mailbox(system, "IO1", "io"), MailboxMap(system, "IO1")
+    owner, hand = Mailbox(system, "IO1", COMMANDS["io"]), MailboxMap(system, "IO1")
     for garbage in (1, 5, 1, 7):
         hand.words[hand.cursor("taken", 0)] = garbage
         with contextlib.closing(take_place(system, "IO1")) as elsewhere:
@@ -98,7 +99,7 @@ def test_a_place_nobody_used_since_is_put_right_again(system: str) -> None:
 
 @pytest.mark.parametrize("forged", [1, 7, m.COMMANDS_DEPTH])
 def test_what_was_run_is_not_run_again_when_a_cursor_says_so(system: str, forged: int) -> None:
-    owner, client = Mailbox(system, "IO1", "io"), take_place(system, "IO1")
+    owner, client = Mailbox(system, "IO1", COMMANDS["io"]), take_place(system, "IO1")
     for _ in range(2 * m.COMMANDS_DEPTH):
         client.send("power_off", (1,))
         for got in owner.drain():
@@ -116,7 +117,7 @@ def test_what_was_run_is_not_run_again_when_a_cursor_says_so(system: str, forged
 
 @pytest.mark.parametrize("before", [0, 1, m.REPLIES_DEPTH - 1, m.REPLIES_DEPTH, 2 * m.REPLIES_DEPTH])
 def test_an_answer_whose_cursor_was_not_moved_counts(system: str, before: int) -> None:
-    owner, client = Mailbox(system, "IO1", "io"), take_place(system, "IO1")
+    owner, client = Mailbox(system, "IO1", COMMANDS["io"]), take_place(system, "IO1")
     for _ in range(before):
         client.send("power_off")
         for got in owner.drain():
@@ -128,7 +129,7 @@ def test_an_answer_whose_cursor_was_not_moved_counts(system: str, before: int) -
     owner._words[owner._answered_at[0]] = before  # as it is between A3 and A4
     owner.close()
     assert client.poll() == []
-    heir = Mailbox(system, "IO1", "io")  # V1
+    heir = Mailbox(system, "IO1", COMMANDS["io"])  # V1
     assert [(r.id, r.outcome, r.text) for r in client.poll()] == [(number, "done", "just in time")]
     next_number = client.send("power_off")
     (got,) = heir.drain()
@@ -140,7 +141,7 @@ def test_an_answer_whose_cursor_was_not_moved_counts(system: str, before: int) -
 
 @pytest.mark.parametrize("waiting", [0, 3])
 def test_a_command_its_owner_died_of_fails_once(system: str, waiting: int) -> None:
-    owner, client = Mailbox(system, "IO1", "io"), take_place(system, "IO1")
+    owner, client = Mailbox(system, "IO1", COMMANDS["io"]), take_place(system, "IO1")
     fatal = client.send("power_off", (1,), "fatal")
     (got,) = owner.drain()  # N3 is done, N4 is not
     assert got.id == fatal
@@ -148,7 +149,7 @@ def test_a_command_its_owner_died_of_fails_once(system: str, waiting: int) -> No
     owner.close()
     run: list[int] = []
     for _ in range(3):
-        heir = Mailbox(system, "IO1", "io")  # V2
+        heir = Mailbox(system, "IO1", COMMANDS["io"])  # V2
         for got in heir.drain():
             run.append(got.id)
             got.done()
@@ -160,7 +161,7 @@ def test_a_command_its_owner_died_of_fails_once(system: str, waiting: int) -> No
 
 
 def test_an_owner_sees_whether_somebody_is_in_the_place_of_a_command(system: str) -> None:
-    owner = Mailbox(system, "IO1", "io")
+    owner = Mailbox(system, "IO1", COMMANDS["io"])
     with contextlib.closing(take_place(system, "IO1")) as client:
         client.send("power_off")
         (got,) = owner.drain()

@@ -10,13 +10,14 @@ import pytest
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, rule
 
-from shm import mailbox as m
-from shm.mailbox import Mailbox
-from shm.mailbox_map import CLIENTS, COMMAND_SCHEMA, MAX_VALUES, REPLY_SCHEMA, MailboxMap, create_mailbox
-from shm.place import MailboxFull, Place, take_place
-from shm.segment import SegmentError, segment_name, unlink
 from tests.examples import examples
 from tests.shm.test_hostile import bounded
+from trocar.shm.commands import COMMANDS
+from trocar.shm.mailbox import mailbox as m
+from trocar.shm.mailbox.mailbox import Mailbox
+from trocar.shm.mailbox.mailbox_map import CLIENTS, COMMAND_SCHEMA, MAX_VALUES, REPLY_SCHEMA, MailboxMap, create_mailbox
+from trocar.shm.mailbox.place import MailboxFull, Place, take_place
+from trocar.shm.memory.segment import SegmentError, segment_name, unlink
 
 SYSTEM = f"tbox{os.getpid()}"
 COUNTER = itertools.count()
@@ -32,8 +33,8 @@ class OneBadClient(RuleBasedStateMachine):
     @initialize()
     def make(self) -> None:
         self.instance = f"IO{next(COUNTER)}"
-        create_mailbox(SYSTEM, self.instance, "io")
-        self.owner = Mailbox(SYSTEM, self.instance, "io")
+        create_mailbox(SYSTEM, self.instance, "io", COMMANDS["io"])
+        self.owner = Mailbox(SYSTEM, self.instance, COMMANDS["io"])
         self.bad = take_place(SYSTEM, self.instance)
         self.good = [take_place(SYSTEM, self.instance) for _ in range(2)]
         self.sent: list[list[int]] = [[], []]
@@ -100,7 +101,7 @@ class OneBadClient(RuleBasedStateMachine):
     def replace_owner(self) -> None:
         self.owner.close()
         with bounded():
-            self.owner = Mailbox(SYSTEM, self.instance, "io")
+            self.owner = Mailbox(SYSTEM, self.instance, COMMANDS["io"])
             self.drain()
 
     @rule()
@@ -141,16 +142,16 @@ class OneBadClient(RuleBasedStateMachine):
 
 def test_who_believed_a_false_cursor_still_gets_its_answers() -> None:
     instance = f"IO{next(COUNTER)}"
-    create_mailbox(SYSTEM, instance, "io")
+    create_mailbox(SYSTEM, instance, "io", COMMANDS["io"])
     with contextlib.closing(take_place(SYSTEM, instance)) as bad:
-        with contextlib.closing(Mailbox(SYSTEM, instance, "io")) as owner:
+        with contextlib.closing(Mailbox(SYSTEM, instance, COMMANDS["io"])) as owner:
             for _ in range(40):
                 bad.send("power_off")
                 for got in owner.drain():
                     got.done("to the one before")
         answered = bad._map.cursor("answered", 0)
         bad._words[answered] = 0  # where the next owner goes on
-        owner = Mailbox(SYSTEM, instance, "io")
+        owner = Mailbox(SYSTEM, instance, COMMANDS["io"])
         bad._words[answered] = 31  # there is an answer of that number
     with contextlib.closing(owner), contextlib.closing(take_place(SYSTEM, instance)) as heir:
         number = heir.send("power_off")
@@ -178,8 +179,8 @@ class NobodyIsSpared(RuleBasedStateMachine):
     @initialize()
     def make(self) -> None:
         self.instance = f"IO{next(COUNTER)}"
-        create_mailbox(SYSTEM, self.instance, "io")
-        self.owner = Mailbox(SYSTEM, self.instance, "io")
+        create_mailbox(SYSTEM, self.instance, "io", COMMANDS["io"])
+        self.owner = Mailbox(SYSTEM, self.instance, COMMANDS["io"])
         self.hand = MailboxMap(SYSTEM, self.instance)
         self.first = self.hand.first - 16
         self.good_header = self.hand.view[: self.first].tobytes()
@@ -221,7 +222,7 @@ class NobodyIsSpared(RuleBasedStateMachine):
     def replace_owner(self) -> None:
         self.owner.close()
         with bounded():
-            self.owner = Mailbox(SYSTEM, self.instance, "io")
+            self.owner = Mailbox(SYSTEM, self.instance, COMMANDS["io"])
             self.owner.refuse_waiting("just started")
 
     @rule(which=st.integers(0, 2))

@@ -18,7 +18,8 @@ from pathlib import Path
 
 import pytest
 
-from shm import mailbox, ring
+from trocar.shm.mailbox import mailbox
+from trocar.shm.ring import ring
 
 MODELS = Path(__file__).with_name("models")
 PROSE = {"ring": ring.__doc__, "mailbox": mailbox.__doc__}

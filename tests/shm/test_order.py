@@ -6,7 +6,7 @@ import platform
 
 import pytest
 
-from shm import order
+from trocar.shm.memory import order
 
 
 @pytest.fixture

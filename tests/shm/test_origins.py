@@ -8,23 +8,23 @@ from types import SimpleNamespace
 
 import pytest
 
-from shm import client as sending
-from shm.audit import Audit
-from shm.client import Client, LoopClient
-from shm.command_row import RELAX
-from shm.commands import COMMANDS
-from shm.directory import create_ring, reader, topic_of, writer
-from shm.faults import FaultCell, Faults, create_faults
-from shm.mailbox import Mailbox
-from shm.mailbox_map import COMMANDS_DEPTH, create_mailbox
-from shm.origins import NOBODY, Origin
-from shm.ring import RingReader
 from tests.conftest import World
+from trocar.shm.commands import COMMANDS
+from trocar.shm.mailbox import client as sending
+from trocar.shm.mailbox.audit import Audit
+from trocar.shm.mailbox.client import Client, LoopClient
+from trocar.shm.mailbox.command_row import RELAX
+from trocar.shm.mailbox.generations import FaultCell, Faults, create_faults
+from trocar.shm.mailbox.mailbox import Mailbox
+from trocar.shm.mailbox.mailbox_map import COMMANDS_DEPTH, create_mailbox
+from trocar.shm.mailbox.origins import NOBODY, Origin
+from trocar.shm.ring.ring import RingReader
+from trocar.shm.system.directory import create_ring, reader, topic_of, writer
 
 
 @pytest.fixture
 def system(world: World) -> Iterator[str]:
-    create_mailbox(world.name, "PSM1", "arm")
+    create_mailbox(world.name, "PSM1", "arm", COMMANDS["arm"])
     create_faults(world.name, ("PSM1",))
     create_ring(world.name, "PSM1", topic_of("arm", "audit"), {}, {"kind": "arm"})
     yield world.name
@@ -53,7 +53,7 @@ def audit(system: str) -> Iterator[RingReader]:
 @pytest.fixture
 def box(system: str, cell: FaultCell) -> Iterator[Mailbox]:
     ring = writer(system, "PSM1", "audit", "arm")
-    owner = Mailbox(system, "PSM1", "arm", guard=cell, audit=Audit(ring, time.monotonic_ns))
+    owner = Mailbox(system, "PSM1", COMMANDS["arm"], guard=cell, audit=Audit(ring, time.monotonic_ns))
     yield owner
     owner.close()
     ring.close()

@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from shm.directory import create_ring
-from shm.ring import HEAD, RingReader, RingWriter
-from shm.segment import Segment, segment_name
-from shm.topics import Field, Topic
+from trocar.shm.memory.segment import Segment, segment_name
+from trocar.shm.ring.ring import HEAD, RingReader, RingWriter
+from trocar.shm.system.directory import create_ring
+from trocar.shm.topics import Field, Topic
 
 FIELDS = (Field("value", "<i8", "", "a number"),)
 

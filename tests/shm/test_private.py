@@ -8,9 +8,10 @@ from collections.abc import Iterator
 
 import pytest
 
-from shm import directory, private
-from shm.segment import FOLDER, Segment, SegmentError, held, names_of, segment_name, unlink
-from shm.topics import SETPOINT
+from trocar.shm.memory import private
+from trocar.shm.memory.segment import FOLDER, Segment, SegmentError, held, names_of, segment_name, unlink
+from trocar.shm.system import directory
+from trocar.shm.topics import SETPOINT
 
 COUNTER = itertools.count()
 

@@ -11,21 +11,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from shm.directory import create_ring
-from shm.layout import schema_of
-from shm.order import FencedWords
-from shm.ring import HEAD, RingError, RingReader, RingWriter
-from shm.segment import Segment, SegmentError, names_of, segment_name, unlink
-from shm.topics import SETPOINT, Field, Topic
 from tests.examples import examples
+from trocar.shm.memory.layout import schema_of
+from trocar.shm.memory.order import FencedWords
+from trocar.shm.memory.segment import Segment, SegmentError, names_of, segment_name, unlink
+from trocar.shm.ring.ring import HEAD, RingError, RingReader, RingWriter
+from trocar.shm.system.directory import create_ring
+from trocar.shm.topics import SETPOINT, Field, Topic
 
 DEPTH = 4  # slots; one is always busy, so 3 records are kept
 NUMBER = Topic("number", "io", 0, 0, (Field("value", "<i8", "", "a number"), Field("pair", "(2,)<f8", "", "two")),
                depth=DEPTH)
 WRITER = """
 import sys
-from shm.ring import RingWriter
-from shm.segment import Segment
+from trocar.shm.ring.ring import RingWriter
+from trocar.shm.memory.segment import Segment
 writer = RingWriter(Segment(sys.argv[2], write=True), "PSM1")
 value = writer.field("value")
 for i in range(1, 7):

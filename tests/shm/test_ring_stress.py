@@ -6,17 +6,17 @@ from typing import Any
 
 import pytest
 
-from shm.directory import create_ring
-from shm.segment import segment_name
-from shm.topics import Field, Topic
+from trocar.shm.memory.segment import segment_name
+from trocar.shm.system.directory import create_ring
+from trocar.shm.topics import Field, Topic
 
 STRESS = Topic("stress", "io", 0, 0, (Field("check", "<u8", "", "sum"), Field("data", "(27,)<u8", "", "numbers")),
                depth=3)
 STRESS_WRITER = """
 import select, sys, time
 import numpy as np
-from shm.ring import RingWriter
-from shm.segment import Segment
+from trocar.shm.ring.ring import RingWriter
+from trocar.shm.memory.segment import Segment
 writer = RingWriter(Segment(sys.argv[2], write=True), "io")
 check, data = writer.field("check"), writer.field("data")
 add = np.arange(27, dtype=np.uint64)
@@ -31,8 +31,8 @@ print(writer.sequence)
 """
 STRESS_READER = """
 import sys, time
-from shm.ring import RingReader
-from shm.segment import Segment
+from trocar.shm.ring.ring import RingReader
+from trocar.shm.memory.segment import Segment
 reader = RingReader(Segment(sys.argv[2]))
 verb = getattr(reader, sys.argv[3])
 check, data = reader.field("check"), reader.field("data")

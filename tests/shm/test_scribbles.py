@@ -13,14 +13,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
-from shm.control_page import ControlPage, create_control
-from shm.directory import create_ring
-from shm.lockstep import SCHEMA, LockstepClock, Table, Timekeeper
-from shm.ring import BUSY, HEAD, LAST_SEQUENCE, RingReader, RingWriter
-from shm.segment import Segment, SegmentError, names_of, segment_name, unlink
-from shm.topics import Field, Topic
 from tests.examples import examples
 from tests.shm.test_hostile import bounded
+from trocar.shm.memory.segment import Segment, SegmentError, names_of, segment_name, unlink
+from trocar.shm.ring.ring import BUSY, HEAD, LAST_SEQUENCE, RingReader, RingWriter
+from trocar.shm.system.directory import create_ring
+from trocar.shm.time.control_page import ControlPage, create_control
+from trocar.shm.time.lockstep import SCHEMA, LockstepClock, Table, Timekeeper
+from trocar.shm.topics import Field, Topic
 
 SYSTEM = f"tscribble{os.getpid()}"
 COUNTER = itertools.count()
@@ -241,7 +241,7 @@ def test_a_clock_page_that_shows_garbage_lets_everybody_end(field: str, garbage:
 
 CUT_SHORT = """
 import sys
-from shm.directory import reader
+from trocar.shm.system.directory import reader
 ring = reader(sys.argv[1], "io", "number")
 print("attached", flush=True)
 sys.stdin.readline()
@@ -252,7 +252,7 @@ print("still here", flush=True)
 
 @pytest.mark.slow
 def test_a_file_cut_short_under_a_reader_ends_it(world: Any) -> None:
-    """What no reader can be protected against: the kernel's answer is SIGBUS; shm/segment.py says why."""
+    """What no reader can be protected against: the kernel's answer is SIGBUS; shm/memory/segment.py says why."""
     create_ring(world.name, "io", NUMBER, {}, {})
     child = world.start(CUT_SHORT)
     assert child.stdout.readline() == "attached\n"

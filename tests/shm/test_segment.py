@@ -13,9 +13,9 @@ from typing import Any
 
 import pytest
 
-from shm.layout import MAX_DEPTH, schema_of
-from shm.owners import SERVICE_USER
-from shm.segment import (
+from trocar.shm.memory.layout import MAX_DEPTH, schema_of
+from trocar.shm.memory.owners import SERVICE_USER
+from trocar.shm.memory.segment import (
     FOLDER,
     Segment,
     SegmentError,
@@ -29,12 +29,12 @@ from shm.segment import (
     start_time,
     unlink,
 )
-from shm.topics import SETPOINT
+from trocar.shm.topics import SETPOINT
 
 SCHEMA = schema_of(SETPOINT)
 CLAIM = """
 import sys
-from shm.segment import Segment
+from trocar.shm.memory.segment import Segment
 segment = Segment(sys.argv[2], write=True)
 segment.claim("PSM1")
 print("claimed", flush=True)
@@ -215,8 +215,8 @@ def test_a_file_cut_short_after_the_check_is_refused(ring: str, monkeypatch: pyt
         os.truncate(path_of(name), 4096)
         return header
 
-    from shm import segment as module
-    from shm.header import checked
+    from trocar.shm.memory import segment as module
+    from trocar.shm.memory.header import checked
     monkeypatch.setattr(module, "checked", look_then_cut)
     with pytest.raises(SegmentError, match="cannot be mapped"):
         Segment(ring)

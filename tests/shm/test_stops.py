@@ -10,23 +10,23 @@ from typing import Any
 
 import pytest
 
-from shm import place as p
-from shm.commands import COMMANDS
-from shm.mailbox import MAX_STOPS, Mailbox
-from shm.mailbox_map import CLIENTS, COMMANDS_DEPTH, RESERVED, MailboxMap, create_mailbox
-from shm.place import MailboxFull, Place, StopPlace, take_place
-from shm.segment import SegmentError, segment_name, unlink
+from trocar.shm.commands import COMMANDS
+from trocar.shm.mailbox import place as p
+from trocar.shm.mailbox.mailbox import MAX_STOPS, Mailbox
+from trocar.shm.mailbox.mailbox_map import CLIENTS, COMMANDS_DEPTH, RESERVED, MailboxMap, create_mailbox
+from trocar.shm.mailbox.place import MailboxFull, Place, StopPlace, take_place
+from trocar.shm.memory.segment import SegmentError, segment_name, unlink
 
 HOLDER = """
 import sys
-from shm.place import take_place
+from trocar.shm.mailbox.place import take_place
 kept = [take_place(sys.argv[1], "PSM1", sys.argv[2]) for _ in range(int(sys.argv[3]))]
 print("there", flush=True)
 sys.stdin.read()
 """
 IN_THE_PLACE = """
 import sys
-from shm.place import StopPlace
+from trocar.shm.mailbox.place import StopPlace
 stops = StopPlace(sys.argv[1], "PSM1", "plan.py")
 stops._enter(1)
 print("there", flush=True)
@@ -38,7 +38,7 @@ sys.stdin.read()
 def system(world: Any) -> Iterator[str]:
     """A system with the mailboxes of an arm, an io and a console."""
     for instance, kind in (("PSM1", "arm"), ("IO1", "io"), ("console", "console")):
-        create_mailbox(world.name, instance, kind)
+        create_mailbox(world.name, instance, kind, COMMANDS[kind])
     yield world.name
     for instance in ("PSM1", "IO1", "console"):
         unlink(segment_name(world.name, instance, "mailbox"))
@@ -46,7 +46,7 @@ def system(world: Any) -> Iterator[str]:
 
 @pytest.fixture
 def open_now(system: str) -> Iterator[Any]:
-    """Opens what is closed after the test: `open_now(Mailbox, "PSM1", "arm")`."""
+    """Opens what is closed after the test: `open_now(Mailbox, "PSM1", COMMANDS["arm"])`."""
     with contextlib.ExitStack() as stack:
         yield lambda make, *words: stack.enter_context(contextlib.closing(make(system, *words)))
 
@@ -101,7 +101,7 @@ def test_places_out_of_step_are_told_apart_from_those_that_are_taken(system: str
 
 
 def test_a_stop_gets_through_when_all_places_are_taken(open_now: Any) -> None:
-    box, stops = open_now(Mailbox, "PSM1", "arm"), open_now(StopPlace, "PSM1", "trocar send")
+    box, stops = open_now(Mailbox, "PSM1", COMMANDS["arm"]), open_now(StopPlace, "PSM1", "trocar send")
     for _ in range(CLIENTS):
         open_now(take_place, "PSM1")
     numbers = [stops.stop("hold"), stops.stop("state_command", (), "disable")]
@@ -115,7 +115,7 @@ def test_a_stop_gets_through_when_all_places_are_taken(open_now: Any) -> None:
 
 
 def test_two_who_stop_get_their_own_answers(open_now: Any) -> None:
-    box = open_now(Mailbox, "PSM1", "arm")
+    box = open_now(Mailbox, "PSM1", COMMANDS["arm"])
     one, other = open_now(StopPlace, "PSM1"), open_now(StopPlace, "PSM1")
     sent = [stops.stop("hold") for stops in (one, other, one)]
     for got in box.drain():
@@ -127,7 +127,7 @@ def test_two_who_stop_get_their_own_answers(open_now: Any) -> None:
 @pytest.mark.parametrize(("name", "values", "text"), [
     ("move_jp", (0.0,), ""), ("state_command", (), "enable"), ("crtk_version", (), ""), ("free", (), "")])
 def test_nothing_but_stops_goes_through_their_place(open_now: Any, name: str, values: Any, text: str) -> None:
-    box, stops = open_now(Mailbox, "PSM1", "arm"), open_now(StopPlace, "PSM1")
+    box, stops = open_now(Mailbox, "PSM1", COMMANDS["arm"]), open_now(StopPlace, "PSM1")
     stops.stop(name, values, text)
     assert names(box) == []
     assert [(r.outcome, r.text) for r in stops.answers()] == [
@@ -135,7 +135,7 @@ def test_nothing_but_stops_goes_through_their_place(open_now: Any, name: str, va
 
 
 def test_what_was_asked_before_a_stop_is_not_done_after_it(open_now: Any) -> None:
-    box = open_now(Mailbox, "PSM1", "arm")
+    box = open_now(Mailbox, "PSM1", COMMANDS["arm"])
     mine, foreign = open_now(take_place, "PSM1", "plan.py"), open_now(take_place, "PSM1")
     for _ in range(COMMANDS_DEPTH):
         mine.send("move_jp", (1.0,))
@@ -151,7 +151,7 @@ def test_what_was_asked_before_a_stop_is_not_done_after_it(open_now: Any) -> Non
 
 
 def test_a_stop_in_a_place_of_ones_own_ends_what_others_asked_before(open_now: Any) -> None:
-    box = open_now(Mailbox, "PSM1", "arm")
+    box = open_now(Mailbox, "PSM1", COMMANDS["arm"])
     mine, foreign = open_now(take_place, "PSM1", "plan.py"), open_now(take_place, "PSM1")
     foreign.send("move_jp", (1.0,))
     mine.send("hold")
@@ -164,7 +164,7 @@ def test_a_stop_in_a_place_of_ones_own_ends_what_others_asked_before(open_now: A
 def test_a_command_that_was_held_up_on_its_way_is_not_done_after_a_stop(
     open_now: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    box, held_up = open_now(Mailbox, "PSM1", "arm"), open_now(take_place, "PSM1")
+    box, held_up = open_now(Mailbox, "PSM1", COMMANDS["arm"]), open_now(take_place, "PSM1")
     before = p.monotonic_ns()
     open_now(StopPlace, "PSM1").stop("hold")
     assert names(box) == ["hold"]
@@ -176,7 +176,7 @@ def test_a_command_that_was_held_up_on_its_way_is_not_done_after_a_stop(
 def test_a_stop_from_the_future_does_not_block_what_comes_after(
     open_now: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    box, mine = open_now(Mailbox, "PSM1", "arm"), open_now(take_place, "PSM1")
+    box, mine = open_now(Mailbox, "PSM1", COMMANDS["arm"]), open_now(take_place, "PSM1")
     with monkeypatch.context() as patch:
         patch.setattr(p, "monotonic_ns", lambda: 2**62)
         mine.send("hold")
@@ -186,7 +186,7 @@ def test_a_stop_from_the_future_does_not_block_what_comes_after(
 
 
 def test_a_stop_of_one_robot_leaves_the_others_alone(open_now: Any) -> None:
-    box, mine = open_now(Mailbox, "IO1", "io"), open_now(take_place, "IO1")
+    box, mine = open_now(Mailbox, "IO1", COMMANDS["io"]), open_now(take_place, "IO1")
     for robot in ("PSM1", "PSM2"):
         mine.send("power_on", (), robot)
         mine.send("set_gains", (0.0, 1.0), f"{robot} p_gain")
@@ -196,7 +196,7 @@ def test_a_stop_of_one_robot_leaves_the_others_alone(open_now: Any) -> None:
 
 
 def test_stops_of_things_that_are_not_there_do_not_fill_the_memory(open_now: Any) -> None:
-    box, mine = open_now(Mailbox, "IO1", "io"), open_now(take_place, "IO1")
+    box, mine = open_now(Mailbox, "IO1", COMMANDS["io"]), open_now(take_place, "IO1")
     mine.send("power_on", (), "PSM1")
     stops = open_now(StopPlace, "IO1")
     for i in range(3 * MAX_STOPS):
@@ -235,7 +235,8 @@ def test_who_does_not_leave_the_place_for_stops_is_named(world: Any, open_now: A
 def test_a_place_for_stops_out_of_step_is_used_when_its_owner_has_looked(
     system: str, open_now: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    box, stops, hand = open_now(Mailbox, "PSM1", "arm"), open_now(StopPlace, "PSM1"), MailboxMap(system, "PSM1")
+    box, stops = open_now(Mailbox, "PSM1", COMMANDS["arm"]), open_now(StopPlace, "PSM1")
+    hand = MailboxMap(system, "PSM1")
     hand.words[hand.cursor("taken", RESERVED)] = 9
     with pytest.raises(SegmentError, match="PSM1: the place for stops is out of step until PSM1 runs again"):
         stops.stop("hold", (), "", 2)
@@ -251,6 +252,6 @@ def test_stops_that_nobody_takes_fill_their_place_too(open_now: Any) -> None:
         stops.stop("hold")
     with pytest.raises(MailboxFull, match=re.escape("PSM1 has not taken the last 32 commands")):
         stops.stop("hold")
-    box = open_now(Mailbox, "PSM1", "arm")
+    box = open_now(Mailbox, "PSM1", COMMANDS["arm"])
     assert sum(len(names(box)) for _ in range(4)) == COMMANDS_DEPTH
     assert stops.stop("hold") == -33

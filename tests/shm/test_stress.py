@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from shm.directory import create_ring
 from tests.shm.witness import topic
 from tests.shm.wrongs import TEARING
+from trocar.shm.system.directory import create_ring
 
 WRITE = "from tests.shm.crowd import write; write()"
 READ = "from tests.shm.crowd import read; read()"

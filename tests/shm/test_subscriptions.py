@@ -10,14 +10,14 @@ import pytest
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from shm.control_page import SUBSCRIBERS, ControlPage, create_control
-from shm.locks import AllTaken
-from shm.rows import Field, Topic
-from shm.segment import SegmentError, names_of, segment_name, unlink
-from shm.subscriptions import CELLS, Cells, Clearing, Subscriber, Subscriptions
-from shm.topics import EVENTS
 from tests.conftest import World
 from tests.examples import examples
+from trocar.shm.memory.locks import AllTaken
+from trocar.shm.memory.rows import Field, Topic
+from trocar.shm.memory.segment import SegmentError, names_of, segment_name, unlink
+from trocar.shm.system.subscriptions import CELLS, Cells, Clearing, Subscriber, Subscriptions
+from trocar.shm.time.control_page import SUBSCRIBERS, ControlPage, create_control
+from trocar.shm.topics import EVENTS
 
 STATE = Topic("state", "arm", 100, 1.0, (Field("valid", "?", "", ""), Field("force", "<f8", "N", "", "wrench"),
                                          Field("torque", "<f8", "N·m", "", "wrench"),
@@ -172,7 +172,7 @@ def test_a_forked_child_leaves_the_subscriptions_of_its_parent_alone(system: str
 
 
 def test_a_client_that_is_killed_wants_nothing_any_more(world: World, system: str, instance: Instance) -> None:
-    client = world.start("import sys\nfrom shm.subscriptions import Subscriber\n"
+    client = world.start("import sys\nfrom trocar.shm.system.subscriptions import Subscriber\n"
                          "subscriber = Subscriber(sys.argv[1], 'PSM1', 'victim')\nsubscriber.want('state', 'wrench')\n"
                          "print('ready', flush=True)\nsys.stdin.read()")
     assert client.stdout is not None and client.stdout.readline() == "ready\n"

@@ -13,13 +13,13 @@ from typing import Any
 
 import pytest
 
-from shm.control_page import ControlPage, create_control
-from shm.segment import SegmentError, segment_name, unlink
+from trocar.shm.memory.segment import SegmentError, segment_name, unlink
+from trocar.shm.time.control_page import ControlPage, create_control
 
 LONG_S = 1800.0
 SLEEPER_OF_PAGE = """
 import sys
-from shm.control_page import ControlPage
+from trocar.shm.time.control_page import ControlPage
 page = ControlPage(sys.argv[1], "PSM1", write=True)
 wakeup, cycles = page.wakeup(), page.field("cycles")
 for seen in range(int(sys.argv[2])):
@@ -162,7 +162,8 @@ SLEEPS = {
     "a clock's sleep": "WallClock().sleep_until(monotonic_ns() + 60_000_000_000, bool)",
     "a pause": "pause(60)",
 }
-SLEEPER = "import sys; from shm.clock import WallClock, monotonic_ns, pause; from shm.control_page import ControlPage; "
+SLEEPER = ("import sys; from trocar.shm.time.clock import WallClock, monotonic_ns, pause; "
+           "from trocar.shm.time.control_page import ControlPage; ")
 CLOCK_NANOSLEEP, FUTEX_ON_X86_64 = 230, 202
 CLOCK_MONOTONIC = 1
 

@@ -6,13 +6,13 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-from shm.control_page import ControlPage, create_control
-from shm.directory import create_ring
-from shm.ring import RingReader, RingWriter
-from shm.rows import Field, Topic
-from shm.segment import Segment, segment_name
-from shm.subscriptions import Clearing, Subscriber, Subscriptions
 from tests.shm.witness import Author, Lives, Notes, RingViolation, Witness, holds, topic
+from trocar.shm.memory.rows import Field, Topic
+from trocar.shm.memory.segment import Segment, segment_name
+from trocar.shm.ring.ring import RingReader, RingWriter
+from trocar.shm.system.directory import create_ring
+from trocar.shm.system.subscriptions import Clearing, Subscriber, Subscriptions
+from trocar.shm.time.control_page import ControlPage, create_control
 
 QUIET_NS = 100_000
 NAP_NS = 2_000_000

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shm.ring import RingReader, RingWriter
-from shm.topics import Field, Topic
+from trocar.shm.ring.ring import RingReader, RingWriter
+from trocar.shm.topics import Field, Topic
 
 MASK = 2**64 - 1
 BY_NUMBER, BY_LIFE = 0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F

@@ -8,21 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from shm import ring, segment
-from shm.clock import monotonic_ns
-from shm.mailbox import (
-    COMMAND_START,
-    COMMANDS_OF,
-    FAILED,
-    REPLY_START,
-    Mailbox,
-    Received,
-)
-from shm.mailbox_map import COMMANDS_DEPTH, REPLIES_DEPTH
-from shm.place import MailboxFull, Place
-from shm.ring import HEAD, RingReader, RingWriter
-from shm.subscriptions import Clearing, Subscriber
-from shm.wakeup import Wakeup
+from trocar.shm.mailbox.mailbox import COMMAND_START, COMMANDS_OF, FAILED, REPLY_START, Mailbox, Received
+from trocar.shm.mailbox.mailbox_map import COMMANDS_DEPTH, REPLIES_DEPTH
+from trocar.shm.mailbox.place import MailboxFull, Place
+from trocar.shm.memory import segment
+from trocar.shm.ring import ring
+from trocar.shm.ring.ring import HEAD, RingReader, RingWriter
+from trocar.shm.system.subscriptions import Clearing, Subscriber
+from trocar.shm.time.clock import monotonic_ns
+from trocar.shm.time.wakeup import Wakeup
 
 
 def head_first() -> None:

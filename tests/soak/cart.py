@@ -10,15 +10,15 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from shm.clock import monotonic_ns, pause
 from tests.soak import recorder
 from tests.soak.diary import Diary
 from tests.soak.judge import Intervention, LiftEnd, Violation, lifts_on
 from tests.soak.person import TROUBLES, StormPerson
 from tests.soak.powerless import powerless
 from tests.soak.system import System, wait_for
-from tools.examples.operator_sim import SeenRecord
-from tools.systems import ROOT
+from trocar.procs.machine.paths import ROOT
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.tools.examples.operator_sim import SeenRecord
 
 DATA = Path(os.environ.get("TROCAR_TEST_DATA", str(ROOT.parent / "shared" / "data")))
 FILE, SHARE = DATA / "dvrk-site" / "jhu-daVinci" / "system-SUJ.json", DATA / "dvrk-share"

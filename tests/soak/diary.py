@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from shm.clock import monotonic_ns
 from tests.soak.judge import Ask, Attempt, Command, Intervention, LiftEnd, Loss
+from trocar.shm.time.clock import monotonic_ns
 
 OPEN = 1 << 62
 

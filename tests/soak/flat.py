@@ -25,18 +25,18 @@ from typing import Final
 import psutil
 import yaml
 
-from procs import log_files
-from shm import directory
-from shm.clock import monotonic_ns, pause
-from shm.subscriptions import Subscriber
-from shm.system_time import SystemTime
 from tests.soak.system import FILE
-from tools.arms import HOMED, bring, silent
-from tools.errors import Problem
-from tools.inspect.processes import statuses
-from tools.printing import note
-from tools.remote import Remote
-from tools.supervising import Background, StartRequest, up_meanwhile
+from trocar.procs.machine import log_files
+from trocar.shm.system import directory
+from trocar.shm.system.subscriptions import Subscriber
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.shm.time.system_time import SystemTime
+from trocar.tools.client.bring_up import HOMED, bring, silent
+from trocar.tools.client.remote import Remote
+from trocar.tools.inspect.processes import statuses
+from trocar.tools.output.errors import Problem
+from trocar.tools.output.printing import note
+from trocar.tools.systems.supervising import Background, StartRequest, up_meanwhile
 
 WARM_UP: Final = 0.25  # of the time; what is made at its first use is there by then
 EVERY_S: Final = 2.0

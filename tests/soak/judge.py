@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.codes import TRACKING
 from tests.soak.motion import MIN_LEVER_M, Flags, Motion, MotionTruth, SetpointTrace, Truth
+from trocar.procs.tables.codes import TRACKING
 
 Array = NDArray[np.float64]
 

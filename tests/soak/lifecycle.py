@@ -24,12 +24,12 @@ from typing import Final
 
 import psutil
 
-from procs import lifecycle
-from shm.clock import monotonic_ns, pause
-from shm.segment import names_of
 from tests.soak.lifecycle_client import LifecycleClient
-from tools.inspect.processes import ProcessStatus, statuses
-from tools.supervising import Background, StartRequest, up_meanwhile
+from trocar.procs.tables import lifecycle
+from trocar.shm.memory.segment import names_of
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.tools.inspect.processes import ProcessStatus, statuses
+from trocar.tools.systems.supervising import Background, StartRequest, up_meanwhile
 
 CLIENTS: Final = 3
 SETTLE_EVERY: Final = 30

@@ -8,9 +8,9 @@ import subprocess
 import sys
 from typing import Any
 
-from shm.client import Client
-from shm.subscriptions import Subscriber
-from tools.systems import ROOT
+from trocar.procs.machine.paths import ROOT
+from trocar.shm.mailbox.client import Client
+from trocar.shm.system.subscriptions import Subscriber
 
 SUPERVISOR = "supervisor"
 

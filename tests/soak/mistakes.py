@@ -38,7 +38,7 @@ MODULES = (
     "procs/io/power.py", "procs/io/fault_handler.py", "procs/arm/motion.py", "procs/arm/joints.py",
     "procs/arm/governor.py", "procs/arm/streams.py", "tests/soak/judge.py",
     "procs/arm/effort*.py", "procs/teleop/*.py", "procs/console/*.py", "procs/suj/*.py", "procs/config/read/*.py",
-    "procs/config/models/*.py", "procs/config/build/io_checks.py",
+    "procs/config/models/*.py", "procs/config/loading/io_checks.py",
 )
 EQUIVALENT = {
     ("procs/arm/effort_limits.py", "wider = np.where(self._drives, spread, 0.0).max(axis=1)  # and back to the joints",

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.arm_types import ARM_TYPES
-from procs.document.system import ArmConfig, SystemConfig
-from procs.kinematics.coupling import coupling
-from procs.kinematics.forward import Kinematics
+from trocar.procs.document.system import ArmConfig, SystemConfig
+from trocar.procs.kinematics.coupling import coupling
+from trocar.procs.kinematics.forward import Kinematics
+from trocar.procs.tables.arm_types import ARM_TYPES
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

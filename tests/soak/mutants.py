@@ -37,8 +37,8 @@ from pathlib import Path
 from queue import SimpleQueue
 from types import CodeType
 
-from shm.segment import names_of, segment_name, unlink
 from tests.soak.mistakes import ROOT, Mutant, sample
+from trocar.shm.memory.segment import names_of, segment_name, unlink
 
 LAST = 6.0  # times the budget, for who has survived it
 SLOWER = 3.0  # times as long as without a mutant, and

@@ -11,20 +11,20 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from procs.arm_types import ARM_TYPES
-from shm import directory
-from shm.client import MailboxFull
-from shm.clock import monotonic_ns, pause
-from shm.segment import SegmentError
 from tests.soak.diary import Asking, Diary
 from tests.soak.system import System
-from tools.arms import DISABLED, HOMED, ArmBringUp
-from tools.errors import Problem, Refused
-from tools.examples.hand import Hand, figure_eight
-from tools.examples.operator_sim import OperatorSim
-from tools.inspect.amplifiers import Amplifiers
-from tools.inspect.watch import Watch
-from tools.remote import Remote
+from trocar.procs.tables.arm_types import ARM_TYPES
+from trocar.shm.mailbox.client import MailboxFull
+from trocar.shm.memory.segment import SegmentError
+from trocar.shm.system import directory
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.tools.client.bring_up import DISABLED, HOMED, ArmBringUp
+from trocar.tools.client.remote import Remote
+from trocar.tools.examples.hand import Hand, figure_eight
+from trocar.tools.examples.operator_sim import OperatorSim
+from trocar.tools.inspect.amplifiers import Amplifiers
+from trocar.tools.inspect.watch import Watch
+from trocar.tools.output.errors import Problem, Refused
 
 TROUBLES = (Problem, Refused, SegmentError, MailboxFull, KeyError)
 MASTER, SLAVE, CONSOLE, TELEOP = "MTMR", "PSM1", "console", "MTMR_PSM1"

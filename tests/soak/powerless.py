@@ -6,11 +6,11 @@ import json
 import socket
 from typing import Any
 
-from shm.clock import monotonic_ns
 from tests.soak.diary import Diary
 from tests.soak.judge import Attempt
 from tests.soak.system import System
 from tests.system.test_socket_bridge import SocketClient
+from trocar.shm.time.clock import monotonic_ns
 
 PATIENCE_S = 3.0
 Wanted = tuple[str, str, tuple[float, ...], str]

@@ -20,11 +20,11 @@ from types import FrameType
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.arm_types import ARM_TYPES
-from shm.clock import monotonic_ns, pause
-from tools.errors import Problem
-from tools.examples.operator_sim import SeenRecord
-from tools.remote import Remote
+from trocar.procs.tables.arm_types import ARM_TYPES
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.tools.client.remote import Remote
+from trocar.tools.examples.operator_sim import SeenRecord
+from trocar.tools.output.errors import Problem
 
 Array = NDArray[np.float64]
 

@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from shm import directory
-from shm.clock import pause
 from tests.soak.motion import Truth
+from trocar.shm.system import directory
+from trocar.shm.time.clock import pause
 
 POLL_S = 0.01
 

@@ -17,20 +17,20 @@ from typing import Protocol
 
 import numpy as np
 
-from procs.arm_types import ARM_TYPES
-from procs.manifest import proc
-from procs.teleop.motion_check import STEP_M, STEP_RAD
-from shm.clock import monotonic_ns, pause
 from tests.soak import puppets
 from tests.soak.diary import Asking, Diary
 from tests.soak.judge import Attempt
 from tests.soak.motion import WINDOW, bounds
 from tests.soak.person import CONSOLE, MASTER, ROBOTS, SLAVE, TELEOP, TROUBLES, StormPerson
 from tests.soak.system import System, wait_for
-from tools.arms import HOMED
-from tools.examples.operator_sim import SeenRecord
-from tools.remote import Remote
-from tools.systems import ROOT
+from trocar.procs.machine.paths import ROOT
+from trocar.procs.tables.arm_types import ARM_TYPES
+from trocar.procs.tables.manifest import proc
+from trocar.procs.teleop.motion_check import STEP_M, STEP_RAD
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.tools.client.bring_up import HOMED
+from trocar.tools.client.remote import Remote
+from trocar.tools.examples.operator_sim import SeenRecord
 
 BOUNDS = {robot: bounds(robot[:3]).tolist() for robot in (SLAVE, MASTER)}
 CLIENT_SHARE = 0.5
@@ -90,7 +90,7 @@ class Puppet:
         if kind == "joints":
             file = system.folder / "stream.csv"
             puppets.stream_file(file, first)
-            words = [sys.executable, "-m", "tools", "stream", SLAVE, str(file), "--rate", "100"]
+            words = [sys.executable, "-m", "trocar", "stream", SLAVE, str(file), "--rate", "100"]
         self._reported = system.folder / "puppet.txt"
         with self._reported.open("w") as reported:
             self.popen = subprocess.Popen(words, cwd=ROOT, stdout=reported, stderr=reported)

@@ -17,7 +17,6 @@ import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from shm.clock import monotonic_ns, pause
 from tests.soak import cart, judge, recorder
 from tests.soak.cart import CartScene
 from tests.soak.diary import Diary
@@ -27,6 +26,7 @@ from tests.soak.puppets import STREAMS
 from tests.soak.scenes import Driven, Effort, Following, Homing, Others, Scene
 from tests.soak.system import System, wait_for
 from tests.soak.weather import Weather
+from trocar.shm.time.clock import monotonic_ns, pause
 
 PATIENCE_S = 30.0
 TRIES = 3

@@ -12,16 +12,16 @@ from pathlib import Path
 
 import psutil
 
-from procs.document.system import SystemConfig as Document
-from procs.document.system import from_json
-from shm import directory
-from shm.clock import monotonic_ns, pause
-from shm.control_page import ControlPage
-from shm.segment import SegmentError, names_of
 from tests.system.test_socket_bridge import free
-from tools.errors import Problem
-from tools.supervising import Background, StartRequest
-from tools.systems import ROOT
+from trocar.procs.document.system import SystemConfig as Document
+from trocar.procs.document.system import from_json
+from trocar.procs.machine.paths import ROOT
+from trocar.shm.memory.segment import SegmentError, names_of
+from trocar.shm.system import directory
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.shm.time.control_page import ControlPage
+from trocar.tools.output.errors import Problem
+from trocar.tools.systems.supervising import Background, StartRequest
 
 FILE = ROOT / "configs" / "systems" / "demo-teleop.yaml"
 END_S = 20.0
@@ -139,7 +139,7 @@ class System:
 
     def stop(self) -> list[str]:
         """`trocar down`; what is wrong after it."""
-        reported = subprocess.run([sys.executable, "-m", "tools", "down", "--system", self.name], cwd=ROOT,
+        reported = subprocess.run([sys.executable, "-m", "trocar", "down", "--system", self.name], cwd=ROOT,
                                   capture_output=True, text=True, check=False, timeout=120)
         left = [f"trocar down: {reported.stdout} {reported.stderr}"] if reported.returncode else []
         left += [f"process {pid} {_name(pid)} after trocar down" for pid in self._living()]
@@ -162,7 +162,7 @@ class System:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGKILL)
         with contextlib.suppress(Problem, SegmentError, OSError):
-            subprocess.run([sys.executable, "-m", "tools", "down", "--system", self.name], cwd=ROOT, check=False,
+            subprocess.run([sys.executable, "-m", "trocar", "down", "--system", self.name], cwd=ROOT, check=False,
                            capture_output=True, timeout=120)
 
     def _living(self) -> list[int]:

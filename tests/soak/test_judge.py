@@ -7,9 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.codes import TRACKING
-from procs.config import load_system
-from procs.document.system import SystemConfig
 from tests.soak.diary import Diary, Entry
 from tests.soak.judge import (
     LAG_NS,
@@ -29,7 +26,10 @@ from tests.soak.judge import (
     unprotected,
 )
 from tests.soak.motion import MotionTruth
-from tools.verbs.demo import SYSTEM
+from trocar.procs.config import load_system
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.tables.codes import TRACKING
+from trocar.tools.verbs.demo import SYSTEM
 
 MS = 1_000_000
 EPOCH_NS = 5_000_000_000

@@ -7,11 +7,11 @@ import signal
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from shm.clock import monotonic_ns, pause
 from tests.soak.diary import Diary
 from tests.soak.person import MASTER, ROBOTS, SLAVE, StormPerson
 from tests.soak.powerless import ATTEMPTS, powerless
 from tests.soak.system import System
+from trocar.shm.time.clock import monotonic_ns, pause
 
 BOARDS = {2: MASTER, 3: MASTER, 6: SLAVE, 7: SLAVE}
 HELD_UP_S = 0.06  # surely more than the 30 ms that count

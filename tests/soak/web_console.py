@@ -23,14 +23,14 @@ from typing import Final
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from shm.clock import monotonic_ns, pause
 from tests.soak.flat import Footprint
-from tools.arms import home
-from tools.bench.gui import SCENE_PAGE, SYSTEM_PAGE, MovingArms, ScriptedPage
-from tools.bench.system import FULL
-from tools.free_port import reserved_port
-from tools.inspect.processes import statuses
-from tools.supervising import StartRequest, up_meanwhile
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.tools.bench.gui import SCENE_PAGE, SYSTEM_PAGE, MovingArms, ScriptedPage
+from trocar.tools.bench.system import FULL
+from trocar.tools.client.bring_up import home
+from trocar.tools.inspect.processes import statuses
+from trocar.tools.systems.free_port import reserved_port
+from trocar.tools.systems.supervising import StartRequest, up_meanwhile
 
 EVERY_S: Final = 2.0
 """Between two visits, however long they take: pages that nobody connected to are kept for a minute, about 1 MB each."""

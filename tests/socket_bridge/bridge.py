@@ -11,11 +11,11 @@ from collections.abc import AsyncIterator, Callable, Coroutine
 from dataclasses import dataclass, field
 from typing import Any
 
-from procs.document.bridges import SocketBridge
-from procs.document.system import from_json
-from procs.socket_bridge.server import SocketServer
-from shm import directory
 from tests.tools.robot import ScriptedRobot, robot
+from trocar.procs.document.bridges import SocketBridge
+from trocar.procs.document.system import from_json
+from trocar.procs.socket_bridge.server import SocketServer
+from trocar.shm.system import directory
 
 LOCAL = SocketBridge(("127.0.0.1:7380",))
 DUE_S = 20.0

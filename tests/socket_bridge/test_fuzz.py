@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from procs.socket_bridge import session
 from tests.socket_bridge.bridge import Bridge, BridgeClient, bridge, run
 from tests.socket_bridge.fuzz import message
+from trocar.procs.socket_bridge import session
 
 SLICE = 50
 

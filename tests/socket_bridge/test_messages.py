@@ -15,9 +15,9 @@ from websockets.frames import Frame, Opcode
 from websockets.http11 import Response
 from websockets.uri import parse_uri
 
-from procs.crtk.messages import MAX_BYTES, Message, WrongMessage, parsed, said
-from procs.socket_bridge.framing import Ended, LineFraming, WebSocketFraming, framing_of
-from procs.socket_bridge.messages import OPS
+from trocar.procs.crtk.messages import MAX_BYTES, Message, WrongMessage, parsed, said
+from trocar.procs.socket_bridge.framing import Ended, LineFraming, WebSocketFraming, framing_of
+from trocar.procs.socket_bridge.messages import OPS
 
 ANY = st.recursive(st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20),
                    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=8), inner, max_size=4))

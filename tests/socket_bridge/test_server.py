@@ -10,20 +10,20 @@ from typing import Any
 
 import pytest
 
-from procs.access import is_ours
-from procs.crtk.messages import MAX_BYTES
-from procs.document.bridges import SocketBridge
-from procs.requests import carry_out
-from procs.socket_bridge import connection, session, topics
-from shm import directory
-from shm.audit import Audit
-from shm.clock import monotonic_ns
-from shm.commands import COMMANDS
-from shm.mailbox import Mailbox
-from shm.subscriptions import Subscriptions
 from tests.socket_bridge.bridge import LOCAL, Bridge, bridge, run
 from tests.tools.robot import ScriptedRobot
-from tools.inspect.asked import rows_of
+from trocar.procs.crtk.messages import MAX_BYTES
+from trocar.procs.document.bridges import SocketBridge
+from trocar.procs.machine.access import is_ours
+from trocar.procs.node.requests import carry_out
+from trocar.procs.socket_bridge import connection, session, topics
+from trocar.shm.commands import COMMANDS
+from trocar.shm.mailbox.audit import Audit
+from trocar.shm.mailbox.mailbox import Mailbox
+from trocar.shm.system import directory
+from trocar.shm.system.subscriptions import Subscriptions
+from trocar.shm.time.clock import monotonic_ns
+from trocar.tools.inspect.asked import rows_of
 
 TOKEN = b"0123456789abcdef"
 
@@ -98,7 +98,7 @@ def test_what_is_not_finite_is_refused_by_the_arm_and_is_in_its_list_of_commands
     async def _(made: Bridge) -> None:
         audit = Audit(directory.writer(world.name, "PSM1", "audit", "arm"), monotonic_ns)
         made.robot.mailbox.close()
-        arm = made.robot.mailbox = Mailbox(world.name, "PSM1", "arm", audit=audit)
+        arm = made.robot.mailbox = Mailbox(world.name, "PSM1", COMMANDS["arm"], audit=audit)
         async with made.client() as client:
             client.say("call", id="m", to="PSM1", command="move_jp", values=[0.1, 0, 0.12, 0, 0, value])
             await made.until(lambda: [carry_out(request, lambda _: None, 6) for request in arm.drain(0)])
@@ -199,7 +199,7 @@ def test_who_may_not_power_moves_and_switches_off_all_the_same(world: Any) -> No
 
 
 def test_others_show_the_token_first(world: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("procs.socket_bridge.server.is_ours", lambda peer, port: False)
+    monkeypatch.setattr("trocar.procs.socket_bridge.server.is_ours", lambda peer, port: False)
 
     @story(world, token=TOKEN)
     async def _(made: Bridge) -> None:
@@ -214,7 +214,7 @@ def test_others_show_the_token_first(world: Any, monkeypatch: pytest.MonkeyPatch
 
 @pytest.mark.slow
 def test_programs_of_others_are_refused_without_a_token(world: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("procs.socket_bridge.server.is_ours", lambda peer, port: False)
+    monkeypatch.setattr("trocar.procs.socket_bridge.server.is_ours", lambda peer, port: False)
 
     @story(world)
     async def _(made: Bridge) -> None:
@@ -357,7 +357,7 @@ def test_a_topic_that_cannot_be_opened_is_one_client_s_problem(world: Any, monke
         async with made.client() as client, made.client() as other:
             await other.ask("subscribe", topic="PSM1/measured_js", rate_hz=100)
             with monkeypatch.context() as patched:
-                patched.setattr("procs.socket_bridge.topics.directory.reader", out_of_files)
+                patched.setattr("trocar.procs.socket_bridge.topics.directory.reader", out_of_files)
                 assert "Too many open files" in (await client.ask("read", topic="PSM1/measured_cp"))["error"]
                 assert "Too many open files" in (await client.ask("subscribe", topic="PSM1/status"))["error"]
             with monkeypatch.context() as patched:

@@ -7,20 +7,20 @@ from typing import Any
 
 import numpy as np
 
-from procs.boards.board_faults import BoardFaults
-from procs.boards.setup_joints import SetupJointsPlant as Plant
-from procs.config import load_system
-from procs.suj.classic import Classic
-from procs.suj.interface_board import InterfaceBoard
-from procs.suj.multiplexer import Multiplexer
-from shm.faults import NoFaults
-from shm.topics import SUJ_STATE
 from tests import stock
 from tests.boards.rails import Rails
 from tests.guarded import Guarded
 from tests.io.boards_harness import BoardsHarness
 from tests.io.harness import FakeCommand, FakeSource
 from tests.suj.harness import FakeMemory, SetupHarness
+from trocar.procs.boards.board_faults import BoardFaults
+from trocar.procs.boards.setup_joints import SetupJointsPlant as Plant
+from trocar.procs.config import load_system
+from trocar.procs.suj.classic import Classic
+from trocar.procs.suj.interface_board import InterfaceBoard
+from trocar.procs.suj.multiplexer import Multiplexer
+from trocar.shm.mailbox.generations import NoFaults
+from trocar.shm.topics import SUJ_STATE
 
 PLACES = {
     "ECM": (0.41, -0.3, 0.2, 3.3, 0.0, 0.0), "PSM1": (0.52, 0.4, -1.1, 0.3, 0.2, -0.7),

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from procs.document.cart import CLASSIC, FIXED, SI, Cart, CartArm, channel_inputs
-from procs.suj.multiplexer import PLUGS
-from shm.origins import Origin
 from tests.arm.arm_configs import CHAIN, EYE
 from tests.guarded import FakeCell, Guarded
 from tests.suj.harness import FakeSetupReports
+from trocar.procs.document.cart import CLASSIC, FIXED, SI, Cart, CartArm, channel_inputs
+from trocar.procs.suj.multiplexer import PLUGS
+from trocar.shm.mailbox.origins import Origin
 
 MS = 1_000_000
 NAMES = ("ECM", "PSM1", "PSM2", "PSM3")

@@ -6,19 +6,19 @@ from typing import Any
 
 import numpy as np
 
-from procs.codes import Code
-from procs.config import load_system
-from procs.document.system import Cart, SystemConfig
-from procs.inputs import SETUP_LATE_S, Input
-from procs.kinematics import poses
-from procs.suj.joints import SetupJoints
-from procs.suj.reference import CarriedTip
-from procs.suj.setups import Setups
-from shm.events import SEVERITIES
-from shm.layout import schema_of
-from shm.topics import ARM_STATE, SUJ_SETPOINT, SUJ_STATE, Topic
 from tests import stock
 from tests.io.harness import FakeCommand
+from trocar.procs.config import load_system
+from trocar.procs.document.system import Cart, SystemConfig
+from trocar.procs.kinematics import poses
+from trocar.procs.node.inputs import SETUP_LATE_S, Input
+from trocar.procs.suj.joints import SetupJoints
+from trocar.procs.suj.reference import CarriedTip
+from trocar.procs.suj.setups import Setups
+from trocar.procs.tables.codes import Code
+from trocar.shm.memory.layout import schema_of
+from trocar.shm.system.events import SEVERITIES
+from trocar.shm.topics import ARM_STATE, SUJ_SETPOINT, SUJ_STATE, Topic
 
 MS = 1_000_000
 HEAD = '{"$id": "dvrk-system.schema.json", "$version": "1", '

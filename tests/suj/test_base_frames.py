@@ -7,12 +7,12 @@ import json
 import numpy as np
 import pytest
 
-from procs.document.system import Cart
-from procs.kinematics.forward import Kinematics
-from procs.kinematics.poses import inverse, pose_from_matrix
-from shm.topics import SUJ_STATE
 from tests import stock
 from tests.suj.harness import FakeMemory, SetupHarness, system_of
+from trocar.procs.document.system import Cart
+from trocar.procs.kinematics.forward import Kinematics
+from trocar.procs.kinematics.poses import inverse, pose_from_matrix
+from trocar.shm.topics import SUJ_STATE
 
 ECM_TIP = np.array(((0.0, 1.0, 0.0, 0.0), (-1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.0)))
 NAMES = ("ECM", "PSM1", "PSM2", "PSM3")

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from procs.suj import bluetooth
+from trocar.procs.suj import bluetooth
 
 
 class FakeBoard:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procs.faults import reported
-from procs.suj.machine import SetupState
 from tests.suj.cart import PLACES, Cart
+from trocar.procs.node.fault_report import reported
+from trocar.procs.suj.machine import SetupState
 
 pytestmark = pytest.mark.slow
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from procs.suj.loop import brakes, clutches
+from trocar.procs.suj.loop import brakes, clutches
 
 
 class Inputs:

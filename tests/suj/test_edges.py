@@ -10,19 +10,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.document.cart import CLASSIC, SI
-from procs.faults import reported
-from procs.kinematics.poses import matrix_from_pose
-from procs.suj.classic import CLUTCH_COMMAND_NS, LIFT_COMMAND_NS, MAX_ROUND_NS, OLD_FAULT_NS, POWER_NS
-from procs.suj.machine import SetupState
-from procs.suj.multiplexer import INCREMENT, RESET, Multiplexer
-from procs.suj.setups import Setups, moved_limits
-from procs.suj.si import STALE_NS, EmulatedBoards
-from shm.topics import SUJ_STATE
 from tests.arm.fake_requests import FakeRequest
 from tests.suj.fake_cart import MS, cart_of, setup_arm
 from tests.suj.harness import FakeMemory
 from tests.suj.test_traces import CartPlay
+from trocar.procs.document.cart import CLASSIC, SI
+from trocar.procs.kinematics.poses import matrix_from_pose
+from trocar.procs.node.fault_report import reported
+from trocar.procs.suj.classic import CLUTCH_COMMAND_NS, LIFT_COMMAND_NS, MAX_ROUND_NS, OLD_FAULT_NS, POWER_NS
+from trocar.procs.suj.machine import SetupState
+from trocar.procs.suj.multiplexer import INCREMENT, RESET, Multiplexer
+from trocar.procs.suj.setups import Setups, moved_limits
+from trocar.procs.suj.si import STALE_NS, EmulatedBoards
+from trocar.shm.topics import SUJ_STATE
 
 HERE = np.array((0.1, 0.2, -0.3))
 

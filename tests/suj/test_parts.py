@@ -13,15 +13,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procs.document.cart import Cart, CartArm
-from procs.suj import bluetooth
-from procs.suj.brakes import SetupArmBrakes
-from procs.suj.classic import Classic
-from procs.suj.multiplexer import INCREMENT, RESET, SAMPLES, SETTLE_NS, Multiplexer
-from procs.suj.pots import CLASSIC_LIMITS, Potentiometers
-from procs.suj.si import CLUTCH_COMMAND_NS, EmulatedBoards, Si, counts
 from tests.io.harness import FakeCommand
 from tests.suj.harness import SetupHarness, system_of
+from trocar.procs.document.cart import Cart, CartArm
+from trocar.procs.suj import bluetooth
+from trocar.procs.suj.brakes import SetupArmBrakes
+from trocar.procs.suj.classic import Classic
+from trocar.procs.suj.multiplexer import INCREMENT, RESET, SAMPLES, SETTLE_NS, Multiplexer
+from trocar.procs.suj.pots import CLASSIC_LIMITS, Potentiometers
+from trocar.procs.suj.si import CLUTCH_COMMAND_NS, EmulatedBoards, Si, counts
 
 STEP_NS = 666_667
 
@@ -258,7 +258,7 @@ class BleakClient:
         assert uuid == "babb122c-de4c-11ec-9d64-0242ac120101"
         return bytearray(b'{"timestamp": 1, "pots": [[1, 2, 3], [4, 5, 6]]}')
 sys.modules["bleak"] = types.SimpleNamespace(BleakClient=BleakClient)
-from procs.suj import bluetooth
+from trocar.procs.suj import bluetooth
 sys.argv = ["x", "AA:BB:CC:DD:EE:01", "FF:BB:CC:DD:EE:02"]
 bluetooth.main()
 '''
@@ -325,7 +325,7 @@ def test_the_reader_is_started_with_the_boards_it_is_to_read(monkeypatch: pytest
     monkeypatch.setattr(subprocess, "Popen", note)
     boards = bluetooth.BluetoothBoards(("AA:BB", "CC:DD"))
     boards.close()
-    assert commands == [[sys.executable, "-m", "procs.suj.bluetooth", "AA:BB", "CC:DD"]]
+    assert commands == [[sys.executable, "-m", "trocar.procs.suj.bluetooth", "AA:BB", "CC:DD"]]
 
 
 @pytest.mark.parametrize("lacks", ["", "powered", "amps_on", "pid_enabled"])

@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 import pytest
 
-from procs.document.cart import CLASSIC, FIXED, SI
-from procs.suj.machine import SetupState
 from tests.suj.fake_cart import MS
 from tests.suj.test_edges import QuietCart
+from trocar.procs.document.cart import CLASSIC, FIXED, SI
+from trocar.procs.suj.machine import SetupState
 
 BUTTON = "SUJ_clutch_3"  # of PSM1's plug
 AWAY_MS = {"held up for 31 ms": 31, "killed": 500}

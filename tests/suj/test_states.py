@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from procs.suj.machine import NoPower, SetupState, SetupStates
 from tests.io.harness import FakeCommand
 from tests.suj.harness import FakeSetupReports
+from trocar.procs.suj.machine import NoPower, SetupState, SetupStates
 
 
 class FakePower(NoPower):

@@ -11,24 +11,24 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.codes import ARM_LOST
-from procs.document.cart import CLASSIC, FIXED, SI
-from procs.inputs import SETUP_LATE_S, Input
-from procs.kinematics.poses import matrix_from_pose
-from procs.suj.classic import Classic
-from procs.suj.interface_board import InterfaceBoard
-from procs.suj.joints import SetupJoints
-from procs.suj.multiplexer import Multiplexer
-from procs.suj.pots import Potentiometers
-from procs.suj.reference import CarriedTip
-from procs.suj.setups import Setups
-from procs.suj.si import Si
-from shm.origins import Origin
-from shm.topics import SUJ_SETPOINT, SUJ_STATE
 from tests.arm.fake_requests import FakeRequest
 from tests.suj.fake_cart import BUTTONS, MS, NAMES, FakeCartIo, FakePotLink, LoggedCell, LoggedReports, cart_of
 from tests.suj.harness import FakeMemory, FakeRing
 from tests.traces import Mishaps, Trace, shown
+from trocar.procs.document.cart import CLASSIC, FIXED, SI
+from trocar.procs.kinematics.poses import matrix_from_pose
+from trocar.procs.node.inputs import SETUP_LATE_S, Input
+from trocar.procs.suj.classic import Classic
+from trocar.procs.suj.interface_board import InterfaceBoard
+from trocar.procs.suj.joints import SetupJoints
+from trocar.procs.suj.multiplexer import Multiplexer
+from trocar.procs.suj.pots import Potentiometers
+from trocar.procs.suj.reference import CarriedTip
+from trocar.procs.suj.setups import Setups
+from trocar.procs.suj.si import Si
+from trocar.procs.tables.codes import ARM_LOST
+from trocar.shm.mailbox.origins import Origin
+from trocar.shm.topics import SUJ_SETPOINT, SUJ_STATE
 
 FOLDER = Path(__file__).parent / "traces"
 STEPS = {CLASSIC: 2500, SI: 900, "KINEMATIC": 400, FIXED: 300}

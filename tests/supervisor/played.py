@@ -5,8 +5,8 @@ from __future__ import annotations
 import signal
 from dataclasses import dataclass, field
 
-from procs.document.system import Process
-from procs.supervisor.children import Child
+from trocar.procs.document.system import Process
+from trocar.procs.supervisor.children import Child
 
 
 @dataclass

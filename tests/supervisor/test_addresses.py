@@ -6,9 +6,9 @@ import os
 import socket
 from dataclasses import replace
 
-from procs.config import PROJECT_CONFIGS, load_system
-from procs.document.system import SystemConfig
-from procs.supervisor.addresses import BUS_PORT, at_free_addresses, free_address
+from trocar.procs.config import PROJECT_CONFIGS, load_system
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.supervisor.addresses import BUS_PORT, at_free_addresses, free_address
 
 
 def demo(name: str) -> SystemConfig:

@@ -12,10 +12,10 @@ import pytest
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
-from procs import lifecycle
-from procs.supervisor.requests import Requests
 from tests.examples import examples
 from tests.supervisor.played import Clock, PlayedRequest, played
+from trocar.procs.supervisor.requests import Requests
+from trocar.procs.tables import lifecycle
 
 pytestmark = pytest.mark.slow
 

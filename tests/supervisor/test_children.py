@@ -6,14 +6,14 @@ import dataclasses
 
 import pytest
 
-from procs import lifecycle
-from procs.document.process import ON_DEMAND
-from procs.supervisor.children import SETUP_S, TRACE_S, Child, Ending
-from procs.supervisor.dependencies import Circle, waves
-from procs.supervisor.requests import Requests
-from procs.supervisor.run import by_state
-from procs.supervisor.supervisor import BEAT_S
 from tests.supervisor.played import Clock, PlayedProcess, PlayedRequest, played
+from trocar.procs.document.process import ON_DEMAND
+from trocar.procs.supervisor.children import SETUP_S, TRACE_S, Child, Ending
+from trocar.procs.supervisor.dependencies import Circle, waves
+from trocar.procs.supervisor.requests import Requests
+from trocar.procs.supervisor.run import by_state
+from trocar.procs.supervisor.supervisor import BEAT_S
+from trocar.procs.tables import lifecycle
 
 
 class IoAndArm:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from procs.document.system import Process, SystemConfig
-from procs.supervisor import memory
-from procs.supervisor.clearing import CLEAR_NS, Clearings
-from shm.control_page import ControlPage
-from shm.subscriptions import Subscriber, Subscriptions
 from tests.conftest import World
+from trocar.procs.document.system import Process, SystemConfig
+from trocar.procs.supervisor import memory
+from trocar.procs.supervisor.clearing import CLEAR_NS, Clearings
+from trocar.shm.system.subscriptions import Subscriber, Subscriptions
+from trocar.shm.time.control_page import ControlPage
 
 
 def test_what_the_dead_wanted_is_cleared_when_it_is_time(world: World) -> None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 
-from procs.supervisor.demand import Demand
 from tests.supervisor.played import Clock, played
+from trocar.procs.supervisor.demand import Demand
 
 
 class Wanted:

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from procs.access import token_in
-from procs.document.bridges import WebConsole
-from procs.document.system import SystemConfig
-from procs.paths import token_file
-from procs.supervisor.gui_token import gui_token, told
+from trocar.procs.document.bridges import WebConsole
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.machine.access import token_in
+from trocar.procs.machine.paths import token_file
+from trocar.procs.supervisor.gui_token import gui_token, told
 
 
 def served(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, **changed: object) -> tuple[SystemConfig, Path]:

@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterable
 
 import pytest
 
-from procs.document.system import Process
-from procs.manifest import SIMULATED_HUNG_S, hung_s, late_s
-from procs.supervisor.judge import HUNG, LATE, OWN_LATE_NS, RESUMED, Judge, JudgedProcess
+from trocar.procs.document.system import Process
+from trocar.procs.supervisor.judge import HUNG, LATE, OWN_LATE_NS, RESUMED, Judge, JudgedProcess
+from trocar.procs.tables.manifest import SIMULATED_HUNG_S, hung_s, late_s
 
 BEAT_NS = 20_000_000
 Marks = Callable[[int], int]

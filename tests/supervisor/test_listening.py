@@ -12,14 +12,14 @@ from contextlib import closing
 
 import pytest
 
-from procs.document.process import Process, host_and_port
-from procs.supervisor.listening import LOOK_NS, AddressTaken, Listening
-from procs.supervisor.os_process import HANDOVER, ROOT
+from trocar.procs.document.process import Process, host_and_port
+from trocar.procs.supervisor.listening import LOOK_NS, AddressTaken, Listening
+from trocar.procs.supervisor.os_process import HANDOVER, ROOT
 
 HOST = "127.91.9.16"
 ANSWER = """
 import os
-from procs.listening import handed
+from trocar.procs.machine.listening import handed
 assert os.environ["LISTEN_PID"] == str(os.getpid())
 first, second = handed()
 assert not [number for number in range(5, 200) if os.path.exists(f"/proc/self/fd/{number}")], "each of them once"

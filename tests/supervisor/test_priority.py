@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from procs.document.process import Process
-from procs.supervisor.supervisor import highest_priority
+from trocar.procs.document.process import Process
+from trocar.procs.supervisor.supervisor import highest_priority
 
 
 def test_the_supervisor_has_the_priority_of_io_also_beside_emulated_boards() -> None:

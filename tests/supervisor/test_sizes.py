@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from procs.config import load_system
-from procs.manifest import proc
-from shm.control_page import CONTROL
-from shm.layout import schema_of
-from shm.topics import SUPERVISOR_STATE
+from trocar.procs.config import load_system
+from trocar.procs.tables.manifest import proc
+from trocar.shm.memory.layout import schema_of
+from trocar.shm.time.control_page import CONTROL
+from trocar.shm.topics import SUPERVISOR_STATE
 
 
 def test_boards_record_every_robot_on_them_io_its_own(data: Callable[[str], Path]) -> None:

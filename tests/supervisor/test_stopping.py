@@ -13,17 +13,17 @@ from typing import Any
 
 import pytest
 
-from procs import lifecycle
-from procs.document.system import Process, SystemConfig
-from procs.supervisor import memory
-from procs.supervisor import supervisor as running
-from procs.supervisor.children import Child
-from procs.supervisor.os_process import OsProcess
-from procs.supervisor.supervisor import SetupFailed, Supervisor
-from shm import directory
-from shm.clock import monotonic_ns
-from shm.control_page import ControlPage, create_control
-from shm.segment import SegmentError, names_of
+from trocar.procs.document.system import Process, SystemConfig
+from trocar.procs.supervisor import memory
+from trocar.procs.supervisor import supervisor as running
+from trocar.procs.supervisor.children import Child
+from trocar.procs.supervisor.os_process import OsProcess
+from trocar.procs.supervisor.supervisor import SetupFailed, Supervisor
+from trocar.procs.tables import lifecycle
+from trocar.shm.memory.segment import SegmentError, names_of
+from trocar.shm.system import directory
+from trocar.shm.time.clock import monotonic_ns
+from trocar.shm.time.control_page import ControlPage, create_control
 
 SLOW = """
 import signal, sys, time

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from procs.realtime import SYSTEMD
-from procs.supervisor.systemd import Notifier
+from trocar.procs.node.realtime import SYSTEMD
+from trocar.procs.supervisor.systemd import Notifier
 
 ROOT = Path(__file__).resolve().parents[2]
 UNIT = ROOT / "tools" / "trocar.service"

@@ -12,10 +12,10 @@ from pathlib import Path
 import psutil
 import pytest
 
-from procs.supervisor import template as forked_off
-from procs.supervisor.forking import Forked, Template, reap_orphans
-from shm.directory import publish_document
 from tests.conftest import World
+from trocar.procs.supervisor import template as forked_off
+from trocar.procs.supervisor.forking import Forked, Template, reap_orphans
+from trocar.shm.system.directory import publish_document
 
 pytestmark = pytest.mark.slow
 NO_SYSTEM = 3
@@ -32,7 +32,7 @@ def template() -> Iterator[Template]:
 @pytest.fixture
 def fork(template: Template, world: World, tmp_path: Path) -> Fork:
     """Begins a console of a system that does not exist."""
-    words = [sys.executable, "-m", "procs.console.loop", "--system", world.name, "--name", "console"]
+    words = [sys.executable, "-m", "trocar.procs.console.loop", "--system", world.name, "--name", "console"]
 
     def do() -> Forked | None:
         with (tmp_path / "output").open("ab") as output:
@@ -71,11 +71,11 @@ def test_a_forked_process_is_a_child_with_a_command_line_output_and_exit_code_of
 
 
 def test_its_command_line_is_that_of_a_fresh_interpreter(fork: Fork, world: World, tmp_path: Path) -> None:
-    code = ("import os,sys; from pathlib import Path; from procs.supervisor import template\n"
-            "template._show([sys.executable, '-m', 'procs.arm.loop', '--system', 'a b', '--name', 'PSM1'])\n"
+    code = ("import os,sys; from pathlib import Path; from trocar.procs.supervisor import template\n"
+            "template._show([sys.executable, '-m', 'trocar.procs.arm.loop', '--system', 'a b', '--name', 'PSM1'])\n"
             "print(Path('/proc/self/cmdline').read_bytes().rstrip(b'\\0').split(b'\\0')[1:])")
     shown = subprocess.run([sys.executable, "-c", code, " " * 300], capture_output=True, text=True, check=True)
-    assert shown.stdout.strip() == "[b'-m', b'procs.arm.loop', b'--system', b'a b', b'--name', b'PSM1']"
+    assert shown.stdout.strip() == "[b'-m', b'trocar.procs.arm.loop', b'--system', b'a b', b'--name', b'PSM1']"
 
 
 def test_it_has_the_environment_that_the_supervisor_has_now(
@@ -117,7 +117,7 @@ def test_changed_sources_are_not_forked(tmp_path: Path, monkeypatch: pytest.Monk
 
 @pytest.mark.parametrize("stopped", [False, True])
 def test_a_template_ends_with_its_supervisor(world: World, stopped: bool) -> None:
-    code = ("import sys, time; from procs.supervisor.forking import Template\n"
+    code = ("import sys, time; from trocar.procs.supervisor.forking import Template\n"
             "template = Template()\nwhile not template.has_imported(): time.sleep(0.01)\n"
             "print(template._popen.pid, flush=True); sys.stdin.read()\n")
     child = world.start(code)
@@ -130,7 +130,7 @@ def test_a_template_ends_with_its_supervisor(world: World, stopped: bool) -> Non
 
 
 def test_a_template_whose_supervisor_ended_while_it_imported_says_nothing(world: World) -> None:
-    code = ("import select; from procs.supervisor.forking import Template\n"
+    code = ("import select; from trocar.procs.supervisor.forking import Template\n"
             "template = Template(); template.start()\n"
             "while not select.select([template._ours], [], [], 1.0)[0]: pass")
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

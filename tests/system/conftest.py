@@ -13,11 +13,11 @@ from pathlib import Path
 import psutil
 import pytest
 
-from shm import directory
-from shm.ring import RingReader
-from shm.segment import names_of, segment_name, unlink
 from tests.system.robot import LED, Robot
 from tests.system.robot_in_host import HOSTED, RobotInHost
+from trocar.shm.memory.segment import names_of, segment_name, unlink
+from trocar.shm.ring.ring import RingReader
+from trocar.shm.system import directory
 
 COUNTER = itertools.count()
 

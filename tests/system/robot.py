@@ -18,13 +18,13 @@ import psutil
 import pytest
 from typer.main import get_command
 
-from shm import directory
-from shm.clock import pause
-from shm.control_page import ControlPage
-from shm.held_time import HeldTime
-from shm.segment import SegmentError, names_of
 from tests.retries import retry
-from tools.cli import build
+from trocar.shm.memory.segment import SegmentError, names_of
+from trocar.shm.system import directory
+from trocar.shm.time.clock import pause
+from trocar.shm.time.control_page import ControlPage
+from trocar.shm.time.held_time import HeldTime
+from trocar.tools.cli import build
 
 ROOT = Path(__file__).resolve().parents[2]
 DEMO = ROOT / "configs" / "systems" / "demo.yaml"
@@ -152,7 +152,7 @@ class Robot:
         """
         if self.are_verbs_apart or words[0] in OWN_PROCESS or self.root != ROOT:
             with time_passes():
-                return subprocess.run([sys.executable, "-m", "tools", *words], cwd=self.root, env=self.environment,
+                return subprocess.run([sys.executable, "-m", "trocar", *words], cwd=self.root, env=self.environment,
                                       timeout=timeout, capture_output=True, text=True, check=False)
         out, err, code = io.StringIO(), io.StringIO(), 0
         with time_passes(), mock.patch.dict(os.environ, self.environment), contextlib.redirect_stdout(out), \
@@ -166,7 +166,7 @@ class Robot:
     def popen(self, *words: str) -> subprocess.Popen[str]:
         """Begin a verb in a process of its own; what it and the system print is `output`."""
         with (self.logs / "supervisor.txt").open("a") as out:
-            return subprocess.Popen([sys.executable, "-m", "tools", *words], cwd=self.root, env=self.environment,
+            return subprocess.Popen([sys.executable, "-m", "trocar", *words], cwd=self.root, env=self.environment,
                                     stdout=out, stderr=out, text=True)
 
     def home(self, *arms: str, timeout: float = 120.0) -> None:

@@ -7,9 +7,9 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
-from procs.config import load_system
-from procs.host.host import Host
 from tests.system.robot import DEMO, SLOWER, Robot
+from trocar.procs.config import load_system
+from trocar.procs.host.host import Host
 
 HISTORY = 3000
 FOR_EVER_S = 1e6

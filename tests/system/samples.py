@@ -7,9 +7,9 @@ import signal
 from collections.abc import Callable
 from typing import Any
 
-from shm.clock import monotonic_ns, pause
-from shm.ring import RingReader
 from tests.system.robot import Robot, wait_for
+from trocar.shm.ring.ring import RingReader
+from trocar.shm.time.clock import monotonic_ns, pause
 
 Records = Callable[[Robot, str, str], RingReader]
 

@@ -35,7 +35,7 @@ class Terminal:
 
     def trocar(self, *words: str) -> None:
         """Type a verb and Enter."""
-        self.type(shlex.join([sys.executable, "-m", "tools", *words]), "Enter")
+        self.type(shlex.join([sys.executable, "-m", "trocar", *words]), "Enter")
 
     def type(self, *keys: str) -> None:
         """Press keys, or type words."""

@@ -19,7 +19,7 @@ JOINTS = ("yaw", "pitch", "insertion", "roll", "bend")
 GOAL = (0.05, -0.05, 0.1, 0.2, -0.1)
 
 SCOPE: Recipe = {
-    "procs/arm_types.py": (('    "PSM": ArmType(', '''
+    "procs/tables/arm_types.py": (('    "PSM": ArmType(', '''
     "SCOPE": ArmType(  # yaw, pitch, insertion, roll, bend
         actuators=5,
         joints=5,

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from procs.ros.dds import Participant
-from procs.ros.messages import Bool
 from tests.system.recipes import Recipe, tree_with
 from tests.system.robot import ROOT, Robot, wait_for
 from tests.system.test_ros_bridge import file_with
 from tests.system.test_socket_bridge import SocketClient, free
+from trocar.procs.ros_messages.dds import Participant
+from trocar.procs.ros_messages.messages import Bool
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated("paced")]
 

@@ -39,7 +39,7 @@ def main() -> None:
 if __name__ == "__main__":
     main()
 ''',
-    "procs/manifest.py": (('    Proc("system",', '''
+    "procs/tables/manifest.py": (('    Proc("system",', '''
     Proc("metronome", "procs.metronome.loop", 0.01, 0.03, 3.0, "nothing moves differently; restart", events=("bar",),
          instances=lambda system: [ProcessInstance("metronome", after=tuple(io.name for io in system.ios))],
          priority="least", woken=True, budget_us=100),

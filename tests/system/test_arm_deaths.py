@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from procs.arm.joints import joints
-from procs.config import load_system
-from shm import directory
-from shm.client import Client
-from shm.held_time import HeldTime
 from tests.system.robot import DEMO, Robot, wait_for
+from trocar.procs.arm.joints import joints
+from trocar.procs.config import load_system
+from trocar.shm.mailbox.client import Client
+from trocar.shm.system import directory
+from trocar.shm.time.held_time import HeldTime
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 

@@ -12,13 +12,13 @@ import pytest
 import yaml
 
 import trocar
-from shm.commands import COMMANDS
 from tests.system.robot import ROOT, Robot, wait_for
-from tools.client.instance import Instance
-from tools.client.joints import Measured, Setpoint
-from tools.client.setup import SetupLocal
-from tools.client.tip import Body, Frame, Local
-from tools.remote import Remote
+from trocar.shm.commands import COMMANDS
+from trocar.tools.client.instance import Instance
+from trocar.tools.client.joints import Measured, Setpoint
+from trocar.tools.client.remote import Remote
+from trocar.tools.client.setup import SetupLocal
+from trocar.tools.client.tip import Body, Frame, Local
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated("hosted")]
 SYSTEMS = ROOT / "configs/systems"
@@ -69,7 +69,7 @@ def shifted(pose: Any, *shift: float) -> Any:
 def test_every_word_of_a_psm(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     noted = Noted(monkeypatch, Instance, trocar.Arm, trocar.Psm, trocar.Jaw, Measured, Setpoint, Frame, Body, Local,
                   trocar.MoveHandle)
-    monkeypatch.setattr("tools.client.record.FRESH_S", SECONDS)  # a busy machine computes late what is wanted
+    monkeypatch.setattr("trocar.tools.client.record.FRESH_S", SECONDS)  # a busy machine computes late what is wanted
     robot.up(SYSTEMS / "kinematic.yaml", *LOCKSTEP)
     with trocar.psm("PSM1", robot.name) as psm:
         states(psm)

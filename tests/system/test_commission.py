@@ -13,18 +13,18 @@ import numpy as np
 import pytest
 import yaml
 
-from procs.document.system import from_json
-from shm import directory
 from tests.system.robot import DEMO, Robot
-from tools.cli import VERBS, examples_of
-from tools.commission import home, move, scan, stop
-from tools.commission.bench import RunningBench
-from tools.commission.finding import Outcome
-from tools.commission.person import Act, Stop
-from tools.commission.person_sim import AtBoards
-from tools.commission.stages import NAMES
-from tools.errors import Problem
-from tools.remote import Remote
+from trocar.procs.document.system import from_json
+from trocar.shm.system import directory
+from trocar.tools.cli import VERBS, examples_of
+from trocar.tools.client.remote import Remote
+from trocar.tools.commission import home, move, scan, stop
+from trocar.tools.commission.bench import RunningBench
+from trocar.tools.commission.finding import Outcome
+from trocar.tools.commission.person import Act, Stop
+from trocar.tools.commission.person_sim import AtBoards
+from trocar.tools.commission.stages import NAMES
+from trocar.tools.output.errors import Problem
 
 pytestmark = [pytest.mark.slow, pytest.mark.patient]
 WATCHDOG_S = 0.3  # the most that boards take: a busy machine holds io up for longer than the usual 0.03 s now and then

@@ -6,8 +6,8 @@ import json
 
 import pytest
 
-from shm import directory
 from tests.system.robot import ROOT, Robot, wait_for
+from trocar.shm.system import directory
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated("hosted")]
 TELEOP = ROOT / "configs/systems/kinematic-teleop.yaml"

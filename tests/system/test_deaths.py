@@ -10,10 +10,10 @@ import numpy as np
 import psutil
 import pytest
 
-from shm import directory
-from shm.client import Client
-from shm.ring import RingReader
 from tests.system.robot import DEMO, Robot, wait_for
+from trocar.shm.mailbox.client import Client
+from trocar.shm.ring.ring import RingReader
+from trocar.shm.system import directory
 
 pytestmark = pytest.mark.slow
 CLOCKS = (pytest.param("wall", marks=pytest.mark.soak), pytest.param("lockstep", marks=pytest.mark.simulated))

@@ -8,8 +8,8 @@ import sys
 import numpy as np
 import pytest
 
-from shm import directory
 from tests.system.robot import ROOT, Robot, time_passes, wait_for
+from trocar.shm.system import directory
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 READER = """

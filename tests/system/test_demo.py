@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procs.config import load_system
-from procs.document.gains import GAINS, value_of
-from shm import directory
 from tests.system.robot import DEMO, Robot, wait_for
+from trocar.procs.config import load_system
+from trocar.procs.document.gains import GAINS, value_of
+from trocar.shm.system import directory
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 

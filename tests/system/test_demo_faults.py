@@ -13,10 +13,10 @@ from collections.abc import Iterator
 
 import pytest
 
-from shm.system_time import SystemTime
 from tests.system.conftest import systems
 from tests.system.robot import Robot, wait_for
-from tools.examples.operator_sim import SimTeleop
+from trocar.shm.time.system_time import SystemTime
+from trocar.tools.examples.operator_sim import SimTeleop
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 LONG_S = 300.0  # of a busy machine

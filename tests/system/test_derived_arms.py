@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 import yaml
 
-from shm import directory
 from tests.system.robot import ROOT, Robot, wait_for
-from tools.inspect.processes import statuses
+from trocar.shm.system import directory
+from trocar.tools.inspect.processes import statuses
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 PAGE = (ROOT / "docs/derived-arms.md").read_text(encoding="utf-8")
 BROKEN = """
 import time
 
-from procs.arm.derived import DerivedEcm, DerivedMtm
+from trocar.procs.arm.derived import DerivedEcm, DerivedMtm
 
 class Master(DerivedMtm):
     pass

@@ -15,13 +15,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procs.arm.joints import JointSpace, joints
-from procs.config import load_system
-from procs.document.system import from_json
-from shm import directory
 from tests.system.conftest import systems
 from tests.system.robot import DEMO, ROOT, Robot, wait_for
-from tools.remote import Remote
+from trocar.procs.arm.joints import JointSpace, joints
+from trocar.procs.config import load_system
+from trocar.procs.document.system import from_json
+from trocar.shm.system import directory
+from trocar.tools.client.remote import Remote
 
 pytestmark = pytest.mark.slow
 
@@ -193,7 +193,7 @@ def test_a_stream_that_was_held_up_ends_and_does_not_jump(running: Robot, psm: P
     rows = np.tile(DEEP, (len(angle), 1))
     rows[:, 0] = 0.5 * np.sin(angle)
     np.savetxt(tmp_path / "sine.csv", rows, delimiter=",")
-    command = [sys.executable, "-m", "tools", "stream", "PSM1", str(tmp_path / "sine.csv"), "--rate", "200"]
+    command = [sys.executable, "-m", "trocar", "stream", "PSM1", str(tmp_path / "sine.csv"), "--rate", "200"]
     stream = subprocess.Popen(command, cwd=ROOT, env=running.environment, stdout=subprocess.PIPE,
                               stderr=subprocess.STDOUT, text=True)
     wait_for(lambda: psm.truth(psm.now_ns() - 50_000_000, "velocity")[:, 0].max() > 0.5, 60, "PSM1 moved by the stream")

@@ -19,11 +19,11 @@ from tests.old import config, three
 from tests.recordings.made import a_recording
 from tests.retries import retry
 from tests.system.robot import ROOT, Robot, wait_for
-from tools.cli import VERBS, Verb, examples_of, loaded
+from trocar.tools.cli import VERBS, Verb, examples_of, loaded
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]  # paced, as everything without hardware is
 
-SHELL = f'trocar() {{ "{sys.executable}" -P -m tools "$@"; }}\n'  # what the script of that name does
+SHELL = f'trocar() {{ "{sys.executable}" -P -m trocar "$@"; }}\n'  # what the script of that name does
 ENDLESS_S = 4.0  # from their first words on those are watched that go on until Ctrl-C
 ENDLESS = re.compile(r"trocar (echo (?!.*(--once|-n ))|bus watch (?!.*--once)|replay .*--as)")
 # Those that start a system, or end one; and what needs a process of a user's own.

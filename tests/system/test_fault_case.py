@@ -8,8 +8,8 @@ import shlex
 
 import pytest
 
-from shm.held_time import HeldTime
 from tests.system.robot import DEMO, ROOT, Robot, wait_for
+from trocar.shm.time.held_time import HeldTime
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated("paced")]
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from shm import directory
-from shm.client import Client
 from tests import stock
 from tests.system.robot import Robot, wait_for
+from trocar.shm.mailbox.client import Client
+from trocar.shm.system import directory
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 OUTPUTS = ("endoscope_focus_in", "endoscope_focus_out")

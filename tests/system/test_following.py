@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 import yaml
 
-from procs.kinematics.poses import inverse, matrix_from_pose
-from shm import directory
-from shm.client import Client
-from shm.held_time import HeldTime
 from tests.system.robot import ROOT, Robot, wait_for
+from trocar.procs.kinematics.poses import inverse, matrix_from_pose
+from trocar.shm.mailbox.client import Client
+from trocar.shm.system import directory
+from trocar.shm.time.held_time import HeldTime
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 NAME = "MTMR_PSM1"

@@ -17,13 +17,13 @@ import pytest
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from websockets.sync.client import connect
 
-from procs.document.system import from_json
-from procs.kinematics.poses import matrix_from_pose
-from shm import directory
-from shm.control_page import ControlPage
-from shm.subscriptions import Subscriptions
 from tests.system.robot import ROOT, Robot, wait_for
 from tests.system.test_socket_bridge import free
+from trocar.procs.document.system import from_json
+from trocar.procs.kinematics.poses import matrix_from_pose
+from trocar.shm.system import directory
+from trocar.shm.system.subscriptions import Subscriptions
+from trocar.shm.time.control_page import ControlPage
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated("paced")]
 KINEMATIC = ROOT / "configs" / "systems" / "kinematic.yaml"

@@ -10,15 +10,15 @@ from pathlib import Path
 import pytest
 
 import trocar
-from shm.segment import names_of
 from tests.system.robot import ROOT, Robot, wait_for
+from trocar.shm.memory.segment import names_of
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated("paced")]
 TELEOP = ROOT / "configs/systems/kinematic-teleop.yaml"
 PLAN = """
 import sys
-from shm.place import take_place
-from shm.segment import SegmentError, names_of
+from trocar.shm.mailbox.place import take_place
+from trocar.shm.memory.segment import SegmentError, names_of
 kept = []
 for _, instance, what in names_of(sys.argv[1]):
     while what == "mailbox":

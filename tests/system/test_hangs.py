@@ -20,10 +20,10 @@ import numpy as np
 import psutil
 import pytest
 
-from procs.manifest import SIMULATED_HUNG_S, proc
-from shm import directory
-from shm.system_time import SystemTime
 from tests.system.robot import DEMO, Robot, wait_for
+from trocar.procs.tables.manifest import SIMULATED_HUNG_S, proc
+from trocar.shm.system import directory
+from trocar.shm.time.system_time import SystemTime
 
 pytestmark = pytest.mark.slow
 LOOPS = """

@@ -7,10 +7,10 @@ from collections.abc import Callable
 
 import pytest
 
-from shm.held_time import HeldTime
-from shm.lockstep import EPOCH_NS
 from tests.system.robot import ROOT, UP_S, Robot, wait_for
-from tools.supervising import StartRequest
+from trocar.shm.time.held_time import HeldTime
+from trocar.shm.time.lockstep import EPOCH_NS
+from trocar.tools.systems.supervising import StartRequest
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 KINEMATIC = ROOT / "configs/systems/kinematic.yaml"

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from shm import directory
 from tests.system.robot import Robot
+from trocar.shm.system import directory
 
 pytestmark = [pytest.mark.slow, pytest.mark.soak]
 

@@ -7,9 +7,9 @@ from collections.abc import Iterator, Sequence
 
 import pytest
 
-from shm.held_time import HeldTime
 from tests.system.robot import DEMO, Robot
-from tools.bench.same_run import LockstepRun
+from trocar.shm.time.held_time import HeldTime
+from trocar.tools.bench.same_run import LockstepRun
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 TELEOP = DEMO.parent / "kinematic-teleop.yaml"
@@ -21,7 +21,7 @@ def looking_in_time(robot: Robot, others: Sequence[str] = ()) -> Iterator[Lockst
     """A run in which time stands between two looks: rings keep 3 s, however long a busy machine holds us up."""
     with pytest.MonkeyPatch.context() as patch, HeldTime(robot.name) as held, \
             LockstepRun(robot.name, "PSM1", others) as run:
-        patch.setattr("tools.bench.same_run.pause", lambda _: held.run_until(held.now_ns() + SLICE_NS, 60.0))
+        patch.setattr("trocar.tools.bench.same_run.pause", lambda _: held.run_until(held.now_ns() + SLICE_NS, 60.0))
         yield run
 
 

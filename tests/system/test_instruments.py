@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import yaml
 
-from shm import directory
 from tests.system.robot import DEMO, Robot, wait_for
+from trocar.shm.system import directory
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 FASTEST = np.array((1.6, 1.6, 0.21, 19.0, 19.0, 19.0, 19.0)) / 1500  # of actuators, in a cycle

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import yaml
 
-from shm import directory
 from tests.system.robot import DEMO, ROOT, Robot, wait_for
+from trocar.shm.system import directory
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 KINEMATIC = ROOT / "configs/systems/kinematic.yaml"

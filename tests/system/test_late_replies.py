@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from shm.clock import monotonic_ns
-from shm.ring import RingReader
 from tests.system.robot import Robot, wait_for
 from tests.system.samples import Records, is_well, newest, stop_boards
+from trocar.shm.ring.ring import RingReader
+from trocar.shm.time.clock import monotonic_ns
 
 pytestmark = pytest.mark.slow
 

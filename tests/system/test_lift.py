@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from shm import directory
-from shm.client import Client
-from shm.clock import pause
 from tests.system.robot import Robot, wait_for
+from trocar.shm.mailbox.client import Client
+from trocar.shm.system import directory
+from trocar.shm.time.clock import pause
 
 pytestmark = pytest.mark.slow
 HELD_UP_S = 0.04  # more than the limit of 30 ms and a period, wherever in its period the process is struck

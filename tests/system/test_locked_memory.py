@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from shm.control_page import ControlPage
-from shm.segment import names_of, path_of, segment_name
 from tests.system.robot import ROOT, Robot, wait_for
+from trocar.shm.memory.segment import names_of, path_of, segment_name
+from trocar.shm.time.control_page import ControlPage
 
 pytestmark = [pytest.mark.slow, pytest.mark.patient]
 MEGABYTE = 1 << 20

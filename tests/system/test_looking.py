@@ -9,10 +9,10 @@ import re
 
 import pytest
 
-from shm.control_page import ControlPage
-from shm.subscriptions import Subscriptions
 from tests.system.robot import Robot, wait_for
 from tests.system.terminal import terminal
+from trocar.shm.system.subscriptions import Subscriptions
+from trocar.shm.time.control_page import ControlPage
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 SIZES = ((80, 24), (160, 50))

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.kinematics.forward import Kinematics
-from shm import directory
-from shm.segment import Segment, segment_name
 from tests import stock
 from tests.system.robot import Robot, wait_for
+from trocar.procs.kinematics.forward import Kinematics
+from trocar.shm.memory.segment import Segment, segment_name
+from trocar.shm.system import directory
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated("hosted")]
 LOCKSTEP = ("--set", "clock=lockstep")

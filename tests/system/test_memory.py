@@ -19,20 +19,30 @@ from typing import Any
 
 import pytest
 
-import tools.systems
-from procs.config import load_system
-from procs.document.system import SystemConfig
-from procs.supervisor import memory
-from shm.control_page import ControlPage
-from shm.directory import systems
-from shm.layout import schema_of
-from shm.lockstep import Timekeeper
-from shm.owners import SERVICE_USER
-from shm.segment import FOLDER, Segment, SegmentError, SegmentFull, create, names_of, path_of, segment_name, unlink
-from shm.topics import ARM_STATE
 from tests.system.robot import DEMO, ROOT, Robot
-from tools.errors import Problem
-from tools.systems import chosen_system, left_over
+from trocar.procs.config import load_system
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.supervisor import memory
+from trocar.shm.memory.layout import schema_of
+from trocar.shm.memory.owners import SERVICE_USER
+from trocar.shm.memory.segment import (
+    FOLDER,
+    Segment,
+    SegmentError,
+    SegmentFull,
+    create,
+    names_of,
+    path_of,
+    segment_name,
+    unlink,
+)
+from trocar.shm.system.directory import systems
+from trocar.shm.time.control_page import ControlPage
+from trocar.shm.time.lockstep import Timekeeper
+from trocar.shm.topics import ARM_STATE
+from trocar.tools.output.errors import Problem
+from trocar.tools.systems import find
+from trocar.tools.systems.find import chosen_system, left_over
 
 pytestmark = pytest.mark.patient
 STRANGER = 4242
@@ -140,7 +150,7 @@ def in_small_memory(size: int, command: str, state: Path) -> subprocess.Complete
 @pytest.mark.slow
 def test_up_in_a_full_shared_memory_says_what_to_do(system: SystemConfig, tmp_path: Path) -> None:
     needed = memory.needed(system)
-    up = f"{sys.executable} -m tools up {DEMO} --system {system.name} --clock wall --for 0.1"
+    up = f"{sys.executable} -m trocar up {DEMO} --system {system.name} --clock wall --for 0.1"
     done = in_small_memory(needed - 4096, up, tmp_path)
     assert done.returncode == 1, done.stderr
     assert f"shared memory is full: system {system.name} needs {needed / 1e6:.1f} MB, " in done.stderr
@@ -150,7 +160,7 @@ def test_up_in_a_full_shared_memory_says_what_to_do(system: SystemConfig, tmp_pa
 @pytest.mark.slow
 def test_up_fits_into_exactly_what_it_says(system: SystemConfig, tmp_path: Path) -> None:
     needed = memory.needed(dataclasses.replace(system, clock="paced"))
-    up = f"{sys.executable} -m tools up {DEMO} --system {system.name} --clock paced --for 0.1"
+    up = f"{sys.executable} -m trocar up {DEMO} --system {system.name} --clock paced --for 0.1"
     done = in_small_memory(needed, up, tmp_path)
     assert done.returncode == 0, done.stderr
     assert f"system {system.name}: {needed / 1e6:.1f} MB of shared memory" in done.stderr
@@ -160,7 +170,7 @@ def test_up_fits_into_exactly_what_it_says(system: SystemConfig, tmp_path: Path)
 @pytest.mark.slow
 @pytest.mark.parametrize("megabytes", [0, 1, 3])
 def test_memory_another_program_takes_meanwhile_is_no_harm(tmp_path: Path, world: Any, megabytes: int) -> None:
-    code = ('from procs.config import load_system; from procs.supervisor import memory\n'
+    code = ('from trocar.procs.config import load_system; from trocar.procs.supervisor import memory\n'
             'memory.free_bytes = lambda system: 1 << 40\n'
             f'memory.create_all(load_system("{DEMO}", name="{world.name}").system)')
     done = in_small_memory((megabytes << 20) + 8192, f"{sys.executable} -c '{code}'", tmp_path)
@@ -231,7 +241,7 @@ def test_systems_of_others_do_not_confuse_the_tools(system: SystemConfig, monkey
         belongs = f"{system.name} belongs to user {STRANGER}"
         with pytest.raises(Problem, match=f"not permitted: system {belongs}; {SERVICE_USER} names a user"):
             chosen_system(system.name)
-        monkeypatch.setattr(tools.systems, "_permitted", list)  # others may be up on this machine
+        monkeypatch.setattr(find, "_permitted", list)  # others may be up on this machine
         with pytest.raises(Problem, match=f"no system is up; .*{belongs}"):
             chosen_system()
     memory.remove_all(system.name)
@@ -360,7 +370,7 @@ def test_up_names_the_file_in_its_way_and_whose_it_is(system: SystemConfig, tmp_
     for make in (os.mkfifo, Path.mkdir):
         make(path)
         os.chown(path, STRANGER, -1)
-        up = subprocess.run([sys.executable, "-m", "tools", "up", str(DEMO), "--system", system.name], cwd=ROOT,
+        up = subprocess.run([sys.executable, "-m", "trocar", "up", str(DEMO), "--system", system.name], cwd=ROOT,
                             text=True, capture_output=True, timeout=60, check=False,
                             env={**os.environ, "TROCAR_STATE": str(tmp_path)})
         path.rmdir() if path.is_dir() else path.unlink()

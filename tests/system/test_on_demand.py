@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from shm import directory
-from shm.subscriptions import Subscriber
 from tests.system.recipes import tree_with
 from tests.system.robot import ROOT, Robot, wait_for
 from tests.system.test_added_kind import METRONOME
 from tests.system.test_single_processes import processes, row
+from trocar.shm.system import directory
+from trocar.shm.system.subscriptions import Subscriber
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 

@@ -10,8 +10,8 @@ import time
 
 import pytest
 
-from shm.system_time import SystemTime
 from tests.system.robot import DEMO, Robot, wait_for
+from trocar.shm.time.system_time import SystemTime
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated("paced")]
 PACED = ("--clock", "paced")

@@ -9,11 +9,11 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from shm import directory
-from shm.client import Client, Reply
-from shm.clock import monotonic_ns, pause
-from shm.ring import RingReader
 from tests.system.robot import DEMO, ROOT, Robot, wait_for
+from trocar.shm.mailbox.client import Client, Reply
+from trocar.shm.ring.ring import RingReader
+from trocar.shm.system import directory
+from trocar.shm.time.clock import monotonic_ns, pause
 
 pytestmark = pytest.mark.slow
 TELEOP = ROOT / "configs/systems/kinematic-teleop.yaml"

@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
-from shm import directory
-from shm.clock import monotonic_ns
 from tests.system.robot import ROOT, Robot, wait_for
-from tools.examples.operator_sim import OperatorSim, SeenRecord
-from tools.remote import Remote
+from trocar.shm.system import directory
+from trocar.shm.time.clock import monotonic_ns
+from trocar.tools.client.remote import Remote
+from trocar.tools.examples.operator_sim import OperatorSim, SeenRecord
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated("paced")]
 QUIET_NS = 2_000_000_000

@@ -15,9 +15,9 @@ from tests.system.test_single_processes import row
 pytestmark = [pytest.mark.slow, pytest.mark.simulated,
               pytest.mark.skipif(len(os.sched_getaffinity(0)) < 4, reason="needs four cores")]
 SUPERVISOR = """
-from procs.config.build import load
-from procs.config.build.placement import placed
-from procs.supervisor import loop
+from trocar.procs.config.loading import load
+from trocar.procs.config.loading.placement import placed
+from trocar.procs.supervisor import loop
 load.placement = lambda system, options, cores: placed([(cpu,) for core in cores for cpu in core], {"IO1": None})
 loop.main()
 """

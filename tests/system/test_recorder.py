@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.recordings import names
-from procs.recordings.reading import open_recording
-from shm.segment import names_of, segment_name, unlink
 from tests.system.conftest import systems
 from tests.system.robot import ROOT, Robot, wait_for
+from trocar.procs.recordings import names
+from trocar.procs.recordings.reading import open_recording
+from trocar.shm.memory.segment import names_of, segment_name, unlink
 
 pytestmark = [pytest.mark.slow, pytest.mark.patient]
 KINEMATIC = ROOT / "configs" / "systems" / "kinematic.yaml"

@@ -10,10 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from procs.paths import log_folder
-from shm.segment import names_of
 from tests.conftest import World
-from tools.systems import ROOT
+from trocar.procs.machine.paths import ROOT, log_folder
+from trocar.shm.memory.segment import names_of
 
 pytestmark = pytest.mark.slow
 KINEMATIC = ROOT / "configs" / "systems" / "kinematic.yaml"
@@ -23,7 +22,7 @@ def typed(folder: Path, *words: str, files: tuple[int, int] | None = None) -> su
     """A verb with its logs in `folder`; `files`: limits of open files, as a shell sets them."""
     environment = {**os.environ, "TROCAR_STATE": str(folder)}
     environment.pop("TROCAR_SYSTEM", None)
-    return subprocess.run([sys.executable, "-m", "tools", *words], cwd=ROOT, env=environment, capture_output=True,
+    return subprocess.run([sys.executable, "-m", "trocar", *words], cwd=ROOT, env=environment, capture_output=True,
                           text=True, timeout=120, check=False,
                           preexec_fn=(lambda: resource.setrlimit(resource.RLIMIT_NOFILE, files)) if files else None)
 

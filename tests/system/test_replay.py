@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.recordings.reading import open_recording
-from shm.segment import names_of
 from tests.system.conftest import systems
 from tests.system.robot import DEMO, ROOT, Robot, wait_for
+from trocar.procs.recordings.reading import open_recording
+from trocar.shm.memory.segment import names_of
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 KINEMATIC = ROOT / "configs/systems/kinematic.yaml"
@@ -119,7 +119,7 @@ def test_records_are_shown_as_a_system_that_only_can_be_looked_at(robot: Robot, 
     name = f"{robot.name}shown"
     with open_recording(recorded) as recording:  # rings that are seldom written go back further than those of the arm
         late = f"{(recording.end_ns - recording.begin_ns) * 1e-9 - 2.0:.3f}"
-    shown = subprocess.Popen([sys.executable, "-m", "tools", "replay", str(recorded), "--as", name, "--speed", "0.05",
+    shown = subprocess.Popen([sys.executable, "-m", "trocar", "replay", str(recorded), "--as", name, "--speed", "0.05",
                               "--from", late],
                              cwd=ROOT, env=robot.environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
@@ -140,7 +140,7 @@ def test_records_are_shown_as_a_system_that_only_can_be_looked_at(robot: Robot, 
 
 def test_nothing_is_left_of_a_system_that_was_shown_by_who_is_killed(robot: Robot, recorded: Path) -> None:
     name = f"{robot.name}killed"
-    shown = subprocess.Popen([sys.executable, "-m", "tools", "replay", str(recorded), "--as", name, "--speed", "0.05"],
+    shown = subprocess.Popen([sys.executable, "-m", "trocar", "replay", str(recorded), "--as", name, "--speed", "0.05"],
                              cwd=ROOT, env=robot.environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     wait_for(lambda: (name, "PSM1", "state") in names_of(name), 30, "the rings")
     shown.kill()

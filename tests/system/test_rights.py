@@ -10,8 +10,8 @@ import sys
 
 import pytest
 
-from procs.realtime import limits_lines, user
 from tests.system.robot import ROOT, UP_S, Robot, wait_for
+from trocar.procs.node.realtime import limits_lines, user
 
 pytestmark = [pytest.mark.slow, pytest.mark.patient]
 PR_CAPBSET_DROP, CAP_IPC_LOCK, CAP_SYS_NICE = 24, 14, 23
@@ -27,7 +27,7 @@ def without_rights() -> None:
 
 
 def test_missing_rights_are_told_with_what_grants_them(robot: Robot) -> None:
-    command = [sys.executable, "-m", "tools", "up", "kinematic.yaml", "--system", robot.name, "--set", "clock=wall"]
+    command = [sys.executable, "-m", "trocar", "up", "kinematic.yaml", "--system", robot.name, "--set", "clock=wall"]
     with (robot.logs / "supervisor.txt").open("a") as out:
         robot.supervisor = subprocess.Popen(command, cwd=ROOT, env=robot.environment, stdout=out, stderr=out,
                                             text=True, preexec_fn=without_rights)

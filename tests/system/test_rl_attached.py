@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.rl.attached import RunningSystem
-from procs.rl.backend import RobotStopped
-from procs.rl.tasks import PsmReach
-from shm import directory
 from tests.rl.playing import toward
 from tests.system.robot import DEMO, Robot
+from trocar.procs.rl.attached import RunningSystem
+from trocar.procs.rl.backend import RobotStopped
+from trocar.procs.rl.tasks import PsmReach
+from trocar.shm.system import directory
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 TIP_M = 0.003  # paced time is not lock-step: the policy sees records some cycles old

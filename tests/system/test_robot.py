@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests.system.robot import Robot
-from tools.cli import VERBS, examples_of
+from trocar.tools.cli import VERBS, examples_of
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 

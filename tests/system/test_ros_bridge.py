@@ -15,8 +15,10 @@ import numpy as np
 import pytest
 import yaml
 
-from procs.ros.dds import Participant, TopicReader, TopicWriter
-from procs.ros.messages import (
+from tests.system.robot import ROOT, Robot, wait_for
+from trocar.procs.ros_bridge.services import SERVICES, framed
+from trocar.procs.ros_messages.dds import Participant, TopicReader, TopicWriter
+from trocar.procs.ros_messages.messages import (
     Bool,
     Clock,
     Empty,
@@ -33,8 +35,6 @@ from procs.ros.messages import (
     StringStamped,
     TFMessage,
 )
-from procs.ros_bridge.services import SERVICES, framed
-from tests.system.robot import ROOT, Robot, wait_for
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated("paced")]
 DOMAINS: dict[int, socket.socket] = {}

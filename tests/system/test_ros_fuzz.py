@@ -16,11 +16,11 @@ import psutil
 import pytest
 from cyclonedds.idl import IdlStruct
 
-from procs.ros.messages import Bool, Empty, Float64, JointStates, Joy, WrenchStamped
-from procs.ros_bridge.carrying_out import Addressee, topics_of
-from procs.ros_bridge.incoming import CommandTopic
 from tests.system.robot import Robot, wait_for
 from tests.system.test_ros_bridge import Client, bridged, echo_position
+from trocar.procs.ros_bridge.carrying_out import Addressee, topics_of
+from trocar.procs.ros_bridge.incoming import CommandTopic
+from trocar.procs.ros_messages.messages import Bool, Empty, Float64, JointStates, Joy, WrenchStamped
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated("paced")]
 NUMBERS = (math.nan, math.inf, -math.inf, 1e300, -1e300, 0.0)

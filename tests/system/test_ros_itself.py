@@ -14,11 +14,11 @@ from typing import Any
 import pytest
 from cyclonedds.idl import IdlStruct
 
-from procs.ros import messages
-from procs.ros.dds import Participant
-from procs.ros.hashes import ros_name, type_hash
 from tests.system.robot import ROOT, Robot, wait_for
 from tests.system.test_ros_bridge import file_with
+from trocar.procs.ros_messages import messages
+from trocar.procs.ros_messages.dds import Participant
+from trocar.procs.ros_messages.hashes import ros_name, type_hash
 
 HOME = Path(os.environ.get("TROCAR_ROS", ROOT / ".venv-ros"))
 PYTHON, HAS_ROS = HOME / "bin" / "python", any(HOME.glob("lib/python*/site-packages/rclpy"))

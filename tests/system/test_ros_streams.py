@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.ros.messages import Empty, JointStates, MessageHeader, Pose, PoseStamped
-from shm.clock import monotonic_ns
-from shm.system_time import SystemTime
 from tests.system.robot import ROOT, Robot, wait_for
 from tests.system.test_ros_bridge import Client, bridged, echo_position
+from trocar.procs.ros_messages.messages import Empty, JointStates, MessageHeader, Pose, PoseStamped
+from trocar.shm.time.clock import monotonic_ns
+from trocar.shm.time.system_time import SystemTime
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated("paced")]
 ENDED = "this stream has ended: ros_bridge stopped the arm (hold)"

@@ -12,10 +12,10 @@ import yaml
 from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication, BuiltinTopicDcpsSubscription
 from cyclonedds.qos import Policy
 
-from procs.ros.dds import Participant
-from procs.ros.messages import Bool, Empty, JointStates, Joy
 from tests.system.robot import ROOT, Robot, wait_for
 from tests.system.test_ros_bridge import Client, own_domain
+from trocar.procs.ros_messages.dds import Participant
+from trocar.procs.ros_messages.messages import Bool, Empty, JointStates, Joy
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated("paced")]
 PACKAGES = {

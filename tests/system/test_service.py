@@ -39,7 +39,7 @@ def command(of: str) -> list[str]:
     """The words behind `trocar` that the unit runs."""
     (line,) = [line.removeprefix(f"{of}=").removeprefix("-") for line in UNIT.splitlines() if line.startswith(f"{of}=")]
     python, *module, verb = shlex.split(line)[:4]
-    assert python.endswith("/.venv/bin/python") and module == ["-m", "tools"]
+    assert python.endswith("/.venv/bin/python") and module == ["-m", "trocar"]
     return [verb, *shlex.split(line)[4:]]
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from shm import directory
 from tests.system.robot import ROOT, Robot, wait_for
+from trocar.shm.system import directory
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 CART = ROOT / "configs/systems/kinematic-cart.yaml"

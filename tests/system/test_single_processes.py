@@ -11,8 +11,8 @@ from typing import Any
 import psutil
 import pytest
 
-from shm.client import Client
 from tests.system.robot import DEMO, ROOT, Robot, wait_for
+from trocar.shm.mailbox.client import Client
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 KINEMATIC = ROOT / "configs" / "systems" / "kinematic.yaml"

@@ -21,9 +21,9 @@ import numpy as np
 import pytest
 from websockets.sync.client import connect
 
-from shm.ring import RingReader
 from tests.system.robot import ROOT, Robot, wait_for
 from tests.system.test_single_processes import row
+from trocar.shm.ring.ring import RingReader
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated("paced")]
 PAGE = (ROOT / "docs" / "socket.md").read_text(encoding="utf-8")

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 import yaml
 
-from procs.document.system import from_json
-from procs.fpga import registers, wire
-from shm import directory
-from shm.clock import monotonic_ns, pause
 from tests.lib import board_side
 from tests.system.conftest import systems
 from tests.system.robot import Robot, wait_for
 from tests.system.samples import Records, is_well, newest, stop_boards
-from tools.bench.io_loop import write_system
+from trocar.procs.document.system import from_json
+from trocar.procs.fpga import registers, wire
+from trocar.shm.system import directory
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.tools.bench.io_loop import write_system
 
 pytestmark = pytest.mark.slow
 

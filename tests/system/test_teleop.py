@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from shm import directory
-from shm.client import Client
-from shm.ring import RingReader
 from tests.system.robot import ROOT, Robot, wait_for
+from trocar.shm.mailbox.client import Client
+from trocar.shm.ring.ring import RingReader
+from trocar.shm.system import directory
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 TELEOP = ROOT / "configs/systems/kinematic-teleop.yaml"

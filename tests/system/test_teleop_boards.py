@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shm import directory
 from tests.system.robot import Robot, wait_for
-from tools.examples.operator_sim import OperatorSim, SeenRecord
-from tools.remote import Remote
+from trocar.shm.system import directory
+from trocar.tools.client.remote import Remote
+from trocar.tools.examples.operator_sim import OperatorSim, SeenRecord
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated("hosted")]
 # On simulated time: five processes at full rate starve each other on a busy machine. Slower loops: fewer turns.

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 import yaml
 
-from shm import directory
 from tests.system.robot import ROOT, Robot, wait_for
-from tools.inspect.processes import statuses
+from trocar.shm.system import directory
+from trocar.tools.inspect.processes import statuses
 
 pytestmark = pytest.mark.slow
 SYSTEM = ROOT / "configs/systems/third-party-master.yaml"
@@ -39,7 +39,7 @@ def recording(path: Path) -> Path:
 
 
 def start(robot: Robot, file: Path) -> subprocess.Popen[str]:
-    words = [sys.executable, "-m", "tools.examples.recorded_master", str(file), "--times", "20"]
+    words = [sys.executable, "-m", "trocar.tools.examples.recorded_master", str(file), "--times", "20"]
     master = subprocess.Popen(words, cwd=ROOT, env=robot.environment, stderr=subprocess.PIPE, text=True)
     robot.pids.add(master.pid)
     return master

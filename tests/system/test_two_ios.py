@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 import yaml
 
-from shm import directory
 from tests.system.robot import ROOT, Robot, wait_for
-from tools.bench.io_loop import write_system
+from trocar.shm.system import directory
+from trocar.tools.bench.io_loop import write_system
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 LOCKSTEP = ("--set", "clock=lockstep")  # what one of them does is compared with the other, not with the machine

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from shm import directory
 from tests.system.robot import Robot, wait_for
-from tools.inspect.processes import statuses
+from trocar.shm.system import directory
+from trocar.tools.inspect.processes import statuses
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 PROGRAM = """

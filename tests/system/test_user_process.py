@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procs.config.read.yamltext import parse_yaml
-from shm import directory
-from shm.subscriptions import Subscriber
 from tests.system.robot import ROOT, Robot, wait_for
 from tests.system.test_user_failures import problem
-from tools.cli import VERBS, examples_of
+from trocar.procs.config.read.yamltext import parse_yaml
+from trocar.shm.system import directory
+from trocar.shm.system.subscriptions import Subscriber
+from trocar.tools.cli import VERBS, examples_of
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 PAGE = (ROOT / "docs/write-a-process.md").read_text()

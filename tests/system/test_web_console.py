@@ -18,10 +18,10 @@ import pytest
 from websockets.exceptions import ConnectionClosed, ConnectionClosedOK
 from websockets.sync.client import ClientConnection, connect
 
-from shm.ring import RingReader
 from tests.system.robot import ROOT, Robot, wait_for
 from tests.system.test_single_processes import row
 from tests.system.test_socket_bridge import free
+from trocar.shm.ring.ring import RingReader
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated("paced")]
 KINEMATIC = ROOT / "configs" / "systems" / "kinematic.yaml"

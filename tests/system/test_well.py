@@ -11,8 +11,8 @@ from pathlib import Path
 import psutil
 import pytest
 
-from shm.segment import segment_name, unlink
 from tests.system.robot import ROOT, Robot, wait_for
+from trocar.shm.memory.segment import segment_name, unlink
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 KINEMATIC = ROOT / "configs" / "systems" / "kinematic.yaml"
@@ -64,7 +64,7 @@ def test_a_process_that_cannot_begin_is_not_well(robot: Robot) -> None:
     assert files_of(robot.pid("recorder")) > most
     hard = resource.prlimit(robot.supervisor.pid, resource.RLIMIT_NOFILE)[1]
     children = psutil.Process(robot.supervisor.pid).children()
-    (template,) = (each.pid for each in children if "procs.supervisor.template" in each.cmdline())
+    (template,) = (each.pid for each in children if "trocar.procs.supervisor.template" in each.cmdline())
     for pid in (robot.supervisor.pid, template):  # others inherit it from one of them
         resource.prlimit(pid, resource.RLIMIT_NOFILE, (most, hard))
     robot.kill("recorder")

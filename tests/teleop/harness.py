@@ -9,25 +9,25 @@ from typing import Any
 
 import numpy as np
 
-from procs.codes import Code
-from procs.document.consoles import TeleopEcmConfig as EcmSettings
-from procs.document.consoles import TeleopPsmConfig as PsmSettings
-from procs.inputs import Input
-from procs.kinematics.poses import angle_between, matrix_from_pose, pose_from_matrix
-from procs.teleop.arms import BaseFrame, TeleopArm
-from procs.teleop.ecm import TeleopEcm
-from procs.teleop.presence import Operator
-from procs.teleop.psm import TeleopPsm
-from procs.teleop.record import TeleopRecord
-from procs.teleop.teleop import Teleop
-from shm.events import SEVERITIES
-from shm.faults import NoFaults
-from shm.layout import schema_of
-from shm.operator_topics import CONSOLE_STATE, TELEOP_STATE
-from shm.origins import NOBODY, Origin
-from shm.topics import ARM_STATE, EVENTS, SUJ_STATE
 from tests.arm.fake_requests import FakeRequest
 from tests.guarded import objection
+from trocar.procs.document.consoles import TeleopEcmConfig as EcmSettings
+from trocar.procs.document.consoles import TeleopPsmConfig as PsmSettings
+from trocar.procs.kinematics.poses import angle_between, matrix_from_pose, pose_from_matrix
+from trocar.procs.node.inputs import Input
+from trocar.procs.tables.codes import Code
+from trocar.procs.teleop.arms import BaseFrame, TeleopArm
+from trocar.procs.teleop.ecm import TeleopEcm
+from trocar.procs.teleop.presence import Operator
+from trocar.procs.teleop.psm import TeleopPsm
+from trocar.procs.teleop.record import TeleopRecord
+from trocar.procs.teleop.teleop import Teleop
+from trocar.shm.mailbox.generations import NoFaults
+from trocar.shm.mailbox.origins import NOBODY, Origin
+from trocar.shm.memory.layout import schema_of
+from trocar.shm.operator_topics import CONSOLE_STATE, TELEOP_STATE
+from trocar.shm.system.events import SEVERITIES
+from trocar.shm.topics import ARM_STATE, EVENTS, SUJ_STATE
 
 PERIOD_NS = 1_000_000
 STEP_M, STEP_RAD = 0.001, 0.02  # of a move, or a hand, in one cycle

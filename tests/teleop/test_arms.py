@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.inputs import Input
-from procs.teleop.arms import LIMIT_SHOWN_NS, MAX_GOALS, SHOWN_NS, BaseFrame, TeleopArm
-from procs.teleop.motion_check import MAX_M_S, MAX_RAD_S, MAX_STEP_NS, STEADY_NS, STEP_M, STEP_RAD
-from procs.teleop.third_party import UNIT, ThirdPartyArm
-from shm.operator_topics import THIRD_PARTY_STATE
-from shm.topics import ARM_STATE, SUJ_STATE
 from tests.teleop.harness import Answer, FakeTeleopArm, FakeTeleopRing
+from trocar.procs.node.inputs import Input
+from trocar.procs.teleop.arms import LIMIT_SHOWN_NS, MAX_GOALS, SHOWN_NS, BaseFrame, TeleopArm
+from trocar.procs.teleop.motion_check import MAX_M_S, MAX_RAD_S, MAX_STEP_NS, STEADY_NS, STEP_M, STEP_RAD
+from trocar.procs.teleop.third_party import UNIT, ThirdPartyArm
+from trocar.shm.operator_topics import THIRD_PARTY_STATE
+from trocar.shm.topics import ARM_STATE, SUJ_STATE
 
 MS = 1_000_000
 HERE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)

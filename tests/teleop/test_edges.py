@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procs.kinematics.poses import angle_between, conjugate, product, turned
-from procs.teleop.teleoperation import JawMapping, PoseMapping, Presence, Start, waiting_for
-from shm.origins import NOBODY
 from tests.teleop.harness import EcmHarness, TeleopHarness
+from trocar.procs.kinematics.poses import angle_between, conjugate, product, turned
+from trocar.procs.teleop.teleoperation import JawMapping, PoseMapping, Presence, Start, waiting_for
+from trocar.shm.mailbox.origins import NOBODY
 
 ANGLES = st.floats(-3.0, 3.0)
 PLACES = st.floats(-0.5, 0.5)

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procs.kinematics.forward import Kinematics
-from procs.kinematics.poses import pose_from_matrix
-from procs.teleop.motion_check import MotionCheck
 from tests import stock
 from tests.arm.fake_requests import FakeRequest
 from tests.teleop.harness import EcmHarness, TeleopHarness
 from tests.teleop.test_problems import show
+from trocar.procs.kinematics.forward import Kinematics
+from trocar.procs.kinematics.poses import pose_from_matrix
+from trocar.procs.teleop.motion_check import MotionCheck
 
 DEGREE = math.pi / 180
 

@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from shm.commands import COMMANDS
-from shm.origins import Origin
 from tests.arm.fake_requests import FakeRequest
 from tests.teleop.harness import EcmHarness, TeleopHarness
+from trocar.shm.commands import COMMANDS
+from trocar.shm.mailbox.origins import Origin
 
 PERSON = Origin(77, 3, "trocar send")
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import pytest
+from trocar.procs.node.requests import STREAM_ENDED, STREAM_PAUSE_NS
 
-from procs.requests import STREAM_ENDED, STREAM_PAUSE_NS
 from tests.teleop.harness import TeleopHarness
 
 

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from procs.kinematics.poses import angle_between
 from tests.teleop.harness import PERIOD_NS, SECOND, TeleopHarness
+from trocar.procs.kinematics.poses import angle_between
 
 DEGREE = math.pi / 180
 TWISTED = (0.1, 0.0, 0.2, 0.0, 0.0, math.sin(0.4), math.cos(0.4))

@@ -7,13 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from procs.inputs import Input
-from procs.teleop.arms import TeleopArm
-from procs.teleop.motion_check import STEP_RAD
-from procs.teleop.third_party import ThirdPartyArm
-from shm.operator_topics import THIRD_PARTY_STATE
-from shm.origins import NOBODY
 from tests.teleop.harness import EcmHarness, FakeTeleopArm, FakeTeleopRing, TeleopHarness
+from trocar.procs.node.inputs import Input
+from trocar.procs.teleop.arms import TeleopArm
+from trocar.procs.teleop.motion_check import STEP_RAD
+from trocar.procs.teleop.third_party import ThirdPartyArm
+from trocar.shm.mailbox.origins import NOBODY
+from trocar.shm.operator_topics import THIRD_PARTY_STATE
 
 RECORD_NS = 10_000_000  # a hundred records a second
 

@@ -11,12 +11,12 @@ from typing import Any
 
 import pytest
 
-from procs.teleop.teleop import Teleop
-from shm.operator_topics import TELEOP_STATE
-from shm.origins import Origin
 from tests.arm.fake_requests import FakeRequest
 from tests.teleop.harness import EcmHarness, FakeTeleopArm, TeleopHarness
 from tests.traces import Mishaps, Trace, shown
+from trocar.procs.teleop.teleop import Teleop
+from trocar.shm.mailbox.origins import Origin
+from trocar.shm.operator_topics import TELEOP_STATE
 
 FOLDER = Path(__file__).parent / "traces"
 STEPS = 700

@@ -7,14 +7,14 @@ from collections.abc import Iterator
 
 import pytest
 
-from procs import runtime
-from procs.config import PROJECT_CONFIGS, load_system
-from procs.supervisor.memory import create_all, remove_all
-from procs.teleop.loop import IDLE_PERIODS, TeleopLoop
-from shm.client import Client, LoopClient
-from shm.clock import monotonic_ns, pause
-from shm.control_page import ControlPage
 from tests.conftest import World
+from trocar.procs.config import PROJECT_CONFIGS, load_system
+from trocar.procs.node import runtime
+from trocar.procs.supervisor.memory import create_all, remove_all
+from trocar.procs.teleop.loop import IDLE_PERIODS, TeleopLoop
+from trocar.shm.mailbox.client import Client, LoopClient
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.shm.time.control_page import ControlPage
 
 PERIOD_NS = 6_000_000_000
 

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shm.directory import create_ring
-from shm.ring import RingWriter
-from shm.segment import Segment, segment_name
-from shm.topics import Field, Topic
+from trocar.shm.memory.segment import Segment, segment_name
+from trocar.shm.ring.ring import RingWriter
+from trocar.shm.system.directory import create_ring
+from trocar.shm.topics import Field, Topic
 
 SOURCE = Path(__file__).resolve().parents[2] / "tools" / "peek.c"
 STRICT = ("-std=c11", "-O2", "-Wall", "-Wextra", "-pedantic", "-Werror")

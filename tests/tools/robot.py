@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procs.document.system import (
+from trocar.procs.document.system import (
     Actuator,
     ArmConfig,
     Chain,
@@ -26,13 +26,14 @@ from procs.document.system import (
     SystemConfig,
     Tool,
 )
-from procs.supervisor import memory
-from shm import directory
-from shm.clock import monotonic_ns
-from shm.control_page import ControlPage
-from shm.events import Events
-from shm.mailbox import Mailbox
-from shm.segment import names_of, segment_name, unlink
+from trocar.procs.supervisor import memory
+from trocar.shm.commands import COMMANDS
+from trocar.shm.mailbox.mailbox import Mailbox
+from trocar.shm.memory.segment import names_of, segment_name, unlink
+from trocar.shm.system import directory
+from trocar.shm.system.events import Events
+from trocar.shm.time.clock import monotonic_ns
+from trocar.shm.time.control_page import ControlPage
 
 JOINTS = ("yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw")
 IDENTITY = tuple(tuple(float(i == k) for k in range(4)) for i in range(4))
@@ -74,7 +75,7 @@ class ScriptedRobot:
         self.io = directory.writer(name, "IO1", "state", "io")
         self.supervisor = directory.writer(name, "supervisor", "state", "supervisor")
         self.events = Events(directory.writer(name, "PSM1", "events", "arm"), monotonic_ns)
-        self.mailbox = Mailbox(name, "PSM1", "arm")
+        self.mailbox = Mailbox(name, "PSM1", COMMANDS["arm"])
         self.beat()
         self._ledger()
 
@@ -129,7 +130,7 @@ class ScriptedRobot:
 def nothing_ages(monkeypatch: pytest.MonkeyPatch) -> None:
     """Time stands for whoever asks how old a record is, however slow this machine is."""
     now_ns = monotonic_ns()
-    monkeypatch.setattr("tools.inspect.watch.monotonic_ns", lambda: now_ns)
+    monkeypatch.setattr("trocar.tools.inspect.watch.monotonic_ns", lambda: now_ns)
 
 
 @contextlib.contextmanager

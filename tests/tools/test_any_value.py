@@ -14,18 +14,18 @@ from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from procs.crtk.topics import EVENT, RECORD
-from procs.crtk.views import OpenTopic
-from procs.foxglove.channels import ShownTopic
-from procs.gui.catalogue import sources_of
-from procs.packed_view import PackedView
-from procs.ros.view_messages import VIEW_MESSAGES
-from procs.ros_bridge.outgoing import EVENT_MESSAGES, FIELD_TOPICS
-from procs.socket_bridge.topics import SharedTopic, Topics
 from tests.examples import examples
 from tests.tools.wild import Field, WildSystem
-from tools import cli
-from tools.inspector.values import ValuesData
+from trocar.procs.crtk.topics import EVENT, RECORD
+from trocar.procs.crtk.views import OpenTopic
+from trocar.procs.foxglove.channels import ShownTopic
+from trocar.procs.gui.catalogue import sources_of
+from trocar.procs.ros_bridge.outgoing import EVENT_MESSAGES, FIELD_TOPICS
+from trocar.procs.ros_messages.packed_view import PackedView
+from trocar.procs.ros_messages.view_messages import VIEW_MESSAGES
+from trocar.procs.socket_bridge.topics import SharedTopic, Topics
+from trocar.tools import cli
+from trocar.tools.monitor.values import ValuesData
 
 APP: Final = cli.build()
 RECORDING: Final = "RECORDING"

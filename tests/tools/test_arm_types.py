@@ -9,14 +9,14 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from procs.arm.arm import ArmLogic
-from procs.arm_types import ARM_TYPES, class_of, found
-from procs.config.models.arm_file import ArmFile
-from shm.commands import COMMANDS
 from tests.arm.fake_io import ArmHarness
 from tests.tools.robot import ScriptedRobot, robot
-from tools import cli
-from tools.client.arm import Arm
+from trocar.procs.arm.arm import ArmLogic
+from trocar.procs.config.models.arm_file import ArmFile
+from trocar.procs.tables.arm_types import ARM_TYPES, class_of, found
+from trocar.shm.commands import COMMANDS
+from trocar.tools import cli
+from trocar.tools.client.arm import Arm
 
 APP = cli.build()
 

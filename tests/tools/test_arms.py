@@ -6,11 +6,11 @@ import threading
 
 import pytest
 
-from shm.clock import pause
-from shm.origins import Origin
 from tests.conftest import World
 from tests.tools.robot import ScriptedRobot, nothing_ages, robot
-from tools.arms import HOMED, bring, silent
+from trocar.shm.mailbox.origins import Origin
+from trocar.shm.time.clock import pause
+from trocar.tools.client.bring_up import HOMED, bring, silent
 
 
 def served(kinematic: ScriptedRobot, origins: list[Origin], over: threading.Event) -> None:

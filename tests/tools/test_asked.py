@@ -10,23 +10,24 @@ from collections.abc import Iterator
 import pytest
 from typer.testing import CliRunner
 
-from shm.audit import Audit
-from shm.client import Client, LoopClient
-from shm.directory import create_ring, topic_of, writer
-from shm.faults import NoFaults
-from shm.mailbox import Mailbox
-from shm.mailbox_map import create_mailbox
-from shm.origins import Origin
 from tests.conftest import World
-from tools import cli
-from tools.errors import Problem
-from tools.inspect.asked import in_words, rows_of
+from trocar.shm.commands import COMMANDS
+from trocar.shm.mailbox.audit import Audit
+from trocar.shm.mailbox.client import Client, LoopClient
+from trocar.shm.mailbox.generations import NoFaults
+from trocar.shm.mailbox.mailbox import Mailbox
+from trocar.shm.mailbox.mailbox_map import create_mailbox
+from trocar.shm.mailbox.origins import Origin
+from trocar.shm.system.directory import create_ring, topic_of, writer
+from trocar.tools import cli
+from trocar.tools.inspect.asked import in_words, rows_of
+from trocar.tools.output.errors import Problem
 
 
 @pytest.fixture
 def system(world: World) -> Iterator[str]:
     for name in ("PSM1", "ECM"):
-        create_mailbox(world.name, name, "arm")
+        create_mailbox(world.name, name, "arm", COMMANDS["arm"])
         create_ring(world.name, name, topic_of("arm", "audit"), {}, {"kind": "arm"})
     yield world.name
     world.remove()
@@ -34,7 +35,7 @@ def system(world: World) -> Iterator[str]:
 
 def asked(system: str, name: str, client: Client) -> None:
     ring = writer(system, name, "audit", "arm")
-    owner = Mailbox(system, name, "arm", guard=NoFaults(), audit=Audit(ring, time.monotonic_ns))
+    owner = Mailbox(system, name, COMMANDS["arm"], guard=NoFaults(), audit=Audit(ring, time.monotonic_ns))
     client.send("state_command", (), "home")
     for command in owner.drain():
         command.accept()
@@ -79,7 +80,7 @@ def test_the_commands_of_a_system_that_is_down_are_not_silently_none(world: Worl
 
 def test_streams_of_an_arm_and_its_jaw_side_by_side_are_told_once_each(system: str) -> None:
     ring = writer(system, "PSM1", "audit", "arm")
-    owner = Mailbox(system, "PSM1", "arm", guard=NoFaults(), audit=Audit(ring, time.monotonic_ns))
+    owner = Mailbox(system, "PSM1", COMMANDS["arm"], guard=NoFaults(), audit=Audit(ring, time.monotonic_ns))
     person = Client(system, "PSM1")
     for word in ("servo_jp", "jaw/servo_jp", "servo_jp", "jaw/servo_jp", "hold", "servo_jp", "jaw/servo_jp"):
         person.send(word, (0.1,) * (6 if word == "servo_jp" else word == "jaw/servo_jp"))
@@ -94,7 +95,7 @@ def test_streams_of_an_arm_and_its_jaw_side_by_side_are_told_once_each(system: s
 @pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf])
 def test_numbers_that_are_none_hide_nothing_that_came_after(system: str, number: float) -> None:
     ring = writer(system, "PSM1", "audit", "arm")
-    owner = Mailbox(system, "PSM1", "arm", guard=NoFaults(), audit=Audit(ring, time.monotonic_ns))
+    owner = Mailbox(system, "PSM1", COMMANDS["arm"], guard=NoFaults(), audit=Audit(ring, time.monotonic_ns))
     person = Client(system, "PSM1")
     for values in ((number, 0.5), (0.1, 0.2)):
         person.send("servo_jp", values)

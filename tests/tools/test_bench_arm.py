@@ -7,12 +7,12 @@ import os
 import numpy as np
 import pytest
 
-from procs.arm.loop import AT_REST, PERIODS_AT_REST, PERIODS_OVERLOADED, most_periods
-from procs.arm.motion import Mode
-from shm import directory
-from shm.segment import names_of
-from shm.subscriptions import Subscriber
-from tools.bench import arm as bench_arm
+from trocar.procs.arm.loop import AT_REST, PERIODS_AT_REST, PERIODS_OVERLOADED, most_periods
+from trocar.procs.arm.motion import Mode
+from trocar.shm.memory.segment import names_of
+from trocar.shm.system import directory
+from trocar.shm.system.subscriptions import Subscriber
+from trocar.tools.bench import arm as bench_arm
 
 KEYS = ("cycle_cpu_us_p50", "cycle_following_cpu_us_p50", "fk_jacobian_us_p50", "ik_near_us_p50",
         "ik_unreachable_us_p999")

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import pytest
 
-from procs.kernel.library import kernel
-from shm.segment import names_of
-from tools.bench import boards as bench_boards
-from tools.bench.boards import COMPARED, FIGURES, BoardsReport, BoardsResult
-from tools.bench.children import ROOT
-from tools.errors import Problem
+from trocar.procs.machine.paths import ROOT
+from trocar.procs.native.library import kernel
+from trocar.shm.memory.segment import names_of
+from trocar.tools.bench import boards as bench_boards
+from trocar.tools.bench.boards import COMPARED, FIGURES, BoardsReport, BoardsResult
+from trocar.tools.output.errors import Problem
 
 
 def turn(p50: int) -> BoardsReport:
@@ -69,6 +69,6 @@ def test_boards_that_fail_end_the_bench(monkeypatch: pytest.MonkeyPatch, tmp_pat
 
 @pytest.mark.slow
 def test_the_measuring_half_says_who_starts_it() -> None:
-    done = subprocess.run([sys.executable, "-m", "procs.boards.cost"], cwd=ROOT, capture_output=True, text=True,
+    done = subprocess.run([sys.executable, "-m", "trocar.procs.boards.cost"], cwd=ROOT, capture_output=True, text=True,
                           check=False)
     assert done.returncode == 1 and done.stderr == "started by: trocar bench boards\n"

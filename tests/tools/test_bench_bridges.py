@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from procs.config import PROJECT_CONFIGS
-from shm.segment import names_of
 from tests.retries import measured
-from tools.bench import bridges
+from trocar.procs.config import PROJECT_CONFIGS
+from trocar.shm.memory.segment import names_of
+from trocar.tools.bench import bridges
 
 TWO_ARMS = PROJECT_CONFIGS / "systems" / "kinematic-teleop.yaml"
 

@@ -9,9 +9,9 @@ from pathlib import Path
 import psutil
 import pytest
 
-from tools.bench import children as bench_children
-from tools.bench.children import WARM_UP, Team, summary
-from tools.errors import Problem
+from trocar.tools.bench import children as bench_children
+from trocar.tools.bench.children import WARM_UP, Team, summary
+from trocar.tools.output.errors import Problem
 
 READY = "print('{}', flush=True)\n"
 ANSWERS = READY + "import sys\nfor line in sys.stdin: print('{\"%s\": {\"p50\": 1}}' % sys.argv[1], flush=True)"

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tools.bench import deaths
-from tools.bench.deaths import DeathEffect, _stands
+from trocar.tools.bench import deaths
+from trocar.tools.bench.deaths import DeathEffect, _stands
 
 FIELDS = [("stamp_ns", "i8"), ("powered", "?", (2,)), ("setpoint_cp", "f8", (7,))]
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from shm.segment import names_of
 from tests.retries import measured
-from tools.bench import gui
+from trocar.shm.memory.segment import names_of
+from trocar.tools.bench import gui
 
 
 @pytest.mark.slow

@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 
-from procs.kernel.library import SWITCH
-from shm.segment import names_of
 from tests.retries import measured
-from tools.bench import io_loop as bench_io
-from tools.bench.baseline import Baseline, BaselineRun
-from tools.errors import Problem
+from trocar.procs.native.library import SWITCH
+from trocar.shm.memory.segment import names_of
+from trocar.tools.bench import io_loop as bench_io
+from trocar.tools.bench.baseline import Baseline, BaselineRun
+from trocar.tools.output.errors import Problem
 
 
 class FakeBaseline:

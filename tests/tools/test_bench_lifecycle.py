@@ -6,8 +6,8 @@ import os
 
 import pytest
 
-from shm.segment import names_of
-from tools.bench import lifecycle
+from trocar.shm.memory.segment import names_of
+from trocar.tools.bench import lifecycle
 
 
 @pytest.mark.slow

@@ -16,15 +16,15 @@ from pathlib import Path
 
 import pytest
 
-from shm import ring
-from shm.layout import schema_of
-from shm.segment import FOLDER, names_of
-from shm.topics import PROBE, PROBE_4K
-from tools.bench import parts as bench_parts
-from tools.bench import peers as bench_peers
-from tools.bench import ring as bench_ring
-from tools.bench.ring import FIGURES, PEERS, SOURCE, RingResult
-from tools.errors import Problem
+from trocar.shm.memory.layout import schema_of
+from trocar.shm.memory.segment import FOLDER, names_of
+from trocar.shm.ring import ring
+from trocar.shm.topics import PROBE, PROBE_4K
+from trocar.tools.bench import parts as bench_parts
+from trocar.tools.bench import peers as bench_peers
+from trocar.tools.bench import ring as bench_ring
+from trocar.tools.bench.ring import FIGURES, PEERS, SOURCE, RingResult
+from trocar.tools.output.errors import Problem
 
 Left = Callable[[], list[str]]
 READY = "print('{}', flush=True)\n"

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from shm.segment import names_of
-from tools.bench import rl as bench_rl
+from trocar.shm.memory.segment import names_of
+from trocar.tools.bench import rl as bench_rl
 
 RATIOS = ("kinematic_500_realtime_ratio", "boards_500_realtime_ratio", "boards_4psm_env_s_per_cpu_s")
 

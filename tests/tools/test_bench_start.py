@@ -6,8 +6,8 @@ import os
 
 import pytest
 
-from shm.segment import names_of
-from tools.bench import start
+from trocar.shm.memory.segment import names_of
+from trocar.tools.bench import start
 
 
 def test_each_command_is_tried_by_turns_and_its_median_counts(monkeypatch: pytest.MonkeyPatch) -> None:

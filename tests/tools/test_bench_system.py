@@ -11,14 +11,14 @@ from typing import Any
 
 import pytest
 
-from shm.client import MailboxFull
-from shm.segment import names_of
 from tests.retries import measured
-from tools.bench import system as bench_system
-from tools.bench.system import Mark, figures, row
-from tools.cli import VERBS, examples_of
-from tools.errors import Misuse
-from tools.verbs.bench import bench
+from trocar.shm.mailbox.client import MailboxFull
+from trocar.shm.memory.segment import names_of
+from trocar.tools.bench import system as bench_system
+from trocar.tools.bench.system import Mark, figures, row
+from trocar.tools.cli import VERBS, examples_of
+from trocar.tools.output.errors import Misuse
+from trocar.tools.verbs.bench import bench
 
 
 def mark(at_s: float, pid: int, cycles: int, missed: int, cpu_s: float, kind: str = "io") -> Mark:
@@ -84,7 +84,7 @@ def test_missing_file_is_a_problem_that_names_it(tmp_path: Path) -> None:
 def test_the_example_of_help_measures_every_process_and_whoever_follows(
         monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     (example,) = (line for verb in VERBS for line in examples_of(verb) if line.startswith("trocar bench"))
-    command = [sys.executable, "-m", "tools", *shlex.split(example.replace("--seconds 5", "--seconds 1"))[1:]]
+    command = [sys.executable, "-m", "trocar", *shlex.split(example.replace("--seconds 5", "--seconds 1"))[1:]]
 
     def run() -> dict[str, Any]:
         with subprocess.Popen(command, cwd=bench_system.ROOT, text=True, stdout=subprocess.PIPE,

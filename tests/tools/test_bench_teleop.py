@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from procs.config import load_system
-from tools.bench import teleop
-from tools.errors import Problem
-from tools.supervising import StartRequest
+from trocar.procs.config import load_system
+from trocar.tools.bench import teleop
+from trocar.tools.output.errors import Problem
+from trocar.tools.systems.supervising import StartRequest
 
 
 @pytest.mark.parametrize(("sets", "periods_s"), [

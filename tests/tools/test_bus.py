@@ -14,24 +14,24 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner, Result
 
-from procs.document.system import Controller
-from procs.fpga import registers, wire
-from procs.io.bus import owner
-from procs.io.bus.ports import port_of
-from shm.clock import monotonic_ns, pause
 from tests.io.controllers_bus import ControllersBus, controller
 from tests.io.stub_bus import StubBoard, StubBus
 from tests.lib import board_side
-from tools import bus_client, cli
-from tools.bus_client import FoundBoard
-from tools.errors import Problem
-from tools.inspect import samples
-from tools.verbs import bus
+from trocar.procs.document.system import Controller
+from trocar.procs.fpga import registers, wire
+from trocar.procs.io.bus import owner
+from trocar.procs.io.bus.ports import port_of
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.tools import cli
+from trocar.tools.inspect import bus_client, samples
+from trocar.tools.inspect.bus_client import FoundBoard
+from trocar.tools.output.errors import Problem
+from trocar.tools.verbs import bus
 
 APP = cli.build("bus")
 QLA, DQLA, DRA = (FoundBoard(2, 0, hardware, 8, 2, 0, True) for hardware in ("QLA1", "DQLA", "dRA1"))
 WRITES = (wire.QUADLET_WRITE, wire.BLOCK_WRITE)
-PATIENT = """from procs.io.bus import bus_server, discovery, link
+PATIENT = """from trocar.procs.io.bus import bus_server, discovery, link
 discovery.NODES, discovery.SCAN_TIMEOUTS_MS, link.SETUP_TIMEOUT_MS = {nodes}, (5000,), 5000
 bus_server.main()"""
 
@@ -224,7 +224,8 @@ def test_writing_every_axis_at_once_is_misuse() -> None:
 @pytest.mark.parametrize(("answer", "code", "after"), [("y", 0, 0x2580), ("n", 1, 0x1680)])
 def test_write_asks_at_a_terminal(desk_bus: Recorded, answer: str, code: int, after: int) -> None:
     ours, theirs = pty.openpty()
-    tool = f"from tools import bus_client, cli; bus_client.SERVER = {bus_client.SERVER}; cli.main()"
+    tool = ("from trocar.tools import cli; from trocar.tools.inspect import bus_client; "
+            f"bus_client.SERVER = {bus_client.SERVER}; cli.main()")
     words = ["bus", "write", desk_bus.name, "0", "WATCHDOG", "0x2580"]
     child = subprocess.Popen([sys.executable, "-c", tool, *words], stdin=theirs, stdout=subprocess.PIPE,
                              stderr=subprocess.PIPE, text=True)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from procs.fpga import registers
-from tools.bus_client import FoundBoard
-from tools.errors import Misuse, Problem
-from tools.inspect import register_names, samples, serials
+from trocar.procs.fpga import registers
+from trocar.tools.inspect import register_names, samples, serials
+from trocar.tools.inspect.bus_client import FoundBoard
+from trocar.tools.output.errors import Misuse, Problem
 
 QLA, DQLA, DRA = (FoundBoard(2, 0, hardware, 8, 2, 0, True) for hardware in ("QLA1", "DQLA", "dRA1"))
 

@@ -11,10 +11,11 @@ from typing import Any
 
 import pytest
 
-from procs.config import PROJECT_CONFIGS
-from tools.errors import Problem
-from tools.systems import ROOT, system_file
-from tools.verbs import check
+from trocar.procs.config import PROJECT_CONFIGS
+from trocar.procs.machine.paths import ROOT
+from trocar.tools.output.errors import Problem
+from trocar.tools.systems.find import system_file
+from trocar.tools.verbs import check
 
 DEMO = PROJECT_CONFIGS / "systems/demo.yaml"
 
@@ -107,7 +108,7 @@ def test_a_pipe_a_huge_file_and_a_huge_gain_are_refused_at_once(tmp_path: Path) 
     stiff.write_text((PROJECT_CONFIGS / "pid/PSM.yaml").read_text().replace("p_gain: 120", "p_gain: 1e308", 1))
     os.mkfifo(pipe)
     huge.write_text('{"a": [' + "{}," * 3_300_000 + "{}]}")  # 10 MB
-    words = [sys.executable, "-m", "tools", "check", str(stiff), str(huge), str(pipe)]
+    words = [sys.executable, "-m", "trocar", "check", str(stiff), str(huge), str(pipe)]
     done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 1
     assert f"{stiff}:6: error: pid[0].p_gain = 1e+308: out of range; allowed: a number from 0" in done.stdout
@@ -132,7 +133,7 @@ def test_what_lies_in_the_share_of_the_dvrk_is_told_with_path_and_the_folders_lo
         (tmp_path / "arm.yaml").write_text(arm)
         content = DEMO.read_text().replace("arms/PSM1-demo.yaml", "arm.yaml")
     (tmp_path / "system.yaml").write_text(content)
-    done = subprocess.run([sys.executable, "-m", "tools", *verb, "system.yaml", "--path", "other"], cwd=tmp_path,
+    done = subprocess.run([sys.executable, "-m", "trocar", *verb, "system.yaml", "--path", "other"], cwd=tmp_path,
                           text=True, capture_output=True, timeout=300, check=False,
                           env=os.environ | {"PYTHONPATH": str(ROOT)})
     assert done.returncode == 1

@@ -11,12 +11,13 @@ from pathlib import Path
 
 import pytest
 
-from shm.segment import names_of
 from tests.conftest import World
 from tests.system.robot import wait_for
-from tools.cleanup import own_folder
-from tools.running import running
-from tools.systems import ROOT, is_up
+from trocar.procs.machine.paths import ROOT
+from trocar.shm.memory.segment import names_of
+from trocar.tools.systems.cleanup import own_folder
+from trocar.tools.systems.find import is_up
+from trocar.tools.systems.processes import running
 
 
 def left(prefix: str, folder: Path) -> list[str]:
@@ -29,7 +30,7 @@ def left(prefix: str, folder: Path) -> list[str]:
 def killed(words: list[str], folder: Path, at_work: Callable[[int], bool]) -> int:
     """Start a verb, kill it when it is at work; its pid."""
     environment = {**os.environ, "TMPDIR": str(folder), "TROCAR_STATE": str(folder.parent / "state")}
-    verb = subprocess.Popen([sys.executable, "-m", "tools", *words], cwd=ROOT, env=environment,
+    verb = subprocess.Popen([sys.executable, "-m", "trocar", *words], cwd=ROOT, env=environment,
                             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
         wait_for(lambda: at_work(verb.pid), 60, f"{words} at work")

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from shm.commands import COMMANDS
-from tools import commands_page
+from trocar.shm.commands import COMMANDS
+from trocar.tools.pages import commands as commands_page
 
 
 def test_the_page_is_as_the_table_says() -> None:
     assert commands_page.PAGE.read_text(encoding="utf-8") == commands_page.page(), \
-        "stale: run python -m tools.commands_page"
+        f"stale: run python -m {commands_page.__name__}"
 
 
 def test_every_command_has_a_line() -> None:

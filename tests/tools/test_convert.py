@@ -9,11 +9,11 @@ from typing import Any
 
 from typer.testing import CliRunner, Result
 
-from procs.config import check_file
 from tests import stock
 from tests.lib.test_convert_rob import TWO
 from tests.old import actuator, config, joint, pid, robot, three
-from tools import cli
+from trocar.procs.config import check_file
+from trocar.tools import cli
 
 NAME = "sawRobotIO1394-PSM1-01234"
 

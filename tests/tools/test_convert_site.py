@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from procs.config.read.jsontext import parse_json
 from tests import stock
 from tests.lib.test_convert_back import ROBOTS, Writer
 from tests.old import config, joint, pid, three
-from tools.systems import ROOT
+from trocar.procs.config.read.jsontext import parse_json
+from trocar.procs.machine.paths import ROOT
 
 pytestmark = pytest.mark.slow
 
@@ -24,7 +24,7 @@ IO = "sawRobotIO1394-PSM1-11111"
 
 def trocar(*words: object, home: Path) -> subprocess.CompletedProcess[str]:
     """A verb, run where no file of ours lies."""
-    return subprocess.run([sys.executable, "-m", "tools", *map(str, words)], cwd=home, text=True, capture_output=True,
+    return subprocess.run([sys.executable, "-m", "trocar", *map(str, words)], cwd=home, text=True, capture_output=True,
                           timeout=300, check=False, env=os.environ | {"PYTHONPATH": str(ROOT)})
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import subprocess
 import sys
 
-from shm.clock import monotonic_ns
-from tools.bench.cpu_time import cpu_s
+from trocar.shm.time.clock import monotonic_ns
+from trocar.tools.bench.cpu_time import cpu_s
 
 PROGRAM = "import sys\nfor line in sys.stdin: sum(range(100_000)); print(flush=True)"
 TICK_S = 0.01

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tools.deadline import Deadline
+from trocar.tools.client.deadline import Deadline
 
 STEP_NS = 10_000_000
 

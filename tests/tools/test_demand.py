@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 import trocar
-from procs.crtk import demand
-from procs.crtk.demand import OnDemand
-from procs.crtk.views import open_topic
-from shm.clock import monotonic_ns
-from shm.segment import SegmentError
-from shm.subscriptions import Subscriber, Subscriptions
 from tests.conftest import World
 from tests.tools.robot import ScriptedRobot, nothing_ages, robot
 from tests.tools.test_verbs import lines, run
+from trocar.procs.crtk import demand
+from trocar.procs.crtk.demand import OnDemand
+from trocar.procs.crtk.views import open_topic
+from trocar.shm.memory.segment import SegmentError
+from trocar.shm.system.subscriptions import Subscriber, Subscriptions
+from trocar.shm.time.clock import monotonic_ns
 
 FORCE = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
 
@@ -85,7 +85,7 @@ def test_a_program_wants_wrenches_from_its_first_look_until_it_is_closed(arm: Pl
 
 def test_a_program_is_told_what_was_not_computed(arm: Playing, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(arm, "bit", 0)
-    monkeypatch.setattr("tools.client.record.FRESH_S", 0.05)
+    monkeypatch.setattr("trocar.tools.client.record.FRESH_S", 0.05)
     with (trocar.arm("PSM1", system=arm.scripted.name) as psm,
           pytest.raises(TimeoutError, match=r"PSM1/body/measured_cf was not computed within 0\.05 s")):
         psm.body.measured_cf()

@@ -10,13 +10,13 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from shm.clock import monotonic_ns
-from shm.segment import SegmentError
-from shm.system_time import SystemTime
-from tools import cli
-from tools.errors import Problem
-from tools.verbs import demo
-from tools.verbs.demo import MOST, _draw, judged
+from trocar.shm.memory.segment import SegmentError
+from trocar.shm.time.clock import monotonic_ns
+from trocar.shm.time.system_time import SystemTime
+from trocar.tools import cli
+from trocar.tools.output.errors import Problem
+from trocar.tools.verbs import demo
+from trocar.tools.verbs.demo import MOST, _draw, judged
 
 
 class Idle:

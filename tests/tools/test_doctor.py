@@ -10,13 +10,14 @@ from types import SimpleNamespace
 import pytest
 from typer.testing import CliRunner
 
-from procs.port_holders import SocketHolder
-from shm.segment import names_of, path_of, segment_name
 from tests.conftest import World
 from tests.tools.robot import robot
-from tools import cli, machine
-from tools.machine import BAD, NOTE, OK, Busy, MachineFinding
-from tools.systems import other_owner
+from trocar.procs.machine.port_holders import SocketHolder
+from trocar.shm.memory.segment import names_of, path_of, segment_name
+from trocar.tools import cli
+from trocar.tools.inspect import machine
+from trocar.tools.inspect.machine import BAD, NOTE, OK, Busy, MachineFinding
+from trocar.tools.systems.find import other_owner
 
 
 def file(root: Path, name: str, text: str) -> None:
@@ -34,7 +35,7 @@ def test_the_kernel_is_told_real_time_or_not(tmp_path: Path) -> None:
 def test_a_machine_on_which_nothing_is_compiled_is_noted_with_what_helps() -> None:
     assert machine.compiled("").state == OK
     found = machine.compiled("it is not compiled")
-    assert found.state == NOTE and "numpy" in found.found and "procs.kernel.build" in found.mend
+    assert found.state == NOTE and "numpy" in found.found and "trocar.procs.native.build" in found.mend
 
 
 @pytest.mark.parametrize(("words", "state", "reported"), [

@@ -12,13 +12,13 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from shm import directory
-from shm.clock import monotonic_ns
-from shm.segment import FOLDER, names_of, path_of, segment_name, unlink
 from tests.system.robot import DEMO, Robot, wait_for
 from tests.system.test_memory import as_root, as_user
-from tools import cli
-from tools.running import running
+from trocar.shm.memory.segment import FOLDER, names_of, path_of, segment_name, unlink
+from trocar.shm.system import directory
+from trocar.shm.time.clock import monotonic_ns
+from trocar.tools import cli
+from trocar.tools.systems.processes import running
 
 pytestmark = pytest.mark.slow
 COUNTER = itertools.count()

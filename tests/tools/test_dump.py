@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from procs.recordings.reading import open_recording
-from shm import directory
-from shm.segment import Segment, names_of, segment_name
 from tests.system.robot import wait_for
 from tests.tools.test_down import FILE, is_down, up
-from tools.dumping import STATUS
-from tools.running import running
+from trocar.procs.recordings.reading import open_recording
+from trocar.shm.memory.segment import Segment, names_of, segment_name
+from trocar.shm.system import directory
+from trocar.tools.systems.dumping import STATUS
+from trocar.tools.systems.processes import running
 
 pytestmark = pytest.mark.slow
 

@@ -14,7 +14,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from tests.tools.robot import ScriptedRobot, robot
-from tools import cli
+from trocar.tools import cli
 
 APP = cli.build()
 
@@ -85,7 +85,7 @@ def test_hz_of_a_field_counts_in_the_time_that_the_ring_keeps(played: ScriptedRo
             played.arm.publish(begin_ns + n * 1_000_000)
 
     begin_ns = played.arm.stamp_ns
-    monkeypatch.setattr("tools.verbs.listing.pause", ten_seconds)
+    monkeypatch.setattr("trocar.tools.verbs.listing.pause", ten_seconds)
     row = json.loads(run(played, "hz", "PSM1/state.position[0]", "--json", "--window", "10").stdout)
     assert row["records"] == 10_000 and row["changes_hz"] == pytest.approx(1000.0)
 
@@ -95,7 +95,7 @@ def test_hz_of_a_field_counts_its_changes(played: ScriptedRobot, monkeypatch: py
         for value in (0.1, 0.1, 0.2, 0.3):
             played.show_arm(value)
 
-    monkeypatch.setattr("tools.verbs.listing.pause", meanwhile)
+    monkeypatch.setattr("trocar.tools.verbs.listing.pause", meanwhile)
     row = json.loads(run(played, "hz", "PSM1/measured_js.position[0]", "--json", "--window", "2").stdout)
     assert row["topic"] == "PSM1/measured_js.position[0]" and row["records"] == 4 and row["changes_hz"] == 1.0
     unknown = json.loads(run(played, "hz", "PSM1/measured_js.velocity", "--json", "--window", "2").stdout)

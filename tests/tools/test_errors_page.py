@@ -7,12 +7,12 @@ import re
 
 import pytest
 
-from procs import codes
-from procs.codes import CODES, FAULTS
-from procs.config.models.trocar_section import ProcessKeys, TrocarSection
-from procs.manifest import PROCS
 from tests.test_pages import wrong_in
-from tools import errors_page
+from trocar.procs.config.models.trocar_section import ProcessKeys, TrocarSection
+from trocar.procs.tables import codes
+from trocar.procs.tables.codes import CODES, FAULTS
+from trocar.procs.tables.manifest import PROCS
+from trocar.tools.pages import errors as errors_page
 
 ROOT = errors_page.PAGE.parent.parent
 NAMES = {name: row for name, row in vars(codes).items() if isinstance(row, codes.Code)}
@@ -36,7 +36,7 @@ def used() -> dict[str, set[str]]:
 
 
 def test_the_page_is_as_the_table_says() -> None:
-    assert errors_page.PAGE.read_text(encoding="utf-8") == errors_page.page(), "stale: run python -m tools.errors_page"
+    assert errors_page.PAGE.read_text(encoding="utf-8") == errors_page.page()
 
 
 def test_every_code_has_its_cause_and_remedy() -> None:
@@ -89,7 +89,7 @@ def test_codes_go_through_rows_only() -> None:
     files = [path for folder in ("procs", "shm", "tools") for path in ROOT.glob(f"{folder}/**/*.py")]
     places = {str(path.relative_to(ROOT)) for path in files
               if re.search(r"emit\([^)]*severity=", path.read_text(encoding="utf-8"))}
-    assert places == {"shm/events.py", "procs/io/loop.py", "procs/system/message_hub.py"}
+    assert places == {"shm/system/events.py", "procs/io/loop.py", "procs/system/message_hub.py"}
 
 
 def test_the_check_tells_a_stale_page(tmp_path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]

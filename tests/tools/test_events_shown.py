@@ -11,12 +11,12 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner, Result
 
-from procs import codes
-from shm.rows import Field
-from shm.topics import ARM_STATE, IO_STATE, SETPOINT
 from tests.tools.robot import ScriptedRobot, nothing_ages, robot
-from tools import cli
-from tools.inspect.enumerations import in_words
+from trocar.procs.tables import codes
+from trocar.shm.memory.rows import Field
+from trocar.shm.topics import ARM_STATE, IO_STATE, SETPOINT
+from trocar.tools import cli
+from trocar.tools.inspect.enumerations import in_words
 
 APP = cli.build()
 TIME = r"\d\d:\d\d:\d\d\.\d{3}"

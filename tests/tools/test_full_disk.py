@@ -13,7 +13,7 @@ import pytest
 from typer.testing import CliRunner
 
 from tests.recordings.made import a_recording
-from tools import cli
+from trocar.tools import cli
 
 ROOM = 4_000  # bytes
 

@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.kinematics.poses import matrix_from_pose, rotation_vector
-from tools.errors import Problem
-from tools.examples import gamepad_master
-from tools.examples.gamepad import (
+from trocar.procs.kinematics.poses import matrix_from_pose, rotation_vector
+from trocar.tools.examples import gamepad_master
+from trocar.tools.examples.gamepad import (
     ABS_HAT0X,
     ABS_RX,
     ABS_RY,
@@ -35,6 +34,7 @@ from tools.examples.gamepad import (
     GamepadTip,
     is_gamepad,
 )
+from trocar.tools.output.errors import Problem
 
 
 class FakePad:

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 
 import pytest
 
-from procs.host.host import Host
-from shm.client import Client
 from tests.host.hosted import document
-from tools.examples.hand import Hand, figure_eight
-from tools.examples.operator_sim import OperatorSim
-from tools.systems import ROOT
+from trocar.procs.host.host import Host
+from trocar.procs.machine.paths import ROOT
+from trocar.shm.mailbox.client import Client
+from trocar.tools.examples.hand import Hand, figure_eight
+from trocar.tools.examples.operator_sim import OperatorSim
 
 BEAT_S, LONG_S = 0.01, 60.0
 HEADINGS = ("faults of a robot", "faults of boards and buses", "faults on the way")

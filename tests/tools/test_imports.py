@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 
 from tests.tools.robot import robot
-from tools import cli
+from trocar.tools import cli
 
-READERS = ("procs.config", "procs.kinematics", "tools.converters")
+READERS = ("trocar.procs.config", "trocar.procs.kinematics", "trocar.tools.converters")
 """They load the models of all files: half a second."""
 LIBRARIES = ("mujoco", "pinocchio", "ruckig", "yaml", "psutil", "OpenGL", "glfw")
 LOOKING = ("status", "logs", "list", "hz", "down")
@@ -32,29 +32,29 @@ def loaded_by(code: str, *arguments: str) -> set[str]:
 
 def loaded_with(*verbs: str) -> set[str]:
     doors = [part.door for verb in cli.VERBS if verb.name in verbs for part in verb.parts or (verb,)]
-    return loaded_by("from tools.cli import loaded\nfor door in sys.argv[1:]: loaded(door)", *doors)
+    return loaded_by("from trocar.tools.cli import loaded\nfor door in sys.argv[1:]: loaded(door)", *doors)
 
 
 @pytest.mark.slow
 def test_verbs_load_no_readers_of_files() -> None:
     found = loaded_with(*{verb.name for verb in cli.VERBS} - HEAVY)
-    assert not found & {*READERS, *LIBRARIES, "procs.runtime", "procs.supervisor"}
+    assert not found & {*READERS, *LIBRARIES, "trocar.procs.node.runtime", "trocar.procs.supervisor"}
 
 
 def test_verbs_that_look_load_no_document() -> None:
-    assert not loaded_with(*LOOKING) & {"procs.document.system", "rich.console", "pydantic"}
+    assert not loaded_with(*LOOKING) & {"trocar.procs.document.system", "rich.console", "pydantic"}
 
 
 def test_status_loads_nothing_more_at_work(world: Any) -> None:
     with robot(world.name):
-        code = "from tools.cli import main\ntry: main()\nexcept SystemExit: pass"
+        code = "from trocar.tools.cli import main\ntry: main()\nexcept SystemExit: pass"
         found = loaded_by(code, "status", "--json", "--system", world.name)
-    assert "tools.inspect.standing" in found
-    assert not found & {*READERS, *LIBRARIES, *UNUSED_BY_TYPER, "procs.document.system", "rich.console"}
+    assert "trocar.tools.inspect.standing" in found
+    assert not found & {*READERS, *LIBRARIES, *UNUSED_BY_TYPER, "trocar.procs.document.system", "rich.console"}
 
 
 def test_verbs_start_no_threads_of_numpy(world: Any) -> None:
-    code = ("import os\nfrom tools.cli import main\ntry: main()\nexcept SystemExit: pass\n"
+    code = ("import os\nfrom trocar.tools.cli import main\ntry: main()\nexcept SystemExit: pass\n"
             "print(len(os.listdir('/proc/self/task')))")
     bare = {key: value for key, value in os.environ.items() if not key.endswith("_NUM_THREADS")}
     words = [sys.executable, "-c", code, "status", "--system", world.name]

@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 import typer
 
-from shm.segment import names_of
 from tests.conftest import ROOT, World
 from tests.tools.robot import robot
-from tools.cli import guarded
+from trocar.shm.memory.segment import names_of
+from trocar.tools.cli import guarded
 
 PATIENCE_S = 240.0
 INTERRUPTS = """
@@ -32,12 +32,13 @@ sys.meta_path.insert(0, CtrlC)
 
 def trocar(folder: Path, *words: str, **more: str) -> subprocess.CompletedProcess[str]:
     environment = {**os.environ, "TROCAR_STATE": str(folder), "PYTHONPATH": f"{folder}{os.pathsep}{ROOT}", **more}
-    return subprocess.run([sys.executable, "-P", "-m", "tools", *words], cwd=folder, env=environment, text=True,
+    return subprocess.run([sys.executable, "-P", "-m", "trocar", *words], cwd=folder, env=environment, text=True,
                           capture_output=True, timeout=PATIENCE_S, check=False)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("module", ["typer", "tools.verbs.echo", "tools.printing", "numpy", "shm.client"])
+@pytest.mark.parametrize("module", [
+    "typer", "trocar.tools.verbs.echo", "trocar.tools.output.printing", "numpy", "trocar.shm.mailbox.client"])
 def test_ctrl_c_while_a_verb_is_loaded_ends_it_without_a_word(module: str, tmp_path: Path, world: World) -> None:
     (tmp_path / "sitecustomize.py").write_text(INTERRUPTS)
     done = trocar(tmp_path, "echo", "PSM1/state", "--system", world.name, CTRL_C_AT=module)
@@ -45,7 +46,8 @@ def test_ctrl_c_while_a_verb_is_loaded_ends_it_without_a_word(module: str, tmp_p
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("module", ["procs.supervisor.loop", "procs.supervisor.supervisor", "procs.config.build.load"])
+@pytest.mark.parametrize("module", [
+    "trocar.procs.supervisor.loop", "trocar.procs.supervisor.supervisor", "trocar.procs.config.loading.load"])
 def test_ctrl_c_while_a_system_is_loaded_stops_it_in_order(module: str, tmp_path: Path, world: World) -> None:
     (tmp_path / "sitecustomize.py").write_text(INTERRUPTS)
     done = trocar(tmp_path, "up", "--system", world.name, CTRL_C_AT=module)
@@ -74,7 +76,7 @@ def test_a_reader_that_leaves_at_once_hears_no_error(words: tuple[str, ...], tmp
         environment = {**os.environ, "TROCAR_STATE": str(tmp_path), "TROCAR_SYSTEM": world.name,
                        "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": ""}
         for errors in (subprocess.PIPE, writing):  # the second as `2>&1 | head`
-            done = subprocess.run([sys.executable, "-P", "-m", "tools", *words], cwd=ROOT, env=environment, text=True,
+            done = subprocess.run([sys.executable, "-P", "-m", "trocar", *words], cwd=ROOT, env=environment, text=True,
                                   stdout=writing, stderr=errors, timeout=PATIENCE_S, check=False)
             assert done.returncode in (0, 1), done
             assert not any(word in (done.stderr or "") for word in ("Traceback", "BrokenPipe", "ignored")), done.stderr

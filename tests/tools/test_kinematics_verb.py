@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from procs.kinematics.endoscopes import NAMES, endoscope
 from tests import stock
-from tools import cli
-from tools.errors import Problem
-from tools.verbs.kinematics import fk, gravity, ik, jacobian
+from trocar.procs.kinematics.endoscopes import NAMES, endoscope
+from trocar.tools import cli
+from trocar.tools.output.errors import Problem
+from trocar.tools.verbs.kinematics import fk, gravity, ik, jacobian
 
 Verb = Callable[..., int]
 

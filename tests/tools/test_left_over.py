@@ -10,14 +10,16 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from procs.recordings import names
-from procs.recordings.reading import open_recording
-from shm.lockstep import Table, create_clock
-from shm.segment import create, names_of, path_of, segment_name
 from tests.tools.robot import ScriptedRobot
-from tools import cli, dumping, reporting
-from tools.dumping import KEPT, keep_left_over, remove_older
-from tools.printing import Say
+from trocar.procs.recordings import names
+from trocar.procs.recordings.reading import open_recording
+from trocar.shm.memory.segment import create, names_of, path_of, segment_name
+from trocar.shm.time.lockstep import Table, create_clock
+from trocar.tools import cli
+from trocar.tools.output.printing import Say
+from trocar.tools.systems import dumping
+from trocar.tools.systems import report_file as reporting
+from trocar.tools.systems.dumping import KEPT, keep_left_over, remove_older
 
 QUIET: Say = lambda text, fraction: None  # noqa: E731
 OURS = "died-20260101-00000{}.000.mcap"
@@ -99,7 +101,7 @@ def test_a_clock_page_of_another_version_is_told_and_the_rest_is_kept(dead: Scri
 
 def test_a_schema_that_ros_cannot_say_is_told_and_the_rest_is_kept(dead: ScriptedRobot,
                                                                    monkeypatch: pytest.MonkeyPatch) -> None:
-    from procs.recordings import writing
+    from trocar.procs.recordings import writing
 
     usual = writing.layout_of
 

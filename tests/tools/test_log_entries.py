@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from tools import cli
-from tools.inspect.log_entries import MAX_LINES, newest
+from trocar.tools import cli
+from trocar.tools.inspect.log_entries import MAX_LINES, newest
 
 TRACEBACK = ["Traceback (most recent call last):", '  File "box.py", line 3, in update', "ZeroDivisionError: no more"]
 

@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shm.clock import monotonic_ns
-from shm.directory import create_ring
-from shm.ring import RingWriter
-from shm.segment import Segment, path_of, segment_name
-from shm.topics import Field, Topic
 from tests.system.robot import DEMO, Robot
 from tests.tools.peeking import NUMBER, SOURCE, Peek, build, fields_of, number_ring, read_back, refused, running
+from trocar.shm.memory.segment import Segment, path_of, segment_name
+from trocar.shm.ring.ring import RingWriter
+from trocar.shm.system.directory import create_ring
+from trocar.shm.time.clock import monotonic_ns
+from trocar.shm.topics import Field, Topic
 
 pytestmark = pytest.mark.slow
 
@@ -150,8 +150,8 @@ static int before;
 """
 COME_ROUND = """
 import sys
-from shm.ring import RingWriter
-from shm.segment import Segment
+from trocar.shm.ring.ring import RingWriter
+from trocar.shm.memory.segment import Segment
 writer = RingWriter(Segment(sys.argv[1], write=True), "io")
 for n in range(7, 11):
     writer.publish(1000 + n)
@@ -179,8 +179,8 @@ TOTAL, KEPT = 100_000, (1 << 16) - 1
 RESTS = {"small": 0, "large": 40}  # while the writer is at it, all that is large may be lost
 WRITER = """
 import os, sys, time
-from shm.ring import RingWriter
-from shm.segment import Segment
+from trocar.shm.ring.ring import RingWriter
+from trocar.shm.memory.segment import Segment
 writer = RingWriter(Segment(sys.argv[2], write=True), "io")
 first, last = writer.field("first"), writer.field("last")
 total, rests, out = int(sys.argv[3]), int(sys.argv[4]), sys.argv[5]

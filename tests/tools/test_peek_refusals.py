@@ -13,12 +13,13 @@ from typing import Any
 
 import pytest
 
-from shm.layout import schema_of
-from shm.mailbox_map import create_mailbox
-from shm.ring import BUSY, HEAD, attach
-from shm.segment import FIXED, HEAD_AT, TEXT_AT, Segment, SegmentError, path_of
 from tests.shm.headers import rewrite
 from tests.tools.peeking import NUMBER, Peek, build, number_ring, refused
+from trocar.shm.commands import COMMANDS
+from trocar.shm.mailbox.mailbox_map import create_mailbox
+from trocar.shm.memory.layout import schema_of
+from trocar.shm.memory.segment import FIXED, HEAD_AT, TEXT_AT, Segment, SegmentError, path_of
+from trocar.shm.ring.ring import BUSY, HEAD, attach
 
 pytestmark = pytest.mark.slow
 
@@ -96,7 +97,7 @@ def test_what_is_no_file_is_refused(ring: str, tmp_path: Path, peek: Peek) -> No
 
 
 def test_garbage_and_a_mailbox_are_refused(world: Any, ring: str, peek: Peek) -> None:
-    create_mailbox(world.name, "io", "io")
+    create_mailbox(world.name, "io", "io", COMMANDS["io"])
     assert refused(peek(world.name, "io", "mailbox"), "is not a ring")
     path_of(ring).write_bytes(random.Random(1).randbytes(8192))
     assert refused(peek(ring), "not a Trocar segment")

@@ -15,23 +15,24 @@ from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import CliRunner, Result
 
-from procs.config import check_file
-from procs.config.build import convert
-from procs.config.models.pid_file import PidFile
-from procs.config.read.source import read_source
-from procs.config.read.validate import validate
-from procs.document.gains import GAINS, changed, value_of
-from procs.document.system import PidAxis
-from shm import directory
-from shm.clock import monotonic_ns, pause
-from shm.mailbox import Mailbox
-from shm.ring import RingWriter
 from tests.examples import examples
 from tests.tools.robot import robot
-from tools import cli
-from tools.errors import Misuse, Problem
-from tools.inspect.gains import Present
-from tools.pid_file import save_as
+from trocar.procs.config import check_file
+from trocar.procs.config.loading import convert
+from trocar.procs.config.models.pid_file import PidFile
+from trocar.procs.config.read.source import read_source
+from trocar.procs.config.read.validate import validate
+from trocar.procs.document.gains import GAINS, changed, value_of
+from trocar.procs.document.system import PidAxis
+from trocar.shm.commands import COMMANDS
+from trocar.shm.mailbox.mailbox import Mailbox
+from trocar.shm.ring.ring import RingWriter
+from trocar.shm.system import directory
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.tools import cli
+from trocar.tools.inspect.gains import Present
+from trocar.tools.output.errors import Misuse, Problem
+from trocar.tools.verbs.pid_file import save_as
 
 APP = cli.build()
 
@@ -192,8 +193,8 @@ def test_mistakes_say_what_is_allowed(ring: RingWriter, words: tuple[str, ...], 
 
 @pytest.mark.parametrize("takes", [True, False])
 def test_set_looks_whether_io_has_the_gains(ring: RingWriter, takes: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tools.verbs.pid.CONFIRMED_NS", 30_000_000_000 if takes else 100_000_000)
-    mailbox = Mailbox(os.environ["TROCAR_SYSTEM"], "IO1", "io")
+    monkeypatch.setattr("trocar.tools.verbs.pid.CONFIRMED_NS", 30_000_000_000 if takes else 100_000_000)
+    mailbox = Mailbox(os.environ["TROCAR_SYSTEM"], "IO1", COMMANDS["io"])
 
     def io() -> None:
         end = monotonic_ns() + 10 * 10**9

@@ -7,11 +7,11 @@ import threading
 
 import pytest
 
-from procs import codes
-from shm.clock import monotonic_ns, pause
 from tests.tools.robot import ScriptedRobot
 from tests.tools.test_verbs import kinematic as kinematic  # a fixture
 from tests.tools.test_verbs import lines, run
+from trocar.procs.tables import codes
+from trocar.shm.time.clock import monotonic_ns, pause
 
 
 def play_arm(kinematic: ScriptedRobot, script: dict[str, tuple[str, bool]], commands: int) -> threading.Thread:

@@ -17,9 +17,10 @@ from typer.testing import CliRunner, Result
 
 from tests.conftest import World
 from tests.tools.robot import ScriptedRobot, robot
-from tools import cli, printing
-from tools.columns import columns_file
-from tools.printing import printable
+from trocar.tools import cli
+from trocar.tools.output import printing
+from trocar.tools.output.columns import columns_file
+from trocar.tools.output.printing import printable
 
 ROOT = Path(cli.__file__).parent
 EVIL = "\x1b]0;owned\x07\x1b[2J\x9b31m red \u202e"
@@ -118,7 +119,7 @@ def test_verbs_print_by_these_functions_alone() -> None:
     ours = re.compile(r"(?<![\w.])print\((?!f?\"\\r|file=)")
     found = [f"{path.name}: {line.strip()}" for folder in ("verbs", "commission") for path in
              sorted((ROOT / folder).glob("*.py")) for line in path.read_text().splitlines() if ours.search(line)]
-    assert found == [], "tell, note and emit of tools/printing.py know what a terminal may have"
+    assert found == [], "tell, note and emit of tools/output/printing.py know what a terminal may have"
 
 
 def test_a_table_that_nobody_reads_does_not_end_the_program(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -134,7 +135,7 @@ def test_a_table_that_nobody_reads_does_not_end_the_program(monkeypatch: pytest.
 
 
 def test_a_warning_of_python_reaches_the_terminal_as_one_plain_line() -> None:
-    code = ("import warnings; from tools import cli; from tools.errors import Clipped\n"
+    code = ("import warnings; from trocar.tools import cli; from trocar.tools.output.errors import Clipped\n"
             f"text = 'PSM1 move_jp was clipped' + {EVIL!r}\n"
             "cli.build = lambda only: lambda prog_name: warnings.warn(text, Clipped)\n"
             "cli.main()")

@@ -14,22 +14,22 @@ from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 from typer.testing import CliRunner, Result
 
-from procs.crtk.topics import catalogue
-from procs.crtk.views import open_topic
-from shm import directory
-from shm.clock import monotonic_ns
-from shm.ring import HEAD, RingReader, RingWriter
-from shm.segment import Segment, path_of, segment_name, unlink
-from shm.topics import SETPOINT
 from tests.examples import examples
 from tests.tools.robot import ScriptedRobot, nothing_ages, robot
-from tools import cli
-from tools.bench import io_loop as bench_io
-from tools.errors import Problem
-from tools.examples.operator_sim import SeenRecord
-from tools.inspect.processes import cells, remarks, statuses
-from tools.inspect.watch import arm_document
-from tools.verbs.echo import _reported
+from trocar.procs.crtk.topics import catalogue
+from trocar.procs.crtk.views import open_topic
+from trocar.shm.memory.segment import Segment, path_of, segment_name, unlink
+from trocar.shm.ring.ring import HEAD, RingReader, RingWriter
+from trocar.shm.system import directory
+from trocar.shm.time.clock import monotonic_ns
+from trocar.shm.topics import SETPOINT
+from trocar.tools import cli
+from trocar.tools.bench import io_loop as bench_io
+from trocar.tools.examples.operator_sim import SeenRecord
+from trocar.tools.inspect.processes import cells, remarks, statuses
+from trocar.tools.inspect.watch import arm_document
+from trocar.tools.output.errors import Problem
+from trocar.tools.verbs.echo import _reported
 
 APP = cli.build()
 SETPOINT_LIKE = dataclasses.replace(SETPOINT, name="state")
@@ -37,8 +37,8 @@ SETPOINT_LIKE = dataclasses.replace(SETPOINT, name="state")
 
 @pytest.fixture
 def kinematic(world: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[ScriptedRobot]:
-    monkeypatch.setattr("tools.verbs.listing.pause", lambda seconds: None)  # no figure here depends on time
-    monkeypatch.setattr("tools.inspect.processes.pause", lambda seconds: None)
+    monkeypatch.setattr("trocar.tools.verbs.listing.pause", lambda seconds: None)  # no figure here depends on time
+    monkeypatch.setattr("trocar.tools.inspect.processes.pause", lambda seconds: None)
     nothing_ages(monkeypatch)
     with robot(world.name) as made:
         yield made
@@ -213,7 +213,7 @@ def test_a_head_that_goes_backwards_is_told(kinematic: ScriptedRobot, monkeypatc
 
     for _ in range(5):
         kinematic.show_arm()
-    monkeypatch.setattr("tools.verbs.listing.pause", meanwhile)
+    monkeypatch.setattr("trocar.tools.verbs.listing.pause", meanwhile)
     row = rows(run(kinematic, "hz", "PSM1/state", "--json"))["PSM1/state"]
     assert (row["problem"], row["records"], row["hz"]) == ("the head went backwards", 0, 0.0)
 

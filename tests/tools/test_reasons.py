@@ -9,11 +9,11 @@ from collections.abc import Iterator
 import pytest
 from typer.testing import CliRunner
 
-from procs import codes
-from shm.layout import shorten
 from tests.conftest import World
 from tests.tools.robot import ScriptedRobot, robot
-from tools import cli
+from trocar.procs.tables import codes
+from trocar.shm.memory.layout import shorten
+from trocar.tools import cli
 
 APP = cli.build()
 

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 import typer
 
-from procs.config import PROJECT_CONFIGS
-from tools.cli import guarded
-from tools.client import here
-from tools.client.system import connected
-from tools.errors import Problem
-from tools.examples.recorded_master import place_in, recorded_master
-from tools.examples.recordings import read_recording
+from trocar.procs.config import PROJECT_CONFIGS
+from trocar.tools.cli import guarded
+from trocar.tools.client import here
+from trocar.tools.client.system import connected
+from trocar.tools.examples.recorded_master import place_in, recorded_master
+from trocar.tools.examples.recordings import read_recording
+from trocar.tools.output.errors import Problem
 
 HEAD = "time,x,y,z,qx,qy,qz,qw,gripper,clutch"
 ROWS = ("10,0,0,0,0,0,0,1,0,0", f"10.5,0.1,0,0,0,0,{math.sin(0.25)},{math.cos(0.25)},1,1", "11,0.1,0,0,0,0,0,1,1,0")

@@ -8,12 +8,12 @@ import time
 from collections.abc import Callable
 
 import pytest
+from trocar.shm.time.control_page import ControlPage
+from trocar.tools.client.remote import Remote
+from trocar.tools.output.errors import Problem
 
-from shm.control_page import ControlPage
 from tests.tools.robot import ScriptedRobot
 from tests.tools.test_verbs import kinematic as kinematic  # a fixture
-from tools.errors import Problem
-from tools.remote import Remote
 
 PATIENCE_S = 0.2
 
@@ -38,7 +38,7 @@ def test_an_answer_is_waited_for_while_simulated_time_stands(
             time.sleep(0.001)
         asked[0].done()
 
-    monkeypatch.setattr("tools.remote.SystemTime", lambda _: SimulatedTime(lambda: 0))
+    monkeypatch.setattr("trocar.tools.client.remote.SystemTime", lambda _: SimulatedTime(lambda: 0))
     with Remote(kinematic.name, "PSM1") as remote:
         late = threading.Thread(target=answer)
         late.start()
@@ -48,7 +48,7 @@ def test_an_answer_is_waited_for_while_simulated_time_stands(
 
 def test_nobody_waits_longer_than_asked_while_simulated_time_goes_on(
         kinematic: ScriptedRobot, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tools.remote.SystemTime", lambda _: SimulatedTime(time.monotonic_ns))
+    monkeypatch.setattr("trocar.tools.client.remote.SystemTime", lambda _: SimulatedTime(time.monotonic_ns))
     with Remote(kinematic.name, "PSM1") as remote, pytest.raises(Problem, match=r"did not answer hold within 0\.2 s"):
         remote.ask("hold", timeout=PATIENCE_S)
 

@@ -12,12 +12,13 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from procs.paths import token_file
 from tests.conftest import World
 from tests.recordings.made import a_recording
 from tests.tools.robot import robot
-from tools import cli, reporting
-from tools.machine import OK, MachineFinding
+from trocar.procs.machine.paths import token_file
+from trocar.tools import cli
+from trocar.tools.inspect.machine import OK, MachineFinding
+from trocar.tools.systems import report_file as reporting
 
 SYSTEM, TOKEN, OWN_TOKEN = "packed", "0123456789abcdef", "fedcba9876543210"
 

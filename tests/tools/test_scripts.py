@@ -76,14 +76,14 @@ def test_an_installed_project_starts_at_once_and_passes_arguments_on(tmp_path: P
                          ("up --for 3", "up --for 3"), ("--version", "--version"), ("-h", "-h")):
         command = [tmp_path / "tools" / "start", *words.split()]
         done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-        assert done.stdout == f"-P -m tools {meant}\n"
+        assert done.stdout == f"-P -m trocar {meant}\n"
 
 
 def test_what_the_tests_have_installed_is_enough_to_start(tmp_path: Path) -> None:
     environment = bare(tmp_path, "exit 1")
     wanted = echoing(tmp_path)
     (tmp_path / ".venv" / ".trocar[dev,bench]").write_text(wanted)
-    assert ask(tmp_path, "start", environment).stdout == "-P -m tools demo\n"
+    assert ask(tmp_path, "start", environment).stdout == "-P -m trocar demo\n"
     (tmp_path / ".venv" / ".trocar[dev,bench]").write_text("of other requirements\n")
     assert ask(tmp_path, "start", environment).returncode == 1  # it would be made anew, and there is no Python for that
 

@@ -10,16 +10,16 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from procs import codes
-from shm.system_time import SystemTime
 from tests.tools.robot import ScriptedRobot, nothing_ages, robot
-from tools import following
-from tools.errors import Problem
-from tools.following import Follower, HeldUp, beats
-from tools.inspect.watch import Watch
-from tools.printing import plain
-from tools.remote import Remote
-from tools.setpoints import clipped, read_setpoints
+from trocar.procs.tables import codes
+from trocar.shm.time.system_time import SystemTime
+from trocar.tools.client import following
+from trocar.tools.client.following import Follower, HeldUp, beats
+from trocar.tools.client.remote import Remote
+from trocar.tools.inspect.watch import Watch
+from trocar.tools.output.errors import Problem
+from trocar.tools.output.printing import plain
+from trocar.tools.verbs.setpoints import clipped, read_setpoints
 
 
 def written(path: Path, rows: list[str]) -> Path:

@@ -10,20 +10,20 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from trocar.procs.document.process import Process
+from trocar.procs.tables import codes
+from trocar.shm.system import directory
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.shm.time.control_page import STATES
+from trocar.tools import cli
+from trocar.tools.client.bring_up import ArmBringUp
+from trocar.tools.inspect import standing
+from trocar.tools.inspect.processes import SENTENCES, ProcessStatus, _problem
+from trocar.tools.inspect.segments import PAGE_GONE
+from trocar.tools.inspect.standing import Standing, first_thing, next_step
 from typer.testing import CliRunner, Result
 
-from procs import codes
-from procs.document.process import Process
-from shm import directory
-from shm.clock import monotonic_ns, pause
-from shm.control_page import STATES
 from tests.tools.robot import ScriptedRobot, nothing_ages, robot
-from tools import cli
-from tools.arms import ArmBringUp
-from tools.inspect import standing
-from tools.inspect.processes import SENTENCES, ProcessStatus, _problem
-from tools.inspect.segments import PAGE_GONE
-from tools.inspect.standing import Standing, first_thing, next_step
 
 APP = cli.build()
 NAMED = "instrument not named (tool_detection MANUAL): trocar send PSM1 set_tool_type NAME"
@@ -33,7 +33,7 @@ OFF = "PSM1 axis 2 (insertion), board 6: an amplifier is off although it should 
 @pytest.fixture
 def kinematic(world: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[ScriptedRobot]:
     nothing_ages(monkeypatch)
-    monkeypatch.setattr("tools.inspect.processes._stalled", lambda row, page, simulated: False)
+    monkeypatch.setattr("trocar.tools.inspect.processes._stalled", lambda row, page, simulated: False)
     with robot(world.name) as made:
         yield made
 
@@ -79,7 +79,7 @@ def test_after_an_io_was_silent_only_what_is_left_to_do_is_named(kinematic: Scri
 
 def test_the_file_of_another_fault_is_not_named(world: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     nothing_ages(monkeypatch)
-    monkeypatch.setattr("tools.inspect.processes._stalled", lambda row, page, simulated: False)
+    monkeypatch.setattr("trocar.tools.inspect.processes._stalled", lambda row, page, simulated: False)
     made = ScriptedRobot(world.name, tmp_path)
     recorder = directory.writer(world.name, "recorder", "state", "recorder")
     try:
@@ -275,7 +275,7 @@ def test_a_remedy_that_ends_in_home_is_not_followed_by_another() -> None:
 
 
 def test_home_says_what_an_arm_waits_for(kinematic: ScriptedRobot, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tools.arms.PATIENCE_NS", 0)
+    monkeypatch.setattr("trocar.tools.client.bring_up.PATIENCE_NS", 0)
     kinematic.arm.field("reason")[...] = NAMED.encode()
     kinematic.show_arm(state="ENABLED")
     stop = threading.Event()

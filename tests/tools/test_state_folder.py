@@ -9,16 +9,16 @@ from pathlib import Path
 
 import pytest
 
-from procs.paths import NoStateFolder, log_folder, made_log_folder
-from shm.segment import names_of
 from tests.conftest import ROOT, World
 from tests.tools.robot import robot
+from trocar.procs.machine.paths import NoStateFolder, log_folder, made_log_folder
+from trocar.shm.memory.segment import names_of
 
 
 def trocar(home: Path, folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     """A verb in `folder` of somebody whose HOME this is."""
     environment = {key: value for key, value in os.environ.items() if not key.startswith(("TROCAR_", "XDG_"))}
-    return subprocess.run([sys.executable, "-P", "-m", "tools", *words], cwd=folder, capture_output=True, text=True,
+    return subprocess.run([sys.executable, "-P", "-m", "trocar", *words], cwd=folder, capture_output=True, text=True,
                           env={**environment, "HOME": str(home), "PYTHONPATH": str(ROOT)}, timeout=240, check=False)
 
 

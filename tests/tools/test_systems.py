@@ -10,10 +10,10 @@ from typing import Any
 
 import pytest
 
-from shm import segment
-from tools import systems
-from tools.errors import Problem
-from tools.verbs import logs
+from trocar.shm.memory import segment
+from trocar.tools.output.errors import Problem
+from trocar.tools.systems import find as systems
+from trocar.tools.verbs import logs
 
 DEAD = 30
 

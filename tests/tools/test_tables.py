@@ -17,13 +17,14 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from shm.system_time import SystemTime
 from tests.conftest import World
 from tests.tools.robot import ScriptedRobot, robot
-from tools import cli, printing
-from tools.printing import fitting
-from tools.tables import table_lines
-from tools.verbs.demo import _state
+from trocar.shm.time.system_time import SystemTime
+from trocar.tools import cli
+from trocar.tools.output import printing
+from trocar.tools.output.printing import fitting
+from trocar.tools.output.tables import table_lines
+from trocar.tools.verbs.demo import _state
 
 APP = cli.build()
 WIDTHS = (60, 80, 120)
@@ -57,7 +58,7 @@ def test_no_word_of_a_table_is_cut_at_any_width(rows: list[tuple[str, ...]], wid
 def played(world: World, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ScriptedRobot]:
     """A system in FAULT, with recordings and gains of many digits."""
     monkeypatch.setenv("TROCAR_STATE", str(tmp_path))
-    monkeypatch.setattr("tools.inspect.processes._stalled", lambda *process: False)  # nothing beats here
+    monkeypatch.setattr("trocar.tools.inspect.processes._stalled", lambda *process: False)  # nothing beats here
     with robot(world.name) as made:
         made.arm.field("reason")[...] = REASON.encode()[:200]
         made.show_arm(-0.123456789, "FAULT")

@@ -6,12 +6,11 @@ import math
 
 import numpy as np
 import pytest
-
-from tools.bench.teleop import EVERY_S, MAX_NS, NUDGE_RAD, PART, STEP_NS, edges, fault_handler
-from tools.examples.hand import figure_eight
-from tools.inspect.tracing import STEP_NS as OUT_NS
-from tools.inspect.tracing import IoTrace, errors, latencies
-from tools.verbs.demo import MOST, too_much
+from trocar.tools.bench.teleop import EVERY_S, MAX_NS, NUDGE_RAD, PART, STEP_NS, edges, fault_handler
+from trocar.tools.examples.hand import figure_eight
+from trocar.tools.inspect.tracing import STEP_NS as OUT_NS
+from trocar.tools.inspect.tracing import IoTrace, errors, latencies
+from trocar.tools.verbs.demo import MOST, too_much
 
 PERIOD = 666_667
 

@@ -11,17 +11,17 @@ from typing import Any
 
 import pytest
 
-from shm.control_page import ControlPage
-from shm.segment import SegmentError, names_of
-from tools.supervising import StartRequest
-from tools.systems import ROOT
+from trocar.procs.machine.paths import ROOT
+from trocar.shm.memory.segment import SegmentError, names_of
+from trocar.shm.time.control_page import ControlPage
+from trocar.tools.systems.supervising import StartRequest
 
 
 def trocar(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     """A verb, its logs in `folder`."""
     environment = {**os.environ, "TROCAR_STATE": str(folder)}
     environment.pop("TROCAR_SYSTEM", None)
-    return subprocess.run([sys.executable, "-m", "tools", *words], cwd=ROOT, env=environment, capture_output=True,
+    return subprocess.run([sys.executable, "-m", "trocar", *words], cwd=ROOT, env=environment, capture_output=True,
                           text=True, timeout=120, check=False)
 
 
@@ -75,7 +75,7 @@ def test_a_detached_system_comes_up_and_goes_down(tmp_path: Path, world: Any) ->
 @pytest.mark.slow
 def test_the_demo_leaves_nothing_when_it_is_interrupted(tmp_path: Path, world: Any) -> None:
     environment = {**os.environ, "TROCAR_STATE": str(tmp_path)}
-    demo = subprocess.Popen([sys.executable, "-m", "tools", "demo", "--system", world.name], cwd=ROOT, env=environment,
+    demo = subprocess.Popen([sys.executable, "-m", "trocar", "demo", "--system", world.name], cwd=ROOT, env=environment,
                             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     world.until(lambda: names_of(world.name), "the demo's shared memory")
     demo.send_signal(2)
@@ -86,7 +86,7 @@ def test_the_demo_leaves_nothing_when_it_is_interrupted(tmp_path: Path, world: A
 @pytest.mark.slow
 def test_the_demo_leaves_nothing_when_it_is_killed(tmp_path: Path, world: Any) -> None:
     environment = {**os.environ, "TROCAR_STATE": str(tmp_path)}
-    demo = subprocess.Popen([sys.executable, "-m", "tools", "demo", "--system", world.name], cwd=ROOT, env=environment,
+    demo = subprocess.Popen([sys.executable, "-m", "trocar", "demo", "--system", world.name], cwd=ROOT, env=environment,
                             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     world.until(lambda: beats(world.name), "the supervisor's beat")
     demo.kill()

@@ -13,15 +13,15 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
-from procs import codes
-from shm.clock import monotonic_ns, pause
-from shm.command_row import SETTING, Argument, CommandRow, listed
-from shm.commands import COMMANDS
 from tests.tools.robot import JOINTS, ScriptedRobot, nothing_ages, robot
-from tools import cli
-from tools.errors import Misuse
-from tools.systems import clear, left_over
-from tools.verbs.send import parsed
+from trocar.procs.tables import codes
+from trocar.shm.commands import COMMANDS
+from trocar.shm.mailbox.command_row import SETTING, Argument, CommandRow, listed
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.tools import cli
+from trocar.tools.output.errors import Misuse
+from trocar.tools.systems.find import clear, left_over
+from trocar.tools.verbs.send import parsed
 
 APP = cli.build()
 
@@ -58,15 +58,15 @@ def test_help_marks_verbs_that_may_change_the_robot() -> None:
 
 
 def test_a_wrong_verb_is_misuse() -> None:
-    done = subprocess.run([sys.executable, "-m", "tools", "fly"], capture_output=True, text=True, check=False)
+    done = subprocess.run([sys.executable, "-m", "trocar", "fly"], capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert "fly" in done.stderr
 
 
 def test_help_imports_no_verb() -> None:
-    code = "import sys; sys.argv=['trocar','--help']\nfrom tools.cli import main\n"
+    code = "import sys; sys.argv=['trocar','--help']\nfrom trocar.tools.cli import main\n"
     code += "try: main()\nexcept SystemExit: pass\n"
-    code += "print([m for m in ('numpy', 'tools.verbs.status', 'pinocchio') if m in sys.modules])"
+    code += "print([m for m in ('numpy', 'trocar.tools.verbs.status', 'pinocchio') if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "[]"
 
@@ -233,7 +233,7 @@ def test_status_finds_stalled_and_failed_processes(kinematic: ScriptedRobot) -> 
 @pytest.mark.parametrize(("silent_s", "problem"), [(1, ""), (3, "stalled")])
 def test_a_process_may_be_silent_for_longer_in_simulated_time(
         kinematic: ScriptedRobot, monkeypatch: pytest.MonkeyPatch, silent_s: int, problem: str) -> None:
-    monkeypatch.setattr("tools.inspect.processes.is_simulated", lambda system: True)
+    monkeypatch.setattr("trocar.tools.inspect.processes.is_simulated", lambda system: True)
     kinematic.pages["IO1"].field("heartbeat_ns")[...] = monotonic_ns() - silent_s * 10**9
     result = run("status", "--json", "--system", kinematic.name)
     rows = {row["name"]: row for row in json.loads(result.stdout)["processes"]}

@@ -9,13 +9,13 @@ from typing import Any, Final
 import numpy as np
 import yaml
 
-from procs.config import PROJECT_CONFIGS, load_system
-from procs.document.system import SystemConfig
-from procs.supervisor import memory
-from shm import directory
-from shm.clock import local_ns, monotonic_ns
-from shm.control_page import ControlPage
-from shm.ring import RingWriter
+from trocar.procs.config import PROJECT_CONFIGS, load_system
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.supervisor import memory
+from trocar.shm.ring.ring import RingWriter
+from trocar.shm.system import directory
+from trocar.shm.time.clock import local_ns, monotonic_ns
+from trocar.shm.time.control_page import ControlPage
 
 SYSTEM: Final = "kinematic-full.yaml"
 LEFT_OUT: Final = ("PSM2", "PSM3")

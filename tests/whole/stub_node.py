@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from procs.inputs import LATE_S, Input
-from shm.layout import schema_of
-from shm.operator_topics import CONSOLE_STATE, TELEOP_STATE, THIRD_PARTY_STATE
-from shm.origins import Origin
-from shm.topics import ARM_STATE, EVENTS, IO_STATE, SUJ_SETPOINT, SUJ_STATE
+from trocar.procs.node.inputs import Input
+from trocar.procs.tables.manifest import LATE_S
+from trocar.shm.mailbox.origins import Origin
+from trocar.shm.memory.layout import schema_of
+from trocar.shm.operator_topics import CONSOLE_STATE, TELEOP_STATE, THIRD_PARTY_STATE
+from trocar.shm.topics import ARM_STATE, EVENTS, IO_STATE, SUJ_SETPOINT, SUJ_STATE
 
 TOPICS = {("arm", "state"): ARM_STATE, ("io", "state"): IO_STATE, ("suj", "state"): SUJ_STATE,
           ("third_party", "state"): THIRD_PARTY_STATE, ("suj", "setpoint"): SUJ_SETPOINT,
@@ -62,7 +63,7 @@ class StubClient:
 
 
 class StubNode:
-    """What loops use of `procs.runtime.Node`."""
+    """What loops use of `trocar.procs.node.runtime.Node`."""
 
     def __init__(self, document: Any, name: str) -> None:
         self.document, self.name, self.now_ns, self.wall_ns = document, name, 0, 0

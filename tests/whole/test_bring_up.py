@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from procs.system.bring_up import HOME, POWER_OFF, POWER_ON, BringUp
-from shm.origins import Origin
+from trocar.procs.system.bring_up import HOME, POWER_OFF, POWER_ON, BringUp
+from trocar.shm.mailbox.origins import Origin
 
 SECOND = 1_000_000_000
 PERSON = Origin(77, 0, "trocar home")

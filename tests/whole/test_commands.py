@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.codes import Code
-from procs.system.commands import SystemCommands
-from procs.system.message_hub import BEEP_NS, MessageHub, MessageSource
-from procs.system.sound import GIVE_UP_NS, NOBODY, Sound, tone
-from shm.events import SEVERITIES
-from shm.layout import schema_of
-from shm.topics import EVENTS
 from tests.io.harness import FakeCommand
 from tests.whole.test_bring_up import FakeArm
+from trocar.procs.system.commands import SystemCommands
+from trocar.procs.system.message_hub import BEEP_NS, MessageHub, MessageSource
+from trocar.procs.system.sound import GIVE_UP_NS, NOBODY, Sound, tone
+from trocar.procs.tables.codes import Code
+from trocar.shm.memory.layout import schema_of
+from trocar.shm.system.events import SEVERITIES
+from trocar.shm.topics import EVENTS
 
 
 class FakeEvents:

@@ -8,14 +8,14 @@ from typing import Any
 
 import pytest
 
-from procs.console.logic import OPERATOR
-from procs.debounce import RELEASED
-from procs.host.host import Host
-from shm import directory
-from shm.client import Client
-from shm.origins import Origin, new_id
-from shm.place import Place
 from tests.host.hosted import AT_200_HZ, document
+from trocar.procs.console.logic import OPERATOR
+from trocar.procs.host.host import Host
+from trocar.procs.node.debounce import RELEASED
+from trocar.shm.mailbox.client import Client
+from trocar.shm.mailbox.origins import Origin, new_id
+from trocar.shm.mailbox.place import Place
+from trocar.shm.system import directory
 
 pytestmark = pytest.mark.slow
 

@@ -10,23 +10,23 @@ from uuid import uuid4
 
 import pytest
 
-from procs.crtk.calls import Calls, CommandOwner
-from procs.crtk.messages import WrongMessage
-from procs.document.bridges import Rights
-from procs.gui.browsers import Browsers, ConsoleService
-from procs.ros_bridge.carrying_out import Addressee, AskedTopic, Commands
-from procs.ros_bridge.incoming import CommandTopic, Taken
-from shm.client import Client, LoopClient
-from shm.clock import monotonic_ns
-from shm.command_row import ANY, JOINTS, SOME, ZERO, Argument, CommandRow, Effect
-from shm.commands import COMMANDS
-from shm.control_page import create_control
-from shm.faults import FaultCell, Faults, create_faults
-from shm.mailbox import Mailbox
-from shm.mailbox_map import create_mailbox
-from shm.origins import Origin
 from tests.conftest import World
-from tools.remote import Remote
+from trocar.procs.crtk.calls import Calls, CommandOwner
+from trocar.procs.crtk.messages import WrongMessage
+from trocar.procs.document.bridges import Rights
+from trocar.procs.gui.browsers import Browsers, ConsoleService
+from trocar.procs.ros_bridge.carrying_out import Addressee, AskedTopic, Commands
+from trocar.procs.ros_bridge.incoming import CommandTopic, Taken
+from trocar.shm.commands import COMMANDS
+from trocar.shm.mailbox.client import Client, LoopClient
+from trocar.shm.mailbox.command_row import ANY, JOINTS, SOME, ZERO, Argument, CommandRow, Effect
+from trocar.shm.mailbox.generations import FaultCell, Faults, create_faults
+from trocar.shm.mailbox.mailbox import Mailbox
+from trocar.shm.mailbox.mailbox_map import create_mailbox
+from trocar.shm.mailbox.origins import Origin
+from trocar.shm.time.clock import monotonic_ns
+from trocar.shm.time.control_page import create_control
+from trocar.tools.client.remote import Remote
 
 KINDS = [kind for kind in COMMANDS if kind != "third_party"]
 OWNER = "X"
@@ -87,12 +87,12 @@ def kind(request: pytest.FixtureRequest) -> str:
 @pytest.fixture
 def box(world: World, kind: str) -> Iterator[Mailbox]:
     create_control(world.name, OWNER)
-    create_mailbox(world.name, OWNER, kind)
+    create_mailbox(world.name, OWNER, kind, COMMANDS[kind])
     create_faults(world.name, (OWNER,))
     faults = Faults(world.name, write=True)
     cell = FaultCell(faults, OWNER)
     cell.fault()
-    owner = Mailbox(world.name, OWNER, kind, guard=cell)
+    owner = Mailbox(world.name, OWNER, COMMANDS[kind], guard=cell)
     yield owner
     owner.close()
     faults.close()

@@ -12,11 +12,11 @@ from random import Random
 import numpy as np
 import pytest
 
-from procs.host.host import Host
-from shm.client import Client
-from shm.origins import program_name
 from tests.host.hosted import AT_200_HZ, document
 from tests.whole.test_console import Room
+from trocar.procs.host.host import Host
+from trocar.shm.mailbox.client import Client
+from trocar.shm.mailbox.origins import program_name
 
 pytestmark = pytest.mark.slow
 

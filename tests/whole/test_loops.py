@@ -8,25 +8,26 @@ from typing import Any
 
 import pytest
 
-from procs import runtime
-from procs.config import PROJECT_CONFIGS, load_system
-from procs.console import loop as console_loop
-from procs.document.consoles import HidSensor, WiredInput
-from procs.document.system import SystemConfig
-from procs.inputs import LATE_S, SETUP_LATE_S
-from procs.suj import loop as suj_loop
-from procs.suj.bluetooth import BluetoothBoards
-from procs.suj.classic import Classic
-from procs.suj.si import EmulatedBoards, Si
-from procs.teleop import loop as teleop_loop
-from procs.teleop.ecm import TeleopEcm
-from procs.teleop.psm import TeleopPsm
-from procs.teleop.third_party import ThirdPartyArm
-from shm.origins import Origin
 from tests import stock
 from tests.arm.fake_requests import FakeRequest
 from tests.suj.fake_cart import cart_of
 from tests.whole.stub_node import StubNode
+from trocar.procs.config import PROJECT_CONFIGS, load_system
+from trocar.procs.console import loop as console_loop
+from trocar.procs.document.consoles import HidSensor, WiredInput
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.node import runtime
+from trocar.procs.node.inputs import SETUP_LATE_S
+from trocar.procs.suj import loop as suj_loop
+from trocar.procs.suj.bluetooth import BluetoothBoards
+from trocar.procs.suj.classic import Classic
+from trocar.procs.suj.si import EmulatedBoards, Si
+from trocar.procs.tables.manifest import LATE_S
+from trocar.procs.teleop import loop as teleop_loop
+from trocar.procs.teleop.ecm import TeleopEcm
+from trocar.procs.teleop.psm import TeleopPsm
+from trocar.procs.teleop.third_party import ThirdPartyArm
+from trocar.shm.mailbox.origins import Origin
 
 MS = 1_000_000
 

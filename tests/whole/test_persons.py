@@ -12,14 +12,14 @@ import pytest
 from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
-from procs import codes
-from procs.debounce import CLICKED, PRESSED, RELEASED
-from procs.host.host import Host
-from shm import directory
-from shm.client import Client
-from shm.faults import Faults
 from tests.examples import examples
 from tests.host.hosted import document
+from trocar.procs.host.host import Host
+from trocar.procs.node.debounce import CLICKED, PRESSED, RELEASED
+from trocar.procs.tables import codes
+from trocar.shm.mailbox.client import Client
+from trocar.shm.mailbox.generations import Faults
+from trocar.shm.system import directory
 
 STEP_S: Final = 0.005
 ARMS: Final = ("MTMR", "PSM1")

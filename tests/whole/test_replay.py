@@ -13,17 +13,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from procs import codes
-from procs.arm.arm import Surroundings
-from procs.arm.psm.psm import PsmLogic
-from procs.faults import FaultReport
-from procs.io.kinematic import KinematicIo
-from procs.io.record import IoRecord as IoRecord
-from shm.layout import schema_of
-from shm.topics import ARM_STATE, IO_STATE, SETPOINT
 from tests.arm.fake_io import Record, View
 from tests.arm.fake_requests import FakeReports, FakeRequest
 from tests.arm.test_kinematic_arm import Order, Source, kinematic_system
+from trocar.procs.arm.arm import Surroundings
+from trocar.procs.arm.psm.psm import PsmLogic
+from trocar.procs.io.kinematic import KinematicIo
+from trocar.procs.io.record import IoRecord as IoRecord
+from trocar.procs.node.fault_report import FaultReport
+from trocar.procs.tables import codes
+from trocar.shm.memory.layout import schema_of
+from trocar.shm.topics import ARM_STATE, IO_STATE, SETPOINT
 
 FILE: Final = Path(__file__).with_name("replay.npz")
 PERIOD_NS: Final = 10_000_000

@@ -11,13 +11,13 @@ from typing import Final
 
 import pytest
 
-from procs.config import load_system
-from procs.host.host import Host
-from shm import directory
-from shm.client import Client
 from tests import stock
 from tests.host.hosted import AT_200_HZ, document
 from tests.whole.test_console import Room
+from trocar.procs.config import load_system
+from trocar.procs.host.host import Host
+from trocar.shm.mailbox.client import Client
+from trocar.shm.system import directory
 
 GUARDED: Final = re.compile(r"person|authori|\d s late|^stopped by")
 """What mailboxes say, not owners."""

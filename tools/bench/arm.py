@@ -18,21 +18,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from procs import runtime
-from procs.arm.arm import ArmLogic
-from procs.arm.loop import ArmLoop
-from procs.config import PROJECT_CONFIGS, load_system
-from procs.io.kinematic import KinematicIo
-from procs.io.loop import RingSource
-from procs.io.record import IoRecord
-from procs.kernel.library import kernel
-from procs.kinematics.poses import matrix_from_pose, pose_from_matrix
-from procs.supervisor import memory
-from shm.client import Client
-from shm.subscriptions import Subscriber
-from tools.bench.kernel_switch import without_kernel
-from tools.cleanup import Keeper
-from tools.errors import Problem
+from trocar.procs.arm.arm import ArmLogic
+from trocar.procs.arm.loop import ArmLoop
+from trocar.procs.config import PROJECT_CONFIGS, load_system
+from trocar.procs.io.kinematic import KinematicIo
+from trocar.procs.io.loop import RingSource
+from trocar.procs.io.record import IoRecord
+from trocar.procs.kinematics.poses import matrix_from_pose, pose_from_matrix
+from trocar.procs.native.library import kernel
+from trocar.procs.node import runtime
+from trocar.procs.supervisor import memory
+from trocar.shm.mailbox.client import Client
+from trocar.shm.system.subscriptions import Subscriber
+from trocar.tools.bench.kernel_switch import without_kernel
+from trocar.tools.output.errors import Problem
+from trocar.tools.systems.cleanup import Keeper
 
 Array = NDArray[np.float64]
 

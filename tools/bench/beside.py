@@ -10,14 +10,14 @@ from typing import Any, Final
 import numpy as np
 import psutil
 
-from shm import directory
-from shm.client import Client
-from shm.clock import monotonic_ns, pause
-from shm.commands import became
-from shm.control_page import ControlPage
-from tools.bench.cpu_time import cpu_s
-from tools.errors import Problem
-from tools.remote import Remote
+from trocar.shm.commands import became
+from trocar.shm.mailbox.client import Client
+from trocar.shm.system import directory
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.shm.time.control_page import ControlPage
+from trocar.tools.bench.cpu_time import cpu_s
+from trocar.tools.client.remote import Remote
+from trocar.tools.output.errors import Problem
 
 ARMS: Final = ("PSM1", "PSM2", "PSM3", "ECM", "MTML", "MTMR")
 """Of the full system."""

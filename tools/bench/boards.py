@@ -22,16 +22,16 @@ from typing import Any
 import numpy as np
 import psutil
 
-from procs.config import load_system
-from procs.document.system import SystemConfig, to_json
-from procs.kernel.library import SWITCH, kernel
-from shm.directory import create_ring
-from shm.topics import BOARDS_STATE
-from tools.bench.children import Team
-from tools.bench.io_loop import write_system
-from tools.cleanup import own_folder
-from tools.errors import Problem
-from tools.printing import progress
+from trocar.procs.config import load_system
+from trocar.procs.document.system import SystemConfig, to_json
+from trocar.procs.native.library import SWITCH, kernel
+from trocar.shm.system.directory import create_ring
+from trocar.shm.topics import BOARDS_STATE
+from trocar.tools.bench.children import Team
+from trocar.tools.bench.io_loop import write_system
+from trocar.tools.output.errors import Problem
+from trocar.tools.output.printing import progress
+from trocar.tools.systems.cleanup import own_folder
 
 ROUNDS, TURN_S = 9, 0.8
 PSMS = {10: 5, 2: 1, 8: 4}  # by number of boards
@@ -155,7 +155,7 @@ def _team(boards: int) -> Iterator[Team]:
         document = folder / "document.json"
         document.write_bytes(to_json(system))
         sizes = {"axes": sum(len(robot.actuators) for io in system.ios for robot in io.robots), "boards": boards}
-        command = [*environment, sys.executable, "-m", "procs.boards.cost", name, str(document)]
+        command = [*environment, sys.executable, "-m", "trocar.procs.boards.cost", name, str(document)]
         create_ring(name, "boards", BOARDS_STATE, sizes, {})
         with Team("boards", {f"{boards} boards": command}) as team:
             yield team

@@ -18,16 +18,16 @@ from typing import Any, Final
 
 import psutil
 
-from procs.ros.dds import Participant, TopicReader
-from procs.ros.messages import JointStates, PoseStamped, TwistStamped
-from shm.clock import monotonic_ns, pause
-from shm.control_page import ControlPage
-from tools.bench.beside import ARMS, PAIRS, PATIENCE_S, TAKE_S, ask, period_p99
-from tools.bench.cpu_time import cpu_s
-from tools.bench.system import FULL, home_all
-from tools.errors import Problem
-from tools.remote import Remote
-from tools.supervising import StartRequest, up_meanwhile
+from trocar.procs.ros_messages.dds import Participant, TopicReader
+from trocar.procs.ros_messages.messages import JointStates, PoseStamped, TwistStamped
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.shm.time.control_page import ControlPage
+from trocar.tools.bench.beside import ARMS, PAIRS, PATIENCE_S, TAKE_S, ask, period_p99
+from trocar.tools.bench.cpu_time import cpu_s
+from trocar.tools.bench.system import FULL, home_all
+from trocar.tools.client.remote import Remote
+from trocar.tools.output.errors import Problem
+from trocar.tools.systems.supervising import StartRequest, up_meanwhile
 
 BRIDGE: Final = "ros_bridge"
 TOPICS: Final[tuple[tuple[str, Any], ...]] = (

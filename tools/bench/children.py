@@ -17,16 +17,15 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from time import monotonic_ns
 from typing import IO, Self
 
 import psutil
 
-from shm.clock import pause
-from tools.errors import Problem
+from trocar.procs.machine.paths import ROOT
+from trocar.shm.time.clock import pause
+from trocar.tools.output.errors import Problem
 
-ROOT = Path(__file__).resolve().parents[2]
 PATIENCE_S = 30.0  # with a line
 FAREWELL_S = 3.0
 LOOK_S = 0.2

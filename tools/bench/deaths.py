@@ -27,24 +27,25 @@ import psutil
 import yaml
 from numpy.typing import NDArray
 
-from shm import directory
-from shm.clock import monotonic_ns, pause
-from shm.control_page import ControlPage
-from tools.arms import HOMED, bring, silent
-from tools.cleanup import own_folder
-from tools.errors import Problem
-from tools.inspect.processes import statuses
-from tools.printing import note, table
-from tools.remote import Remote
-from tools.running import CONTINUE, KILL
-from tools.supervising import Background, StartRequest, up_meanwhile
-from tools.systems import ROOT, environment
+from trocar.procs.machine.paths import PROJECT_CONFIGS, ROOT
+from trocar.shm.system import directory
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.shm.time.control_page import ControlPage
+from trocar.tools.client.bring_up import HOMED, bring, silent
+from trocar.tools.client.remote import Remote
+from trocar.tools.inspect.processes import statuses
+from trocar.tools.output.errors import Problem
+from trocar.tools.output.printing import note, table
+from trocar.tools.systems.cleanup import own_folder
+from trocar.tools.systems.find import environment
+from trocar.tools.systems.processes import CONTINUE, KILL
+from trocar.tools.systems.supervising import Background, StartRequest, up_meanwhile
 
 STOP: Final = 19
 SIGNALS: Final = {"kill": KILL, "stop": STOP}
 TRIES, PATIENCE_S, POLL_S, EFFORT = 3, 40.0, 0.001, 3
 REST_NS: Final = 10_500_000_000  # then the next death counts as the first (procs/supervisor/children.py)
-CONFIGS: Final = ROOT / "configs"
+CONFIGS: Final = PROJECT_CONFIGS
 OUTPUTS: Final = ("endoscope_focus_in", "endoscope_focus_out")
 TELEOP: Final = "MTMR_PSM1"
 USER: Final = "def main(process):\n    while process.tick():\n        pass\n"
@@ -219,8 +220,8 @@ def _following(folder: Path) -> Iterator[Timed]:
 
 def _third_party() -> Iterator[Timed]:
     file, recording = CONFIGS / "systems/third-party-master.yaml", CONFIGS / "recordings/circle.csv"
-    words = [sys.executable, "-m", "tools.examples.recorded_master", str(recording), "--press", "operator_present",
-             "--times", "1000", "--system"]
+    words = [sys.executable, "-m", "trocar.tools.examples.recorded_master", str(recording), "--times", "1000",
+             "--press", "operator_present", "--system"]
     with up_meanwhile(StartRequest(file, f"bench-deaths-{os.getpid()}")) as up:
         with Remote(up.system, "system") as remote:
             remote.settled("home", timeout=PATIENCE_S)

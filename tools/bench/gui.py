@@ -28,13 +28,13 @@ import psutil
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from shm.clock import monotonic_ns, pause
-from tools.bench.beside import ARMS, PAIRS, PATIENCE_S, TAKE_S, MovingArms, cpu_percent, process_of, ratio, wait
-from tools.bench.system import FULL, home_all
-from tools.cleanup import own_folder
-from tools.errors import Problem
-from tools.free_port import reserved_port
-from tools.supervising import StartRequest, up_meanwhile
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.tools.bench.beside import ARMS, PAIRS, PATIENCE_S, TAKE_S, MovingArms, cpu_percent, process_of, ratio, wait
+from trocar.tools.bench.system import FULL, home_all
+from trocar.tools.output.errors import Problem
+from trocar.tools.systems.cleanup import own_folder
+from trocar.tools.systems.free_port import reserved_port
+from trocar.tools.systems.supervising import StartRequest, up_meanwhile
 
 GUI: Final = "gui"
 OTHERS: Final = ("SUJ", "console", "system", "MTMR_PSM1", "MTML_PSM2", "MTML_PSM3", "MTML_MTMR_ECM")

@@ -1,6 +1,6 @@
 """Arms of a system in a host: homed, moved by a policy of 50 Hz, taken back; and the hash of all that they write.
 
-`python -m tools.bench.host_run boards` prints that hash, for who compares it with that of another process.
+`python -m trocar.tools.bench.host_run boards` prints that hash, for who compares it with that of another process.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ import time
 from pathlib import Path
 from typing import Final, Self
 
-from procs.config import PROJECT_CONFIGS, load_system
-from procs.document.system import SystemConfig
-from procs.host.host import Host
-from shm.client import Client
-from shm.commands import became
-from shm.ring import RingReader
-from tools.bench.io_loop import write_system
-from tools.errors import Problem
+from trocar.procs.config import PROJECT_CONFIGS, load_system
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.host.host import Host
+from trocar.shm.commands import became
+from trocar.shm.mailbox.client import Client
+from trocar.shm.ring.ring import RingReader
+from trocar.tools.bench.io_loop import write_system
+from trocar.tools.output.errors import Problem
 
 KINEMATIC, BOARDS, FOUR_PSMS = "kinematic", "boards", "4psm"
 FILES: Final = {KINEMATIC: "kinematic.yaml", BOARDS: "demo.yaml"}

@@ -26,19 +26,19 @@ import numpy as np
 import psutil
 import yaml
 
-from shm import directory
-from shm.clock import monotonic_ns, pause
-from shm.ring import RingReader
-from tools.arms import HOMED, bring
-from tools.bench.baseline import Baseline
-from tools.bench.cpu_time import cpu_s
-from tools.bench.kernel_switch import without_kernel
-from tools.cleanup import own_folder
-from tools.errors import Problem
-from tools.inspect.processes import ProcessStatus, statuses
-from tools.inspect.watch import arm_names
-from tools.supervising import Background, StartRequest
-from tools.systems import ROOT
+from trocar.procs.machine.paths import PROJECT_CONFIGS
+from trocar.shm.ring.ring import RingReader
+from trocar.shm.system import directory
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.tools.bench.baseline import Baseline
+from trocar.tools.bench.cpu_time import cpu_s
+from trocar.tools.bench.kernel_switch import without_kernel
+from trocar.tools.client.bring_up import HOMED, bring
+from trocar.tools.inspect.processes import ProcessStatus, statuses
+from trocar.tools.inspect.watch import arm_names
+from trocar.tools.output.errors import Problem
+from trocar.tools.systems.cleanup import own_folder
+from trocar.tools.systems.supervising import Background, StartRequest
 
 PSMS = 4
 SIZES = (1, 2, 4, 5)  # PSMs, of two boards each
@@ -54,7 +54,7 @@ TURNS = 3  # of kernel and numpy
 ARMS_ON_TWO = "arm.period_s=0.005"  # where there are two cores arms share one with the boards, also those on numpy
 SLOW_ARMS = "arm.period_s=0.005"  # they hold; the rate to find is that of io
 FIRST_BOARD = 6  # of the demo's PSM; copies begin at board 0
-SOURCE = ROOT / "configs"
+SOURCE = PROJECT_CONFIGS
 LOOPBACK = Path("/proc/net/dev")
 HOMING_TRIES, AGAIN_S = 3, 1.0
 CPU = "cpu_us_without_wait"

@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from procs.kernel.library import SWITCH, kernel
+from trocar.procs.native.library import SWITCH, kernel
 
 
 @contextmanager

@@ -20,18 +20,18 @@ from typing import Any, Final
 
 import psutil
 
-from shm import directory
-from shm.clock import monotonic_ns, pause
-from shm.commands import became
-from shm.control_page import ControlPage
-from shm.subscriptions import Subscriber
-from tools.arms import HOMED, bring, silent
-from tools.bench.system import FULL
-from tools.cleanup import own_folder
-from tools.errors import Problem
-from tools.printing import note
-from tools.remote import Remote
-from tools.supervising import StartRequest, up_meanwhile
+from trocar.shm.commands import became
+from trocar.shm.system import directory
+from trocar.shm.system.subscriptions import Subscriber
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.shm.time.control_page import ControlPage
+from trocar.tools.bench.system import FULL
+from trocar.tools.client.bring_up import HOMED, bring, silent
+from trocar.tools.client.remote import Remote
+from trocar.tools.output.errors import Problem
+from trocar.tools.output.printing import note
+from trocar.tools.systems.cleanup import own_folder
+from trocar.tools.systems.supervising import StartRequest, up_meanwhile
 
 ARM, PROCESS, TOPIC, TRIES, PATIENCE_S, POLL_S = "PSM1", "counter", "count", 5, 30.0, 0.001
 COUNTER: Final = """

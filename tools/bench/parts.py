@@ -1,7 +1,8 @@
 """The roles of `trocar bench ring` that use our own shared memory; each is made once and then measures in turns.
 
-Started as `python -m tools.bench.parts ROLE SYSTEM CORE` (see tools/bench/children.py). Polling loops have no bound of
-their own, which would be paid at every poll: a child whose partner has died is killed, or ends when its CPU time does.
+Started as `python -m trocar.tools.bench.parts ROLE SYSTEM CORE` (see tools/bench/children.py). Polling loops have no
+bound of their own, which would be paid at every poll: a child whose partner has died is killed, or ends when its CPU
+time does.
 """
 
 from __future__ import annotations
@@ -10,17 +11,18 @@ import sys
 from collections.abc import Callable
 from time import monotonic_ns
 
-from shm.client import LoopClient
-from shm.clock import pause
-from shm.control_page import ControlPage, create_control
-from shm.directory import create_ring
-from shm.mailbox import Mailbox
-from shm.mailbox_map import create_mailbox
-from shm.ring import RingReader, RingWriter
-from shm.segment import Segment, segment_name
-from shm.topics import PROBE, PROBE_4K, Topic
-from tools.bench.children import KEPT, Turn, pin, serve
-from tools.errors import Problem
+from trocar.shm.commands import COMMANDS
+from trocar.shm.mailbox.client import LoopClient
+from trocar.shm.mailbox.mailbox import Mailbox
+from trocar.shm.mailbox.mailbox_map import create_mailbox
+from trocar.shm.memory.segment import Segment, segment_name
+from trocar.shm.ring.ring import RingReader, RingWriter
+from trocar.shm.system.directory import create_ring
+from trocar.shm.time.clock import pause
+from trocar.shm.time.control_page import ControlPage, create_control
+from trocar.shm.topics import PROBE, PROBE_4K, Topic
+from trocar.tools.bench.children import KEPT, Turn, pin, serve
+from trocar.tools.output.errors import Problem
 
 BATCH = 50  # of what is too short for the clock; fewer than the ring keeps
 LAST = -1.0  # in the first number of a payload: this was the last one of this turn
@@ -35,7 +37,7 @@ def make_segments(system: str) -> None:
     """All segments of the benchmark; whoever calls removes them."""
     for instance, topic in RINGS:
         create_ring(system, instance, topic, {}, {})
-    create_mailbox(system, "owner", "arm")
+    create_mailbox(system, "owner", "arm", COMMANDS["arm"])
     create_control(system, "sleeper")
 
 
@@ -193,7 +195,7 @@ def looker(system: str) -> Turn:
 
 def owner(system: str) -> Turn:
     """Times from just before a client's send to the command in the polling owner's hands, its numbers read."""
-    box = Mailbox(system, "owner", "arm")
+    box = Mailbox(system, "owner", COMMANDS["arm"])
 
     def turn(seconds: float) -> dict[str, list[int]]:
         times: list[int] = []

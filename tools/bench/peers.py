@@ -1,8 +1,8 @@
 """The peers of `trocar bench ring`: what others offer for the same job, each at its best.
 
-Started as `python -m tools.bench.peers ROLE PLACE CORE OTHER` (see tools/bench/children.py); PLACE is a folder of the
-bench, OTHER the core of the partner. All send 216 bytes to and fro and poll for them. Those that carry bytes send the
-same bytes back without looking into them; with iceoryx2 both sides read a number of the record, as with ours.
+Started as `python -m trocar.tools.bench.peers ROLE PLACE CORE OTHER` (see tools/bench/children.py); PLACE is a folder
+of the bench, OTHER the core of the partner. All send 216 bytes to and fro and poll for them. Those that carry bytes
+send the same bytes back without looking into them; with iceoryx2 both sides read a number of the record, as with ours.
 
 iceoryx2 comes twice: with the calls of its own Python examples, and tuned like its own benchmark in Rust: the next
 sample is borrowed while the other side is at work, the payload written and read at its bare address. The two measuring
@@ -21,8 +21,8 @@ from queue import Empty
 from time import monotonic_ns
 from typing import Any
 
-from tools.bench.children import KEPT, PATIENCE_S, Times, Turn, pin, serve
-from tools.errors import Problem
+from trocar.tools.bench.children import KEPT, PATIENCE_S, Times, Turn, pin, serve
+from trocar.tools.output.errors import Problem
 
 PAYLOAD = 216
 LAST = -1

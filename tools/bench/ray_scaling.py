@@ -19,7 +19,7 @@ from typing import Any, Final
 
 import psutil
 
-from tools.printing import Say
+from trocar.tools.output.printing import Say
 
 ACTORS: Final = 4
 FREE_CORES: Final = 5
@@ -43,7 +43,7 @@ def run(say: Say) -> Scaling | None:
     """Measure; None where there is no Ray, or no gymnasium."""
     if importlib.util.find_spec("ray") is None or importlib.util.find_spec("gymnasium") is None:
         return None
-    from procs.rl import ray_actors, rollouts
+    from trocar.procs.rl import ray_actors, rollouts
 
     say("actors of Ray", None)
     task = rollouts.RolloutTask("trocar/PsmReach-v0", OPTIONS)
@@ -66,7 +66,7 @@ def run(say: Say) -> Scaling | None:
 
 def _round(ray: Any, runners: Sequence[Any]) -> tuple[float, float]:
     """Steps a second, and simulated seconds a CPU second, of as many episodes for each actor."""
-    from procs.rl import ray_actors
+    from trocar.procs.rl import ray_actors
 
     begin = time.monotonic()
     done = list(ray_actors.shared(ray, runners, range(EPISODES * len(runners))))

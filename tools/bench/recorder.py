@@ -17,17 +17,17 @@ from typing import Any, Final
 
 import psutil
 
-from procs.document.recorder import NAME
-from procs.recordings.reading import open_recording
-from shm import directory
-from tools.bench import beside
-from tools.bench.beside import PAIRS, MovingArms
-from tools.bench.system import FULL, home_all
-from tools.cleanup import own_folder
-from tools.errors import Problem
-from tools.printing import plain
-from tools.remote import Remote
-from tools.supervising import StartRequest, up_meanwhile
+from trocar.procs.document.recorder import NAME
+from trocar.procs.recordings.reading import open_recording
+from trocar.shm.system import directory
+from trocar.tools.bench import beside
+from trocar.tools.bench.beside import PAIRS, MovingArms
+from trocar.tools.bench.system import FULL, home_all
+from trocar.tools.client.remote import Remote
+from trocar.tools.output.errors import Problem
+from trocar.tools.output.printing import plain
+from trocar.tools.systems.cleanup import own_folder
+from trocar.tools.systems.supervising import StartRequest, up_meanwhile
 
 TOPICS: Final = ("PSM1", "io")
 SETTLE_S: Final = 3.0

@@ -25,14 +25,15 @@ from typing import Any
 import numpy as np
 import psutil
 
-from shm.layout import schema_of
-from shm.topics import PROBE, PROBE_4K
-from tools.bench.children import ROOT, Team
-from tools.bench.parts import BATCH, LOOK_S, LOOKERS, POLLERS, make_segments
-from tools.bench.peers import MODULES, SETTINGS
-from tools.cleanup import own_folder
-from tools.errors import Problem
-from tools.printing import progress
+from trocar.procs.machine.paths import ROOT
+from trocar.shm.memory.layout import schema_of
+from trocar.shm.topics import PROBE, PROBE_4K
+from trocar.tools.bench.children import Team
+from trocar.tools.bench.parts import BATCH, LOOK_S, LOOKERS, POLLERS, make_segments
+from trocar.tools.bench.peers import MODULES, SETTINGS
+from trocar.tools.output.errors import Problem
+from trocar.tools.output.printing import progress
+from trocar.tools.systems.cleanup import own_folder
 
 ROUNDS, TURN_S = 9, 0.2
 COUNTER = count()
@@ -167,7 +168,7 @@ def _own(system: str, cores: tuple[int, int]) -> dict[str, Commands]:
 
     def team(*roles: str) -> Commands:
         last = len(roles) - 1
-        return {f"{role} {i}": [sys.executable, "-m", "tools.bench.parts", role, system, str(cores[i != last])]
+        return {f"{role} {i}": [sys.executable, "-m", "trocar.tools.bench.parts", role, system, str(cores[i != last])]
                 for i, role in enumerate(roles)}
 
     return {
@@ -192,7 +193,7 @@ def _peer(name: str, folder: str, cores: tuple[int, int]) -> tuple[Commands, str
         return {}, INSTALL
     else:
         version = importlib.metadata.version({"zmq": "pyzmq"}.get(module, module))
-    start = [sys.executable, "-m", "tools.bench.peers"]
+    start = [sys.executable, "-m", "trocar.tools.bench.peers"]
     if module is None:
         team = {name: [*start, name, folder, first, second]}
     else:
@@ -211,7 +212,7 @@ def _compiled(folder: str, first: str, second: str) -> tuple[Commands, str]:
     if done.returncode:
         return {}, f"gcc failed: {''.join(done.stderr.strip().splitlines()[:1])}"
     version = subprocess.run([gcc, "--version"], capture_output=True, text=True, check=False).stdout.splitlines()[:1]
-    text = f"{''.join(version)}, {' '.join(FLAGS)}; the ring of shm/ring.py in C11 atomics, tools/{SOURCE.name}"
+    text = f"{''.join(version)}, {' '.join(FLAGS)}; the ring of shm/ring/ring.py in C11 atomics, tools/{SOURCE.name}"
     return {"c": [str(program), first, second]}, text
 
 

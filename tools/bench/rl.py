@@ -20,14 +20,15 @@ from typing import Any, Final
 import numpy as np
 import psutil
 
-from procs.config import PROJECT_CONFIGS
-from procs.kernel.library import kernel
-from tools.bench import ray_scaling
-from tools.bench.host_run import BOARDS, FOUR_PSMS, KINEMATIC, SETS, START, HostRun
-from tools.bench.same_run import LockstepRun
-from tools.printing import Say, progress
-from tools.supervising import StartRequest, up_meanwhile
-from tools.systems import ROOT, environment
+from trocar.procs.config import PROJECT_CONFIGS
+from trocar.procs.machine.paths import ROOT
+from trocar.procs.native.library import kernel
+from trocar.tools.bench import ray_scaling
+from trocar.tools.bench.host_run import BOARDS, FOUR_PSMS, KINEMATIC, SETS, START, HostRun
+from trocar.tools.bench.same_run import LockstepRun
+from trocar.tools.output.printing import Say, progress
+from trocar.tools.systems.find import environment
+from trocar.tools.systems.supervising import StartRequest, up_meanwhile
 
 WINDOWS: Final = 20
 WINDOW_S: Final = 2.0
@@ -105,7 +106,7 @@ def _hashes(kind: str, say: Say, processes: bool) -> dict[str, str]:
     with HostRun(kind) as host:
         found["another host"] = host.hash()
     if processes:
-        words = [sys.executable, "-P", "-m", "tools.bench.host_run", kind]
+        words = [sys.executable, "-P", "-m", "trocar.tools.bench.host_run", kind]
         done = subprocess.run(words, cwd=ROOT, env=environment(), stdout=subprocess.PIPE, text=True, check=False,
                               timeout=PATIENCE_S)
         found["another process"] = done.stdout.strip() or f"exit code {done.returncode}"

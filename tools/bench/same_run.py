@@ -15,13 +15,13 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.document.system import SystemConfig, from_json
-from procs.host.host import Host
-from shm import directory
-from shm.client import Client
-from shm.clock import monotonic_ns, pause
-from shm.commands import became
-from tools.errors import Problem
+from trocar.procs.document.system import SystemConfig, from_json
+from trocar.procs.host.host import Host
+from trocar.shm.commands import became
+from trocar.shm.mailbox.client import Client
+from trocar.shm.system import directory
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.tools.output.errors import Problem
 
 LOOK_S = 0.002
 PATIENCE_S = 120.0

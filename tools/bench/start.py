@@ -18,13 +18,14 @@ from typing import Any, Final
 
 import psutil
 
-from shm.clock import monotonic_ns
-from tools.supervising import StartRequest, up_meanwhile
-from tools.systems import ROOT, environment
+from trocar.procs.machine.paths import PROJECT_CONFIGS, ROOT
+from trocar.shm.time.clock import monotonic_ns
+from trocar.tools.systems.find import environment
+from trocar.tools.systems.supervising import StartRequest, up_meanwhile
 
-FULL: Final = ROOT / "configs" / "systems" / "kinematic-full.yaml"
+FULL: Final = PROJECT_CONFIGS / "systems" / "kinematic-full.yaml"
 TRIES: Final = 10
-TROCAR: Final = ("-P", "-m", "tools")
+TROCAR: Final = ("-P", "-m", "trocar")
 
 
 def run() -> dict[str, Any]:

@@ -23,24 +23,25 @@ from typing import Any
 
 import psutil
 
-from shm import directory
-from shm.client import MailboxFull
-from shm.clock import monotonic_ns
-from shm.control_page import ControlPage
-from shm.events import ERROR, WARNING
-from shm.ring import RingReader
-from tools.arms import home, power_off
-from tools.bench.cpu_time import cpu_s
-from tools.errors import Problem
-from tools.examples.operator_sim import OperatorSim, SeenRecord, Sway, seats
-from tools.following import beats
-from tools.inspect.processes import statuses
-from tools.inspect.watch import Watch, powered_names
-from tools.printing import number, plain, table
-from tools.supervising import Background, StartRequest
-from tools.systems import ROOT, instances_of_kind, system_file
+from trocar.procs.machine.paths import PROJECT_CONFIGS
+from trocar.shm.mailbox.client import MailboxFull
+from trocar.shm.ring.ring import RingReader
+from trocar.shm.system import directory
+from trocar.shm.system.events import ERROR, WARNING
+from trocar.shm.time.clock import monotonic_ns
+from trocar.shm.time.control_page import ControlPage
+from trocar.tools.bench.cpu_time import cpu_s
+from trocar.tools.client.bring_up import home, power_off
+from trocar.tools.client.following import beats
+from trocar.tools.examples.operator_sim import OperatorSim, SeenRecord, Sway, seats
+from trocar.tools.inspect.processes import statuses
+from trocar.tools.inspect.watch import Watch, powered_names
+from trocar.tools.output.errors import Problem
+from trocar.tools.output.printing import number, plain, table
+from trocar.tools.systems.find import instances_of_kind, system_file
+from trocar.tools.systems.supervising import Background, StartRequest
 
-FULL = ROOT / "configs" / "systems" / "kinematic-full.yaml"
+FULL = PROJECT_CONFIGS / "systems" / "kinematic-full.yaml"
 SECONDS = 60.0
 MOVES_HZ = 200.0
 TRIES = 3

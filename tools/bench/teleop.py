@@ -26,21 +26,21 @@ import numpy as np
 import psutil
 from numpy.typing import NDArray
 
-from shm import directory
-from shm.clock import monotonic_ns, pause
-from shm.events import ERROR
-from tools.arms import power_off, silent
-from tools.bench.system import SystemReport, home_all
-from tools.errors import Problem
-from tools.examples.hand import Hand
-from tools.examples.operator_sim import OperatorSim, SimTeleop
-from tools.inspect.processes import statuses
-from tools.inspect.tracing import Column, Trace
-from tools.inspect.watch import arm_document
-from tools.supervising import Background, StartRequest
-from tools.systems import ROOT
+from trocar.procs.machine.paths import PROJECT_CONFIGS
+from trocar.shm.system import directory
+from trocar.shm.system.events import ERROR
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.tools.bench.system import SystemReport, home_all
+from trocar.tools.client.bring_up import power_off, silent
+from trocar.tools.examples.hand import Hand
+from trocar.tools.examples.operator_sim import OperatorSim, SimTeleop
+from trocar.tools.inspect.processes import statuses
+from trocar.tools.inspect.tracing import Column, Trace
+from trocar.tools.inspect.watch import arm_document
+from trocar.tools.output.errors import Problem
+from trocar.tools.systems.supervising import Background, StartRequest
 
-SYSTEM = ROOT / "configs" / "systems" / "demo-teleop.yaml"
+SYSTEM = PROJECT_CONFIGS / "systems" / "demo-teleop.yaml"
 SETS = ("io.period_s=0.000666667", "arm.period_s=0.000666667")  # the usual ones; the demo's are longer
 SECONDS = 20.0
 NUDGE_RAD = 0.002

@@ -10,8 +10,8 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any, Final, Self
 
-from shm.clock import pause
-from tools.client.moves import POLL_S, MoveHandle
+from trocar.shm.time.clock import pause
+from trocar.tools.client.moves import POLL_S, MoveHandle
 
 AT_A_TIME: Final = 8
 EVENTS_S: Final = 0.05

@@ -7,14 +7,14 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tools.client.impedance import Impedance
-from tools.client.instance import Instance
-from tools.client.joints import Joints, Setpoint
-from tools.client.moves import CLIPPED, MoveHandle, move, warn
-from tools.client.tip import Body, Frame, Local, asked, asked_pose
-from tools.client.values import Array, Stamped, numbers, pose_numbers, six_numbers
-from tools.client.ways import Ways
-from tools.errors import Clipped
+from trocar.tools.client.impedance import Impedance
+from trocar.tools.client.instance import Instance
+from trocar.tools.client.joints import Joints, Setpoint
+from trocar.tools.client.moves import CLIPPED, MoveHandle, move, warn
+from trocar.tools.client.tip import Body, Frame, Local, asked, asked_pose
+from trocar.tools.client.values import Array, Stamped, numbers, pose_numbers, six_numbers
+from trocar.tools.client.ways import Ways
+from trocar.tools.output.errors import Clipped
 
 LIMITED: Final = ("at its limit: ", CLIPPED)
 """The answer to a goal that cannot be reached begins with one of these."""

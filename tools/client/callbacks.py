@@ -6,10 +6,10 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
-from procs.crtk.names import none_such
-from shm.clock import monotonic_ns, pause
-from tools.client.ways import EventWay
-from tools.errors import Problem
+from trocar.procs.crtk.names import none_such
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.tools.client.ways import EventWay
+from trocar.tools.output.errors import Problem
 
 POLL_S: Final = 0.002
 

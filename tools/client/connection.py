@@ -10,11 +10,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from shm.clock import monotonic_ns
-from tools.client.values import FRESH_S
-from tools.closed import closed
-from tools.deadline import Deadline
-from tools.errors import Disconnected, Problem
+from trocar.shm.time.clock import monotonic_ns
+from trocar.tools.client.closed import closed
+from trocar.tools.client.deadline import Deadline
+from trocar.tools.client.values import FRESH_S
+from trocar.tools.output.errors import Disconnected, Problem
 
 PORT: Final = 7380
 KEPT: Final = 1000

@@ -6,13 +6,13 @@ import contextlib
 from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
-from procs.crtk.names import none_such
-from shm.operator_topics import TeleopState
-from tools.client.callbacks import Callbacks, Reporting
-from tools.client.instance import known_state
-from tools.client.moves import Waits
-from tools.client.ways import Ways, ways_of
-from tools.errors import Problem
+from trocar.procs.crtk.names import none_such
+from trocar.shm.operator_topics import TeleopState
+from trocar.tools.client.callbacks import Callbacks, Reporting
+from trocar.tools.client.instance import known_state
+from trocar.tools.client.moves import Waits
+from trocar.tools.client.ways import Ways, ways_of
+from trocar.tools.output.errors import Problem
 
 
 class Operated(Reporting):

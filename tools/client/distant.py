@@ -10,13 +10,13 @@ from typing import Any, Final, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from procs.arm_types import ARM_TYPES
-from procs.crtk.names import none_such
-from procs.kinematics.poses import matrix_from_pose
-from shm.commands import ENDINGS, became
-from tools.client.connection import BridgeConnection
-from tools.client.values import FRESH_S, Array, JointState, Stamped, numbers
-from tools.errors import Disconnected, NotThere, Problem, Refused
+from trocar.procs.crtk.names import none_such
+from trocar.procs.kinematics.poses import matrix_from_pose
+from trocar.procs.tables.arm_types import ARM_TYPES
+from trocar.shm.commands import ENDINGS, became
+from trocar.tools.client.connection import BridgeConnection
+from trocar.tools.client.values import FRESH_S, Array, JointState, Stamped, numbers
+from trocar.tools.output.errors import Disconnected, NotThere, Problem, Refused
 
 EVENT: Final = "event"
 AROUND: Final = ("op", "topic", "age_s")

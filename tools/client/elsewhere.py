@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NoReturn
 
-from tools.errors import Problem
+from trocar.tools.output.errors import Problem
 
 
 class OnlyHere:

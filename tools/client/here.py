@@ -6,18 +6,18 @@ import os
 from collections.abc import Mapping
 from typing import TypeVar
 
-from procs.arm_types import ARM_TYPES, class_of
-from procs.user_process import OwnProcess
-from tools.client.arm import Arm
-from tools.client.consoles import Operated
-from tools.client.provider import Handler as Handler
-from tools.client.provider import Provider as Provider
-from tools.client.provider import taken
-from tools.client.setup import Suj
-from tools.client.system import System as System
-from tools.client.system import attached, connected
-from tools.inspect.watch import arm_document
-from tools.systems import chosen_system
+from trocar.procs.tables.arm_types import ARM_TYPES, class_of
+from trocar.procs.user.process import OwnProcess
+from trocar.tools.client.arm import Arm
+from trocar.tools.client.consoles import Operated
+from trocar.tools.client.provider import Handler as Handler
+from trocar.tools.client.provider import Provider as Provider
+from trocar.tools.client.provider import taken
+from trocar.tools.client.setup import Suj
+from trocar.tools.client.system import System as System
+from trocar.tools.client.system import attached, connected
+from trocar.tools.inspect.watch import arm_document
+from trocar.tools.systems.find import chosen_system
 
 Process = OwnProcess
 Q = TypeVar("Q", bound=Operated)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tools.client.values import Array, numbers, rotation_numbers
+from trocar.tools.client.values import Array, numbers, rotation_numbers
 
 NONE = (0.0, 0.0, 0.0)
 WITHOUT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))

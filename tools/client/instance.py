@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Final, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from procs.crtk.names import none_such
-from shm.command_row import of_type
-from tools.client.callbacks import Callbacks, Reporting
-from tools.client.moves import Waits
-from tools.client.ways import Ways, ways_of
+from trocar.procs.crtk.names import none_such
+from trocar.shm.mailbox.command_row import of_type
+from trocar.tools.client.callbacks import Callbacks, Reporting
+from trocar.tools.client.moves import Waits
+from trocar.tools.client.ways import Ways, ways_of
 
 ENABLED, HOMED, DISABLED = "enabled", "homed", "disabled"
 STATES: Final = ("DISABLED", "ENABLED", "PAUSED", "FAULT")

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from tools.client.values import JointState, Stamped
-from tools.client.ways import RecordWay
+from trocar.tools.client.values import JointState, Stamped
+from trocar.tools.client.ways import RecordWay
 
 
 class Measured:

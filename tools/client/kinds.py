@@ -6,11 +6,11 @@ import math
 
 from numpy.typing import ArrayLike
 
-from tools.client.arm import Arm
-from tools.client.joints import Joints, Measured
-from tools.client.moves import MoveHandle, Waits, move
-from tools.client.values import Array, numbers, rotation_numbers
-from tools.client.ways import CommandWay, RecordWay, Ways
+from trocar.tools.client.arm import Arm
+from trocar.tools.client.joints import Joints, Measured
+from trocar.tools.client.moves import MoveHandle, Waits, move
+from trocar.tools.client.values import Array, numbers, rotation_numbers
+from trocar.tools.client.ways import CommandWay, RecordWay, Ways
 
 JAW_OPEN, JAW_CLOSED = math.radians(60.0), math.radians(-20.0)
 INSERTION = 2

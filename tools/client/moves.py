@@ -10,14 +10,14 @@ from typing import Any, Final
 
 from numpy.typing import ArrayLike
 
-from procs.requests import Answer
-from shm.clock import pause
-from shm.commands import ENDINGS, became
-from tools.client.callbacks import Callbacks
-from tools.client.values import numbers
-from tools.client.ways import CommandWay
-from tools.deadline import Deadline
-from tools.errors import Clipped, Refused, Short
+from trocar.procs.node.requests import Answer
+from trocar.shm.commands import ENDINGS, became
+from trocar.shm.time.clock import pause
+from trocar.tools.client.callbacks import Callbacks
+from trocar.tools.client.deadline import Deadline
+from trocar.tools.client.values import numbers
+from trocar.tools.client.ways import CommandWay
+from trocar.tools.output.errors import Clipped, Refused, Short
 
 POLL_S = 0.002
 CLIPPED = "clipped: "

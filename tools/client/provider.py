@@ -12,21 +12,21 @@ from typing import Any, Final, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from procs import codes
-from procs.document.system import SystemConfig, ThirdParty, from_json
-from procs.kinematics.poses import POSE, check_matrix, compose, matrix_from_pose, normalised, pose_from_matrix
-from procs.user_process import OwnProcess
-from shm import directory
-from shm.clock import monotonic_ns
-from shm.commands import COMMANDS
-from shm.control_page import ControlPage
-from shm.mailbox_map import COMMANDS_DEPTH
-from shm.origins import SenderId
-from shm.received import Received
-from tools.client.instance import known_state
-from tools.client.values import Array, numbers, six_numbers
-from tools.errors import PlaceTaken, Problem, Refused
-from tools.systems import unknown
+from trocar.procs.document.system import SystemConfig, ThirdParty, from_json
+from trocar.procs.kinematics.poses import POSE, check_matrix, compose, matrix_from_pose, normalised, pose_from_matrix
+from trocar.procs.tables import codes
+from trocar.procs.user.process import OwnProcess
+from trocar.shm.commands import COMMANDS
+from trocar.shm.mailbox.mailbox_map import COMMANDS_DEPTH
+from trocar.shm.mailbox.origins import SenderId
+from trocar.shm.mailbox.received import Received
+from trocar.shm.system import directory
+from trocar.shm.time.clock import monotonic_ns
+from trocar.shm.time.control_page import ControlPage
+from trocar.tools.client.instance import known_state
+from trocar.tools.client.values import Array, numbers, six_numbers
+from trocar.tools.output.errors import PlaceTaken, Problem, Refused
+from trocar.tools.systems.find import unknown
 
 KIND: Final = "third_party"
 READY: Final = ("enable", "home")

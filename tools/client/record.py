@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
-from procs.crtk.demand import OnDemand, wait_until_computed
-from procs.crtk.topics import EVENT, catalogue
-from procs.crtk.views import OpenTopic
-from procs.kinematics.poses import matrix_from_pose
-from shm.segment import SegmentError
-from tools.client.values import FRESH_S, Array, JointState, Stamped
-from tools.closed import closed
-from tools.errors import Problem
-from tools.inspect.watch import Watch
+from trocar.procs.crtk.demand import OnDemand, wait_until_computed
+from trocar.procs.crtk.topics import EVENT, catalogue
+from trocar.procs.crtk.views import OpenTopic
+from trocar.procs.kinematics.poses import matrix_from_pose
+from trocar.shm.memory.segment import SegmentError
+from trocar.tools.client.closed import closed
+from trocar.tools.client.values import FRESH_S, Array, JointState, Stamped
+from trocar.tools.inspect.watch import Watch
+from trocar.tools.output.errors import Problem
 
 
 class InstanceRecord:

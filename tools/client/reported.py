@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from procs.crtk.topics import EVENT, TopicEntry, catalogue
-from procs.crtk.views import OpenTopic
+from trocar.procs.crtk.topics import EVENT, TopicEntry, catalogue
+from trocar.procs.crtk.views import OpenTopic
 
 
 class SharedEvents:

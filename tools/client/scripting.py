@@ -11,21 +11,22 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, overload
 
-from procs.arm_types import ARM_TYPES, class_of
-from shm.clock import monotonic_ns, pause
-from tools.client.arm import Arm
-from tools.client.connection import BridgeConnection
-from tools.client.consoles import ConsoleHandle, Operated, TeleopHandle
-from tools.client.distant import DistantWays
-from tools.client.impedance import Gains, Impedance
-from tools.client.joints import Joints
-from tools.client.kinds import Ecm, Gripper, Jaw, Mtm, Psm
-from tools.client.moves import MoveHandle
-from tools.client.setup import SetupArm, Suj
-from tools.client.values import JointState
-from tools.client.whole import DistantSystem
-from tools.errors import Clipped, Disconnected, NotThere, Problem, Refused
-from tools.version import VERSION as __version__
+from trocar.procs.machine.end_signals import ctrl_c_in_a_line
+from trocar.procs.tables.arm_types import ARM_TYPES, class_of
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.tools.client.arm import Arm
+from trocar.tools.client.connection import BridgeConnection
+from trocar.tools.client.consoles import ConsoleHandle, Operated, TeleopHandle
+from trocar.tools.client.distant import DistantWays
+from trocar.tools.client.impedance import Gains, Impedance
+from trocar.tools.client.joints import Joints
+from trocar.tools.client.kinds import Ecm, Gripper, Jaw, Mtm, Psm
+from trocar.tools.client.moves import MoveHandle
+from trocar.tools.client.setup import SetupArm, Suj
+from trocar.tools.client.values import JointState
+from trocar.tools.client.whole import DistantSystem
+from trocar.tools.output.errors import Clipped, Disconnected, NotThere, Problem, Refused
+from trocar.tools.version import VERSION as __version__
 
 
 def _has_shared_memory() -> bool:
@@ -37,12 +38,12 @@ def _has_shared_memory() -> bool:
 
 
 if TYPE_CHECKING:
-    from tools.client.aio import Aio
+    from trocar.tools.client.aio import Aio
 
 if TYPE_CHECKING or _has_shared_memory():
-    from tools.client import here
+    from trocar.tools.client import here
 else:
-    from tools.client import elsewhere as here
+    from trocar.tools.client import elsewhere as here
 
 Handler = here.Handler
 Process = here.Process
@@ -174,13 +175,14 @@ def system(name: str | None = None, timeout: float = 5.0, *, at: str = "", token
 
 def aio(make: Callable[..., Any], *given: Any, **named: Any) -> Aio:
     """What `make(*given, **named)` gives, its words coroutines: `async with trocar.aio(trocar.psm, "PSM1") as psm`."""
-    from tools.client.aio import Aio  # most scripts do without asyncio, and it takes a while
+    from trocar.tools.client.aio import Aio  # most scripts do without asyncio, and it takes a while
 
     return Aio(lambda: make(*given, **named))
 
 
 def _at(at: str, token: str | Path, tls: ssl.SSLContext | None, timeout: float, made: Callable[[DistantWays], T]) -> T:
     """What `made` makes of a connection, tried until it is there."""
+    ctrl_c_in_a_line()
     end = monotonic_ns() + round(timeout * 1e9)
     while True:
         connection = None

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from numpy.typing import ArrayLike
 
-from procs.crtk.names import none_such
-from tools.client.instance import Instance
-from tools.client.joints import Measured
-from tools.client.moves import MoveHandle, Waits, move
-from tools.client.values import Stamped, numbers, pose_numbers
-from tools.client.ways import CommandWay, RecordWay, Ways
-from tools.errors import Problem
+from trocar.procs.crtk.names import none_such
+from trocar.tools.client.instance import Instance
+from trocar.tools.client.joints import Measured
+from trocar.tools.client.moves import MoveHandle, Waits, move
+from trocar.tools.client.values import Stamped, numbers, pose_numbers
+from trocar.tools.client.ways import CommandWay, RecordWay, Ways
+from trocar.tools.output.errors import Problem
 
 
 class SetupArm(Measured):

@@ -5,19 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from procs.crtk.views import open_topic
-from shm.segment import SegmentError
-from tools import arms
-from tools.arms import DISABLED, ENABLED, HOMED
-from tools.client.record import InstanceRecord
-from tools.client.reported import SharedEvents
-from tools.client.values import FRESH_S
-from tools.closed import closed
-from tools.errors import Problem
-from tools.inspect.processes import statuses
-from tools.inspect.watch import arm_document, arm_type
-from tools.remote import Remote
-from tools.systems import is_simulated
+from trocar.procs.crtk.views import open_topic
+from trocar.shm.memory.segment import SegmentError
+from trocar.tools.client import bring_up as arms
+from trocar.tools.client.bring_up import DISABLED, ENABLED, HOMED
+from trocar.tools.client.closed import closed
+from trocar.tools.client.record import InstanceRecord
+from trocar.tools.client.remote import Remote
+from trocar.tools.client.reported import SharedEvents
+from trocar.tools.client.values import FRESH_S
+from trocar.tools.inspect.processes import statuses
+from trocar.tools.inspect.watch import arm_document, arm_type
+from trocar.tools.output.errors import Problem
+from trocar.tools.systems.find import is_simulated
 
 
 class SharedRows:

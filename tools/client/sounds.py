@@ -6,10 +6,10 @@ import contextlib
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, Self
 
-from shm.header import SegmentError
-from tools.client.callbacks import Callbacks, Reporting
-from tools.client.ways import RowWay, Ways
-from tools.errors import Problem
+from trocar.shm.memory.header import SegmentError
+from trocar.tools.client.callbacks import Callbacks, Reporting
+from trocar.tools.client.ways import RowWay, Ways
+from trocar.tools.output.errors import Problem
 
 WHOLE: Final = "system"
 """The process that brings all arms up, repeats what all report and makes sounds, where there are consoles."""

@@ -5,18 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TypeVar
 
-from procs.crtk.names import none_such
-from shm.clock import monotonic_ns, pause
-from shm.segment import SegmentError
-from tools import arms
-from tools.client.consoles import Operated
-from tools.client.instance import Instance
-from tools.client.shared import SharedWays
-from tools.client.sounds import Sounds
-from tools.errors import NotThere, PlaceTaken, Problem
-from tools.inspect.processes import ProcessStatus, statuses
-from tools.inspect.watch import arm_names, document_of
-from tools.systems import is_up
+from trocar.procs.crtk.names import none_such
+from trocar.procs.machine.end_signals import ctrl_c_in_a_line
+from trocar.shm.memory.segment import SegmentError
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.tools.client import bring_up as arms
+from trocar.tools.client.consoles import Operated
+from trocar.tools.client.instance import Instance
+from trocar.tools.client.shared import SharedWays
+from trocar.tools.client.sounds import Sounds
+from trocar.tools.inspect.processes import ProcessStatus, statuses
+from trocar.tools.inspect.watch import arm_names, document_of
+from trocar.tools.output.errors import NotThere, PlaceTaken, Problem
+from trocar.tools.systems.find import is_up
 
 TRY_AGAIN_S = 0.05
 
@@ -69,6 +70,7 @@ def attached(kind: str, make: Callable[[str, str], Found], system: str, name: st
 
 def connected(attach: Callable[[], T], timeout: float, what: str) -> T:
     """What `attach` gives, once it does; TimeoutError with the last problem after `timeout` s; NotThere, PlaceTaken."""
+    ctrl_c_in_a_line()
     end = monotonic_ns() + round(timeout * 1e9)
     while True:
         try:

@@ -6,10 +6,10 @@ import json
 
 from numpy.typing import ArrayLike
 
-from procs.kinematics.poses import matrix_from_pose
-from tools.client.values import Array, Stamped, numbers, six_numbers
-from tools.client.ways import CommandWay, RecordWay
-from tools.errors import Problem
+from trocar.procs.kinematics.poses import matrix_from_pose
+from trocar.tools.client.values import Array, Stamped, numbers, six_numbers
+from trocar.tools.client.ways import CommandWay, RecordWay
+from trocar.tools.output.errors import Problem
 
 
 class Frame:

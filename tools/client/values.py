@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from procs.kinematics.poses import PoseError, check_matrix, pose_from_matrix
+from trocar.procs.kinematics.poses import PoseError, check_matrix, pose_from_matrix
 
 Array = NDArray[np.float64]
 Stamped = tuple[Array, int]

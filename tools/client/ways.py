@@ -10,8 +10,8 @@ from typing import Any, Protocol
 
 from numpy.typing import ArrayLike
 
-from procs.requests import Answer
-from tools.client.values import JointState, Stamped
+from trocar.procs.node.requests import Answer
+from trocar.tools.client.values import JointState, Stamped
 
 
 class Shown(Protocol):
@@ -164,6 +164,6 @@ def ways_of(system: str | Ways) -> Ways:
     """Those of this machine for a system's name: loaded where they are used, as elsewhere there is no shared memory."""
     if not isinstance(system, str):
         return system
-    from tools.client.shared import SharedWays
+    from trocar.tools.client.shared import SharedWays
 
     return SharedWays(system)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Final
 
-from procs.arm_types import ARM_TYPES
-from shm.commands import became
-from tools.client.distant import DistantRemote, DistantWays
-from tools.client.instance import DISABLED, ENABLED, HOMED
-from tools.client.sounds import WHOLE, Sounds
-from tools.errors import Problem
+from trocar.procs.tables.arm_types import ARM_TYPES
+from trocar.shm.commands import became
+from trocar.tools.client.distant import DistantRemote, DistantWays
+from trocar.tools.client.instance import DISABLED, ENABLED, HOMED
+from trocar.tools.client.sounds import WHOLE, Sounds
+from trocar.tools.output.errors import Problem
 
 WORDS: Final = {ENABLED: "power_on", HOMED: "home", DISABLED: "power_off"}
 

@@ -12,11 +12,11 @@ from typing import Final
 
 import numpy as np
 
-from shm.commands import became
-from tools.commission.bench import CommandOutcome, RobotBench
-from tools.commission.finding import Finding, Outcome
-from tools.commission.subject import Subject
-from tools.commission.window import Floats, Window
+from trocar.shm.commands import became
+from trocar.tools.commission.bench import CommandOutcome, RobotBench
+from trocar.tools.commission.finding import Finding, Outcome
+from trocar.tools.commission.subject import Subject
+from trocar.tools.commission.window import Floats, Window
 
 SHARE: Final = 0.4  # of the motor's largest current
 SHARE_WITH_BRAKE: Final = 0.5  # what has a brake has weight: it must not fall when that lets go

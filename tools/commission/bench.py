@@ -8,17 +8,17 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from procs.document.system import SystemConfig
-from shm import directory
-from shm.commands import ENDINGS
-from shm.ring import RingReader
-from shm.system_time import SystemTime
-from tools import arms
-from tools.commission.person import Person
-from tools.commission.subject import Subject, subjects_of
-from tools.commission.window import Window
-from tools.errors import Problem
-from tools.remote import Remote
+from trocar.procs.document.system import SystemConfig
+from trocar.shm.commands import ENDINGS
+from trocar.shm.ring.ring import RingReader
+from trocar.shm.system import directory
+from trocar.shm.time.system_time import SystemTime
+from trocar.tools.client import bring_up as arms
+from trocar.tools.client.remote import Remote
+from trocar.tools.commission.person import Person
+from trocar.tools.commission.subject import Subject, subjects_of
+from trocar.tools.commission.window import Window
+from trocar.tools.output.errors import Problem
 
 SLICE_S: Final = 0.5  # the ring keeps 3 s
 OFF_S: Final = 0.2  # amplifiers are off long before

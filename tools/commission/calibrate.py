@@ -15,13 +15,13 @@ from typing import Final
 
 import numpy as np
 
-from tools.commission import io_file
-from tools.commission.bench import RobotBench
-from tools.commission.finding import Finding, Outcome
-from tools.commission.person import Put, Squeeze
-from tools.commission.read import carried
-from tools.commission.subject import Subject
-from tools.commission.window import Floats, Window
+from trocar.tools.commission import io_file
+from trocar.tools.commission.bench import RobotBench
+from trocar.tools.commission.finding import Finding, Outcome
+from trocar.tools.commission.person import Put, Squeeze
+from trocar.tools.commission.read import carried
+from trocar.tools.commission.subject import Subject
+from trocar.tools.commission.window import Floats, Window
 
 OPEN_RAD: Final = float(np.radians(60.0))
 SHARE: Final = 0.4  # of its range, over which a hand moves an axis

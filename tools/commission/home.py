@@ -6,12 +6,12 @@ from typing import Final
 
 import numpy as np
 
-from tools import arms
-from tools.commission.bench import RunningBench
-from tools.commission.finding import Finding, Outcome
-from tools.commission.subject import Subject
-from tools.commission.window import Window
-from tools.errors import Problem
+from trocar.tools.client import bring_up as arms
+from trocar.tools.commission.bench import RunningBench
+from trocar.tools.commission.finding import Finding, Outcome
+from trocar.tools.commission.subject import Subject
+from trocar.tools.commission.window import Window
+from trocar.tools.output.errors import Problem
 
 LOOK_S: Final = 1.0
 MASTER: Final = "MTM"

@@ -12,10 +12,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from procs.config import check_file
-from procs.config.read.source import read_source
-from tools.converters import to_json
-from tools.errors import Problem
+from trocar.procs.config import check_file
+from trocar.procs.config.read.source import read_source
+from trocar.tools.converters import to_json
+from trocar.tools.output.errors import Problem
 
 Values = Mapping[str, Mapping[int, tuple[float, float]]]  # by robot and axis: scale and offset
 DIGITS: Final = 9  # of what is written

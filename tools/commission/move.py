@@ -9,15 +9,15 @@ from typing import Final, TypeVar
 
 import numpy as np
 
-from shm.clock import monotonic_ns, pause
-from tools.client.arm import Arm
-from tools.commission import home
-from tools.commission.bench import RunningBench
-from tools.commission.finding import Finding, Outcome
-from tools.commission.subject import Subject
-from tools.commission.window import Floats, Window
-from tools.errors import Clipped, Problem, Refused, Short
-from tools.inspect.watch import Watch, arm_document
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.tools.client.arm import Arm
+from trocar.tools.commission import home
+from trocar.tools.commission.bench import RunningBench
+from trocar.tools.commission.finding import Finding, Outcome
+from trocar.tools.commission.subject import Subject
+from trocar.tools.commission.window import Floats, Window
+from trocar.tools.inspect.watch import Watch, arm_document
+from trocar.tools.output.errors import Clipped, Problem, Refused, Short
 
 T = TypeVar("T")
 

@@ -10,10 +10,10 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Final, Protocol
 
-from shm.clock import monotonic_ns
-from tools.commission.subject import Subject
-from tools.errors import Misuse, Problem
-from tools.printing import printable, tell
+from trocar.shm.time.clock import monotonic_ns
+from trocar.tools.commission.subject import Subject
+from trocar.tools.output.errors import Misuse, Problem
+from trocar.tools.output.printing import printable, tell
 
 PATIENCE_S: Final = 120.0
 

@@ -10,12 +10,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.document.system import SystemConfig
-from shm import directory
-from tools.commission.person import Act, Carry, Press, Put, Squeeze, Stop
-from tools.commission.subject import Subject
-from tools.printing import note
-from tools.remote import Remote
+from trocar.procs.document.system import SystemConfig
+from trocar.shm.system import directory
+from trocar.tools.client.remote import Remote
+from trocar.tools.commission.person import Act, Carry, Press, Put, Squeeze, Stop
+from trocar.tools.commission.subject import Subject
+from trocar.tools.output.printing import note
 
 STEPS: Final = 8  # of a motion by hand, each way
 BEYOND: Final = 1.3  # times what is asked for

@@ -6,10 +6,10 @@ from typing import Final
 
 import numpy as np
 
-from tools.commission.bench import RobotBench
-from tools.commission.finding import Finding, Outcome
-from tools.commission.subject import Subject
-from tools.commission.window import Window
+from trocar.tools.commission.bench import RobotBench
+from trocar.tools.commission.finding import Finding, Outcome
+from trocar.tools.commission.subject import Subject
+from trocar.tools.commission.window import Window
 
 SUPPLY_S: Final = 8.0  # then io switches it off by itself
 UP_S: Final = 3.0  # what a supply has to come up; never more: some overheat their boards meanwhile

@@ -6,11 +6,11 @@ from typing import Final
 
 import numpy as np
 
-from tools.commission.bench import RobotBench
-from tools.commission.finding import Finding, Outcome
-from tools.commission.person import Carry, Press
-from tools.commission.subject import Subject
-from tools.commission.window import Window
+from trocar.tools.commission.bench import RobotBench
+from trocar.tools.commission.finding import Finding, Outcome
+from trocar.tools.commission.person import Carry, Press
+from trocar.tools.commission.subject import Subject
+from trocar.tools.commission.window import Window
 
 REST_S: Final = 2.0
 REHEARSAL_LOOKS: Final = 4

@@ -14,10 +14,10 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Final
 
-from procs.document.system import SystemConfig
-from tools.commission.finding import Outcome
-from tools.errors import Problem
-from tools.printing import plain
+from trocar.procs.document.system import SystemConfig
+from trocar.tools.commission.finding import Outcome
+from trocar.tools.output.errors import Problem
+from trocar.tools.output.printing import plain
 
 FORMAT: Final = 1
 

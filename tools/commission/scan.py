@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Final, Protocol
 
-from procs.document.system import IoConfig, Robot, SystemConfig
-from procs.faults import place
-from procs.fpga import blocks
-from tools.bus_client import BusClient, FoundBoard
-from tools.commission.finding import Finding, Outcome
-from tools.inspect import serials
+from trocar.procs.document.system import IoConfig, Robot, SystemConfig
+from trocar.procs.fpga import blocks
+from trocar.procs.node.fault_report import place
+from trocar.tools.commission.finding import Finding, Outcome
+from trocar.tools.inspect import serials
+from trocar.tools.inspect.bus_client import BusClient, FoundBoard
 
 UNKNOWN: Final = "HARDWARE_UNDEFINED"
 

@@ -7,18 +7,19 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
-from tools.commission.finding import Outcome
+from trocar.tools.commission.finding import Outcome
 
 
 @dataclass(frozen=True, slots=True)
 class CommissionStage:
-    """One stage: its module has `run(bench)`. `live`: io runs meanwhile, else (on real boards) there is no system.
+    """One stage: the module of its name has `run(bench)`.
+
+    `live`: io runs meanwhile, else (on real boards) there is no system.
 
     `real_time`: a rehearsal, too, needs it; the others do with simulated time, which waits where the computer is busy.
     """
 
     name: str
-    module: str
     text: str
     stops: str  # what it stops at
     live: bool = True
@@ -26,27 +27,27 @@ class CommissionStage:
 
     def load(self) -> Callable[..., Outcome]:
         """Its function."""
-        run: Callable[..., Outcome] = importlib.import_module(self.module).run
+        run: Callable[..., Outcome] = importlib.import_module(f"trocar.tools.commission.{self.name}").run
         return run
 
 
 STAGES: Final = (
-    CommissionStage("scan", "tools.commission.scan", "boards on the bus, their hardware, firmware and serial numbers",
+    CommissionStage("scan", "boards on the bus, their hardware, firmware and serial numbers",
                     "a board that is missing, double, or of another kind than its file says", live=False),
-    CommissionStage("read", "tools.commission.read", "sensors and switches without power, every axis moved by hand",
+    CommissionStage("read", "sensors and switches without power, every axis moved by hand",
                     "bad samples, a dead or noisy sensor, currents without power, wrong signs and scales"),
-    CommissionStage("power", "tools.commission.power", "relays and motor supplies, all amplifiers off",
+    CommissionStage("power", "relays and motor supplies, all amplifiers off",
                     "a supply that does not come up or go away, an amplifier that is on"),
-    CommissionStage("axis", "tools.commission.axis", "one motor at a time, a small current, a little way",
+    CommissionStage("axis", "one motor at a time, a small current, a little way",
                     "an axis that moves wrongly, another, or not; a brake that slips or sticks"),
-    CommissionStage("stop", "tools.commission.stop", "emergency stop and watchdog",
+    CommissionStage("stop", "emergency stop and watchdog",
                     "an amplifier that stays on, or comes back by itself",
                     real_time=True),
-    CommissionStage("calibrate", "tools.commission.calibrate", "potentiometers and grippers, into an IO file",
+    CommissionStage("calibrate", "potentiometers and grippers, into an IO file",
                     "a potentiometer that is not linear or far from its file"),
-    CommissionStage("home", "tools.commission.home", "every arm homed",
+    CommissionStage("home", "every arm homed",
                     "a fault on the way, potentiometers that disagree with encoders"),
-    CommissionStage("move", "tools.commission.move", "every joint a little way, slowly, and one to its limit",
+    CommissionStage("move", "every joint a little way, slowly, and one to its limit",
                     "a joint that does not follow, does not arrive, or passes its limit"),
 )
 NAMES: Final = tuple(stage.name for stage in STAGES)

@@ -8,17 +8,17 @@ from typing import Final
 
 import numpy as np
 
-from procs.document.system import IoConfig
-from procs.fpga import registers
-from shm.clock import monotonic_ns, pause
-from tools.bus_client import BusClient, FoundBoard
-from tools.commission.bench import RunningBench
-from tools.commission.finding import Finding, Outcome
-from tools.commission.person import Stop
-from tools.commission.subject import Subject
-from tools.commission.window import Window
-from tools.inspect import samples
-from tools.running import CONTINUE, RunningProcess, running
+from trocar.procs.document.system import IoConfig
+from trocar.procs.fpga import registers
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.tools.commission.bench import RunningBench
+from trocar.tools.commission.finding import Finding, Outcome
+from trocar.tools.commission.person import Stop
+from trocar.tools.commission.subject import Subject
+from trocar.tools.commission.window import Window
+from trocar.tools.inspect import samples
+from trocar.tools.inspect.bus_client import BusClient, FoundBoard
+from trocar.tools.systems.processes import CONTINUE, RunningProcess, running
 
 STOP: Final = 19  # signal: the process stands still
 STOP_S: Final = 0.1  # from the safety chain to the last amplifier

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from procs.document.system import Actuator, IoConfig, Robot, SystemConfig
+from trocar.procs.document.system import Actuator, IoConfig, Robot, SystemConfig
 
 UNITS = {"PRISMATIC": "m"}
 

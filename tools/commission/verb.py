@@ -11,24 +11,24 @@ from typing import Annotated, Final
 
 import typer
 
-from procs.config import load_system
-from procs.document.system import SystemConfig, from_json
-from shm import directory
-from shm.clock import monotonic_ns
-from shm.system_time import WALL
-from tools.commission.bench import RunningBench
-from tools.commission.finding import Finding, Outcome
-from tools.commission.person import AtTerminal, Declined, Person
-from tools.commission.person_sim import AtBoards
-from tools.commission.report import CommissionReport, fingerprint
-from tools.commission.stages import NAMES, STAGES, CommissionStage
-from tools.commission.subject import subjects_of
-from tools.errors import Misuse, Problem
-from tools.options import JsonOption
-from tools.printing import emit, note, table, tell
-from tools.running import parent_of
-from tools.supervising import StartRequest, up_meanwhile
-from tools.systems import supervisor_of, system_file
+from trocar.procs.config import load_system
+from trocar.procs.document.system import SystemConfig, from_json
+from trocar.shm.system import directory
+from trocar.shm.time.clock import monotonic_ns
+from trocar.shm.time.system_time import WALL
+from trocar.tools.commission.bench import RunningBench
+from trocar.tools.commission.finding import Finding, Outcome
+from trocar.tools.commission.person import AtTerminal, Declined, Person
+from trocar.tools.commission.person_sim import AtBoards
+from trocar.tools.commission.report import CommissionReport, fingerprint
+from trocar.tools.commission.stages import NAMES, STAGES, CommissionStage
+from trocar.tools.commission.subject import subjects_of
+from trocar.tools.output.errors import Misuse, Problem
+from trocar.tools.output.printing import emit, note, table, tell
+from trocar.tools.systems.find import supervisor_of, system_file
+from trocar.tools.systems.processes import parent_of
+from trocar.tools.systems.supervising import StartRequest, up_meanwhile
+from trocar.tools.verbs.options import JsonOption
 
 NAME: Final = "commission"
 EASY: Final = ("io.period_s=0.002", "arm.period_s=0.002")  # on emulated boards, which share this machine's cores

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tools.commission.subject import Subject
+from trocar.tools.commission.subject import Subject
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from tools.converters.element import Element
-from tools.converters.format_version import FormatVersion
-from tools.converters.units import PRISMATIC, REVOLUTE, Unit
+from trocar.tools.converters.element import Element
+from trocar.tools.converters.format_version import FormatVersion
+from trocar.tools.converters.units import PRISMATIC, REVOLUTE, Unit
 
 Json = dict[str, object]
 

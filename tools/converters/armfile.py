@@ -6,13 +6,13 @@ import math
 import re
 from pathlib import PurePosixPath
 
-from procs.config import HEADS
-from procs.config.models.arm_file import ArmFile, EcmFile, MtmFile, PsmFile
-from procs.config.read.jsontext import Parsed
-from procs.config.read.validate import fields_of
-from procs.kinematics.endoscopes import NAMES
-from tools.converters.keys import Keys
-from tools.converters.report import ConversionReport
+from trocar.procs.config import HEADS
+from trocar.procs.config.models.arm_file import ArmFile, EcmFile, MtmFile, PsmFile
+from trocar.procs.config.read.jsontext import Parsed
+from trocar.procs.config.read.validate import fields_of
+from trocar.procs.kinematics.endoscopes import NAMES
+from trocar.tools.converters.keys import Keys
+from trocar.tools.converters.report import ConversionReport
 
 Json = dict[str, object]
 

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from procs.config import HEADS
-from procs.config.models.system_file import IoKeys
-from procs.config.read.jsontext import Parsed
-from procs.config.read.problem import value_text
-from procs.fpga.ports import PortName, PortNameError
-from tools.converters.consolearm import Arms
-from tools.converters.keys import Keys
-from tools.converters.names import today
-from tools.converters.report import ConversionReport
-from tools.converters.teleops import ecm_teleop, psm_teleop
+from trocar.procs.config import HEADS
+from trocar.procs.config.models.system_file import IoKeys
+from trocar.procs.config.read.jsontext import Parsed
+from trocar.procs.config.read.problem import value_text
+from trocar.procs.fpga.ports import PortName, PortNameError
+from trocar.tools.converters.consolearm import Arms
+from trocar.tools.converters.keys import Keys
+from trocar.tools.converters.names import today
+from trocar.tools.converters.report import ConversionReport
+from trocar.tools.converters.teleops import ecm_teleop, psm_teleop
 
 Json = dict[str, object]
 

@@ -6,11 +6,11 @@ import math
 import re
 from pathlib import PurePosixPath
 
-from procs.config import HEADS
-from procs.config.models.system_file import ArmKeys
-from tools.converters.keys import Keys
-from tools.converters.names import plain
-from tools.converters.teleops import interface
+from trocar.procs.config import HEADS
+from trocar.procs.config.models.system_file import ArmKeys
+from trocar.tools.converters.keys import Keys
+from trocar.tools.converters.names import plain
+from trocar.tools.converters.teleops import interface
 
 Json = dict[str, object]
 

@@ -9,15 +9,15 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from procs.config import Checked, check_file
-from procs.config.read.problem import WARNING, FileProblem, count
-from procs.config.read.search import search_beside
-from procs.config.read.source import read_bytes, read_source
-from tools.converters.differences import differences
-from tools.converters.jsonout import to_json
-from tools.converters.recognise import OTHER, TODAY, UNKNOWN, Converted, convert_file, with_arm_file
-from tools.converters.report import Reference
-from tools.errors import Problem
+from trocar.procs.config import Checked, check_file
+from trocar.procs.config.read.problem import WARNING, FileProblem, count
+from trocar.procs.config.read.search import search_beside
+from trocar.procs.config.read.source import read_bytes, read_source
+from trocar.tools.converters.differences import differences
+from trocar.tools.converters.jsonout import to_json
+from trocar.tools.converters.recognise import OTHER, TODAY, UNKNOWN, Converted, convert_file, with_arm_file
+from trocar.tools.converters.report import Reference
+from trocar.tools.output.errors import Problem
 
 SUFFIXES = (".xml", ".json", ".rob")
 CHECKED = (".json", ".yaml", ".yml")

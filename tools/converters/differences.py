@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from procs.config.read.problem import value_text
+from trocar.procs.config.read.problem import value_text
 
 Json = dict[str, object]
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from tools.converters.element import Element
-from tools.converters.names import today
-from tools.converters.report import number_text
+from trocar.tools.converters.element import Element
+from trocar.tools.converters.names import today
+from trocar.tools.converters.report import number_text
 
 Json = dict[str, object]
 

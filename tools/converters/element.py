@@ -6,8 +6,8 @@ import re
 from collections.abc import Mapping
 from typing import TypeVar
 
-from tools.converters.report import NOT_READ, ConversionReport, finite
-from tools.converters.xmltext import XmlNode
+from trocar.tools.converters.report import NOT_READ, ConversionReport, finite
+from trocar.tools.converters.xmltext import XmlNode
 
 Value = TypeVar("Value")
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tools.converters.element import Element
-from tools.converters.units import OLD, SI
-from tools.converters.xmltext import XmlNode
+from trocar.tools.converters.element import Element
+from trocar.tools.converters.units import OLD, SI
+from trocar.tools.converters.xmltext import XmlNode
 
 _NEWEST = 5
 _OLD_WORDS = {"BoardID", "AxisID", "BitID", "ActuatorID", "SN"}

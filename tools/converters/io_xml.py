@@ -8,15 +8,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from procs.config import HEADS
-from tools.converters.actuator import Actuators
-from tools.converters.digital import dallas_chip, digital_input, digital_output, name_of
-from tools.converters.element import Element
-from tools.converters.format_version import FormatVersion, format_version_of
-from tools.converters.names import plain
-from tools.converters.pots import potentiometers
-from tools.converters.report import ConversionReport
-from tools.converters.xmltext import XmlNode
+from trocar.procs.config import HEADS
+from trocar.tools.converters.actuator import Actuators
+from trocar.tools.converters.digital import dallas_chip, digital_input, digital_output, name_of
+from trocar.tools.converters.element import Element
+from trocar.tools.converters.format_version import FormatVersion, format_version_of
+from trocar.tools.converters.names import plain
+from trocar.tools.converters.pots import potentiometers
+from trocar.tools.converters.report import ConversionReport
+from trocar.tools.converters.xmltext import XmlNode
 
 Json = dict[str, object]
 

@@ -8,10 +8,10 @@ from typing import TypeVar
 
 from pydantic import BaseModel
 
-from procs.config.read.problem import Key, key_text, value_text
-from procs.config.read.validate import fields_of, unwrapped
-from tools.converters.names import file_today
-from tools.converters.report import NOT_READ, ConversionReport, Reference
+from trocar.procs.config.read.problem import Key, key_text, value_text
+from trocar.procs.config.read.validate import fields_of, unwrapped
+from trocar.tools.converters.names import file_today
+from trocar.tools.converters.report import NOT_READ, ConversionReport, Reference
 
 Value = TypeVar("Value")
 

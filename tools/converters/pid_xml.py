@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 
-from procs.config import HEADS
-from tools.converters.element import Element
-from tools.converters.report import ConversionReport, number_text
-from tools.converters.units import PRISMATIC, REVOLUTE
-from tools.converters.xmltext import XmlNode
+from trocar.procs.config import HEADS
+from trocar.tools.converters.element import Element
+from trocar.tools.converters.report import ConversionReport, number_text
+from trocar.tools.converters.units import PRISMATIC, REVOLUTE
+from trocar.tools.converters.xmltext import XmlNode
 
 Json = dict[str, object]
 

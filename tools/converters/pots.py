@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from tools.converters.element import Element
-from tools.converters.format_version import FormatVersion
-from tools.converters.report import number_text
-from tools.converters.units import Unit
+from trocar.tools.converters.element import Element
+from trocar.tools.converters.format_version import FormatVersion
+from trocar.tools.converters.report import number_text
+from trocar.tools.converters.units import Unit
 
 Json = dict[str, object]
 Matrix = list[list[float]]

@@ -7,17 +7,17 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import PurePath
 
-from procs.config import HEADS, kind_of
-from procs.config.read.jsontext import Parsed, TextError, parse_json
-from procs.config.read.problem import FileProblem
-from tools.converters.armfile import convert_arm, looks_like_arm
-from tools.converters.console import convert_console, looks_like_console
-from tools.converters.io_xml import convert_io
-from tools.converters.pid_xml import convert_pid
-from tools.converters.report import CONVERTED, LOST, Change, ConversionReport, Reference
-from tools.converters.rob_text import convert_rob, looks_like_rob
-from tools.converters.setup import convert_setup, looks_like_setup
-from tools.converters.xmltext import XmlError, XmlNode, parse_xml
+from trocar.procs.config import HEADS, kind_of
+from trocar.procs.config.read.jsontext import Parsed, TextError, parse_json
+from trocar.procs.config.read.problem import FileProblem
+from trocar.tools.converters.armfile import convert_arm, looks_like_arm
+from trocar.tools.converters.console import convert_console, looks_like_console
+from trocar.tools.converters.io_xml import convert_io
+from trocar.tools.converters.pid_xml import convert_pid
+from trocar.tools.converters.report import CONVERTED, LOST, Change, ConversionReport, Reference
+from trocar.tools.converters.rob_text import convert_rob, looks_like_rob
+from trocar.tools.converters.setup import convert_setup, looks_like_setup
+from trocar.tools.converters.xmltext import XmlError, XmlNode, parse_xml
 
 Json = dict[str, object]
 

@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from procs.config.read.problem import FileProblem
+from trocar.procs.config.read.problem import FileProblem
 
 CONVERTED = "converted"  # its value stands in the new file in another unit or under another name
 DEFAULTED = "defaulted"  # the old file said nothing; the new one must

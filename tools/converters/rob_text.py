@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 
-from tools.converters.report import ConversionReport, finite
+from trocar.tools.converters.report import ConversionReport, finite
 
 Json = dict[str, object]
 

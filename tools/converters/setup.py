@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from procs.config.read.jsontext import Parsed
-from procs.config.read.problem import Key, key_text
-from tools.converters.report import ConversionReport
+from trocar.procs.config.read.jsontext import Parsed
+from trocar.procs.config.read.problem import Key, key_text
+from trocar.tools.converters.report import ConversionReport
 
 Json = dict[str, object]
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from procs.config.models.system_file import (
+from trocar.procs.config.models.system_file import (
     GripperScalingKeys,
     TeleopEcmKeys,
     TeleopEcmParameters,
     TeleopPsmKeys,
     TeleopPsmParameters,
 )
-from tools.converters.keys import Keys
+from trocar.tools.converters.keys import Keys
 
 Json = dict[str, object]
 

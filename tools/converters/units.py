@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from tools.converters.element import Element
-from tools.converters.report import number_text
+from trocar.tools.converters.element import Element
+from trocar.tools.converters.report import number_text
 
 REVOLUTE, PRISMATIC = "REVOLUTE", "PRISMATIC"
 SI = {REVOLUTE: "rad", PRISMATIC: "m"}

@@ -13,7 +13,7 @@ from typing import Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.kinematics.poses import pose_from_matrix, rotation_from_vector
+from trocar.procs.kinematics.poses import pose_from_matrix, rotation_from_vector
 
 Array = NDArray[np.float64]
 

@@ -1,7 +1,7 @@
 """A gamepad as the master of a teleoperation: an example of a program that takes an arm's place.
 
     pip install evdev
-    python -m tools.examples.gamepad_master
+    python -m trocar.tools.examples.gamepad_master
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from typing import Annotated, Any
 
 import typer
 
-from tools.cli import guarded
-from tools.client.provider import Provider
-from tools.client.scripting import provide
-from tools.errors import Problem
-from tools.examples.gamepad import BUTTONS, Device, Gamepad, GamepadTip, is_gamepad
-from tools.options import SystemOption
-from tools.printing import note
+from trocar.tools.cli import guarded
+from trocar.tools.client.provider import Provider
+from trocar.tools.client.scripting import provide
+from trocar.tools.examples.gamepad import BUTTONS, Device, Gamepad, GamepadTip, is_gamepad
+from trocar.tools.output.errors import Problem
+from trocar.tools.output.printing import note
+from trocar.tools.verbs.options import SystemOption
 
 MISSING = "gamepads are read with the package evdev: pip install evdev (or Trocar's extra gamepad)"
 HELD = "hold the left bumper to move, right trigger: gripper, B: clutch, X: camera; Ctrl-C ends it"
@@ -89,7 +89,7 @@ def gamepad_master(
 
     Left stick: x and y; right stick: z and roll; cross: wrist; right trigger: gripper, pulled and let go: presence.
 
-    Example: python -m tools.examples.gamepad_master --arm MTMR --speed 0.03
+    Example: python -m trocar.tools.examples.gamepad_master --arm MTMR --speed 0.03
     """
     package = evdev()
     if listing:

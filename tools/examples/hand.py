@@ -8,14 +8,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.document.system import from_json
-from shm import directory
-from shm.client import MailboxFull
-from shm.clock import pause
-from shm.system_time import Patience
-from tools.errors import Problem
-from tools.examples.operator_sim import OperatorSim, SeenRecord, SimTeleop
-from tools.remote import Remote
+from trocar.procs.document.system import from_json
+from trocar.shm.mailbox.client import MailboxFull
+from trocar.shm.system import directory
+from trocar.shm.time.clock import pause
+from trocar.shm.time.system_time import Patience
+from trocar.tools.client.remote import Remote
+from trocar.tools.examples.operator_sim import OperatorSim, SeenRecord, SimTeleop
+from trocar.tools.output.errors import Problem
 
 Array = NDArray[np.float64]
 

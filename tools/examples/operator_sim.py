@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shm import directory
-from shm.client import Client
-from shm.clock import pause
-from shm.system_time import Patience
-from tools.errors import Problem
-from tools.printing import plain
-from tools.remote import Remote
-from tools.systems import instances_of_kind
+from trocar.shm.mailbox.client import Client
+from trocar.shm.system import directory
+from trocar.shm.time.clock import pause
+from trocar.shm.time.system_time import Patience
+from trocar.tools.client.remote import Remote
+from trocar.tools.output.errors import Problem
+from trocar.tools.output.printing import plain
+from trocar.tools.systems.find import instances_of_kind
 
 POLL_S = 0.01
 PATIENCE_S = 30.0  # alignment of a master far off takes some seconds

@@ -1,6 +1,6 @@
 """A recording as the master of a teleoperation: an example of a program that takes an arm's place.
 
-    python -m tools.examples.recorded_master configs/recordings/circle.csv --press operator_present
+    python -m trocar.tools.examples.recorded_master configs/recordings/circle.csv --press operator_present
 """
 
 from __future__ import annotations
@@ -10,13 +10,13 @@ from typing import Annotated
 
 import typer
 
-from procs.paths import given_file
-from tools.cli import guarded
-from tools.client.provider import Provider
-from tools.client.scripting import provide
-from tools.examples.recordings import Recording, read_recording
-from tools.options import SystemOption
-from tools.printing import note
+from trocar.procs.machine.paths import given_file
+from trocar.tools.cli import guarded
+from trocar.tools.client.provider import Provider
+from trocar.tools.client.scripting import provide
+from trocar.tools.examples.recordings import Recording, read_recording
+from trocar.tools.output.printing import note
+from trocar.tools.verbs.options import SystemOption
 
 RELEASED_S = 0.2  # a console counts a button only after it has seen it released
 
@@ -56,7 +56,8 @@ def recorded_master(
 
     The columns stand in docs/third-party-masters.md; what lies between two rows is interpolated.
 
-    Example: python -m tools.examples.recorded_master configs/recordings/circle.csv --press operator_present --times 4
+    Example: python -m trocar.tools.examples.recorded_master configs/recordings/circle.csv --press operator_present
+    --times 4
     """
     recording = read_recording(given_file(file))
     with provide(arm, system, rate=rate, program="recorded_master") as master:

@@ -16,8 +16,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.kinematics.poses import PoseError, matrix_from_pose, normalised, rotation_vector
-from tools.errors import Problem
+from trocar.procs.kinematics.poses import PoseError, matrix_from_pose, normalised, rotation_vector
+from trocar.tools.output.errors import Problem
 
 Array = NDArray[np.float64]
 

@@ -1,7 +1,8 @@
 """A policy of RLlib that learns to reach with a PSM, and the same policy for `trocar rl rollout`, here or on a robot.
 
-    python -m tools.examples.rllib_reach ./reach
-    TROCAR_POLICY=./reach trocar rl rollout trocar/PsmReach-v0 -n 100 --policy tools.examples.rllib_reach:LearnedPolicy
+    python -m trocar.tools.examples.rllib_reach ./reach
+    TROCAR_POLICY=./reach trocar rl rollout trocar/PsmReach-v0 -n 100 --policy
+    trocar.tools.examples.rllib_reach:LearnedPolicy
 
 It needs `pip install 'trocar[rl]' 'ray[rllib]' torch`; docs/simulation.md has what came out.
 """

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from shm import directory
-from shm.ring import RingReader
-from shm.segment import SegmentError
-from tools.errors import Problem
-from tools.inspect.watch import document_of, problem_of
-from tools.systems import is_simulated
+from trocar.shm.memory.segment import SegmentError
+from trocar.shm.ring.ring import RingReader
+from trocar.shm.system import directory
+from trocar.tools.inspect.watch import document_of, problem_of
+from trocar.tools.output.errors import Problem
+from trocar.tools.systems.find import is_simulated
 
 
 class Amplifiers:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from shm import directory
-from tools.errors import Problem
-from tools.inspect.messages import time_of_day
-from tools.printing import number, plain
+from trocar.shm.system import directory
+from trocar.tools.inspect.messages import time_of_day
+from trocar.tools.output.errors import Problem
+from trocar.tools.output.printing import number, plain
 
 AUDIT = "audit"
 

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from numpy.typing import NDArray
 
-from tools.printing import plain
+from trocar.tools.output.printing import plain
 
 KEPT: Final = 20  # of one instance; the supervisor keeps its last 256 changes of all
 

@@ -6,8 +6,8 @@ import functools
 import re
 from typing import Any
 
-from procs.faults import fault_of
-from shm.topics import Field
+from trocar.procs.node.fault_report import fault_of
+from trocar.shm.topics import Field
 
 NUMBERED = re.compile(r"(?:^|: |, )0 [^:]*")
 PAIR = re.compile(r"(\d+) ([^,:]+)")

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from contextlib import closing
 
-from procs.document.recorder import NAME
-from shm import directory
-from shm.segment import SegmentError
-from tools.printing import plain
+from trocar.procs.document.recorder import NAME
+from trocar.shm.memory.segment import SegmentError
+from trocar.shm.system import directory
+from trocar.tools.output.printing import plain
 
 
 def fault_recording(system: str, faults_ns: Iterable[int]) -> str:

@@ -9,12 +9,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.document.gains import GAINS, value_of
-from procs.document.system import IoConfig, PidAxis, from_json
-from shm import directory
-from shm.topics import IO_GAINS
-from tools.errors import Problem
-from tools.systems import unknown
+from trocar.procs.document.gains import GAINS, value_of
+from trocar.procs.document.system import IoConfig, PidAxis, from_json
+from trocar.shm.system import directory
+from trocar.shm.topics import IO_GAINS
+from trocar.tools.output.errors import Problem
+from trocar.tools.systems.find import unknown
 
 ALL: Final = -1  # in place of an axis
 

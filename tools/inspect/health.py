@@ -6,12 +6,11 @@ from collections import Counter, deque
 from typing import Any
 
 import numpy as np
-
-from procs.document.system import from_json
-from shm import directory
-from shm.events import ERROR
-from tools.inspect.processes import SILENT, STALLED, ProcessStatus, statuses
-from tools.printing import plain
+from trocar.procs.document.system import from_json
+from trocar.shm.system import directory
+from trocar.shm.system.events import ERROR
+from trocar.tools.inspect.processes import SILENT, STALLED, ProcessStatus, statuses
+from trocar.tools.output.printing import plain
 
 KEPT = 300_000  # cycles; more would only cost memory
 FEWER = 0.9  # share of the nominal rate below which io was not on rate

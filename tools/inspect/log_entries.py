@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
 
-from shm.loglines import LogLine, is_about, parsed
+from trocar.shm.system.loglines import LogLine, is_about, parsed
 
 MAX_LINES = 100
 """Of an entry at most, the newest ones: what a process prints has no stamps, and may be long."""

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from datetime import datetime
 from typing import Any, Final
 
-from shm import directory
-from shm.events import SEVERITIES, STATUS
-from shm.segment import SegmentError
-from tools.printing import number, plain
+from trocar.shm.memory.segment import SegmentError
+from trocar.shm.system import directory
+from trocar.shm.system.events import SEVERITIES, STATUS
+from trocar.tools.output.printing import number, plain
 
 MORE: Final = "…"
 ALL: Final = 1 << 16  # records: more than any ring has

@@ -7,20 +7,20 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from procs.document.process import ALWAYS, ELSEWHERE, Process, processes_of
-from procs.lifecycle import is_meant
-from procs.manifest import IN_TIME, THIRD_PARTY, late_s
-from procs.realtime import NO_FIFO, NOT_LOCKED, ORDINARY
-from shm import directory
-from shm.clock import monotonic_ns, pause
-from shm.control_page import ControlPage
-from shm.segment import Segment, SegmentError, names_of, segment_name
-from tools.inspect.endings import PastProcess, endings
-from tools.inspect.segments import PAGE_GONE, lost_of
-from tools.inspect.slow_time import waited_for
-from tools.printing import number, plain
-from tools.running import SUPERVISOR
-from tools.systems import alive, is_simulated
+from trocar.procs.document.process import ALWAYS, ELSEWHERE, Process, processes_of
+from trocar.procs.node.realtime import NO_FIFO, NOT_LOCKED, ORDINARY
+from trocar.procs.tables.lifecycle import is_meant
+from trocar.procs.tables.manifest import IN_TIME, THIRD_PARTY, late_s
+from trocar.shm.memory.segment import Segment, SegmentError, names_of, segment_name
+from trocar.shm.system import directory
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.shm.time.control_page import ControlPage
+from trocar.tools.inspect.endings import PastProcess, endings
+from trocar.tools.inspect.segments import PAGE_GONE, lost_of
+from trocar.tools.inspect.slow_time import waited_for
+from trocar.tools.output.printing import number, plain
+from trocar.tools.systems.find import alive, is_simulated
+from trocar.tools.systems.processes import SUPERVISOR
 
 DEAD, FAILED, NOT_RUNNING = "dead", "failed", "not running"  # problems
 SILENT, STALLED, STOPPED = "silent", "stalled", "stopped"
@@ -74,7 +74,7 @@ class ProcessStatus:
     statistics: dict[str, dict[str, float]]
     simulation: str = ""
     lifecycle: str = ""
-    """STOPPED, RUNNING, STOPPING or RESTARTING: what the supervisor has in mind for it (procs/lifecycle.py)."""
+    """STOPPED, RUNNING, STOPPING or RESTARTING: what the supervisor has in mind for it (procs/tables/lifecycle.py)."""
     endings: tuple[PastProcess, ...] = ()
     """The processes that it had before, as far as the supervisor's records go back."""
     cpus: tuple[int, ...] = ()

@@ -8,10 +8,10 @@ from typing import Final
 
 import numpy as np
 
-from procs.fpga import blocks, registers
-from procs.fpga.velocity import FirmwareVelocity
-from tools.bus_client import FoundBoard
-from tools.errors import Misuse
+from trocar.procs.fpga import blocks, registers
+from trocar.procs.fpga.velocity import FirmwareVelocity
+from trocar.tools.inspect.bus_client import FoundBoard
+from trocar.tools.output.errors import Misuse
 
 LARGEST_ADDRESS: Final = 0xFFFF
 OF_THE_BOARD: Final = (

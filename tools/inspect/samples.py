@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from procs.fpga import blocks, registers
-from tools.bus_client import BusClient, FoundBoard
-from tools.errors import Problem
-from tools.inspect import register_names
+from trocar.procs.fpga import blocks, registers
+from trocar.tools.inspect import register_names
+from trocar.tools.inspect.bus_client import BusClient, FoundBoard
+from trocar.tools.output.errors import Problem
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-from shm.control_page import ControlPage
-from tools.running import SUPERVISOR
+from trocar.shm.time.control_page import ControlPage
+from trocar.tools.systems.processes import SUPERVISOR
 
 OF_THE_SYSTEM = ("document", "faults")
 GONE = "gone from shared memory"

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Final
 
-from procs.fpga import registers
-from shm.clock import pause
-from tools.bus_client import BusClient, FoundBoard
+from trocar.procs.fpga import registers
+from trocar.shm.time.clock import pause
+from trocar.tools.inspect.bus_client import BusClient, FoundBoard
 
 FPGA_COMMAND: Final = 0x031F_FF00  # read the page with the serial number; the only one FPGA V3 heeds
 QLA_COMMAND: Final = 0xFE00_0003  # read four quadlets from the PROM's start

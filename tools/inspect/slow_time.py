@@ -6,10 +6,10 @@ import contextlib
 from collections import Counter
 from typing import Final
 
-from shm.clock import monotonic_ns, pause
-from shm.control_page import ControlPage
-from shm.segment import SegmentError
-from shm.system_time import SystemTime
+from trocar.shm.memory.segment import SegmentError
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.shm.time.control_page import ControlPage
+from trocar.shm.time.system_time import SystemTime
 
 SLOW: Final = 0.02
 """Simulated over real time; a busy machine alone does not make it so slow."""

@@ -9,14 +9,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from numpy.typing import NDArray
-
-from procs.codes import IO_TIMEOUT, SHARED_BOARD
-from procs.verb_lines import REMEDY
-from shm import directory
-from shm.ring import RingReader
-from shm.segment import SegmentError
-from tools.inspect.messages import in_full
-from tools.inspect.processes import (
+from trocar.procs.machine.verb_lines import REMEDY
+from trocar.procs.tables.codes import IO_TIMEOUT, SHARED_BOARD
+from trocar.shm.memory.segment import SegmentError
+from trocar.shm.ring.ring import RingReader
+from trocar.shm.system import directory
+from trocar.tools.inspect.messages import in_full
+from trocar.tools.inspect.processes import (
     DEAD,
     DETACHED,
     FAILED,
@@ -28,9 +27,9 @@ from tools.inspect.processes import (
     STOPPED,
     ProcessStatus,
 )
-from tools.inspect.segments import GONE
-from tools.printing import plain, span
-from tools.running import SUPERVISOR
+from trocar.tools.inspect.segments import GONE
+from trocar.tools.output.printing import plain, span
+from trocar.tools.systems.processes import SUPERVISOR
 
 FAULT, OFF = "FAULT", "teleoperation off"
 FAULT_KEYS = ("code", "component", "axis", "board", "value", "limit", "text", "hint", "monotonic_ns", "local_ns")

@@ -12,9 +12,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-from shm import directory
-from shm.ring import RingReader
+from trocar.shm.ring.ring import RingReader
+from trocar.shm.system import directory
 
 Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]

@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.crtk.topics import writer_gone
-from procs.document.system import ArmConfig, SystemConfig, Tool, from_json
-from shm import directory
-from shm.clock import monotonic_ns
-from shm.ring import RingReader
-from tools.errors import Problem
-from tools.inspect.messages import text_of
-from tools.printing import plain
-from tools.systems import instances_of_kind, is_simulated, unknown
+from trocar.procs.crtk.topics import writer_gone
+from trocar.procs.document.system import ArmConfig, SystemConfig, Tool, from_json
+from trocar.shm.ring.ring import RingReader
+from trocar.shm.system import directory
+from trocar.shm.time.clock import monotonic_ns
+from trocar.tools.inspect.messages import text_of
+from trocar.tools.output.errors import Problem
+from trocar.tools.output.printing import plain
+from trocar.tools.systems.find import instances_of_kind, is_simulated, unknown
 
 FRESH_S = 0.2  # an older record tells nothing of what is now
 

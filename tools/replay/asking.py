@@ -11,14 +11,14 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final
 
-from procs.recordings.reading import RecordingReader
-from shm.commands import COMMANDS, ENDINGS
-from shm.system_time import SystemTime
-from tools.errors import Problem, Refused
-from tools.following import APPROACH_S, first_reply, waited
-from tools.printing import Say
-from tools.replay.commands import RecordedCommand, commands_of
-from tools.replay.live import RecordedMotion, all_homed, at_the_start
+from trocar.procs.recordings.reading import RecordingReader
+from trocar.shm.commands import COMMANDS, ENDINGS
+from trocar.shm.time.system_time import SystemTime
+from trocar.tools.client.following import APPROACH_S, first_reply, waited
+from trocar.tools.output.errors import Problem, Refused
+from trocar.tools.output.printing import Say
+from trocar.tools.replay.commands import RecordedCommand, commands_of
+from trocar.tools.replay.live import RecordedMotion, all_homed, at_the_start
 
 ROWS: Final = {row.name: row for row in COMMANDS["arm"]}
 REPLY_S: Final = 5.0

@@ -9,11 +9,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.recordings.reading import RecordingReader
-from shm.commands import COMMANDS
-from shm.origins import is_direct
-from tools.errors import Problem
-from tools.recorded.choosing import TIMED
+from trocar.procs.recordings.reading import RecordingReader
+from trocar.shm.commands import COMMANDS
+from trocar.shm.mailbox.origins import is_direct
+from trocar.tools.analysis.choosing import TIMED
+from trocar.tools.output.errors import Problem
 
 AUDIT: Final = "audit"
 STATES: Final = "supervisor/state"

@@ -5,10 +5,10 @@ from __future__ import annotations
 import dataclasses
 from typing import Final
 
-from procs.document.system import LOCKSTEP, WALL, SystemConfig, from_json, to_json
-from procs.recordings.reading import RecordingReader
-from tools.errors import Problem
-from tools.recorded.choosing import TIMED
+from trocar.procs.document.system import LOCKSTEP, WALL, SystemConfig, from_json, to_json
+from trocar.procs.recordings.reading import RecordingReader
+from trocar.tools.analysis.choosing import TIMED
+from trocar.tools.output.errors import Problem
 
 LOOPBACK: Final = ("udp:127.", "udpfw:127.")
 

@@ -1,8 +1,8 @@
 """A recorded run once more from its beginning: the same system, the same commands at the same instants.
 
-Simulated time is held back (shm/held_time.py): it goes to just before the instant at which an owner took a command, the
-command is put into its mailbox, and time goes on. So nothing depends on how fast this machine is, and what comes out is
-the same bit for bit.
+Simulated time is held back (shm/time/held_time.py): it goes to just before the instant at which an owner took a
+command, the command is put into its mailbox, and time goes on. So nothing depends on how fast this machine is, and
+what comes out is the same bit for bit.
 """
 
 from __future__ import annotations
@@ -14,21 +14,21 @@ from itertools import count, groupby
 from pathlib import Path
 from typing import Final
 
-from procs.recordings.reading import RecordedTopic, RecordingReader
-from shm.clock import monotonic_ns
-from shm.held_time import HeldTime
-from shm.lockstep import EPOCH_NS
-from shm.origins import Origin
-from shm.place import Place
-from shm.segment import SegmentError
-from tools.cleanup import own_folder
-from tools.errors import Problem
-from tools.printing import Say
-from tools.recorded.choosing import TIMED, spans
-from tools.replay.commands import AUDIT, RecordedCommand, commands_of
-from tools.replay.configuration import recorded_system, startable
-from tools.replay.rings import WholeRings, new_file
-from tools.supervising import Background, StartRequest
+from trocar.procs.recordings.reading import RecordedTopic, RecordingReader
+from trocar.shm.mailbox.origins import Origin
+from trocar.shm.mailbox.place import Place
+from trocar.shm.memory.segment import SegmentError
+from trocar.shm.time.clock import monotonic_ns
+from trocar.shm.time.held_time import HeldTime
+from trocar.shm.time.lockstep import EPOCH_NS
+from trocar.tools.analysis.choosing import TIMED, spans
+from trocar.tools.output.errors import Problem
+from trocar.tools.output.printing import Say
+from trocar.tools.replay.commands import AUDIT, RecordedCommand, commands_of
+from trocar.tools.replay.configuration import recorded_system, startable
+from trocar.tools.replay.rings import WholeRings, new_file
+from trocar.tools.systems.cleanup import own_folder
+from trocar.tools.systems.supervising import Background, StartRequest
 
 TAKEN_EVERY_NS: Final = 100_000_000
 STANDS_S: Final = 30.0

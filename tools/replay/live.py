@@ -13,18 +13,18 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.document.system import SystemConfig
-from procs.recordings.reading import RecordingReader
-from shm.client import begin
-from shm.origins import Origin
-from shm.system_time import SystemTime
-from tools.errors import Problem
-from tools.following import MAX_GAP_S, Follower, beats, holding_at_end
-from tools.inspect.watch import Watch, document_of
-from tools.printing import Say
-from tools.recorded.choosing import Stretch, spans
-from tools.remote import Remote
-from tools.replay.configuration import LOOPBACK
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.recordings.reading import RecordingReader
+from trocar.shm.mailbox.client import begin
+from trocar.shm.mailbox.origins import Origin
+from trocar.shm.time.system_time import SystemTime
+from trocar.tools.analysis.choosing import Stretch, spans
+from trocar.tools.client.following import MAX_GAP_S, Follower, beats, holding_at_end
+from trocar.tools.client.remote import Remote
+from trocar.tools.inspect.watch import Watch, document_of
+from trocar.tools.output.errors import Problem
+from trocar.tools.output.printing import Say
+from trocar.tools.replay.configuration import LOOPBACK
 
 RATE_HZ: Final = 200.0
 SHOWN_EVERY: Final = 20

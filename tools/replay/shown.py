@@ -17,20 +17,20 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.document.system import WALL, from_json, to_json
-from procs.recordings.reading import RecordedTopic, RecordingReader
-from shm import directory
-from shm.clock import monotonic_ns, pause
-from shm.control_page import ControlPage, create_control
-from shm.layout import MAX_DEPTH, schema_from_json
-from shm.ring import RingWriter
-from shm.segment import Segment, create, names_of, segment_name, unlink
-from shm.topics import TOPICS, Topic
-from tools.cleanup import Keeper
-from tools.errors import Problem
-from tools.printing import Say
-from tools.recorded.choosing import Stretch
-from tools.running import SUPERVISOR
+from trocar.procs.document.system import WALL, from_json, to_json
+from trocar.procs.recordings.reading import RecordedTopic, RecordingReader
+from trocar.shm.memory.layout import MAX_DEPTH, schema_from_json
+from trocar.shm.memory.segment import Segment, create, names_of, segment_name, unlink
+from trocar.shm.ring.ring import RingWriter
+from trocar.shm.system import directory
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.shm.time.control_page import ControlPage, create_control
+from trocar.shm.topics import TOPICS, Topic
+from trocar.tools.analysis.choosing import Stretch
+from trocar.tools.output.errors import Problem
+from trocar.tools.output.printing import Say
+from trocar.tools.systems.cleanup import Keeper
+from trocar.tools.systems.processes import SUPERVISOR
 
 WORD: Final = "REPLAY"
 DEPTH_S: Final = 3.0

@@ -10,20 +10,20 @@ from typing import Any, Final
 
 import numpy as np
 
-from procs.crtk.demand import OnDemand
-from procs.crtk.field_paths import BadPath, FieldCells, FieldPath, cells_of
-from procs.crtk.reported import event_rings
-from procs.crtk.topics import TopicEntry, find
-from procs.crtk.views import OpenTopic
-from shm import directory
-from shm.clock import monotonic_ns, pause
-from shm.segment import SegmentError
-from shm.system_time import SystemTime
-from tools.errors import Misuse, Problem
-from tools.scope.grammar import Comparison, Condition, EventSeen, FaultSeen, Leaf, leaves
-from tools.scope.trigger import Test, Trigger, event_test, field_test
-from tools.scope.window import Gap, RingWindow, WindowRows, gaps_of
-from tools.systems import is_up, unknown
+from trocar.procs.crtk.demand import OnDemand
+from trocar.procs.crtk.field_paths import BadPath, FieldCells, FieldPath, cells_of
+from trocar.procs.crtk.reported import event_rings
+from trocar.procs.crtk.topics import TopicEntry, find
+from trocar.procs.crtk.views import OpenTopic
+from trocar.shm.memory.segment import SegmentError
+from trocar.shm.system import directory
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.shm.time.system_time import SystemTime
+from trocar.tools.output.errors import Misuse, Problem
+from trocar.tools.scope.grammar import Comparison, Condition, EventSeen, FaultSeen, Leaf, leaves
+from trocar.tools.scope.trigger import Test, Trigger, event_test, field_test
+from trocar.tools.scope.window import Gap, RingWindow, WindowRows, gaps_of
+from trocar.tools.systems.find import is_up, unknown
 
 POLL_S: Final = 0.02
 SILENT_S: Final = 1.0  # nothing new of any ring for so long: what follows the moment does not come any more

@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
-from procs.crtk.field_paths import BadPath, FieldPath, parse_path
+from trocar.procs.crtk.field_paths import BadPath, FieldPath, parse_path
 
 MAX_LENGTH: Final = 1000
 MAX_DEPTH: Final = 20

@@ -11,12 +11,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.crtk.plain import plain
-from tools.columns import columns_file
-from tools.errors import Problem
-from tools.inspect.enumerations import in_words, words_of
-from tools.scope.capture import Capture, stamps_in_all
-from tools.scope.drawing import axis_line, changes, plot_lines
+from trocar.procs.crtk.plain import plain
+from trocar.tools.inspect.enumerations import in_words, words_of
+from trocar.tools.output.columns import columns_file
+from trocar.tools.output.errors import Problem
+from trocar.tools.scope.capture import Capture, stamps_in_all
+from trocar.tools.scope.drawing import axis_line, changes, plot_lines
 
 MAX_CHANGES: Final = 12  # of a text or an enumeration that are printed
 NO_MATPLOTLIB: Final = "a PNG needs matplotlib, which is not installed: pip install 'trocar[plot]'; or take --csv"

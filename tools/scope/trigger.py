@@ -14,12 +14,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.codes import ERROR, FAULTS
-from procs.crtk.field_paths import FieldCells
-from shm.events import SEVERITIES
-from tools.errors import Misuse
-from tools.inspect.enumerations import words_of
-from tools.scope.grammar import Both, Comparison, Condition, Either, EventSeen, FaultSeen, Leaf, Not
+from trocar.procs.crtk.field_paths import FieldCells
+from trocar.procs.tables.codes import ERROR, FAULTS
+from trocar.shm.system.events import SEVERITIES
+from trocar.tools.inspect.enumerations import words_of
+from trocar.tools.output.errors import Misuse
+from trocar.tools.scope.grammar import Both, Comparison, Condition, Either, EventSeen, FaultSeen, Leaf, Not
 
 Flags = NDArray[np.bool_]
 Stamps = NDArray[np.int64]

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.crtk.field_paths import FieldCells
-from shm.ring import RingReader
+from trocar.procs.crtk.field_paths import FieldCells
+from trocar.shm.ring.ring import RingReader
 
 Stamps = NDArray[np.int64]
 

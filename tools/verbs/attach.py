@@ -7,11 +7,11 @@ from typing import Annotated
 
 import typer
 
-from tools.errors import Misuse, Problem
-from tools.inspector.overview import identity_of
-from tools.options import JsonOption, SystemOption
-from tools.printing import emit
-from tools.systems import chosen_system, left_over
+from trocar.tools.monitor.overview import identity_of
+from trocar.tools.output.errors import Misuse, Problem
+from trocar.tools.output.printing import emit
+from trocar.tools.systems.find import chosen_system, left_over
+from trocar.tools.verbs.options import JsonOption, SystemOption
 
 
 def attach(
@@ -35,15 +35,15 @@ def attach(
     if not identity_of(name):
         raise Problem(f"system {name} is not in shared memory; trocar up starts one")
     if as_json:
-        from tools.inspector.snapshot import document
+        from trocar.tools.monitor.snapshot import document
 
         emit(document(name))
     elif once or not all(stream.isatty() for stream in (sys.stdin, sys.stdout, sys.stderr)):  # it draws on the last
-        from tools.inspector.printed import print_once
+        from trocar.tools.monitor.printed import print_once
 
         print_once(name)
     else:
-        from tools.inspector.app import InspectorApp
+        from trocar.tools.monitor.app import InspectorApp
 
         InspectorApp(name).run()
     return 0

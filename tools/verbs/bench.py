@@ -9,9 +9,9 @@ from typing import Annotated, Any
 
 import typer
 
-from tools.errors import Misuse, Problem
-from tools.options import JsonOption
-from tools.printing import emit, table
+from trocar.tools.output.errors import Misuse, Problem
+from trocar.tools.output.printing import emit, table
+from trocar.tools.verbs.options import JsonOption
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,14 +23,13 @@ class Measurement:
 
 
 BENCHES = {
-    "ring": Measurement("tools.bench.ring"), "io": Measurement("tools.bench.io_loop"),
-           "boards": Measurement("tools.bench.boards"),
-    "arm": Measurement("tools.bench.arm"), "teleop": Measurement("tools.bench.teleop", ("seconds", "sets")),
-    "start": Measurement("tools.bench.start"), "lifecycle": Measurement("tools.bench.lifecycle"),
-    "deaths": Measurement("tools.bench.deaths"), "bridges": Measurement("tools.bench.bridges", ("seconds",)),
-    "recorder": Measurement("tools.bench.recorder", ("seconds",)), "rl": Measurement("tools.bench.rl", ("seconds",)),
-    "gui": Measurement("tools.bench.gui", ("seconds", "browser")),
-    "system": Measurement("tools.bench.system", ("file", "paths", "boards", "seconds", "sets")),
+    "ring": Measurement("ring"), "io": Measurement("io_loop"), "boards": Measurement("boards"),
+    "arm": Measurement("arm"), "teleop": Measurement("teleop", ("seconds", "sets")),
+    "start": Measurement("start"), "lifecycle": Measurement("lifecycle"),
+    "deaths": Measurement("deaths"), "bridges": Measurement("bridges", ("seconds",)),
+    "recorder": Measurement("recorder", ("seconds",)), "rl": Measurement("rl", ("seconds",)),
+    "gui": Measurement("gui", ("seconds", "browser")),
+    "system": Measurement("system", ("file", "paths", "boards", "seconds", "sets")),
 }
 
 
@@ -48,7 +47,7 @@ def bench(
 ) -> Any:
     """Measure this machine and this software; figures are ratios or times of one run.
 
-    What is compiled (procs/kernel) is used where it is; with TROCAR_KERNEL=0 in the environment numpy does it all.
+    What is compiled (procs/native) is used where it is; with TROCAR_KERNEL=0 in the environment numpy does it all.
 
     Example: trocar bench system --seconds 5 --json
     """
@@ -63,7 +62,7 @@ def bench(
     if left := [key for key in options if key not in row.takes]:
         raise Misuse(f"bench {name} takes no {' and no '.join(left)}")
     try:
-        module = importlib.import_module(row.module)
+        module = importlib.import_module(f"trocar.tools.bench.{row.module}")
     except ModuleNotFoundError as error:
         raise Problem(f"bench {name} cannot run: {error}") from None
     result: dict[str, Any] = module.run(**options)

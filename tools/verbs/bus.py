@@ -9,13 +9,13 @@ from typing import Annotated, Any, Final
 
 import typer
 
-from procs.fpga import registers
-from shm.clock import monotonic_ns, pause
-from tools.bus_client import BusClient, FoundBoard, shared_id
-from tools.errors import Misuse, Problem
-from tools.inspect import register_names, samples, serials
-from tools.options import JsonOption
-from tools.printing import emit, note, number, page, table, tell
+from trocar.procs.fpga import registers
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.tools.inspect import register_names, samples, serials
+from trocar.tools.inspect.bus_client import BusClient, FoundBoard, shared_id
+from trocar.tools.output.errors import Misuse, Problem
+from trocar.tools.output.printing import emit, note, number, page, table, tell
+from trocar.tools.verbs.options import JsonOption
 
 PERIOD_S: Final = 0.1  # of the live view
 MAX_REGISTERS: Final = 1024
@@ -255,7 +255,7 @@ def _live(desk: BusClient, board: FoundBoard) -> None:
     from rich.live import Live
     from rich.text import Text
 
-    from tools.keys import keys
+    from trocar.tools.output.keys import keys
 
     watching = Watching(desk, board)
     console = Console(highlight=False)

@@ -6,10 +6,10 @@ import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 
-from procs.config import Checked, check_file
-from procs.config.read.problem import WARNING, count
-from procs.paths import is_folder
-from tools.printing import emit, tell
+from trocar.procs.config import Checked, check_file
+from trocar.procs.config.read.problem import WARNING, count
+from trocar.procs.machine.paths import is_folder
+from trocar.tools.output.printing import emit, tell
 
 FINE, WRONG = 0, 1
 SUFFIXES = (".json", ".yaml")

@@ -7,14 +7,14 @@ from typing import Annotated
 
 import typer
 
-from tools.errors import Misuse
-from tools.options import JsonOption
-from tools.printing import emit, note, number, progress, table, tell
-from tools.recorded.choosing import FromOption, ToOption, TopicsOption, opened, stretch
-from tools.recorded.comparing import DIFFERENT, EQUAL, Comparing, RecordingDifference, as_dict
-from tools.recorded.differences import ALIGNMENTS, STAMP, FieldDifference, TopicDifference
-from tools.recorded.figure import plot
-from tools.recorded.tolerances import parsed
+from trocar.tools.analysis.choosing import FromOption, ToOption, TopicsOption, opened, stretch
+from trocar.tools.analysis.comparing import DIFFERENT, EQUAL, Comparing, RecordingDifference, as_dict
+from trocar.tools.analysis.differences import ALIGNMENTS, STAMP, FieldDifference, TopicDifference
+from trocar.tools.analysis.figure import plot
+from trocar.tools.analysis.tolerances import parsed
+from trocar.tools.output.errors import Misuse
+from trocar.tools.output.printing import emit, note, number, progress, table, tell
+from trocar.tools.verbs.options import JsonOption
 
 MAX_ROWS = 40
 

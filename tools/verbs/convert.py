@@ -8,10 +8,10 @@ from typing import Annotated
 
 import typer
 
-from procs.config.read.problem import ERROR, count
-from tools.converters.converting import Conversion, Result
-from tools.options import JsonOption
-from tools.printing import emit, tell
+from trocar.procs.config.read.problem import ERROR, count
+from trocar.tools.converters.converting import Conversion, Result
+from trocar.tools.output.printing import emit, tell
+from trocar.tools.verbs.options import JsonOption
 
 FINE, WRONG = 0, 1
 _WORDS = {"equal": "there already and equal", "left_out": "left out", "with_errors": "with errors left"}

@@ -10,28 +10,27 @@ import math
 from typing import Annotated, Any
 
 import typer
+from trocar.procs.machine.paths import PROJECT_CONFIGS
+from trocar.shm.memory.segment import SegmentError
+from trocar.shm.time.clock import monotonic_ns
+from trocar.shm.time.system_time import WALL, SystemTime, speed_in_words
+from trocar.tools.client.bring_up import home, power_off, power_on
+from trocar.tools.client.following import beats
+from trocar.tools.examples.hand import Hand, figure_eight
+from trocar.tools.examples.operator_sim import OperatorSim, SimTeleop
+from trocar.tools.inspect.health import HealthWatch
+from trocar.tools.inspect.processes import statuses
+from trocar.tools.inspect.standing import first_thing, standings
+from trocar.tools.inspect.tracing import Trace
+from trocar.tools.inspect.watch import arm_document
+from trocar.tools.output.errors import Problem
+from trocar.tools.output.printing import LiveLine, emit, note, number, progress, table, tell
+from trocar.tools.systems.free_port import reserved_port
+from trocar.tools.systems.supervising import START_S, StartRequest, up_meanwhile
+from trocar.tools.systems.web_address import web_addresses
+from trocar.tools.verbs.options import ClockOption, JsonOption, clock_set
 
-from shm.clock import monotonic_ns
-from shm.segment import SegmentError
-from shm.system_time import WALL, SystemTime, speed_in_words
-from tools.arms import home, power_off, power_on
-from tools.errors import Problem
-from tools.examples.hand import Hand, figure_eight
-from tools.examples.operator_sim import OperatorSim, SimTeleop
-from tools.following import beats
-from tools.free_port import reserved_port
-from tools.inspect.health import HealthWatch
-from tools.inspect.processes import statuses
-from tools.inspect.standing import first_thing, standings
-from tools.inspect.tracing import Trace
-from tools.inspect.watch import arm_document
-from tools.options import ClockOption, JsonOption, clock_set
-from tools.printing import LiveLine, emit, note, number, progress, table, tell
-from tools.supervising import START_S, StartRequest, up_meanwhile
-from tools.systems import ROOT
-from tools.web_address import web_addresses
-
-SYSTEM = ROOT / "configs" / "systems" / "demo-teleop.yaml"
+SYSTEM = PROJECT_CONFIGS / "systems" / "demo-teleop.yaml"
 NAME = "demo"
 GUI_PORT = 8080  # of the web console, or one of the next
 SIZE_M = 0.04

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 
-from tools.machine import BAD, findings
-from tools.options import JsonOption
-from tools.printing import emit, tell
+from trocar.tools.inspect.machine import BAD, findings
+from trocar.tools.output.printing import emit, tell
+from trocar.tools.verbs.options import JsonOption
 
 
 def doctor(as_json: JsonOption = False) -> int:

@@ -7,12 +7,12 @@ from typing import Annotated
 
 import typer
 
-from shm.directory import systems
-from tools.dumping import keep_left_over
-from tools.ending import STOP_S, stop_system
-from tools.options import JsonOption, SystemOption
-from tools.printing import emit, progress, tell
-from tools.systems import chosen_system, left_over, those_up
+from trocar.shm.system.directory import systems
+from trocar.tools.output.printing import emit, progress, tell
+from trocar.tools.systems.dumping import keep_left_over
+from trocar.tools.systems.ending import STOP_S, stop_system
+from trocar.tools.systems.find import chosen_system, left_over, those_up
+from trocar.tools.verbs.options import JsonOption, SystemOption
 
 
 def down(

@@ -8,12 +8,12 @@ from typing import Annotated
 
 import typer
 
-from procs.recordings.names import DUMP
-from tools.dumping import dump as dumped
-from tools.dumping import dump_by_time
-from tools.options import JsonOption, SystemOption
-from tools.printing import emit, note, progress, tell
-from tools.systems import chosen_system, is_up
+from trocar.procs.recordings.names import DUMP
+from trocar.tools.output.printing import emit, note, progress, tell
+from trocar.tools.systems.dumping import dump as dumped
+from trocar.tools.systems.dumping import dump_by_time
+from trocar.tools.systems.find import chosen_system, is_up
+from trocar.tools.verbs.options import JsonOption, SystemOption
 
 
 def dump(

@@ -10,20 +10,20 @@ from typing import Annotated, Any
 
 import typer
 
-from procs.crtk.demand import OnDemand, wait_until_computed
-from procs.crtk.field_paths import BadPath, FieldCells, FieldPath, all_cells, cells_of
-from procs.crtk.topics import EVENT, RECORD, find
-from procs.crtk.views import OpenTopic, event_as_dict, state_as_event
-from shm.clock import monotonic_ns, pause
-from shm.segment import SegmentError
-from tools.columns import columns_file, path_of, shaped, values_of
-from tools.errors import Misuse, Problem
-from tools.inspect.enumerations import in_words
-from tools.inspect.messages import line
-from tools.options import JsonOption, SystemOption
-from tools.printing import emit, need_reader, note, table, tell, width
-from tools.systems import chosen_system
-from tools.tables import wrapped
+from trocar.procs.crtk.demand import OnDemand, wait_until_computed
+from trocar.procs.crtk.field_paths import BadPath, FieldCells, FieldPath, all_cells, cells_of
+from trocar.procs.crtk.topics import EVENT, RECORD, find
+from trocar.procs.crtk.views import OpenTopic, event_as_dict, state_as_event
+from trocar.shm.memory.segment import SegmentError
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.tools.inspect.enumerations import in_words
+from trocar.tools.inspect.messages import line
+from trocar.tools.output.columns import columns_file, path_of, shaped, values_of
+from trocar.tools.output.errors import Misuse, Problem
+from trocar.tools.output.printing import emit, need_reader, note, table, tell, width
+from trocar.tools.output.tables import wrapped
+from trocar.tools.systems.find import chosen_system
+from trocar.tools.verbs.options import JsonOption, SystemOption
 
 POLL_S = 0.005
 FIRST_S = 2.0  # to wait for the first record, and with --count for each one

@@ -9,11 +9,11 @@ from typing import Annotated
 
 import typer
 
-from tools.errors import Misuse, Problem
-from tools.options import JsonOption
-from tools.printing import emit, note, progress, tell
-from tools.recorded.choosing import FromOption, ToOption, TopicsOption, chosen_topics, opened, stretch
-from tools.recorded.exporting import CSV, PARQUET, ROSBAG2, STDOUT, RecordingTables, arrow
+from trocar.tools.analysis.choosing import FromOption, ToOption, TopicsOption, chosen_topics, opened, stretch
+from trocar.tools.analysis.exporting import CSV, PARQUET, ROSBAG2, STDOUT, RecordingTables, arrow
+from trocar.tools.output.errors import Misuse, Problem
+from trocar.tools.output.printing import emit, note, progress, tell
+from trocar.tools.verbs.options import JsonOption
 
 FORMATS = (CSV, PARQUET, ROSBAG2)
 
@@ -56,7 +56,7 @@ def export(
             with contextlib.ExitStack() as undo:
                 undo.callback(shutil.rmtree, folder, ignore_errors=True)  # half of it helps no further
                 if form == ROSBAG2:
-                    from tools.recorded.rosbag import to_rosbag2  # with YAML, which only a bag asks for
+                    from trocar.tools.analysis.rosbag import to_rosbag2  # with YAML, which only a bag asks for
 
                     written = to_rosbag2(recording, folder, wanted, part, say)
                 else:

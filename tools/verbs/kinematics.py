@@ -15,14 +15,14 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from procs.config.build.offline import OfflineArm, load_offline
-from procs.kinematics.forward import Kinematics
-from procs.kinematics.gravity import Gravity, up_of
-from procs.kinematics.inverse.arms import inverse_of
-from procs.kinematics.master_gravity import MasterGravity
-from procs.kinematics.poses import PoseError, check_matrix
-from tools.errors import Misuse, Problem
-from tools.printing import tell
+from trocar.procs.config.loading.offline import OfflineArm, load_offline
+from trocar.procs.kinematics.forward import Kinematics
+from trocar.procs.kinematics.gravity import Gravity, up_of
+from trocar.procs.kinematics.inverse.arms import inverse_of
+from trocar.procs.kinematics.master_gravity import MasterGravity
+from trocar.procs.kinematics.poses import PoseError, check_matrix
+from trocar.tools.output.errors import Misuse, Problem
+from trocar.tools.output.printing import tell
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]

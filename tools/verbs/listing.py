@@ -11,17 +11,17 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from procs.crtk.field_paths import BadPath, FieldPath, cells_of
-from procs.crtk.topics import RECORD, TopicEntry, catalogue, find, writer_gone
-from shm import directory
-from shm.clock import pause
-from shm.ring import RingReader
-from shm.segment import SegmentError
-from tools.columns import columns_file, path_of
-from tools.errors import Misuse
-from tools.options import JsonOption, SystemOption
-from tools.printing import emit, number, table, tell
-from tools.systems import chosen_system
+from trocar.procs.crtk.field_paths import BadPath, FieldPath, cells_of
+from trocar.procs.crtk.topics import RECORD, TopicEntry, catalogue, find, writer_gone
+from trocar.shm.memory.segment import SegmentError
+from trocar.shm.ring.ring import RingReader
+from trocar.shm.system import directory
+from trocar.shm.time.clock import pause
+from trocar.tools.output.columns import columns_file, path_of
+from trocar.tools.output.errors import Misuse
+from trocar.tools.output.printing import emit, number, table, tell
+from trocar.tools.systems.find import chosen_system
+from trocar.tools.verbs.options import JsonOption, SystemOption
 
 WINDOW_S = 1.0
 

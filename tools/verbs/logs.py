@@ -11,21 +11,21 @@ from typing import Annotated, TextIO
 
 import typer
 
-from procs.document.process import processes_of
-from procs.log_files import is_old
-from procs.paths import is_folder, log_folder
-from shm import directory
-from shm.clock import pause
-from shm.loglines import LogLine, parsed
-from shm.segment import SegmentError
-from tools.errors import Problem
-from tools.inspect.asked import in_words, rows_of
-from tools.inspect.log_entries import about, in_order, left_out, newest
-from tools.options import JsonOption, SystemOption
-from tools.printing import emit, need_reader, tell
-from tools.recorded.as_system import RecordingOption
-from tools.recorded.said import recorded_lines
-from tools.systems import all_up, chosen_system, unknown
+from trocar.procs.document.process import processes_of
+from trocar.procs.machine.log_files import is_old
+from trocar.procs.machine.paths import is_folder, log_folder
+from trocar.shm.memory.segment import SegmentError
+from trocar.shm.system import directory
+from trocar.shm.system.loglines import LogLine, parsed
+from trocar.shm.time.clock import pause
+from trocar.tools.analysis.as_system import RecordingOption
+from trocar.tools.analysis.said import recorded_lines
+from trocar.tools.inspect.asked import in_words, rows_of
+from trocar.tools.inspect.log_entries import about, in_order, left_out, newest
+from trocar.tools.output.errors import Problem
+from trocar.tools.output.printing import emit, need_reader, tell
+from trocar.tools.systems.find import all_up, chosen_system, unknown
+from trocar.tools.verbs.options import JsonOption, SystemOption
 
 POLL_S = 0.1
 LAST = 3  # systems that are named where none is up

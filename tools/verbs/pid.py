@@ -8,15 +8,15 @@ from typing import Annotated, Any, Final
 
 import typer
 
-from procs.document.gains import BY_KEY, GAINS
-from shm.clock import monotonic_ns, pause
-from shm.mailbox_map import MAX_TEXT
-from tools.errors import Misuse, Problem
-from tools.inspect.gains import ALL, Present, present
-from tools.options import JsonOption, SystemOption
-from tools.printing import emit, note, table, tell
-from tools.remote import Remote
-from tools.systems import chosen_system, unknown
+from trocar.procs.document.gains import BY_KEY, GAINS
+from trocar.shm.mailbox.mailbox_map import MAX_TEXT
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.tools.client.remote import Remote
+from trocar.tools.inspect.gains import ALL, Present, present
+from trocar.tools.output.errors import Misuse, Problem
+from trocar.tools.output.printing import emit, note, table, tell
+from trocar.tools.systems.find import chosen_system, unknown
+from trocar.tools.verbs.options import JsonOption, SystemOption
 
 CONFIRMED_NS: Final = 1_000_000_000
 POLL_S: Final = 0.01
@@ -130,7 +130,7 @@ def save(
 
     Example: trocar pid save PSM1 sawControllersPID-PSM1-tuned.json
     """
-    from tools.pid_file import save_as  # loads all that reads configuration files
+    from trocar.tools.verbs.pid_file import save_as  # loads all that reads configuration files
 
     found = present(chosen_system(system), [robot])[0]
     saved = save_as(found, file, force=force)

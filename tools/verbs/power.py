@@ -6,12 +6,12 @@ from typing import Annotated
 
 import typer
 
-from tools.arms import DISABLED, ENABLED, HOMED, bring
-from tools.errors import Problem
-from tools.inspect.watch import powered_names
-from tools.options import JsonOption, SystemOption
-from tools.printing import emit, note, progress, table
-from tools.systems import chosen_system
+from trocar.tools.client.bring_up import DISABLED, ENABLED, HOMED, bring
+from trocar.tools.inspect.watch import powered_names
+from trocar.tools.output.errors import Problem
+from trocar.tools.output.printing import emit, note, progress, table
+from trocar.tools.systems.find import chosen_system
+from trocar.tools.verbs.options import JsonOption, SystemOption
 
 Arms = Annotated[list[str] | None, typer.Argument(metavar="[ARM]...", help="Arms; none: all of the system.")]
 Timeout = Annotated[float, typer.Option("--timeout", min=0.0, help="Seconds for each step; 0: what is usual.")]

@@ -7,18 +7,18 @@ from typing import Annotated
 
 import typer
 
-from procs.document.process import ELSEWHERE, Process, processes_of
-from procs.manifest import proc
-from shm import directory
-from shm.commands import became
-from shm.segment import SegmentError
-from tools.errors import Misuse, Problem, Refused
-from tools.inspect.watch import document_of
-from tools.options import JsonOption, SystemOption
-from tools.printing import emit, note, progress, tell
-from tools.remote import Remote
-from tools.running import SUPERVISOR
-from tools.systems import chosen_system, unknown
+from trocar.procs.document.process import ELSEWHERE, Process, processes_of
+from trocar.procs.tables.manifest import proc
+from trocar.shm.commands import became
+from trocar.shm.memory.segment import SegmentError
+from trocar.shm.system import directory
+from trocar.tools.client.remote import Remote
+from trocar.tools.inspect.watch import document_of
+from trocar.tools.output.errors import Misuse, Problem, Refused
+from trocar.tools.output.printing import emit, note, progress, tell
+from trocar.tools.systems.find import chosen_system, unknown
+from trocar.tools.systems.processes import SUPERVISOR
+from trocar.tools.verbs.options import JsonOption, SystemOption
 
 PATIENCE_S = 80.0  # longer than the supervisor waits for a setup, and for the end of the one before
 

@@ -6,13 +6,13 @@ from typing import Annotated
 
 import typer
 
-from procs.document.user_process import PROPERTIES, SET_PROPERTY
-from shm import directory
-from tools.errors import Misuse
-from tools.options import JsonOption, SystemOption
-from tools.printing import emit, plain, tell
-from tools.remote import Remote
-from tools.systems import chosen_system, unknown
+from trocar.procs.document.user_process import PROPERTIES, SET_PROPERTY
+from trocar.shm.system import directory
+from trocar.tools.client.remote import Remote
+from trocar.tools.output.errors import Misuse
+from trocar.tools.output.printing import emit, plain, tell
+from trocar.tools.systems.find import chosen_system, unknown
+from trocar.tools.verbs.options import JsonOption, SystemOption
 
 HIDDEN = ("sequence", "stamp_ns")
 

@@ -8,20 +8,20 @@ from typing import Annotated, Any, Final
 
 import typer
 
-from procs.document.recorder import NAME as RECORDER
-from procs.ended_by import ended_as_by_ctrl_c
-from shm import directory
-from shm.client import MailboxFull
-from shm.clock import monotonic_ns, pause
-from shm.commands import ENDINGS
-from shm.ring import RingReader
-from shm.segment import SegmentError
-from shm.system_time import SystemTime
-from tools.errors import Misuse, Problem, Refused
-from tools.options import JsonOption, SystemOption
-from tools.printing import Say, emit, note, number, plain, progress, tell
-from tools.remote import Remote
-from tools.systems import chosen_system
+from trocar.procs.document.recorder import NAME as RECORDER
+from trocar.procs.machine.end_signals import ended_as_by_ctrl_c
+from trocar.shm.commands import ENDINGS
+from trocar.shm.mailbox.client import MailboxFull
+from trocar.shm.memory.segment import SegmentError
+from trocar.shm.ring.ring import RingReader
+from trocar.shm.system import directory
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.shm.time.system_time import SystemTime
+from trocar.tools.client.remote import Remote
+from trocar.tools.output.errors import Misuse, Problem, Refused
+from trocar.tools.output.printing import Say, emit, note, number, plain, progress, tell
+from trocar.tools.systems.find import chosen_system
+from trocar.tools.verbs.options import JsonOption, SystemOption
 
 POLL_S: Final = 0.05
 LINE_NS: Final = 1_000_000_000

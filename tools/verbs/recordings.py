@@ -9,13 +9,13 @@ from typing import Annotated, Any
 
 import typer
 
-from procs.recordings import names
-from procs.recordings.reading import RecordingError, open_recording
-from tools.errors import Problem
-from tools.options import JsonOption, SystemOption
-from tools.printing import emit, table, tell
-from tools.recorded.places import folder_of
-from tools.systems import chosen_system
+from trocar.procs.recordings import names
+from trocar.procs.recordings.reading import RecordingError, open_recording
+from trocar.tools.analysis.places import folder_of
+from trocar.tools.output.errors import Problem
+from trocar.tools.output.printing import emit, table, tell
+from trocar.tools.systems.find import chosen_system
+from trocar.tools.verbs.options import JsonOption, SystemOption
 
 COLUMNS = ("file", "kind", "time", "seconds", "MB", "code", "why")
 

@@ -9,20 +9,20 @@ from typing import Annotated, Any
 
 import typer
 
-from procs.ended_by import ended_as_by_ctrl_c
-from procs.recordings.reading import RecordingReader
-from tools.errors import Misuse, Problem
-from tools.inspect.watch import arm_names
-from tools.options import JsonOption, SystemOption
-from tools.printing import emit, note, number, progress, table, tell
-from tools.recorded.choosing import FromOption, Stretch, ToOption, TopicsOption, chosen_topics, opened, stretch
-from tools.recorded.comparing import DIFFERENT, Comparing, as_dict
-from tools.recorded.differences import STAMP
-from tools.replay import asking, live
-from tools.replay.fresh import run_again
-from tools.replay.shown import Showing
-from tools.systems import chosen_system
-from tools.verbs.compare import show
+from trocar.procs.machine.end_signals import ended_as_by_ctrl_c
+from trocar.procs.recordings.reading import RecordingReader
+from trocar.tools.analysis.choosing import FromOption, Stretch, ToOption, TopicsOption, chosen_topics, opened, stretch
+from trocar.tools.analysis.comparing import DIFFERENT, Comparing, as_dict
+from trocar.tools.analysis.differences import STAMP
+from trocar.tools.inspect.watch import arm_names
+from trocar.tools.output.errors import Misuse, Problem
+from trocar.tools.output.printing import emit, note, number, progress, table, tell
+from trocar.tools.replay import asking, live
+from trocar.tools.replay.fresh import run_again
+from trocar.tools.replay.shown import Showing
+from trocar.tools.systems.find import chosen_system
+from trocar.tools.verbs.compare import show
+from trocar.tools.verbs.options import JsonOption, SystemOption
 
 SPEEDS = 0.01, 100.0
 

@@ -9,9 +9,9 @@ from typing import Annotated
 
 import typer
 
-from tools.errors import Problem
-from tools.options import JsonOption, SystemOption
-from tools.printing import emit, note, progress, tell
+from trocar.tools.output.errors import Problem
+from trocar.tools.output.printing import emit, note, progress, tell
+from trocar.tools.verbs.options import JsonOption, SystemOption
 
 
 def report(
@@ -29,7 +29,7 @@ def report(
 
     Example: trocar report
     """
-    from tools import reporting
+    from trocar.tools.systems import report_file as reporting
 
     name = reporting.system_meant(system)
     file = file or Path(f"trocar-report-{name}-{datetime.now():%Y%m%d-%H%M%S}.tar.gz")

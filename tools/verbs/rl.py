@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from tools.errors import Misuse, Problem
-from tools.options import JsonOption
-from tools.printing import emit, number, progress, table, tell
+from trocar.tools.output.errors import Misuse, Problem
+from trocar.tools.output.printing import emit, number, progress, table, tell
+from trocar.tools.verbs.options import JsonOption
 
 if TYPE_CHECKING:
-    from procs.rl.rollouts import Episode, RolloutTask
+    from trocar.procs.rl.rollouts import Episode, RolloutTask
 
 COLUMNS = ("seed", "steps", "return", "success", "ended by", "state", "hash")
 
@@ -59,7 +59,7 @@ def rollout(
                 raise Misuse(f"{save} is there already; --save names a new folder") from None
     from time import perf_counter
 
-    from procs.ended_by import ended_by_term
+    from trocar.procs.machine.end_signals import ended_by_term
 
     begin, done, output = perf_counter(), [], sys.stdout
     try:
@@ -82,7 +82,7 @@ def rollout(
 
 def _task(environment: str, policy: str, options: Sequence[str], keeps: bool) -> RolloutTask:
     with _problems():
-        from procs.rl.rollouts import RolloutTask
+        from trocar.procs.rl.rollouts import RolloutTask
 
     values: dict[str, Any] = {}
     for text in options:
@@ -97,7 +97,7 @@ def _task(environment: str, policy: str, options: Sequence[str], keeps: bool) ->
 
 
 def _run(task: RolloutTask, seeds: Sequence[int], actors: int, address: str) -> Iterator[Episode]:
-    from procs.rl import ray_actors, rollouts
+    from trocar.procs.rl import ray_actors, rollouts
 
     return ray_actors.run(task, seeds, actors, address) if actors else rollouts.run(task, seeds)
 
@@ -116,9 +116,9 @@ def _problems() -> Iterator[None]:
     except Exception as error:
         from gymnasium.error import Error
 
-        from procs.rl.backend import RobotStopped
-        from procs.rl.ray_actors import RolloutError
-        from procs.rl.rollouts import NoPolicy, PolicyFailed
+        from trocar.procs.rl.backend import RobotStopped
+        from trocar.procs.rl.ray_actors import RolloutError
+        from trocar.procs.rl.rollouts import NoPolicy, PolicyFailed
 
         if isinstance(error, NoPolicy | Error | TypeError | ValueError):
             raise Misuse(str(error)) from error

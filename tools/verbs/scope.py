@@ -9,18 +9,18 @@ from typing import Annotated
 
 import typer
 
-from procs.crtk.field_paths import BadPath, FieldPath, parse_path
-from procs.recordings.reading import RecordedTopic
-from shm.clock import local_ns, monotonic_ns
-from tools.errors import Misuse, Problem
-from tools.inspect.messages import time_of_day
-from tools.options import JsonOption, SystemOption
-from tools.printing import emit, note, progress, tell
-from tools.recorded.as_system import LookedAt, RecordingOption, system_or_recording
-from tools.recorded.choosing import FromOption, ToOption
-from tools.scope.capture import Capture, Capturing
-from tools.scope.grammar import BadCondition, parse_condition
-from tools.systems import chosen_system, is_simulated
+from trocar.procs.crtk.field_paths import BadPath, FieldPath, parse_path
+from trocar.procs.recordings.reading import RecordedTopic
+from trocar.shm.time.clock import local_ns, monotonic_ns
+from trocar.tools.analysis.as_system import LookedAt, RecordingOption, system_or_recording
+from trocar.tools.analysis.choosing import FromOption, ToOption
+from trocar.tools.inspect.messages import time_of_day
+from trocar.tools.output.errors import Misuse, Problem
+from trocar.tools.output.printing import emit, note, progress, tell
+from trocar.tools.scope.capture import Capture, Capturing
+from trocar.tools.scope.grammar import BadCondition, parse_condition
+from trocar.tools.systems.find import chosen_system, is_simulated
+from trocar.tools.verbs.options import JsonOption, SystemOption
 
 MAX_S = 60.0
 LAST_S, BEFORE_S, AFTER_S = 1.0, 0.5, 0.5
@@ -107,7 +107,7 @@ def _waited(capturing: Capturing, when: str, before_s: float, after_s: float, ti
 
 def _show(system: str, found: Capture, when: str, window_s: tuple[float, float], csv: str, png: str, as_json: bool,
           height: int) -> None:
-    from tools.scope import output
+    from trocar.tools.scope import output
 
     title = _title(system, found, when)
     if csv:

@@ -6,14 +6,14 @@ from typing import Annotated, Any, Final
 
 import typer
 
-from shm.command_row import of_type, row_of
-from shm.segment import names_of
-from tools.errors import Misuse, Problem
-from tools.inspect.watch import arm_type
-from tools.options import JsonOption, SystemOption
-from tools.printing import emit, table, tell
-from tools.remote import Remote
-from tools.systems import chosen_system, unknown
+from trocar.shm.mailbox.command_row import of_type, row_of
+from trocar.shm.memory.segment import names_of
+from trocar.tools.client.remote import Remote
+from trocar.tools.inspect.watch import arm_type
+from trocar.tools.output.errors import Misuse, Problem
+from trocar.tools.output.printing import emit, table, tell
+from trocar.tools.systems.find import chosen_system, unknown
+from trocar.tools.verbs.options import JsonOption, SystemOption
 
 # What commands to emulated boards were called a version ago; not listed, to be removed with the next version.
 FORMER: Final = {

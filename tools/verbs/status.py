@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 
-from procs.realtime import lacking, refused
-from shm.system_time import WALL, SystemTime, speed_in_words
-from tools.inspect import standing
-from tools.inspect.fault_file import fault_recording
-from tools.inspect.processes import COLUMNS, RIGHT, cells, remarks, statuses
-from tools.inspect.standing import first_thing, in_a_line, standings
-from tools.options import JsonOption, SystemOption
-from tools.printing import emit, table, tell
-from tools.systems import chosen_system
+from trocar.procs.node.realtime import lacking, refused
+from trocar.shm.time.system_time import WALL, SystemTime, speed_in_words
+from trocar.tools.inspect import standing
+from trocar.tools.inspect.fault_file import fault_recording
+from trocar.tools.inspect.processes import COLUMNS, RIGHT, cells, remarks, statuses
+from trocar.tools.inspect.standing import first_thing, in_a_line, standings
+from trocar.tools.output.printing import emit, table, tell
+from trocar.tools.systems.find import chosen_system
+from trocar.tools.verbs.options import JsonOption, SystemOption
 
 
 def status(as_json: JsonOption = False, system: SystemOption = None) -> int:

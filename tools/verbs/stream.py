@@ -7,19 +7,19 @@ from typing import Annotated, Any
 
 import typer
 
-from procs.document.system import Tool
-from procs.ended_by import ended_as_by_ctrl_c
-from procs.paths import given_file, not_found
-from shm.client import begin
-from shm.system_time import SystemTime
-from tools.errors import Misuse, Problem
-from tools.following import MAX_GAP_S, Follower, beats, holding_at_end
-from tools.inspect.watch import Watch, arm_names, tool_on
-from tools.options import JsonOption, SystemOption
-from tools.printing import Say, emit, note, progress, table, tell
-from tools.remote import Remote
-from tools.setpoints import ClippedRows, Setpoints, clipped, read_setpoints
-from tools.systems import chosen_system
+from trocar.procs.document.system import Tool
+from trocar.procs.machine.end_signals import ended_as_by_ctrl_c
+from trocar.procs.machine.paths import given_file, not_found
+from trocar.shm.mailbox.client import begin
+from trocar.shm.time.system_time import SystemTime
+from trocar.tools.client.following import MAX_GAP_S, Follower, beats, holding_at_end
+from trocar.tools.client.remote import Remote
+from trocar.tools.inspect.watch import Watch, arm_names, tool_on
+from trocar.tools.output.errors import Misuse, Problem
+from trocar.tools.output.printing import Say, emit, note, progress, table, tell
+from trocar.tools.systems.find import chosen_system
+from trocar.tools.verbs.options import JsonOption, SystemOption
+from trocar.tools.verbs.setpoints import ClippedRows, Setpoints, clipped, read_setpoints
 
 SHOWN_EVERY = 20
 

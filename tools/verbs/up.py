@@ -9,18 +9,19 @@ from typing import Annotated
 
 import typer
 
-from procs.ended_by import ctrl_c_waits
-from procs.verb_lines import DEFAULT_SYSTEM, verb_line
-from tools.dumping import keep_left_over
-from tools.errors import Misuse
-from tools.options import ClockOption, JsonOption, clock_set
-from tools.printing import emit, note, progress, tell
-from tools.supervising import Background, StartRequest, refuse_shortage, refuse_taken
-from tools.systems import ROOT, environment, system_file
-from tools.verbs.logs import tail
-from tools.web_address import web_addresses
+from trocar.procs.machine.end_signals import ctrl_c_waits
+from trocar.procs.machine.paths import PROJECT_CONFIGS
+from trocar.procs.machine.verb_lines import DEFAULT_SYSTEM, verb_line
+from trocar.tools.output.errors import Misuse
+from trocar.tools.output.printing import emit, note, progress, tell
+from trocar.tools.systems.dumping import keep_left_over
+from trocar.tools.systems.find import environment, system_file
+from trocar.tools.systems.supervising import Background, StartRequest, refuse_shortage, refuse_taken
+from trocar.tools.systems.web_address import web_addresses
+from trocar.tools.verbs.logs import tail
+from trocar.tools.verbs.options import ClockOption, JsonOption, clock_set
 
-DEMO = ROOT / "configs" / "systems" / "demo.yaml"
+DEMO = PROJECT_CONFIGS / "systems" / "demo.yaml"
 NOTES = 30
 
 

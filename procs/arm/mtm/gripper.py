@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from procs.arm.control import Control
-from procs.arm.readings import Fields
-from procs.inputs import LATE_NS
+from trocar.procs.arm.control import Control
+from trocar.procs.arm.readings import Fields
+from trocar.procs.node.inputs import LATE_NS
 
 SMOOTH_S: Final = 0.02  # time constant of the velocity
 

@@ -9,19 +9,19 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs import codes
-from procs.arm.arm import ArmLogic
-from procs.arm.commands import Table
-from procs.arm.efforts import Law
-from procs.arm.motion import Mode, Space
-from procs.arm.mtm.gripper import GripperLogic
-from procs.arm.mtm.orientation_lock import OrientationLock
-from procs.arm.mtm.platform_spring import Platform
-from procs.arm.recovery import PreviousState
-from procs.arm.stages.homing import Biased, Calibrating
-from procs.arm.stages.roll import ROLL, FindingRoll, SettingRoll
-from procs.arm.stages.stage import Stage
-from procs.arm.states import ArmEvent, ArmState
+from trocar.procs.arm.arm import ArmLogic
+from trocar.procs.arm.commands import Table
+from trocar.procs.arm.efforts import Law
+from trocar.procs.arm.motion import Mode, Space
+from trocar.procs.arm.mtm.gripper import GripperLogic
+from trocar.procs.arm.mtm.orientation_lock import OrientationLock
+from trocar.procs.arm.mtm.platform_spring import Platform
+from trocar.procs.arm.recovery import PreviousState
+from trocar.procs.arm.stages.homing import Biased, Calibrating
+from trocar.procs.arm.stages.roll import ROLL, FindingRoll, SettingRoll
+from trocar.procs.arm.stages.stage import Stage
+from trocar.procs.arm.states import ArmEvent, ArmState
+from trocar.procs.tables import codes
 
 Array = NDArray[np.float64]
 

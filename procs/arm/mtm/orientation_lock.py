@@ -14,14 +14,14 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs import codes
-from procs.arm.commands import ArmCommandRow, Ready, Table
-from procs.arm.control import REPORT_NS, Control
-from procs.arm.motion import Mode, Space
-from procs.kinematics.inverse.master import Master
-from procs.kinematics.poses import given_pose
-from procs.kinematics.trajectory import Trajectory
-from procs.requests import CommandRefused, Request
+from trocar.procs.arm.commands import ArmCommandRow, Ready, Table
+from trocar.procs.arm.control import REPORT_NS, Control
+from trocar.procs.arm.motion import Mode, Space
+from trocar.procs.kinematics.inverse.master import Master
+from trocar.procs.kinematics.poses import given_pose
+from trocar.procs.kinematics.trajectory import Trajectory
+from trocar.procs.node.requests import CommandRefused, Request
+from trocar.procs.tables import codes
 
 Array = NDArray[np.float64]
 

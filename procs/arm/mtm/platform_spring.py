@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from procs.arm.control import Control
+from trocar.procs.arm.control import Control
 
 PLATFORM, PITCH, YAW = 3, 4, 5
 STIFFNESS: Final = 1.0  # N·m/rad

@@ -11,11 +11,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs import codes
-from procs.arm.control import REPORT_NS, Control
-from procs.arm.joints import JointSpace
-from procs.document.system import Tool
-from procs.requests import CommandRefused
+from trocar.procs.arm.control import REPORT_NS, Control
+from trocar.procs.arm.joints import JointSpace
+from trocar.procs.document.system import Tool
+from trocar.procs.node.requests import CommandRefused
+from trocar.procs.tables import codes
 
 Array = NDArray[np.float64]
 

@@ -9,12 +9,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
-from procs import codes
-from procs.arm.control import Control
-from procs.arm.joints import JointSpace, joints
-from procs.document.catalogue import CatalogueMatch, find, full_name
-from procs.document.system import Tool
-from procs.requests import CommandRefused
+from trocar.procs.arm.control import Control
+from trocar.procs.arm.joints import JointSpace, joints
+from trocar.procs.document.catalogue import CatalogueMatch, find, full_name
+from trocar.procs.document.system import Tool
+from trocar.procs.node.requests import CommandRefused
+from trocar.procs.tables import codes
 
 RETRY_NS: Final = 500_000_000
 MAX_NS: Final = 6_000_000_000  # io gives up a reading after 3 s, and may have one of another arm under way

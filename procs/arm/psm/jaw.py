@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from procs.arm.commands import ArmCommandRow, Ready, Table
-from procs.arm.control import JAW_MOVE, Control
-from procs.arm.motion import Mode, Space
-from procs.requests import Request
+from trocar.procs.arm.commands import ArmCommandRow, Ready, Table
+from trocar.procs.arm.control import JAW_MOVE, Control
+from trocar.procs.arm.motion import Mode, Space
+from trocar.procs.node.requests import Request
 
 
 class JawCommands:

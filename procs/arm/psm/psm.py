@@ -9,25 +9,25 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs import codes
-from procs.arm.arm import ArmLogic
-from procs.arm.commands import ArmCommandRow, Table
-from procs.arm.control import REPORT_NS
-from procs.arm.joints import JointSpace, joints
-from procs.arm.motion import Mode
-from procs.arm.psm.attachment import Attachment, AttachmentState
-from procs.arm.psm.cannula import Cannula
-from procs.arm.psm.detection import Detection
-from procs.arm.psm.jaw import JawCommands
-from procs.arm.recovery import PreviousState
-from procs.arm.stages.engaging import Engaging
-from procs.arm.stages.homed import Homed
-from procs.arm.stages.stage import Stage
-from procs.arm.states import ArmEvent, ArmState
-from procs.document.catalogue import full_name
-from procs.document.system import Tool
-from procs.kinematics.coupling import coupling
-from procs.requests import CommandRefused, Request, switch
+from trocar.procs.arm.arm import ArmLogic
+from trocar.procs.arm.commands import ArmCommandRow, Table
+from trocar.procs.arm.control import REPORT_NS
+from trocar.procs.arm.joints import JointSpace, joints
+from trocar.procs.arm.motion import Mode
+from trocar.procs.arm.psm.attachment import Attachment, AttachmentState
+from trocar.procs.arm.psm.cannula import Cannula
+from trocar.procs.arm.psm.detection import Detection
+from trocar.procs.arm.psm.jaw import JawCommands
+from trocar.procs.arm.recovery import PreviousState
+from trocar.procs.arm.stages.engaging import Engaging
+from trocar.procs.arm.stages.homed import Homed
+from trocar.procs.arm.stages.stage import Stage
+from trocar.procs.arm.states import ArmEvent, ArmState
+from trocar.procs.document.catalogue import full_name
+from trocar.procs.document.system import Tool
+from trocar.procs.kinematics.coupling import coupling
+from trocar.procs.node.requests import CommandRefused, Request, switch
+from trocar.procs.tables import codes
 
 Array = NDArray[np.float64]
 

@@ -7,11 +7,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from procs import codes
-from procs.arm.control import Control
-from procs.arm.motion import Mode
-from procs.arm.stages.homing import Driving
-from procs.arm.states import ArmEvent
+from trocar.procs.arm.control import Control
+from trocar.procs.arm.motion import Mode
+from trocar.procs.arm.stages.homing import Driving
+from trocar.procs.arm.states import ArmEvent
+from trocar.procs.tables import codes
 
 Array = NDArray[np.float64]
 

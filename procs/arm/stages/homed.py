@@ -6,11 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from procs.arm.control import Control
-from procs.arm.motion import Mode, Space
-from procs.arm.stages.stage import Stage
-from procs.arm.states import ArmEvent
-from procs.arm_types import ARM_TYPES
+from trocar.procs.arm.control import Control
+from trocar.procs.arm.motion import Mode, Space
+from trocar.procs.arm.stages.stage import Stage
+from trocar.procs.arm.states import ArmEvent
+from trocar.procs.tables.arm_types import ARM_TYPES
 
 
 class Homed(Stage):

@@ -8,12 +8,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs import codes
-from procs.arm.control import Control
-from procs.arm.motion import Mode
-from procs.arm.stages.stage import SWITCH_NS, Stage
-from procs.arm.states import ArmEvent
-from procs.arm.supervision import Generations
+from trocar.procs.arm.control import Control
+from trocar.procs.arm.motion import Mode
+from trocar.procs.arm.stages.stage import SWITCH_NS, Stage
+from trocar.procs.arm.states import ArmEvent
+from trocar.procs.arm.supervision import Generations
+from trocar.procs.tables import codes
 
 Array = NDArray[np.float64]
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Final
 
-from procs import codes
-from procs.arm.control import Control
-from procs.arm.stages.stage import NEVER_NS, SWITCH_NS, Stage, let_go
-from procs.arm.states import ArmEvent
-from procs.arm.supervision import POWER_PROBLEMS
+from trocar.procs.arm.control import Control
+from trocar.procs.arm.stages.stage import NEVER_NS, SWITCH_NS, Stage, let_go
+from trocar.procs.arm.states import ArmEvent
+from trocar.procs.arm.supervision import POWER_PROBLEMS
+from trocar.procs.tables import codes
 
 POWER_NS: Final = 3_100_000_000  # io gives up after 3 s, which is never to be raised, and says so; if it does not
 TRIES: Final = 2

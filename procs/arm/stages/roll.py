@@ -10,12 +10,12 @@ from typing import Final
 
 import numpy as np
 
-from procs import codes
-from procs.arm.motion import Mode, Space
-from procs.arm.stages.homing import SETTLE_NS, Driving
-from procs.arm.stages.stage import Stage
-from procs.arm.states import ArmEvent
-from procs.arm.supervision import Generations
+from trocar.procs.arm.motion import Mode, Space
+from trocar.procs.arm.stages.homing import SETTLE_NS, Driving
+from trocar.procs.arm.stages.stage import Stage
+from trocar.procs.arm.states import ArmEvent
+from trocar.procs.arm.supervision import Generations
+from trocar.procs.tables import codes
 
 ROLL: Final = 6  # the joint, and its actuator
 LOWER_STOP: Final = math.radians(-480.0)

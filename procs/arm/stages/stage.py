@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Final
 
-from procs.arm.control import Control
-from procs.codes import Code
-from procs.faults import FaultReport
+from trocar.procs.arm.control import Control
+from trocar.procs.node.fault_report import FaultReport
+from trocar.procs.tables.codes import Code
 
 NEVER_NS: Final = 1 << 62
 SWITCH_NS: Final = 1_500_000_000  # io shows what it was asked for within this

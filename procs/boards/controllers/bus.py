@@ -10,15 +10,15 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterable
 
-from procs.boards.controllers.commands import WriteDecoder
-from procs.boards.controllers.firmware import Firmware
-from procs.boards.controllers.hub import HubMemory
-from procs.boards.controllers.lines import Lines
-from procs.boards.controllers.models import models_of, width_of
-from procs.boards.devices.network import DESTINATION_ERROR
-from procs.document.system import Controller
-from procs.fpga import registers as reg
-from procs.fpga import wire
+from trocar.procs.boards.controllers.commands import WriteDecoder
+from trocar.procs.boards.controllers.firmware import Firmware
+from trocar.procs.boards.controllers.hub import HubMemory
+from trocar.procs.boards.controllers.lines import Lines
+from trocar.procs.boards.controllers.models import models_of, width_of
+from trocar.procs.boards.devices.network import DESTINATION_ERROR
+from trocar.procs.document.system import Controller
+from trocar.procs.fpga import registers as reg
+from trocar.procs.fpga import wire
 
 RECEIVE_TICKS, ANSWER_TICKS = 0x00C8, 0x0D54
 REBOOT_TICKS = reg.CLOCK_HZ  # a board is away for 1 s while its FPGA is configured anew

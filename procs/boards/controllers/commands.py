@@ -17,12 +17,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from procs.boards.controllers.firmware import Firmware
-from procs.boards.controllers.motors import TOP_SHIFT
-from procs.fpga import registers as reg
-from procs.fpga import wire
-from procs.kernel import library
-from procs.kernel.boards_fields import COMMANDS
+from trocar.procs.boards.controllers.firmware import Firmware
+from trocar.procs.boards.controllers.motors import TOP_SHIFT
+from trocar.procs.fpga import registers as reg
+from trocar.procs.fpga import wire
+from trocar.procs.native import library
+from trocar.procs.native.boards_fields import COMMANDS
 
 _BIG_QUAD = np.dtype(">u4")
 _WORTH_WRITING = reg.DAC_VALID | reg.DAC_AMP_MASK

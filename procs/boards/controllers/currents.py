@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from procs.fpga import registers as reg
+from trocar.procs.fpga import registers as reg
 
 Flags = npt.NDArray[np.bool_]
 Ints = npt.NDArray[np.int64]

@@ -17,8 +17,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from procs.boards.controllers.traits import Flags, Quads, Traits
-from procs.fpga import registers as reg
+from trocar.procs.boards.controllers.traits import Flags, Quads, Traits
+from trocar.procs.fpga import registers as reg
 
 Ints = npt.NDArray[np.int64]
 

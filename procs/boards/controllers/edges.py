@@ -13,7 +13,7 @@ import functools
 import numpy as np
 import numpy.typing as npt
 
-from procs.fpga import registers as reg
+from trocar.procs.fpga import registers as reg
 
 Ints = npt.NDArray[np.int64]
 

@@ -18,7 +18,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from procs.boards.controllers.edges import (
+from trocar.procs.boards.controllers.edges import (
     BEHIND,
     EDGES,
     INPUTS,
@@ -32,10 +32,10 @@ from procs.boards.controllers.edges import (
     push_table,
     state_table,
 )
-from procs.document.system import Quirks
-from procs.fpga import registers as reg
-from procs.kernel import library
-from procs.kernel.boards_fields import ENCODERS
+from trocar.procs.document.system import Quirks
+from trocar.procs.fpga import registers as reg
+from trocar.procs.native import library
+from trocar.procs.native.boards_fields import ENCODERS
 
 Floats = npt.NDArray[np.float64]
 Quads = npt.NDArray[np.uint32]

@@ -9,12 +9,12 @@ from typing import Final
 
 import numpy as np
 
-from procs.boards.controllers.digital import BRIDGES
-from procs.boards.controllers.lines import Lines
-from procs.boards.controllers.motors import Motors
-from procs.boards.controllers.power import BoardPower
-from procs.boards.controllers.samples import BoardSamples
-from procs.boards.devices.board import Board
+from trocar.procs.boards.controllers.digital import BRIDGES
+from trocar.procs.boards.controllers.lines import Lines
+from trocar.procs.boards.controllers.motors import Motors
+from trocar.procs.boards.controllers.power import BoardPower
+from trocar.procs.boards.controllers.samples import BoardSamples
+from trocar.procs.boards.devices.board import Board
 
 CONTROL, ARM, BOARD = 0x9, 0xA, 0xB  # regions
 NOTHING, NOTHING_CONTROL = 0xCCCC, 0xCCCC_CCCC  # of registers that are not there

@@ -13,22 +13,22 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from procs.boards.controllers.differences import Differences
-from procs.boards.controllers.encoder import Encoders
-from procs.boards.controllers.espm import ARM, BOARD, CONTROL, NOTHING, Espm
-from procs.boards.controllers.expander import Expanders
-from procs.boards.controllers.interface_board import EmulatedInterfaceBoard
-from procs.boards.controllers.lines import INPUTS_OPEN, Lines
-from procs.boards.controllers.models import Model
-from procs.boards.controllers.motors import SUPPLY_BITS, Motors
-from procs.boards.controllers.power import BoardPower
-from procs.boards.controllers.samples import BoardSamples
-from procs.boards.controllers.testboard import Loopback
-from procs.boards.devices.board import Board
-from procs.document.emulated import EmulatedSetupJoints
-from procs.fpga import registers as reg
-from procs.kernel import library
-from procs.kernel.boards_fields import SAMPLE
+from trocar.procs.boards.controllers.differences import Differences
+from trocar.procs.boards.controllers.encoder import Encoders
+from trocar.procs.boards.controllers.espm import ARM, BOARD, CONTROL, NOTHING, Espm
+from trocar.procs.boards.controllers.expander import Expanders
+from trocar.procs.boards.controllers.interface_board import EmulatedInterfaceBoard
+from trocar.procs.boards.controllers.lines import INPUTS_OPEN, Lines
+from trocar.procs.boards.controllers.models import Model
+from trocar.procs.boards.controllers.motors import SUPPLY_BITS, Motors
+from trocar.procs.boards.controllers.power import BoardPower
+from trocar.procs.boards.controllers.samples import BoardSamples
+from trocar.procs.boards.controllers.testboard import Loopback
+from trocar.procs.boards.devices.board import Board
+from trocar.procs.document.emulated import EmulatedSetupJoints
+from trocar.procs.fpga import registers as reg
+from trocar.procs.native import library
+from trocar.procs.native.boards_fields import SAMPLE
 
 _MISSING = {  # registers and regions that read 0
     "DQLA": (reg.DATA_BUFFER,),

@@ -14,11 +14,11 @@ import struct
 import numpy as np
 import numpy.typing as npt
 
-from procs.boards.controllers.firmware import Firmware
-from procs.fpga import blocks
-from procs.fpga import registers as reg
-from procs.kernel import library
-from procs.kernel.boards_fields import HUB_MEMORY
+from trocar.procs.boards.controllers.firmware import Firmware
+from trocar.procs.fpga import blocks
+from trocar.procs.fpga import registers as reg
+from trocar.procs.native import library
+from trocar.procs.native.boards_fields import HUB_MEMORY
 
 BUS_BOARDS = 16
 FIRST_UPDATE, NEXT_UPDATE = 150, 500  # FireWire: ticks after a query until the first board, and each next one, reported

@@ -13,12 +13,12 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from procs.boards.controllers.quadrature import Quadrature
-from procs.boards.devices.outputs import MAX_CHANGES, BoardOutputs
-from procs.boards.devices.waveform import NEVER
-from procs.document.emulated import EmulatedSetupJoints
-from procs.document.system import Quirks
-from procs.fpga import registers as reg
+from trocar.procs.boards.controllers.quadrature import Quadrature
+from trocar.procs.boards.devices.outputs import MAX_CHANGES, BoardOutputs
+from trocar.procs.boards.devices.waveform import NEVER
+from trocar.procs.document.emulated import EmulatedSetupJoints
+from trocar.procs.document.system import Quirks
+from trocar.procs.fpga import registers as reg
 
 CHANNELS: Final = 16
 FEW_CHANGES: Final = 128  # followed between two looks at outputs that switch for ever, which no host has them do

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from procs.fpga import registers as reg
+from trocar.procs.fpga import registers as reg
 
 INPUTS_OPEN = 0x0FFF  # home and limit inputs are pulled up
 

@@ -9,10 +9,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from procs.document.emulated import MADE_FOR
-from procs.document.system import Controller, Quirks
-from procs.fpga import blocks
-from procs.fpga import registers as reg
+from trocar.procs.document.emulated import MADE_FOR
+from trocar.procs.document.system import Controller, Quirks
+from trocar.procs.fpga import blocks
+from trocar.procs.fpga import registers as reg
 
 HEAD, BLOCK = 0, 1  # columns of a canonical row: the hub header, then the real-time block
 

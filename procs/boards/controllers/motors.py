@@ -12,11 +12,11 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from procs.boards.controllers.lines import Lines
-from procs.boards.controllers.models import Model
-from procs.boards.controllers.power import BoardPower
-from procs.boards.controllers.traits import Flags
-from procs.fpga import registers as reg
+from trocar.procs.boards.controllers.lines import Lines
+from trocar.procs.boards.controllers.models import Model
+from trocar.procs.boards.controllers.power import BoardPower
+from trocar.procs.boards.controllers.traits import Flags
+from trocar.procs.fpga import registers as reg
 
 Quads = npt.NDArray[np.uint32]
 Floats = npt.NDArray[np.float64]

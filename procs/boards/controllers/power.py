@@ -12,12 +12,12 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from procs.boards.controllers.currents import Currents
-from procs.boards.controllers.digital import BRIDGES, Digital
-from procs.boards.controllers.models import Model
-from procs.boards.controllers.status import StatusInputs, StatusWords
-from procs.boards.controllers.traits import Flags, Quads, Traits
-from procs.fpga import registers as reg
+from trocar.procs.boards.controllers.currents import Currents
+from trocar.procs.boards.controllers.digital import BRIDGES, Digital
+from trocar.procs.boards.controllers.models import Model
+from trocar.procs.boards.controllers.status import StatusInputs, StatusWords
+from trocar.procs.boards.controllers.traits import Flags, Quads, Traits
+from trocar.procs.fpga import registers as reg
 
 Ints = npt.NDArray[np.int64]
 

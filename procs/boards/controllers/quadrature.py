@@ -2,7 +2,7 @@
 
 Every change of a line comes with its tick; nothing is stepped from tick to tick. The law is that of the real firmware:
 a line has to keep a new level for nine samples to be heeded, and an edge acts eleven ticks after the change.
-`procs.boards.controllers.encoder` does the same, without that delay, for motors' smooth motions.
+`trocar.procs.boards.controllers.encoder` does the same, without that delay, for motors' smooth motions.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections import deque
 from typing import Final
 
-from procs.document.system import Quirks
-from procs.fpga import registers as reg
+from trocar.procs.document.system import Quirks
+from trocar.procs.fpga import registers as reg
 
 DELAY: Final = 11  # ticks from a change of a line to what it does
 TICKS_MAX: Final = reg.VELOCITY_TICKS_MASK

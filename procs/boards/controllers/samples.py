@@ -12,9 +12,9 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from procs.boards.controllers.models import BLOCK, HEAD, Model
-from procs.fpga import blocks
-from procs.fpga.blocks import KINDS, SCALARS
+from trocar.procs.boards.controllers.models import BLOCK, HEAD, Model
+from trocar.procs.fpga import blocks
+from trocar.procs.fpga.blocks import KINDS, SCALARS
 
 Quads = npt.NDArray[np.uint32]
 TEMPERATURES = 0x3C3E  # 30 and 31 °C

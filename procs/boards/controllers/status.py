@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from procs.boards.controllers.traits import Flags, Traits
-from procs.fpga import registers as reg
+from trocar.procs.boards.controllers.traits import Flags, Traits
+from trocar.procs.fpga import registers as reg
 
 Ints = npt.NDArray[np.int64]
 

@@ -11,10 +11,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from procs.boards.controllers.quadrature import Quadrature
-from procs.boards.devices.outputs import MAX_CHANGES, BoardOutputs
-from procs.document.system import Quirks
-from procs.fpga import registers as reg
+from trocar.procs.boards.controllers.quadrature import Quadrature
+from trocar.procs.boards.devices.outputs import MAX_CHANGES, BoardOutputs
+from trocar.procs.document.system import Quirks
+from trocar.procs.fpga import registers as reg
 
 VOLTS: Final = 2.25  # at the analog inputs
 FULL_SCALE_V: Final = 4.5

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from procs.boards.controllers.models import Model
-from procs.fpga import registers as reg
+from trocar.procs.boards.controllers.models import Model
+from trocar.procs.fpga import registers as reg
 
 Flags = npt.NDArray[np.bool_]
 Quads = npt.NDArray[np.uint32]

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import struct
 
-from procs.boards.controllers.models import Model
-from procs.boards.devices.collection import Collection
-from procs.boards.devices.dallas import Dallas
-from procs.boards.devices.network import Network
-from procs.boards.devices.outputs import BoardOutputs
-from procs.boards.devices.prom import FpgaProm, QlaProm, SerialOnly
-from procs.fpga import registers as reg
+from trocar.procs.boards.controllers.models import Model
+from trocar.procs.boards.devices.collection import Collection
+from trocar.procs.boards.devices.dallas import Dallas
+from trocar.procs.boards.devices.network import Network
+from trocar.procs.boards.devices.outputs import BoardOutputs
+from trocar.procs.boards.devices.prom import FpgaProm, QlaProm, SerialOnly
+from trocar.procs.fpga import registers as reg
 
 _REGION_SHIFT, _OFFSET_MASK = 12, 0xFFF
 _MAIN, _FPGA_PROM, _QLA_PROM, _ETHERNET, _FIREWIRE, _DALLAS, _DATA, _TABLE = 0, 2, 3, 4, 5, 6, 7, 8

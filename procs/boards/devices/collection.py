@@ -14,7 +14,7 @@ from typing import Final
 
 import numpy as np
 
-from procs.fpga import registers as reg
+from trocar.procs.fpga import registers as reg
 
 ENTRIES: Final = 1024
 MEASURED: Final = 1 << 31  # else commanded

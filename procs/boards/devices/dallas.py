@@ -14,7 +14,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Final
 
-from procs.fpga.instrument import (
+from trocar.procs.fpga.instrument import (
     CHUNK_BYTES,
     COMPANY,
     COMPANY_AT,

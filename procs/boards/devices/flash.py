@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from procs.fpga import registers as reg
+from trocar.procs.fpga import registers as reg
 
 WRITE_STATUS: Final = 0x01
 PROGRAM: Final = 0x02

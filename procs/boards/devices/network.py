@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from procs.boards.devices.phy import FirewirePhy, Ksz8851, Rtl8211
-from procs.fpga import registers as reg
+from trocar.procs.boards.devices.phy import FirewirePhy, Ksz8851, Rtl8211
+from trocar.procs.fpga import registers as reg
 
 ETHERNET_DATA: Final = 0x4000
 FIREWIRE_DATA: Final = 0x5000

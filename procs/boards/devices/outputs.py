@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from procs.boards.devices.waveform import ENTRIES, LEVELS, NEVER, VALID, Waveform
+from trocar.procs.boards.devices.waveform import ENTRIES, LEVELS, NEVER, VALID, Waveform
 
 PLAY: Final = 1 << 31  # written: the masked outputs play the table; read: some output does
 ENTRY_VALID: Final = 1 << 30

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from procs.fpga import registers as reg
+from trocar.procs.fpga import registers as reg
 
 MDIO_TICKS: Final = 1024  # a frame of 64 bits, 16 ticks each
 _GMII_CORE = 8  # address of the FPGA's own half of a port on the chip's management bus

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from procs.boards.devices import flash
-from procs.boards.devices.flash import Chip
+from trocar.procs.boards.devices import flash
+from trocar.procs.boards.devices.flash import Chip
 
 SERIAL_AT: Final = 0x1FFF00  # serial number of the FPGA in its PROM; the QLA's lies at 0
 SERIAL_COMMAND: Final = 0x031F_FF00  # the only one FPGA V3 heeds

@@ -13,8 +13,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.boards.robots.mechanics import LinkAxis, Mechanism
-from procs.kinematics.poses import pose_from_matrix
+from trocar.procs.boards.robots.mechanics import LinkAxis, Mechanism
+from trocar.procs.kinematics.poses import pose_from_matrix
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.intp]

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.boards.robots.friction import Friction
+from trocar.procs.boards.robots.friction import Friction
 
 Array = NDArray[np.float64]
 

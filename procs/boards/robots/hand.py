@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from procs.kinematics import poses
+from trocar.procs.kinematics import poses
 
 Floats = npt.NDArray[np.float64]
 MOST = (5000.0, 10.0, 200.0, 1.0, 100.0, 5.0)  # of each field of a grip: far from shaking at steps of 1 ms

@@ -1,4 +1,4 @@
-"""Inertia and friction of what stands on boards beside the arms of `procs.arm_types`, and of instruments.
+"""Inertia and friction of what stands on boards beside the arms of `trocar.procs.tables.arm_types`, and of instruments.
 
 Viscous and Coulomb friction of the wrist are from the recording of a real PSM; its inertia was too small to be seen
 there, and is as little as keeps the stock gains stable at a 1 ms hold: armature >= 2 · Kd · period on every axis.
@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.arm_types import ARM_TYPES, ArmInertia, JointInertia
+from trocar.procs.tables.arm_types import ARM_TYPES, ArmInertia, JointInertia
 
 Array = NDArray[np.float64]
 

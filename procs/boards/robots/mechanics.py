@@ -15,9 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.arm_types import ARM_TYPES, ArmInertia, JointInertia
-from procs.boards.robots.backlash import SHARE
-from procs.boards.robots.inertia import (
+from trocar.procs.boards.robots.backlash import SHARE
+from trocar.procs.boards.robots.inertia import (
     DISC,
     GRIPPER_RANGE,
     LINK_INERTIA,
@@ -27,10 +26,11 @@ from procs.boards.robots.inertia import (
     arm_inertia,
     wrist_inertia,
 )
-from procs.document.system import Actuator, ArmConfig, Chain, DhLink, ModelVariation, Robot, Tool
-from procs.kinematics.denavit import split_row
-from procs.kinematics.endoscopes import endoscope
-from procs.kinematics.poses import renormalised
+from trocar.procs.document.system import Actuator, ArmConfig, Chain, DhLink, ModelVariation, Robot, Tool
+from trocar.procs.kinematics.denavit import split_row
+from trocar.procs.kinematics.endoscopes import endoscope
+from trocar.procs.kinematics.poses import renormalised
+from trocar.procs.tables.arm_types import ARM_TYPES, ArmInertia, JointInertia
 
 Array = NDArray[np.float64]
 

@@ -13,12 +13,12 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.boards.robots.assembly import assemble
-from procs.boards.robots.backlash import SHARE, Play
-from procs.boards.robots.constraint import Block, Projection
-from procs.boards.robots.friction import Friction
-from procs.boards.robots.inertia import GRIPPER_INITIAL
-from procs.boards.robots.mechanics import (
+from trocar.procs.boards.robots.assembly import assemble
+from trocar.procs.boards.robots.backlash import SHARE, Play
+from trocar.procs.boards.robots.constraint import Block, Projection
+from trocar.procs.boards.robots.friction import Friction
+from trocar.procs.boards.robots.inertia import GRIPPER_INITIAL
+from trocar.procs.boards.robots.mechanics import (
     MARGIN,
     MARGIN_SLIDE,
     Mechanism,
@@ -29,12 +29,12 @@ from procs.boards.robots.mechanics import (
     mechanism,
     parallelogram,
 )
-from procs.boards.robots.tips import Tips
-from procs.boards.robots.weight import weights_of
-from procs.document.system import Chain, EmulationConfig, ModelVariation, Robot, SystemConfig, Tool
-from procs.kernel import library
-from procs.kernel.boards_fields import PLANT
-from procs.kinematics.coupling import Coupling, coupling
+from trocar.procs.boards.robots.tips import Tips
+from trocar.procs.boards.robots.weight import weights_of
+from trocar.procs.document.system import Chain, EmulationConfig, ModelVariation, Robot, SystemConfig, Tool
+from trocar.procs.kinematics.coupling import Coupling, coupling
+from trocar.procs.native import library
+from trocar.procs.native.boards_fields import PLANT
 
 Array = NDArray[np.float64]
 

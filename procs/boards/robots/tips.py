@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.boards.robots.assembly import Assembly
-from procs.boards.robots.mechanics import Mechanism
+from trocar.procs.boards.robots.assembly import Assembly
+from trocar.procs.boards.robots.mechanics import Mechanism
 
 Array = NDArray[np.float64]
 

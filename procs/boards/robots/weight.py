@@ -13,8 +13,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.document.system import ArmConfig
-from procs.kinematics.master_gravity import MasterGravity
+from trocar.procs.document.system import ArmConfig
+from trocar.procs.kinematics.master_gravity import MasterGravity
 
 Array = NDArray[np.float64]
 

@@ -6,8 +6,8 @@ from typing import Annotated
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
-from procs.config.read.validate import Rows
-from procs.document.process import host_and_port
+from trocar.procs.config.read.validate import Rows
+from trocar.procs.document.process import host_and_port
 
 
 def _as_addresses(value: object) -> object:

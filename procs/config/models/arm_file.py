@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from procs.config.read.validate import Section, VersionAsText
-from procs.kinematics.endoscopes import NAMES
+from trocar.procs.config.read.validate import Section, VersionAsText
+from trocar.procs.kinematics.endoscopes import NAMES
 
 Pitch = Annotated[float, Field(ge=-3.2, le=3.2, description="rad")]
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from procs.config.build.context import Context
-from procs.config.models.system_file import ArmKeys
-from procs.config.read.matrices import check_rigid
-from procs.config.read.problem import Key
-from procs.config.read.source import SourceFile
-from procs.document import system as document
+from trocar.procs.config.loading.context import Context
+from trocar.procs.config.models.system_file import ArmKeys
+from trocar.procs.config.read.matrices import check_rigid
+from trocar.procs.config.read.problem import Key
+from trocar.procs.config.read.source import SourceFile
+from trocar.procs.document import system as document
 
 
 def base_frame_of(context: Context, source: SourceFile, key: Key, keys: ArmKeys) -> document.Matrix | None:

@@ -6,8 +6,8 @@ from typing import Literal
 
 from pydantic import Field
 
-from procs.config.models.addresses import Address, Addresses
-from procs.config.read.validate import Section
+from trocar.procs.config.models.addresses import Address, Addresses
+from trocar.procs.config.read.validate import Section
 
 
 class TlsKeys(Section):

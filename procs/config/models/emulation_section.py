@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
-from procs.config.read.validate import Rows, Section
+from trocar.procs.config.read.validate import Rows, Section
 
 EVERYWHERE = "0.0.0.0"  # every address of this machine
 RAW = "eth:"  # then an interface: raw Ethernet instead of UDP

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from procs.config.build.context import Context, Opened
-from procs.config.read.validate import Rows, Section
-from procs.document.gravity_parameters import JOINTS, PARAMETERS, MasterGravityParameters
+from trocar.procs.config.loading.context import Context, Opened
+from trocar.procs.config.read.validate import Rows, Section
+from trocar.procs.document.gravity_parameters import JOINTS, PARAMETERS, MasterGravityParameters
 
 
 class GravityControllerKeys(Section):

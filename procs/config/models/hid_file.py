@@ -7,9 +7,9 @@ from typing import Annotated, Final
 
 from pydantic import Field
 
-from procs.config.build.context import Context
-from procs.config.read.validate import Section
-from procs.document.consoles import HidSensor
+from trocar.procs.config.loading.context import Context
+from trocar.procs.config.read.validate import Section
+from trocar.procs.document.consoles import HidSensor
 
 MAX_REPORT: Final = 64  # bytes, of a full-speed device
 

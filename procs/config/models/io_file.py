@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from procs.config.read.validate import MatrixRows, Name, Rows, Section, VersionAsText
+from trocar.procs.config.read.validate import MatrixRows, Name, Rows, Section, VersionAsText
 
 BoardId = Annotated[int, Field(ge=0, le=15, description="the controller's rotary switch")]
 

@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from procs.config.read.validate import MatrixRows, Rows, Section
+from trocar.procs.config.read.validate import MatrixRows, Rows, Section
 
 
 class LinkKeys(Section):

@@ -10,12 +10,12 @@ from typing import Any, Final
 
 import numpy as np
 
-from procs.config.build.context import Context, Opened
-from procs.config.models.io_file import IoFile, RobotKeys
-from procs.config.read.problem import Key
-from procs.config.read.search import expanded
-from procs.config.read.source import SourceFile
-from procs.fpga import lookup
+from trocar.procs.config.loading.context import Context, Opened
+from trocar.procs.config.models.io_file import IoFile, RobotKeys
+from trocar.procs.config.read.problem import Key
+from trocar.procs.config.read.search import expanded
+from trocar.procs.config.read.source import SourceFile
+from trocar.procs.fpga import lookup
 
 ROW: Final = f"{lookup.ENTRIES} numbers a row, or {{from, to}} within ±{lookup.MISSING_ABOVE:g}"
 

@@ -6,8 +6,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from procs.config.read.validate import Rows, Section, VersionAsText
-from procs.document.gains import BY_KEY
+from trocar.procs.config.read.validate import Rows, Section, VersionAsText
+from trocar.procs.document.gains import BY_KEY
 
 
 def _gain(key: str, default: Any = ..., description: str = "") -> Any:

@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from procs.config.models.kinematic_file import DhKeys
-from procs.config.read.validate import MatrixRows, Name, Rows, Section
+from trocar.procs.config.models.kinematic_file import DhKeys
+from trocar.procs.config.read.validate import MatrixRows, Name, Rows, Section
 
 JOINTS, PLUGS = 6, 4
 

@@ -6,13 +6,13 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from procs.config.build.tasks import TaskKeys
-from procs.config.models.addresses import Addresses
-from procs.config.models.bridge_section import FoxgloveKeys, GuiKeys, SocketKeys
-from procs.config.models.emulation_section import Cpu, EmulationOptions, Period, Priority
-from procs.config.models.user_section import CommandKeys, PropertyKeys, TopicKeys
-from procs.config.read.validate import Rows, Section
-from procs.document.recorder import MAX_RATE_HZ
+from trocar.procs.config.loading.tasks import TaskKeys
+from trocar.procs.config.models.addresses import Addresses
+from trocar.procs.config.models.bridge_section import FoxgloveKeys, GuiKeys, SocketKeys
+from trocar.procs.config.models.emulation_section import Cpu, EmulationOptions, Period, Priority
+from trocar.procs.config.models.user_section import CommandKeys, PropertyKeys, TopicKeys
+from trocar.procs.config.read.validate import Rows, Section
+from trocar.procs.document.recorder import MAX_RATE_HZ
 
 Account = Annotated[str, Field(pattern=r"^[a-z_][a-z0-9_-]{0,31}$|^$",
                                description="lower-case letters, digits, _ and -, a letter or _ first, at most 32")]

@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from procs.config.read.validate import Rows, Section
-from procs.document.user_process import BYTES, TYPE
+from trocar.procs.config.read.validate import Rows, Section
+from trocar.procs.document.user_process import BYTES, TYPE
 
 Word = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]{0,31}$",
                             description="letters, digits and _, not a digit first, at most 32")]

@@ -12,7 +12,7 @@ import json
 import re
 from dataclasses import dataclass, field
 
-from procs.config.read.problem import Key
+from trocar.procs.config.read.problem import Key
 
 _DEEPEST = 64
 _SPACE = re.compile(r"(?:[ \t\r\n]+|//[^\n]*|/\*.*?\*/)*", re.DOTALL)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from procs.config.build.context import Context
-from procs.config.read.problem import Key
-from procs.config.read.source import SourceFile
+from trocar.procs.config.loading.context import Context
+from trocar.procs.config.read.problem import Key
+from trocar.procs.config.read.source import SourceFile
 
 Rows = tuple[tuple[float, ...], ...]
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from procs.paths import PROJECT_CONFIGS, exists
+from trocar.procs.machine.paths import PROJECT_CONFIGS, exists
 
 _PID_STOCK = "sawControllersPID-"
 

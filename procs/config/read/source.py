@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from procs.config.read.jsontext import Parsed, TextError, parse_json
-from procs.config.read.problem import WARNING, FileProblem, Key, key_text, value_text
-from procs.config.read.yamltext import parse_yaml
+from trocar.procs.config.read.jsontext import Parsed, TextError, parse_json
+from trocar.procs.config.read.problem import WARNING, FileProblem, Key, key_text, value_text
+from trocar.procs.config.read.yamltext import parse_yaml
 
 _YAML = (".yaml", ".yml")
 _LARGEST = 4_000_000  # bytes; the largest known file, a potentiometer table, has 0.5 MB

@@ -13,9 +13,9 @@ from annotated_types import Ge, Gt, Le, Lt, MinLen
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 from pydantic.fields import FieldInfo
 
-from procs.config.read.problem import ERROR, WARNING, FileProblem, Key
-from procs.config.read.source import SourceFile
-from procs.fpga.ports import PortNameError
+from trocar.procs.config.read.problem import ERROR, WARNING, FileProblem, Key
+from trocar.procs.config.read.source import SourceFile
+from trocar.procs.fpga.ports import PortNameError
 
 Item = TypeVar("Item")
 ModelType = TypeVar("ModelType", bound=BaseModel)

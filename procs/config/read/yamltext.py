@@ -16,8 +16,8 @@ import re
 import yaml
 from yaml.composer import Composer
 
-from procs.config.read.jsontext import Parsed, TextError
-from procs.config.read.problem import Key
+from trocar.procs.config.read.jsontext import Parsed, TextError
+from trocar.procs.config.read.problem import Key
 
 _DEEPEST = 64
 _MAX_NODES = 500_000  # aliases can make a short text explode

@@ -8,24 +8,24 @@ from functools import partial
 from fastapi import FastAPI
 from nicegui import app, ui
 
-from procs.document.system import SystemConfig
-from procs.gui.catalogue import BUTTONS, MESSAGES, PROCESSES, SCENE
-from procs.gui.pages.arm import arm_page
-from procs.gui.pages.assets import STATIC, assets
-from procs.gui.pages.buttons import buttons_page
-from procs.gui.pages.console import console_page
-from procs.gui.pages.focus import focus_page
-from procs.gui.pages.frame import page
-from procs.gui.pages.pid import pid_page
-from procs.gui.pages.plots import plots_page
-from procs.gui.pages.processes import processes_page
-from procs.gui.pages.robot_io import io_page
-from procs.gui.pages.scene import scene_page
-from procs.gui.pages.setup_joints import carts_page
-from procs.gui.pages.system import system_page
-from procs.gui.pages.teleop import teleop_page
-from procs.gui.pid_file import PidFiles
-from procs.gui.robots import robots_of, with_actuators, with_gains
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.gui.catalogue import BUTTONS, MESSAGES, PROCESSES, SCENE
+from trocar.procs.gui.pages.arm import arm_page
+from trocar.procs.gui.pages.assets import STATIC, assets
+from trocar.procs.gui.pages.buttons import buttons_page
+from trocar.procs.gui.pages.console import console_page
+from trocar.procs.gui.pages.focus import focus_page
+from trocar.procs.gui.pages.frame import page
+from trocar.procs.gui.pages.pid import pid_page
+from trocar.procs.gui.pages.plots import plots_page
+from trocar.procs.gui.pages.processes import processes_page
+from trocar.procs.gui.pages.robot_io import io_page
+from trocar.procs.gui.pages.scene import scene_page
+from trocar.procs.gui.pages.setup_joints import carts_page
+from trocar.procs.gui.pages.system import system_page
+from trocar.procs.gui.pages.teleop import teleop_page
+from trocar.procs.gui.pid_file import PidFiles
+from trocar.procs.gui.robots import robots_of, with_actuators, with_gains
 
 MadePage = tuple[str, tuple[str, ...], Callable[[], None]]
 """Path, sources that it wants, and what makes its content."""

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from typing import Final
 
-from procs.arm_types import ARM_TYPES
-from procs.document.arms import ArmConfig
-from procs.document.system import SystemConfig
-from procs.gui.catalogue import SCENE, record
-from procs.gui.pages.assets import assets
-from procs.gui.pages.parts import Part, box, button, live
-from procs.gui.pages.poses import TURNS, axes, numbers, turned
-from procs.gui.pages.scene import ArmScene
-from procs.kinematics.endoscopes import NAMES
+from trocar.procs.document.arms import ArmConfig
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.gui.catalogue import SCENE, record
+from trocar.procs.gui.pages.assets import assets
+from trocar.procs.gui.pages.parts import Part, box, button, live
+from trocar.procs.gui.pages.poses import TURNS, axes, numbers, turned
+from trocar.procs.gui.pages.scene import ArmScene
+from trocar.procs.kinematics.endoscopes import NAMES
+from trocar.procs.tables.arm_types import ARM_TYPES
 
 ROOM: Final = 8
 """Joints that a record has room for."""

@@ -6,11 +6,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Final
 
-from procs.document.emulated_names import names_on_boards
-from procs.document.system import DigitalOutput, IoConfig, SystemConfig
-from procs.gui.catalogue import BUTTONS, pins, record
-from procs.gui.pages.assets import script
-from procs.gui.pages.parts import Part, arg, box, button, form, live, switch
+from trocar.procs.document.emulated_names import names_on_boards
+from trocar.procs.document.system import DigitalOutput, IoConfig, SystemConfig
+from trocar.procs.gui.catalogue import BUTTONS, pins, record
+from trocar.procs.gui.pages.assets import script
+from trocar.procs.gui.pages.parts import Part, arg, box, button, form, live, switch
 
 ARM_INPUTS: Final = (("clutch", "clutch"), ("adapter", "sterile adapter"), ("tool", "instrument"),
                      ("suj_clutch", "SUJ clutch"), ("suj_clutch_2", "SUJ clutch 2"))

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Final
 
-from procs.document.consoles import Console, TeleopEcmConfig, TeleopPsmConfig
-from procs.document.system import SystemConfig
-from procs.gui.catalogue import record
-from procs.gui.pages.parts import Part, box, button, live
+from trocar.procs.document.consoles import Console, TeleopEcmConfig, TeleopPsmConfig
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.gui.catalogue import record
+from trocar.procs.gui.pages.parts import Part, box, button, live
 
 PEDALS: Final = (("operator", "operator_present", "emulate_operator_present"), ("clutch", "clutch", "emulate_clutch"),
                  ("camera", "camera", "emulate_camera"))

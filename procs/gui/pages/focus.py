@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from procs.document.system import SystemConfig
-from procs.gui.catalogue import record
-from procs.gui.pages.assets import script
-from procs.gui.pages.parts import Part, box, hold, switch
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.gui.catalogue import record
+from trocar.procs.gui.pages.assets import script
+from trocar.procs.gui.pages.parts import Part, box, hold, switch
 
 
 def focus_page(document: SystemConfig) -> None:

@@ -6,11 +6,11 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, Final
 
-from procs.document.system import WALL, SystemConfig
-from procs.gui.pages.assets import script, style
-from procs.gui.pages.buttons import has_buttons
-from procs.gui.pages.parts import Call, Part, box, button
-from procs.gui.robots import robots_of, with_actuators, with_gains
+from trocar.procs.document.system import WALL, SystemConfig
+from trocar.procs.gui.pages.assets import script, style
+from trocar.procs.gui.pages.buttons import has_buttons
+from trocar.procs.gui.pages.parts import Call, Part, box, button
+from trocar.procs.gui.robots import robots_of, with_actuators, with_gains
 
 KEYS: Final = (("Ctrl + O", "power off"), ("Ctrl + P", "power on"), ("Ctrl + H", "home"), ("?", "this list"))
 STEPS: Final = ("Take control, top right: until then this page only looks.",

@@ -15,7 +15,7 @@ from typing import Any
 
 from nicegui.elements.mixins.text_element import TextElement
 
-from shm.commands import can_stop
+from trocar.shm.commands import can_stop
 
 Call = tuple[str, str, Sequence[float], str]
 """To whom, command, values, text."""

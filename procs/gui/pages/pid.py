@@ -6,15 +6,15 @@ import json
 from collections.abc import Sequence
 from typing import Final
 
-from procs.document.gains import BY_KEY, GAINS, Gain, PidAxis, value_of
-from procs.document.system import PidConfig
-from procs.gui.catalogue import record
-from procs.gui.pages.assets import script
-from procs.gui.pages.parts import Part, box, live, switch
-from procs.gui.pages.robot_io import tabs
-from procs.gui.robots import IoRobot, slides
-from procs.gui.trace_source import SIGNALS
-from shm.topics import IO_GAINS
+from trocar.procs.document.gains import BY_KEY, GAINS, Gain, PidAxis, value_of
+from trocar.procs.document.system import PidConfig
+from trocar.procs.gui.catalogue import record
+from trocar.procs.gui.pages.assets import script
+from trocar.procs.gui.pages.parts import Part, box, live, switch
+from trocar.procs.gui.pages.robot_io import tabs
+from trocar.procs.gui.robots import IoRobot, slides
+from trocar.procs.gui.trace_source import SIGNALS
+from trocar.shm.topics import IO_GAINS
 
 NAMES: Final = {"p_gain": "P", "d_gain": "D", "i_gain": "I", "p_deadband": "dead band",
                 "p_deadband_outer": "dead band, outer", "i_forget_rate": "integral kept", "i_limit": "integral limit",

@@ -7,11 +7,11 @@ import json
 import re
 from typing import Any, Final
 
-from procs.crtk.field_paths import indices_text
-from procs.crtk.topics import RECORD, catalogue
-from procs.document.system import SystemConfig
-from procs.gui.pages.assets import assets
-from procs.gui.pages.parts import Part, box
+from trocar.procs.crtk.field_paths import indices_text
+from trocar.procs.crtk.topics import RECORD, catalogue
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.gui.pages.assets import assets
+from trocar.procs.gui.pages.parts import Part, box
 
 SPANS: Final = (5, 10, 30, 60)
 SHAPE: Final = re.compile(r"^\(([\d,]*)\)")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from procs.gui.pages.parts import Part, live
+from trocar.procs.gui.pages.parts import Part, live
 
 TURNS: Final = "turned about x, then y, then z: axes that stay as they are"
 

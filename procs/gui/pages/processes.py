@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Final
 
-from procs.gui.catalogue import PROCESSES
-from procs.gui.pages.assets import script
-from procs.gui.pages.parts import Part, box
+from trocar.procs.gui.catalogue import PROCESSES
+from trocar.procs.gui.pages.assets import script
+from trocar.procs.gui.pages.parts import Part, box
 
 COLUMNS: Final = ("process", "kind", "state", "Hz", "period p99 ms", "work p99 ms", "missed", "CPU %", "MB", "restarts",
                   "problem, last ended, or scheduling")

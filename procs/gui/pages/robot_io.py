@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from procs.gui.pages.assets import script
-from procs.gui.pages.parts import Part, arg, box, button, form, live, switch
-from procs.gui.robots import IoRobot, slides
+from trocar.procs.gui.pages.assets import script
+from trocar.procs.gui.pages.parts import Part, arg, box, button, form, live, switch
+from trocar.procs.gui.robots import IoRobot, slides
 
 BIAS_SAMPLES: Final = 1970
 """As arms take at homing."""

@@ -8,10 +8,10 @@ from typing import Any, Final
 import nicegui
 from nicegui import ui
 
-from procs.document.arms import ArmConfig
-from procs.document.system import SystemConfig
-from procs.gui.catalogue import SCENE
-from procs.gui.pages.parts import Part, box
+from trocar.procs.document.arms import ArmConfig
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.gui.catalogue import SCENE
+from trocar.procs.gui.pages.parts import Part, box
 
 THREE: Final = Path(nicegui.__file__).parent / "elements" / "scene" / "dist"
 """three.js, as it comes with NiceGUI."""

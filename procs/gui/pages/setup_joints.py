@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Final
 
-from procs.document.cart import FIXED, SI, Cart, CartArm
-from procs.document.system import SystemConfig
-from procs.gui.catalogue import record
-from procs.gui.pages.assets import script
-from procs.gui.pages.parts import Part, arg, box, button, form, hold, live, switch
-from procs.gui.pages.poses import TURNS
+from trocar.procs.document.cart import FIXED, SI, Cart, CartArm
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.gui.catalogue import record
+from trocar.procs.gui.pages.assets import script
+from trocar.procs.gui.pages.parts import Part, arg, box, button, form, hold, live, switch
+from trocar.procs.gui.pages.poses import TURNS
 
 EXTRA: Final = ("spare 1", "spare 2", "brakes", "ground")
 

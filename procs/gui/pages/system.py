@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Final
 
-from procs.document.arms import ArmConfig
-from procs.document.system import SystemConfig
-from procs.gui.catalogue import MESSAGES, record
-from procs.gui.pages.frame import moving, power_buttons
-from procs.gui.pages.parts import Part, box, button, live
+from trocar.procs.document.arms import ArmConfig
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.gui.catalogue import MESSAGES, record
+from trocar.procs.gui.pages.frame import moving, power_buttons
+from trocar.procs.gui.pages.parts import Part, box, button, live
 
 SAID_ALREADY: Final = "HOMED|DISABLED|ENABLED|FAULT"
 """Sub-states that chip and light say as well."""

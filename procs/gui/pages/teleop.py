@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Final
 
-from procs.document.consoles import TeleopEcmConfig, TeleopPsmConfig
-from procs.document.system import SystemConfig
-from procs.gui.catalogue import record
-from procs.gui.pages.console import PEDALS, SCALES, teleop_buttons
-from procs.gui.pages.parts import Part, box, button, live
-from procs.gui.pages.poses import axes, numbers, turned
+from trocar.procs.document.consoles import TeleopEcmConfig, TeleopPsmConfig
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.gui.catalogue import record
+from trocar.procs.gui.pages.console import PEDALS, SCALES, teleop_buttons
+from trocar.procs.gui.pages.parts import Part, box, button, live
+from trocar.procs.gui.pages.poses import axes, numbers, turned
 
 ALIGNS: Final = "The master may move to align."
 LOCKS: Final = (("Lock rotation", "Rotation locked", "rotation_locked", "lock_rotation", "", f"Unlock it? {ALIGNS}"),

@@ -9,11 +9,11 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
-from procs.fpga import blocks, registers, wire
-from procs.io.bus import discovery
-from procs.io.bus.exchange import Exchange
-from procs.io.bus.link import Link
-from procs.io.bus.port import (
+from trocar.procs.fpga import blocks, registers, wire
+from trocar.procs.io.bus import discovery
+from trocar.procs.io.bus.exchange import Exchange
+from trocar.procs.io.bus.link import Link
+from trocar.procs.io.bus.port import (
     ALL_BOARDS,
     BROADCAST_QUERY,
     PROTOCOLS,
@@ -25,11 +25,18 @@ from procs.io.bus.port import (
     PortError,
     Quads,
 )
-from procs.io.bus.protocols import BoardReader, BroadcastWrite, QueryRead, SequentialRead, SequentialWrite, Writer
-from procs.io.bus.push_read import UnaskedRead
-from procs.io.bus.rows import Rows
-from procs.io.bus.transport import Transport
-from procs.kernel.progress import BAD, NONE, SENT
+from trocar.procs.io.bus.protocols import (
+    BoardReader,
+    BroadcastWrite,
+    QueryRead,
+    SequentialRead,
+    SequentialWrite,
+    Writer,
+)
+from trocar.procs.io.bus.push_read import UnaskedRead
+from trocar.procs.io.bus.rows import Rows
+from trocar.procs.io.bus.transport import Transport
+from trocar.procs.native.progress import BAD, NONE, SENT
 
 _Found: TypeAlias = tuple[discovery.HubBoard, tuple[BoardInfo, ...]]
 
@@ -227,7 +234,7 @@ class BusPort:
             self._exchange = Exchange(self._link, reader, writer, settings)
 
     def answer(self, good_ns: int, wake_ns: int, over_ns: int, gap_ns: float) -> int:
-        """`read_all`, then io's stages and `write_all`: how far that got, see procs/kernel/progress.py."""
+        """`read_all`, then io's stages and `write_all`: how far that got, see procs/native/progress.py."""
         exchange, counters = self._exchange, self.counters
         if exchange is None:
             return NONE if self.read_all() else BAD

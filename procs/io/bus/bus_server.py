@@ -1,6 +1,6 @@
 """A bus of controllers for a person at a desk: `trocar bus` asks line by line, and every line is one transaction.
 
-    python -m procs.io.bus.bus_server PORT
+    python -m trocar.procs.io.bus.bus_server PORT
 
 Requests and replies are JSON objects, one a line: `{"do": "read", "board": 0, "address": 4}` is answered
 `{"value": 1363956017}`, what cannot be done `{"error": "…"}`. The first line says whether the port's name is one.
@@ -17,11 +17,11 @@ import sys
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from procs.io.bus import owner
-from procs.io.bus.bus_port import BusPort
-from procs.io.bus.port import PortError
-from procs.io.bus.ports import port_of
-from shm.clock import monotonic_ns
+from trocar.procs.io.bus import owner
+from trocar.procs.io.bus.bus_port import BusPort
+from trocar.procs.io.bus.port import PortError
+from trocar.procs.io.bus.ports import port_of
+from trocar.shm.time.clock import monotonic_ns
 
 Answer = dict[str, Any]
 

@@ -9,7 +9,7 @@ import struct
 from dataclasses import dataclass
 from typing import Final, TypeAlias
 
-from procs.fpga.wire import Buffer
+from trocar.procs.fpga.wire import Buffer
 
 ABI_VERSION: Final = 4  # what we understand; later ones have time stamps in responses
 EVENT_BYTES: Final = 4096  # more than any event we ask for

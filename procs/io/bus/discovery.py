@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from procs.fpga import blocks, registers, wire
-from procs.io.bus.link import SETUP_TRIES, Link
-from procs.io.bus.port import BoardInfo, PortError
+from trocar.procs.fpga import blocks, registers, wire
+from trocar.procs.io.bus.link import SETUP_TRIES, Link
+from trocar.procs.io.bus.port import BoardInfo, PortError
 
 NODES: Final = 16
 PHY_PAUSE_MS: Final = 10

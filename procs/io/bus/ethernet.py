@@ -16,9 +16,9 @@ import sys
 from collections.abc import Callable
 from typing import Final
 
-from procs.fpga import wire
-from procs.io.bus.port import PortError
-from procs.io.bus.transport import RECEIVE_BUFFER_BYTES, closed
+from trocar.procs.fpga import wire
+from trocar.procs.io.bus.port import PortError
+from trocar.procs.io.bus.transport import RECEIVE_BUFFER_BYTES, closed
 
 PLAIN_FRAMES: Final = 0x0004  # ETH_P_802_2: the kernel's name for frames with a length; nothing else wakes us
 ETHERNET_HARDWARE: Final = 1  # ARPHRD_ETHER

@@ -11,14 +11,14 @@ from typing import Final
 
 import numpy as np
 
-from procs.io.bus.link import Link
-from procs.io.bus.port import ExchangeSettings
-from procs.io.bus.protocols import UNSENT, BroadcastWrite, QueryRead
-from procs.kernel.bound import BoundStruct
-from procs.kernel.bus_fields import HUB, WRITE
-from procs.kernel.exchange_fields import EXCHANGE
-from procs.kernel.library import bind
-from procs.kernel.progress import BAD, NONE, READY, SENT
+from trocar.procs.io.bus.link import Link
+from trocar.procs.io.bus.port import ExchangeSettings
+from trocar.procs.io.bus.protocols import UNSENT, BroadcastWrite, QueryRead
+from trocar.procs.native.bound import BoundStruct
+from trocar.procs.native.bus_fields import HUB, WRITE
+from trocar.procs.native.exchange_fields import EXCHANGE
+from trocar.procs.native.library import bind
+from trocar.procs.native.progress import BAD, NONE, READY, SENT
 
 HEAD_BYTES: Final = 22  # of a block write, before its data
 GENERATION_AT: Final = -7  # of a reply, from its end: the bus generation

@@ -21,11 +21,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final, Protocol
 
-from procs.fpga import registers, wire
-from procs.io.bus import cdev as firewire
-from procs.io.bus.port import PortError
-from procs.io.bus.transport import closed
-from shm.clock import monotonic_ns
+from trocar.procs.fpga import registers, wire
+from trocar.procs.io.bus import cdev as firewire
+from trocar.procs.io.bus.port import PortError
+from trocar.procs.io.bus.transport import closed
+from trocar.shm.time.clock import monotonic_ns
 
 DEVICES: Final = Path("/dev")
 QUERY_OFFSET: Final = 0x1800  # what the firmware takes for a query of all, though it is addressed to node 0

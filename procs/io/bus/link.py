@@ -11,10 +11,10 @@ from typing import Final
 
 import numpy as np
 
-from procs.fpga import wire
-from procs.io.bus.port import Counters, Quads
-from procs.io.bus.transport import MAX_QUEUED, Transport
-from procs.kernel.exchange_fields import NOTHING, UNREADABLE
+from trocar.procs.fpga import wire
+from trocar.procs.io.bus.port import Counters, Quads
+from trocar.procs.io.bus.transport import MAX_QUEUED, Transport
+from trocar.procs.native.exchange_fields import NOTHING, UNREADABLE
 
 DATAGRAM_BYTES: Final = 4096  # more than any board sends
 CYCLE_TIMEOUT_MS: Final = 2

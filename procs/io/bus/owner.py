@@ -12,8 +12,8 @@ import struct
 from pathlib import Path
 from typing import Final
 
-from procs.io.bus.port import PortError
-from procs.io.bus.ports import owned
+from trocar.procs.io.bus.port import PortError
+from trocar.procs.io.bus.ports import owned
 
 _CREDENTIALS: Final = struct.Struct("3i")  # pid, user, group
 ASK_S: Final = 0.5

@@ -9,9 +9,9 @@ from typing import Final, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.fpga.blocks import Columns
-from procs.kernel.bound import BoundStruct
-from procs.setup_error import SetupError
+from trocar.procs.fpga.blocks import Columns
+from trocar.procs.native.bound import BoundStruct
+from trocar.procs.node.setup_error import SetupError
 
 Quads: TypeAlias = NDArray[np.uint32]
 
@@ -151,7 +151,7 @@ class Port(Protocol):
         """From now on `answer` does this with a sample, where it can."""
 
     def answer(self, good_ns: int, wake_ns: int, over_ns: int, gap_ns: float) -> int:
-        """`read_all`, then io's stages and `write_all`: how far that got, see procs/kernel/progress.py.
+        """`read_all`, then io's stages and `write_all`: how far that got, see procs/native/progress.py.
 
         `good_ns`: when the sample before arrived; `gap_ns`: what lay between samples so far. Nothing is done with a
         sample from `wake_ns` on, and nothing sent from `over_ns` on, which is of CLOCK_BOOTTIME.

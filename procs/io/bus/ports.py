@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from procs.fpga.ports import ETHERNET, UDP, PortName, PortNameError
-from procs.io.bus.bus_port import BusPort
-from procs.io.bus.ethernet import EthernetTransport, interface_of
-from procs.io.bus.firewire import FirewireTransport
-from procs.io.bus.port import BROADCAST_QUERY, PortError
-from procs.io.bus.transport import Transport
-from procs.io.bus.udp import UdpTransport
+from trocar.procs.fpga.ports import ETHERNET, UDP, PortName, PortNameError
+from trocar.procs.io.bus.bus_port import BusPort
+from trocar.procs.io.bus.ethernet import EthernetTransport, interface_of
+from trocar.procs.io.bus.firewire import FirewireTransport
+from trocar.procs.io.bus.port import BROADCAST_QUERY, PortError
+from trocar.procs.io.bus.transport import Transport
+from trocar.procs.io.bus.udp import UdpTransport
 
 
 def named(name: str) -> PortName:

@@ -11,11 +11,11 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from procs.fpga import blocks, registers, wire
-from procs.io.bus.discovery import Rescan
-from procs.io.bus.link import TIMED_OUT, Link
-from procs.io.bus.port import Quads
-from procs.io.bus.rows import (
+from trocar.procs.fpga import blocks, registers, wire
+from trocar.procs.io.bus.discovery import Rescan
+from trocar.procs.io.bus.link import TIMED_OUT, Link
+from trocar.procs.io.bus.port import Quads
+from trocar.procs.io.bus.rows import (
     BIG_QUAD,
     BOARD_MASK,
     DATA_AT,
@@ -27,8 +27,8 @@ from procs.io.bus.rows import (
     statuses,
     swapped,
 )
-from procs.kernel.bus_fields import WRITE
-from procs.kernel.library import chosen
+from trocar.procs.native.bus_fields import WRITE
+from trocar.procs.native.library import chosen
 
 QUERY_WAIT_NS, BOARD_WAIT_NS = 10_000, 5_000  # after a query, and for each board to reach the hub's memory
 MAX_WAIT_NS: Final = 400_000  # that we wait by ourselves

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import struct
 
-from procs.fpga import blocks, registers, wire
-from procs.io.bus.link import TIMED_OUT, Link
-from procs.io.bus.rows import DATA_AT, HubBlocks, Rows
+from trocar.procs.fpga import blocks, registers, wire
+from trocar.procs.io.bus.link import TIMED_OUT, Link
+from trocar.procs.io.bus.rows import DATA_AT, HubBlocks, Rows
 
 _QUAD = struct.Struct(">I")
 

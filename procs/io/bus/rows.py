@@ -10,11 +10,11 @@ from typing import Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.fpga import blocks, registers, wire
-from procs.io.bus.link import DROPPED, TIMED_OUT, Link
-from procs.io.bus.port import Quads
-from procs.kernel.bus_fields import HUB
-from procs.kernel.library import chosen
+from trocar.procs.fpga import blocks, registers, wire
+from trocar.procs.io.bus.link import DROPPED, TIMED_OUT, Link
+from trocar.procs.io.bus.port import Quads
+from trocar.procs.native.bus_fields import HUB
+from trocar.procs.native.library import chosen
 
 BOARD_MASK: Final = 0xFF00_0000  # of a status quadlet: number of axes and board id
 BIG_QUAD: Final = np.dtype(">u4")

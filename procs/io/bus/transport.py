@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final, Protocol
 
-from procs.fpga import wire
-from procs.io.bus.port import PortError
+from trocar.procs.fpga import wire
+from trocar.procs.io.bus.port import PortError
 
 RECEIVE_BUFFER_BYTES: Final = 1 << 20  # asked for; the kernel doubles it
 MIN_QUEUED_BYTES: Final = 512  # what it counts for any datagram, at least

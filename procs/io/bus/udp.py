@@ -11,9 +11,9 @@ import socket
 from collections.abc import Callable
 from typing import Final
 
-from procs.fpga import registers, wire
-from procs.io.bus.port import PortError
-from procs.io.bus.transport import RECEIVE_BUFFER_BYTES, closed
+from trocar.procs.fpga import registers, wire
+from trocar.procs.io.bus.port import PortError
+from trocar.procs.io.bus.transport import RECEIVE_BUFFER_BYTES, closed
 
 FRAME_DATA_BYTES: Final = 1440  # of a block transfer in one Ethernet frame
 ADDRESS_PAUSE_MS: Final = 200  # a board that got its address announces it before it answers again

@@ -8,14 +8,14 @@ from typing import Final, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.arm_types import ARM_TYPES, found
-from procs.document.system import Chain, Tool
-from procs.kinematics.forward import Kinematics
-from procs.kinematics.inverse.endoscope import EndoscopeInverse
-from procs.kinematics.inverse.master import Master
-from procs.kinematics.inverse.snake import Snake
-from procs.kinematics.inverse.solver import InverseSolver
-from procs.kinematics.inverse.wrist import Wrist
+from trocar.procs.document.system import Chain, Tool
+from trocar.procs.kinematics.forward import Kinematics
+from trocar.procs.kinematics.inverse.endoscope import EndoscopeInverse
+from trocar.procs.kinematics.inverse.master import Master
+from trocar.procs.kinematics.inverse.snake import Snake
+from trocar.procs.kinematics.inverse.solver import InverseSolver
+from trocar.procs.kinematics.inverse.wrist import Wrist
+from trocar.procs.tables.arm_types import ARM_TYPES, found
 
 Array = NDArray[np.float64]
 

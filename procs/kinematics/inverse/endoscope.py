@@ -9,13 +9,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.document.system import Chain
-from procs.kinematics.forward import Kinematics
-from procs.kinematics.frames import Frame, product
-from procs.kinematics.inverse.shaft import TINY, Shaft, both_ways, frame_of
-from procs.kinematics.inverse.solver import InverseSolver
-from procs.kinematics.inverse.turns import Triple, added, cross, inner, scaled, turn_of
-from procs.kinematics.poses import inverse
+from trocar.procs.document.system import Chain
+from trocar.procs.kinematics.forward import Kinematics
+from trocar.procs.kinematics.frames import Frame, product
+from trocar.procs.kinematics.inverse.shaft import TINY, Shaft, both_ways, frame_of
+from trocar.procs.kinematics.inverse.solver import InverseSolver
+from trocar.procs.kinematics.inverse.turns import Triple, added, cross, inner, scaled, turn_of
+from trocar.procs.kinematics.poses import inverse
 
 Array = NDArray[np.float64]
 

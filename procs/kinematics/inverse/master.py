@@ -10,12 +10,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.document.system import Chain
-from procs.kinematics import frames
-from procs.kinematics.denavit import split_row
-from procs.kinematics.inverse.shaft import frame_of
-from procs.kinematics.inverse.turns import Turn, back, product, turn_of, turned
-from procs.kinematics.poses import inverse
+from trocar.procs.document.system import Chain
+from trocar.procs.kinematics import frames
+from trocar.procs.kinematics.denavit import split_row
+from trocar.procs.kinematics.inverse.shaft import frame_of
+from trocar.procs.kinematics.inverse.turns import Turn, back, product, turn_of, turned
+from trocar.procs.kinematics.poses import inverse
 
 Array = NDArray[np.float64]
 

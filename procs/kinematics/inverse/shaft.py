@@ -12,12 +12,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.document.system import Chain, DhLink
-from procs.kinematics import frames
-from procs.kinematics.denavit import split_row
-from procs.kinematics.frames import Frame
-from procs.kinematics.inverse.turns import Triple, Turn, product, turn_of, turned
-from procs.kinematics.poses import inverse
+from trocar.procs.document.system import Chain, DhLink
+from trocar.procs.kinematics import frames
+from trocar.procs.kinematics.denavit import split_row
+from trocar.procs.kinematics.frames import Frame
+from trocar.procs.kinematics.inverse.turns import Triple, Turn, product, turn_of, turned
+from trocar.procs.kinematics.poses import inverse
 
 Array = NDArray[np.float64]
 

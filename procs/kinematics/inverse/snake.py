@@ -9,10 +9,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.document.system import Chain, Tool
-from procs.kinematics.frames import Frame
-from procs.kinematics.inverse.shaft import ROOM, TINY, Shaft, frame_of
-from procs.kinematics.inverse.turns import (
+from trocar.procs.document.system import Chain, Tool
+from trocar.procs.kinematics.frames import Frame
+from trocar.procs.kinematics.inverse.shaft import ROOM, TINY, Shaft, frame_of
+from trocar.procs.kinematics.inverse.turns import (
     Triple,
     Turn,
     about_x,
@@ -27,7 +27,7 @@ from procs.kinematics.inverse.turns import (
     turn_of,
     turned,
 )
-from procs.kinematics.poses import renormalised
+from trocar.procs.kinematics.poses import renormalised
 
 Array = NDArray[np.float64]
 

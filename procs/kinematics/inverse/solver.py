@@ -14,11 +14,11 @@ from typing import Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from procs.kernel.arm_fields import INVERSE
-from procs.kernel.library import bind
-from procs.kinematics.forward import Kinematics
-from procs.kinematics.frames import Rows, body_jacobian, dot, finite, shortest, solve, times, twist_between
-from procs.kinematics.inverse.shaft import TINY
+from trocar.procs.kinematics.forward import Kinematics
+from trocar.procs.kinematics.frames import Rows, body_jacobian, dot, finite, shortest, solve, times, twist_between
+from trocar.procs.kinematics.inverse.shaft import TINY
+from trocar.procs.native.arm_fields import INVERSE
+from trocar.procs.native.library import bind
 
 Array = NDArray[np.float64]
 

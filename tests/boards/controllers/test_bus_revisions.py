@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procs.boards.controllers.bus import GROUP, EmulatedBus
-from procs.document.system import Controller
-from procs.fpga import blocks, wire
-from procs.fpga import registers as reg
+from trocar.procs.boards.controllers.bus import GROUP, EmulatedBus
+from trocar.procs.document.system import Controller
+from trocar.procs.fpga import blocks, wire
+from trocar.procs.fpga import registers as reg
 
 MS = 49152
 STAY = wire.NO_FORWARD

@@ -7,10 +7,10 @@ import time
 import numpy as np
 import pytest
 
-from procs.boards.controllers.bus import EmulatedBus
-from procs.document.system import Controller, Quirks
-from procs.fpga import registers as reg
-from procs.fpga import wire
+from trocar.procs.boards.controllers.bus import EmulatedBus
+from trocar.procs.document.system import Controller, Quirks
+from trocar.procs.fpga import registers as reg
+from trocar.procs.fpga import wire
 
 US = 49.152
 MS = 49152

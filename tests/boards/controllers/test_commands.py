@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from procs.fpga import registers as reg
-from procs.fpga import wire
 from tests.boards.harness import ENABLE, MASK, MS, ON, VALID, Desk, board
+from trocar.procs.fpga import registers as reg
+from trocar.procs.fpga import wire
 
 ID_7 = 3 << reg.DAC_BOARD_SHIFT
 

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from procs.boards.controllers.encoder import Encoders, Floats
-from procs.fpga import registers as reg
+from trocar.procs.boards.controllers.encoder import Encoders, Floats
+from trocar.procs.fpga import registers as reg
 
 STEP = 49152  # ticks of a millisecond
 PER_TICK = 1.0 / reg.CLOCK_HZ

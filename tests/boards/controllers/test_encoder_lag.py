@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procs.boards.controllers.encoder import Encoders, Floats
-from procs.document.system import Quirks
-from procs.fpga import registers as reg
 from tests.examples import examples
+from trocar.procs.boards.controllers.encoder import Encoders, Floats
+from trocar.procs.document.system import Quirks
+from trocar.procs.fpga import registers as reg
 
 STEP = 49152  # ticks of a millisecond
 FAITHFUL = Quirks()

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procs.boards.controllers.bus import EmulatedBus
-from procs.document.system import Controller
-from procs.fpga import registers as reg
-from procs.fpga import wire
+from trocar.procs.boards.controllers.bus import EmulatedBus
+from trocar.procs.document.system import Controller
+from trocar.procs.fpga import registers as reg
+from trocar.procs.fpga import wire
 
 MS = 49152
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from procs.boards.devices.collection import COLLECTING, MEASURED
-from procs.fpga import registers as reg
 from tests.boards.harness import COLLECT, MASK, MS, VALID, Desk, board
+from trocar.procs.boards.devices.collection import COLLECTING, MEASURED
+from trocar.procs.fpga import registers as reg
 
 ALL = (7, 8, 9)
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procs.boards.controllers import bus as wired
-from procs.boards.controllers import power
-from procs.boards.controllers.models import models_of
-from procs.document.system import Controller
-from procs.fpga import registers as reg
-from procs.fpga import wire
+from trocar.procs.boards.controllers import bus as wired
+from trocar.procs.boards.controllers import power
+from trocar.procs.boards.controllers.models import models_of
+from trocar.procs.document.system import Controller
+from trocar.procs.fpga import registers as reg
+from trocar.procs.fpga import wire
 
 MS = 49152
 ENABLE_1 = 0x3000_0000  # motor command word: mask and enable, not valid

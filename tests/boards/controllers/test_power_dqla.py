@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from procs.boards.controllers import power
-from procs.fpga import registers as reg
 from tests.boards.harness import COLLECT, MASK, MS, ON, VALID, Desk, board
+from trocar.procs.boards.controllers import power
+from trocar.procs.fpga import registers as reg
 
 PLAIN = 0x8300_3F00  # 8 axes, board 3; its own expanders, outputs known and bidirectional
 POWERED = 0x000C_C000  # both supplies good, their sum, and wanted

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procs.boards.controllers import digital, power
-from procs.boards.controllers.espm import SUPPLY_BITS
-from procs.boards.devices.dallas import instrument_memory
-from procs.document.system import Quirks
-from procs.fpga import registers as reg
 from tests.boards.harness import COLLECT, MASK, MS, ON, VALID, Desk, board
+from trocar.procs.boards.controllers import digital, power
+from trocar.procs.boards.controllers.espm import SUPPLY_BITS
+from trocar.procs.boards.devices.dallas import instrument_memory
+from trocar.procs.document.system import Quirks
+from trocar.procs.fpga import registers as reg
 
 BASE = 0xA300_0007  # 10 axes, board 3, ESPM there in all respects, encoders not preloaded
 PRELOADED = 8

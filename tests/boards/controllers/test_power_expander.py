@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from procs.boards.controllers import power
-from procs.boards.controllers.motors import COMPARATOR_VOLTS, SUPPLY_VOLTS, WINDING_OHMS
-from procs.fpga import registers as reg
 from tests.boards.harness import MASK, MS, ON, VALID, Desk, board
+from trocar.procs.boards.controllers import power
+from trocar.procs.boards.controllers.motors import COMPARATOR_VOLTS, SUPPLY_VOLTS, WINDING_OHMS
+from trocar.procs.fpga import registers as reg
 
 VOLTAGE = 1 << 24
 CONFIG = reg.axis_register(0, reg.MOTOR_CONFIG)

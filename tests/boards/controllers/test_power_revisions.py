@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from procs.boards.controllers import power
-from procs.document.system import Quirks
-from procs.fpga import registers as reg
 from tests.boards.harness import ENABLE, MASK, MS, ON, VALID, Desk, board
+from trocar.procs.boards.controllers import power
+from trocar.procs.document.system import Quirks
+from trocar.procs.fpga import registers as reg
 
 ALL = (7, 8, 9)
 POWER_AND_AMPS = reg.CONTROL_POWER_ON | reg.CONTROL_AMPS_ON

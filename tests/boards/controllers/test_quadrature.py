@@ -11,11 +11,11 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from procs.boards.controllers.encoder import Encoders, Floats
-from procs.boards.controllers.quadrature import DELAY, Quadrature
-from procs.document.system import Quirks
-from procs.fpga import registers as reg
 from tests.examples import examples
+from trocar.procs.boards.controllers.encoder import Encoders, Floats
+from trocar.procs.boards.controllers.quadrature import DELAY, Quadrature
+from trocar.procs.document.system import Quirks
+from trocar.procs.fpga import registers as reg
 
 Words = tuple[int, ...]
 Lines = tuple[int, int]

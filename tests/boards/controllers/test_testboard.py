@@ -11,13 +11,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procs.boards.controllers.quadrature import DELAY
-from procs.boards.controllers.testboard import Loopback
-from procs.boards.devices.outputs import PLAY, BoardOutputs
-from procs.boards.devices.waveform import VALID
-from procs.document.system import Quirks
-from procs.fpga import registers as reg
 from tests.examples import examples
+from trocar.procs.boards.controllers.quadrature import DELAY
+from trocar.procs.boards.controllers.testboard import Loopback
+from trocar.procs.boards.devices.outputs import PLAY, BoardOutputs
+from trocar.procs.boards.devices.waveform import VALID
+from trocar.procs.document.system import Quirks
+from trocar.procs.fpga import registers as reg
 
 A, B, INDEX, SWITCHES = 1, 2, 4, 8  # pins of outputs 1 to 4
 ZERO = reg.ENCODER_ZERO

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from procs.boards.devices import flash
-from procs.boards.devices.prom import FpgaProm, QlaProm
+from trocar.procs.boards.devices import flash
+from trocar.procs.boards.devices.prom import FpgaProm, QlaProm
 
 MS = 49152  # ticks
 

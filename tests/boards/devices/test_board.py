@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procs.boards.controllers.models import Model
-from procs.boards.devices.board import Board
-from procs.boards.devices.dallas import instrument_memory
-from procs.boards.devices.outputs import PLAY
-from procs.document.system import Controller
-from procs.fpga import registers as reg
 from tests.examples import examples
+from trocar.procs.boards.controllers.models import Model
+from trocar.procs.boards.devices.board import Board
+from trocar.procs.boards.devices.dallas import instrument_memory
+from trocar.procs.boards.devices.outputs import PLAY
+from trocar.procs.document.system import Controller
+from trocar.procs.fpga import registers as reg
 
 MS = 49152
 

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procs.boards.devices.collection import COLLECTING, LATE, MEASURED, Collection
-from procs.fpga import registers as reg
 from tests.examples import examples
+from trocar.procs.boards.devices.collection import COLLECTING, LATE, MEASURED, Collection
+from trocar.procs.fpga import registers as reg
 
 MS = 49152
 ON = reg.DAC_VALID | reg.DAC_COLLECT

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procs.boards.devices.dallas import BIDIRECTIONAL, BUSY, PROBING, Dallas, instrument_memory
-from procs.fpga.instrument import MEMORY_BYTES
 from tests.examples import examples
+from trocar.procs.boards.devices.dallas import BIDIRECTIONAL, BUSY, PROBING, Dallas, instrument_memory
+from trocar.procs.fpga.instrument import MEMORY_BYTES
 
 MS = 49152
 RESET_OK, RESET_NO_ANSWER = 1, 3  # as the tools know them

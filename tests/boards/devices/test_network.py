@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from procs.boards.devices import network
-from procs.boards.devices.network import Network
-from procs.boards.devices.phy import MDIO_TICKS
-from procs.fpga import registers as reg
+from trocar.procs.boards.devices import network
+from trocar.procs.boards.devices.network import Network
+from trocar.procs.boards.devices.phy import MDIO_TICKS
+from trocar.procs.fpga import registers as reg
 
 MS = 49152
 

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procs.boards.devices.outputs import PLAY, BoardOutputs
-from procs.boards.devices.waveform import NEVER, VALID
 from tests.examples import examples
+from trocar.procs.boards.devices.outputs import PLAY, BoardOutputs
+from trocar.procs.boards.devices.waveform import NEVER, VALID
 
 MS = 49152
 

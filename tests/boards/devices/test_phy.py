@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procs.boards.devices.phy import MDIO_TICKS, FirewirePhy, Ksz8851, Rtl8211
+from trocar.procs.boards.devices.phy import MDIO_TICKS, FirewirePhy, Ksz8851, Rtl8211
 
 
 def ask(phy: FirewirePhy, number: int) -> int:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from procs.boards.devices import flash
-from procs.boards.devices.prom import FRAME_TICKS, FpgaProm, QlaProm
 from tests.boards.devices.prom_host import MS, PromHost
+from trocar.procs.boards.devices import flash
+from trocar.procs.boards.devices.prom import FRAME_TICKS, FpgaProm, QlaProm
 
 SERIAL = 0x031F_FF00
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from procs.boards.devices.prom import SERIAL_COMMAND, SerialOnly
+from trocar.procs.boards.devices.prom import SERIAL_COMMAND, SerialOnly
 
 
 def page(prom: SerialOnly, count: int = 5) -> bytes:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from procs.boards.devices.outputs import PLAY, BoardOutputs
-from procs.boards.devices.waveform import NEVER, VALID
+from trocar.procs.boards.devices.outputs import PLAY, BoardOutputs
+from trocar.procs.boards.devices.waveform import NEVER, VALID
 
 
 def entry(ticks: int, levels: int) -> int:

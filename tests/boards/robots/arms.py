@@ -6,8 +6,9 @@ import dataclasses
 
 import numpy as np
 
-from procs.boards.robots.plant import Plant
-from procs.document.system import (
+from tests import stock
+from trocar.procs.boards.robots.plant import Plant
+from trocar.procs.document.system import (
     Actuator,
     ArmConfig,
     EmulationConfig,
@@ -18,7 +19,6 @@ from procs.document.system import (
     Robot,
     SystemConfig,
 )
-from tests import stock
 
 PERIOD = 1e-3
 LND = "LARGE_NEEDLE_DRIVER_400006"

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procs.boards.robots.friction import STIFFNESS, Friction
 from tests.examples import examples
+from trocar.procs.boards.robots.friction import STIFFNESS, Friction
 
 PERIOD = 1e-3
 ARMATURE = np.array((0.1, 4e-4, 2.0))

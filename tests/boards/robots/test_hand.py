@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from procs.boards.robots.hand import Grip, Hands, wrench
-from procs.boards.robots.plant import Plant
-from procs.kinematics import poses
 from tests.boards.robots.arms import arm, robot, system
+from trocar.procs.boards.robots.hand import Grip, Hands, wrench
+from trocar.procs.boards.robots.plant import Plant
+from trocar.procs.kinematics import poses
 
 Floats = npt.NDArray[np.float64]
 STEP_S = 1e-3

@@ -9,13 +9,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from procs.arm_types import ARM_TYPES
-from procs.boards.robots.inertia import DISC
-from procs.boards.robots.plant import Plant
-from procs.kinematics.coupling import coupling
-from procs.kinematics.forward import Kinematics
 from tests import stock
 from tests.boards.robots.arms import LND, PERIOD, arm, psm, robot, system
+from trocar.procs.boards.robots.inertia import DISC
+from trocar.procs.boards.robots.plant import Plant
+from trocar.procs.kinematics.coupling import coupling
+from trocar.procs.kinematics.forward import Kinematics
+from trocar.procs.tables.arm_types import ARM_TYPES
 
 PSM_KP = np.array((120.0, 120.0, 6000.0, 6.0, 6.0, 6.0, 6.0))
 PSM_KD = np.array((6.0, 5.0, 200.0, 0.09, 0.09, 0.09, 0.09))

@@ -7,12 +7,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from procs.boards.robots.plant import Plant
-from procs.kinematics.coupling import coupling
-from procs.kinematics.endoscopes import NAMES, endoscope
-from procs.kinematics.forward import Kinematics
 from tests import stock
 from tests.boards.robots.arms import arm, psm, robot, si, system
+from trocar.procs.boards.robots.plant import Plant
+from trocar.procs.kinematics.coupling import coupling
+from trocar.procs.kinematics.endoscopes import NAMES, endoscope
+from trocar.procs.kinematics.forward import Kinematics
 
 AGREED = 1e-9  # m, and of rotation matrices
 DRAWS = 12

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.boards.robots.plant import Plant
-from procs.document.system import Chain, DhLink, ModelVariation
-from procs.kinematics.coupling import coupling
 from tests import stock
 from tests.boards.robots.arms import LND, LND_SI, SNAKE, arm, holding, psm, robot, run, si, system
+from trocar.procs.boards.robots.plant import Plant
+from trocar.procs.document.system import Chain, DhLink, ModelVariation
+from trocar.procs.kinematics.coupling import coupling
 
 Data = Callable[[str], Path]
 

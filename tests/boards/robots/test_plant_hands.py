@@ -7,13 +7,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from procs.boards.robots.inertia import GRIPPER_INITIAL
-from procs.boards.robots.plant import Plant
-from procs.document.system import ModelVariation
-from procs.kinematics.coupling import coupling
-from procs.kinematics.forward import Kinematics
 from tests import stock
 from tests.boards.robots.arms import LND, LND_SI, PERIOD, SNAKE, arm, psm, robot, run, si, system
+from trocar.procs.boards.robots.inertia import GRIPPER_INITIAL
+from trocar.procs.boards.robots.plant import Plant
+from trocar.procs.document.system import ModelVariation
+from trocar.procs.kinematics.coupling import coupling
+from trocar.procs.kinematics.forward import Kinematics
 
 FIRST_THREE = np.array((True, True, True, False, False, False, False))
 FREE = ModelVariation("PSM1", friction=0.0)

@@ -8,14 +8,14 @@ import mujoco
 import numpy as np
 import pytest
 
-from procs.boards.robots.inertia import WRIST_FRICTION
-from procs.boards.robots.mechanics import MARGIN, MARGIN_SLIDE
-from procs.boards.robots.plant import Plant
-from procs.document.system import Chain, ModelVariation, Tool
-from procs.kinematics.coupling import coupling
-from procs.kinematics.forward import Kinematics
 from tests import stock
 from tests.boards.robots.arms import LND, LND_SI, PERIOD, SNAKE, arm, holding, psm, robot, run, si, system
+from trocar.procs.boards.robots.inertia import WRIST_FRICTION
+from trocar.procs.boards.robots.mechanics import MARGIN, MARGIN_SLIDE
+from trocar.procs.boards.robots.plant import Plant
+from trocar.procs.document.system import Chain, ModelVariation, Tool
+from trocar.procs.kinematics.coupling import coupling
+from trocar.procs.kinematics.forward import Kinematics
 
 PSM_EFFORT = np.array((17.0, 17.0, 40.0, 0.34, 0.34, 0.34, 0.34))
 PSM_GAINS = (np.array((600.0, 600.0, 6000.0, *(6.0,) * 4)), np.array((30.0, 30.0, 200.0, *(0.08,) * 4)))

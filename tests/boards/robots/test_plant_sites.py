@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procs.boards.robots.plant import Plant
-from procs.config import load_system
-from procs.document.system import Actuator
 from tests import stock
+from trocar.procs.boards.robots.plant import Plant
+from trocar.procs.config import load_system
+from trocar.procs.document.system import Actuator
 
 SYSTEMS = ("jhu-dVRK/system-MTML-MTMR", "jhu-dVRK/system-MTML-PSM1-Teleop", "jhu-daVinci/system-ECM",
            "jhu-daVinci/system-SUJ", "jhu-daVinci-Si/system-ECM", "jhu-daVinci-Si/system-PSM1")

@@ -7,11 +7,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from procs.boards.robots.plant import Plant
-from procs.document.system import ModelVariation
-from procs.kinematics.coupling import coupling
 from tests import stock
 from tests.boards.robots.arms import LND, LND_SI, PERIOD, arm, holding, psm, robot, run, si, system
+from trocar.procs.boards.robots.plant import Plant
+from trocar.procs.document.system import ModelVariation
+from trocar.procs.kinematics.coupling import coupling
 
 GAP = (0.004, 0.006, 0.001, 0.02, 0.02, 0.03, 0.03)
 PUSH = np.array((0.5, -0.4, 2.0, 0.02, 0.01, -0.02, 0.02))

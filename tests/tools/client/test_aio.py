@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
-from shm.client import Reply
-from tools.client.aio import Aio
-from tools.client.moves import Waits, move
-from tools.errors import Refused
+from trocar.shm.mailbox.client import Reply
+from trocar.tools.client.aio import Aio
+from trocar.tools.client.moves import Waits, move
+from trocar.tools.output.errors import Refused
 
 
 class SlowArm:

@@ -8,10 +8,10 @@ import pytest
 
 from tests.conftest import World
 from tests.tools.robot import robot
-from tools.client.callbacks import Callbacks
-from tools.client.moves import Waits
-from tools.client.reported import SharedEvents
-from tools.errors import Problem
+from trocar.tools.client.callbacks import Callbacks
+from trocar.tools.client.moves import Waits
+from trocar.tools.client.reported import SharedEvents
+from trocar.tools.output.errors import Problem
 
 
 def test_they_run_when_the_script_looks_and_not_before(world: World) -> None:

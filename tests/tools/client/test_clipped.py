@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from shm.client import Reply
-from tools.client.moves import Waits, move
-from tools.errors import Clipped, Short
+from trocar.shm.mailbox.client import Reply
+from trocar.tools.client.moves import Waits, move
+from trocar.tools.output.errors import Clipped, Short
 
 
 class FakeRemote:
@@ -45,7 +45,7 @@ def test_a_move_within_its_limits_warns_of_nothing() -> None:
 
 
 @pytest.mark.parametrize("clipped", ["", "clipped: insertion 5.000 → 0.240 m"])
-@pytest.mark.filterwarnings("ignore::tools.errors.Clipped")
+@pytest.mark.filterwarnings("ignore::trocar.tools.output.errors.Clipped")
 def test_a_move_that_does_not_arrive_is_over_and_says_so_on_the_handle_and_once(clipped: str) -> None:
     remote: Any = FakeRemote(clipped, f"{clipped}; 17.2° short (pitch)".removeprefix("; "))
     handle = move(Waits(), remote, "move_jp", (0.0, 0.3, 5.0))

@@ -10,9 +10,9 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from tools.client.connection import BridgeConnection
-from tools.client.distant import DistantEvents, DistantRecord, DistantRemote
-from tools.errors import Disconnected, Problem, Refused
+from trocar.tools.client.connection import BridgeConnection
+from trocar.tools.client.distant import DistantEvents, DistantRecord, DistantRemote
+from trocar.tools.output.errors import Disconnected, Problem, Refused
 
 Says = Callable[[dict[str, object]], bytes]
 HELLO = {"op": "answer", "system": "s", "clock": "wall", "instances": {"PSM1": "PSM"}}

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tools.client.kinds import Gripper
+from trocar.tools.client.kinds import Gripper
 
 
 def gripper(angle: float, *, reported: bool) -> Gripper:

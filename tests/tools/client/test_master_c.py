@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 import trocar
-from shm.clock import monotonic_ns
 from tests.conftest import World
 from tests.tools.client.test_provider import Place
 from tests.tools.client.test_provider import made as made  # a fixture
 from tests.tools.peeking import STRICT
+from trocar.shm.time.clock import monotonic_ns
 
 pytestmark = [pytest.mark.slow, pytest.mark.alone]
 SOURCE = Path(__file__).resolve().parents[3] / "tools" / "master.c"

@@ -13,21 +13,21 @@ import numpy as np
 import pytest
 
 import trocar
-from procs import user_process
-from procs.config import PROJECT_CONFIGS, load_system
-from procs.document.user_process import UserCommand, UserField, UserProcess
-from procs.pauses import Pauses
-from procs.supervisor.memory import clear_left_over, create_all, remove_all
-from shm import directory
-from shm.client import Client, Reply
-from shm.clock import monotonic_ns
-from shm.control_page import ControlPage
-from shm.origins import ACTING, NOBODY
-from shm.ring import RingReader
 from tests.conftest import World
-from tools.errors import Problem, Refused
-from tools.inspect.processes import statuses
-from tools.inspect.standing import Standing, cells, standings
+from trocar.procs.config import PROJECT_CONFIGS, load_system
+from trocar.procs.document.user_process import UserCommand, UserField, UserProcess
+from trocar.procs.node.pauses import Pauses
+from trocar.procs.supervisor.memory import clear_left_over, create_all, remove_all
+from trocar.procs.user import process as user_process
+from trocar.shm.mailbox.client import Client, Reply
+from trocar.shm.mailbox.origins import ACTING, NOBODY
+from trocar.shm.ring.ring import RingReader
+from trocar.shm.system import directory
+from trocar.shm.time.clock import monotonic_ns
+from trocar.shm.time.control_page import ControlPage
+from trocar.tools.inspect.processes import statuses
+from trocar.tools.inspect.standing import Standing, cells, standings
+from trocar.tools.output.errors import Problem, Refused
 
 FOR_NS = 60_000_000_000  # so long a supervisor is there that beats once
 QUARTER = ((0.0, -1.0, 0.0, 0.1), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.0))

@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from procs.boards.board_faults import BoardFaults
-from procs.config import PROJECT_CONFIGS, load_system
 from tests.io.boards_harness import BoardsHarness
 from tests.io.harness import FakeCommand
-from tools.commission.bench import CommandOutcome
-from tools.commission.person_sim import PersonSim
-from tools.commission.subject import Subject, subjects_of
-from tools.commission.window import FIELDS, Window
+from trocar.procs.boards.board_faults import BoardFaults
+from trocar.procs.config import PROJECT_CONFIGS, load_system
+from trocar.tools.commission.bench import CommandOutcome
+from trocar.tools.commission.person_sim import PersonSim
+from trocar.tools.commission.subject import Subject, subjects_of
+from trocar.tools.commission.window import FIELDS, Window
 
 
 class Hands(PersonSim):

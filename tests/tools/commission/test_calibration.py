@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procs.config import PROJECT_CONFIGS, check_file
-from procs.config.read.source import read_source
 from tests.tools.commission.harness import RigBench
-from tools.commission import calibrate, io_file
-from tools.converters import to_json
-from tools.errors import Problem
+from trocar.procs.config import PROJECT_CONFIGS, check_file
+from trocar.procs.config.read.source import read_source
+from trocar.tools.commission import calibrate, io_file
+from trocar.tools.converters import to_json
+from trocar.tools.output.errors import Problem
 
 IO_FILE = PROJECT_CONFIGS / "io" / "PSM1-demo.yaml"
 

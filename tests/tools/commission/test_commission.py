@@ -12,13 +12,13 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from procs.config import PROJECT_CONFIGS
-from shm.segment import Identity
-from tools.cli import build
-from tools.commission import verb
-from tools.commission.finding import Finding, Outcome
-from tools.commission.stages import NAMES, CommissionStage
-from tools.errors import Problem
+from trocar.procs.config import PROJECT_CONFIGS
+from trocar.shm.memory.segment import Identity
+from trocar.tools.cli import build
+from trocar.tools.commission import verb
+from trocar.tools.commission.finding import Finding, Outcome
+from trocar.tools.commission.stages import NAMES, CommissionStage
+from trocar.tools.output.errors import Problem
 
 WITH_CHILD = """
 import subprocess, sys

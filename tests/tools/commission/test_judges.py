@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from tests.tools.commission.harness import RigBench
-from tools.bus_client import FoundBoard
-from tools.commission import axis, home, move, power, read, scan, stop
-from tools.commission.bench import CommandOutcome
-from tools.commission.subject import Subject
-from tools.commission.window import Window
+from trocar.tools.commission import axis, home, move, power, read, scan, stop
+from trocar.tools.commission.bench import CommandOutcome
+from trocar.tools.commission.subject import Subject
+from trocar.tools.commission.window import Window
+from trocar.tools.inspect.bus_client import FoundBoard
 
 
 @pytest.fixture(scope="module")

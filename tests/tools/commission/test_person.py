@@ -8,8 +8,8 @@ import sys
 
 import pytest
 
-from tools.commission.person import AtTerminal, Declined, Stop
-from tools.errors import Misuse
+from trocar.tools.commission.person import AtTerminal, Declined, Stop
+from trocar.tools.output.errors import Misuse
 
 
 class Typed(io.StringIO):

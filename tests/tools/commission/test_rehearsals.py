@@ -9,9 +9,9 @@ import pytest
 
 from tests import stock
 from tests.tools.commission.harness import RigBench
-from tools.commission import axis, power, read
-from tools.commission.person import Declined
-from tools.commission.window import Window
+from trocar.tools.commission import axis, power, read
+from trocar.tools.commission.person import Declined
+from trocar.tools.commission.window import Window
 
 Break = Callable[[RigBench], object]
 

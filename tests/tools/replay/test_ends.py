@@ -13,26 +13,26 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procs.recordings import names
-from procs.recordings.facts import facts_of
-from procs.recordings.snapshot import take
-from shm import system_time
-from shm.client import MailboxFull
-from shm.clock import monotonic_ns, pause
-from shm.system_time import SystemTime
 from tests.system.robot import ROOT
 from tests.tools.robot import ScriptedRobot, robot
-from tools import following
-from tools.errors import Problem
-from tools.following import Follower, HeldUp, holding_at_end
-from tools.inspect import watch as watching
-from tools.inspect.watch import Watch
-from tools.remote import Remote
-from tools.replay import live
-from tools.replay.asking import RecordedMoves, send_again
-from tools.replay.commands import RecordedCommand
-from tools.replay.live import RecordedMotion
-from tools.verbs.stream import stream
+from trocar.procs.recordings import names
+from trocar.procs.recordings.facts import facts_of
+from trocar.procs.recordings.snapshot import take
+from trocar.shm.mailbox.client import MailboxFull
+from trocar.shm.time import system_time
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.shm.time.system_time import SystemTime
+from trocar.tools.client import following
+from trocar.tools.client.following import Follower, HeldUp, holding_at_end
+from trocar.tools.client.remote import Remote
+from trocar.tools.inspect import watch as watching
+from trocar.tools.inspect.watch import Watch
+from trocar.tools.output.errors import Problem
+from trocar.tools.replay import live
+from trocar.tools.replay.asking import RecordedMoves, send_again
+from trocar.tools.replay.commands import RecordedCommand
+from trocar.tools.replay.live import RecordedMotion
+from trocar.tools.verbs.stream import stream
 
 START, STEP_NS = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6]), 5_000_000
 MOVE_S = 1.0
@@ -161,7 +161,7 @@ def test_whatever_ends_it_the_arm_is_asked_to_hold(arm: PlayedArm, tmp_path: Pat
 def test_a_program_that_is_asked_to_end_while_an_arm_approaches_asks_it_to_hold(
         world: Any, tmp_path: Path, verb: str, number: signal.Signals) -> None:
     with robot(world.name) as made:
-        command = [sys.executable, "-m", "tools", *_words_of(verb, made, tmp_path), "--system", made.name]
+        command = [sys.executable, "-m", "trocar", *_words_of(verb, made, tmp_path), "--system", made.name]
         # whoever runs the tests may ignore SIGHUP (nohup), and then its programs do as well
         program = subprocess.Popen(command, cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)},
                                    stderr=subprocess.PIPE, text=True,

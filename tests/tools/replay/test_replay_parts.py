@@ -11,20 +11,20 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from procs.config import PROJECT_CONFIGS, load_system
-from procs.recordings.reading import RecordingReader, open_recording
-from shm.layout import schema_of
-from shm.segment import names_of
-from shm.topics import ARM_STATE, AUDIT
 from tests.recordings.made import written
-from tools.errors import Problem
-from tools.recorded.choosing import Stretch
-from tools.replay.asking import moves_of
-from tools.replay.commands import commands_of
-from tools.replay.configuration import startable
-from tools.replay.fresh import run_again
-from tools.replay.live import motion_of, motions_of, real_robots
-from tools.replay.shown import Showing
+from trocar.procs.config import PROJECT_CONFIGS, load_system
+from trocar.procs.recordings.reading import RecordingReader, open_recording
+from trocar.shm.memory.layout import schema_of
+from trocar.shm.memory.segment import names_of
+from trocar.shm.topics import ARM_STATE, AUDIT
+from trocar.tools.analysis.choosing import Stretch
+from trocar.tools.output.errors import Problem
+from trocar.tools.replay.asking import moves_of
+from trocar.tools.replay.commands import commands_of
+from trocar.tools.replay.configuration import startable
+from trocar.tools.replay.fresh import run_again
+from trocar.tools.replay.live import motion_of, motions_of, real_robots
+from trocar.tools.replay.shown import Showing
 
 ASKED, STATE = schema_of(AUDIT), schema_of(ARM_STATE)
 PID, PERIOD = 4711, 666_667

@@ -14,17 +14,17 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
-from procs import codes
-from procs.crtk.field_paths import parse_path
-from shm.clock import monotonic_ns
 from tests.tools.robot import ScriptedRobot, robot
-from tools import cli
-from tools.errors import Misuse, Problem
-from tools.scope import capture
-from tools.scope.capture import Capture, Capturing
-from tools.scope.grammar import parse_condition
-from tools.scope.output import as_json, lost, remarks, series_of
-from tools.scope.window import gaps_of
+from trocar.procs.crtk.field_paths import parse_path
+from trocar.procs.tables import codes
+from trocar.shm.time.clock import monotonic_ns
+from trocar.tools import cli
+from trocar.tools.output.errors import Misuse, Problem
+from trocar.tools.scope import capture
+from trocar.tools.scope.capture import Capture, Capturing
+from trocar.tools.scope.grammar import parse_condition
+from trocar.tools.scope.output import as_json, lost, remarks, series_of
+from trocar.tools.scope.window import gaps_of
 
 APP = cli.build()
 FIELD = "PSM1/measured_js.position[0]"

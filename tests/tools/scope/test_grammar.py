@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procs.crtk.field_paths import parse_path
-from tools.scope.grammar import (
+from trocar.procs.crtk.field_paths import parse_path
+from trocar.tools.scope.grammar import (
     BadCondition,
     Both,
     Comparison,

@@ -1,0 +1,57 @@
+"""`component_manager`: what the original software loads into its program. There is none here: it is left out."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from trocar.procs.config.loading.context import Context
+from trocar.procs.config.read.source import SourceFile
+
+KEY: Final = ("component_manager",)
+_THIRD_PARTY: Final = "docs/third-party-masters.md"
+# What the name of a component's class or library contains, in lower case, and what of ours does that job.
+_INSTEAD: Final = (
+    (("forcedimension", "sensable", "phantom", "novint", "falcon", "haply", "psmove"),
+     f"a program of yours in the place of an arm of type MTM_GENERIC ({_THIRD_PARTY})"),
+    (("from_ros",), f"a program of yours in the place of an arm of a _GENERIC type ({_THIRD_PARTY})"),
+    (("keyboard", "joystick", "3dconnexion", "footpedal", "gamepad"),
+     "emulate_clutch, emulate_camera and emulate_operator_present of a console, or a program with buttons "
+     f"({_THIRD_PARTY})"),
+    (("ros",), "the ROS bridge, `trocar: {ros: {}}` (docs/ros.md)"),
+    (("collector",), "`trocar echo TOPIC --json`"),
+    (("igtl", "socket", "udp"), "shared memory, readable from every language (docs/shared-memory.md)"),
+    (("teleop",), "TELEOP_PSM and TELEOP_ECM; one of your own is a script (docs/python.md)"),
+    (("researchkitpsm", "researchkitmtm", "researchkitecm", "controllerspid"), "our own arms and joint controllers; "
+     "code of yours between reading and writing attaches to io (docs/in-cycle.md)"),
+)
+_OTHERS: Final = f"a process of your own: a script (docs/python.md), or a program in an arm's place ({_THIRD_PARTY})"
+
+
+def warn_of_components(context: Context, source: SourceFile, manager: object) -> None:
+    """One warning that names every component of the file that is not started, and what does its job."""
+    if not manager:
+        return
+    jobs: dict[str, list[str]] = {}
+    for name, words in _components(manager):
+        jobs.setdefault(_instead_of(words), []).append(name)
+    names = [name for group in jobs.values() for name in group]
+    left_out = ", ".join(names) if names else "all it loads"
+    allowed = "; ".join(f"for {', '.join(group)}: {job}" for job, group in jobs.items()) or _OTHERS
+    context.warning(source, KEY, f"left out, everything else is started: {left_out}", allowed)
+
+
+def _instead_of(words: str) -> str:
+    return next((job for marks, job in _INSTEAD if any(mark in words for mark in marks)), _OTHERS)
+
+
+def _components(manager: object) -> list[tuple[str, str]]:
+    """Every component: what it is called, and all words that tell what it is. Whatever has no such form is skipped."""
+    listed = manager.get("components") if isinstance(manager, dict) else manager
+    found = []
+    for row in listed if isinstance(listed, list) else ():
+        if not isinstance(row, dict):
+            continue
+        kind, library = (next((str(row[key]) for key in keys if key in row), "")
+                         for keys in (("class-name", "class_name"), ("shared-library", "shared_library")))
+        found.append((kind or library or "a component without a class", f"{kind} {library}".lower()))
+    return list(dict.fromkeys(found))

@@ -1,0 +1,216 @@
+"""The controllers of one emulated bus: what its IO files use, changed and added to by `trocar.emulation`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from trocar.procs.config.loading.buses import BusFiles
+from trocar.procs.config.loading.context import Context, Opened
+from trocar.procs.config.loading.io_checks import AXES, board_ids, parts_of
+from trocar.procs.config.models.emulation_section import (
+    ControllerKeys,
+    EmulatedBusKeys,
+    EmulationOptions,
+    NetworkKeys,
+    QuirkKeys,
+)
+from trocar.procs.config.models.io_file import IoFile
+from trocar.procs.config.read.problem import Key
+from trocar.procs.config.read.source import SourceFile
+from trocar.procs.config.read.validate import Section
+from trocar.procs.document import system as document
+from trocar.procs.document.emulated import MADE_FOR
+from trocar.procs.fpga import blocks, registers
+
+Keys = TypeVar("Keys", bound=Section)
+
+EMULATION: Key = ("trocar", "emulation")
+BOARDS = 16
+USUAL, OF_ETHERNET = 8, 9  # the oldest firmware that all hardware has; the only one that needs no FireWire
+_UNKNOWN = "HARDWARE_UNDEFINED"
+
+
+@dataclass(frozen=True, slots=True)
+class BusPlace:
+    """One emulated bus, what is said of it, and where mistakes are reported."""
+
+    context: Context
+    source: SourceFile
+    name: str
+    keys: EmulatedBusKeys
+    options: EmulationOptions
+    files: tuple[Opened[IoFile], ...]  # empty where the system has no IOs
+
+    @property
+    def key(self) -> Key:
+        """Where the system file speaks of this bus."""
+        return (*EMULATION, "buses", self.name)
+
+    def of_board(self, board: int) -> ControllerKeys:
+        """All that is said of a board, whether of it, of its bus or of all."""
+        own = self.keys.controllers.get(str(board), ControllerKeys())
+        return _merged(ControllerKeys, self.options, self.keys, own)
+
+    @property
+    def of_bus(self) -> NetworkKeys:
+        """All that is said of this bus, whether of it or of all."""
+        return _merged(NetworkKeys, self.options, self.keys)
+
+    @property
+    def ethernet(self) -> bool:
+        """Whether every board is on the network by itself."""
+        return self.of_bus.network == "ethernet"
+
+    def where(self, name: str, board: int | None = None) -> Key:
+        """Where a bus or one of its boards gets this value from: the nearest place that has the key."""
+        own = (*self.key, "controllers", str(board))
+        return next(((*key, name) for key in (own, self.key, EMULATION) if self.source.has((*key, name))), self.key)
+
+    def error(self, key: Key, text: str, allowed: str) -> None:
+        """A mistake in the system file."""
+        self.context.error(self.source, key, text, allowed)
+
+
+def _merged(model: type[Keys], *levels: Section) -> Keys:
+    """What is said on several levels, the last being the nearest."""
+    reported: dict[str, Any] = {}
+    for level in levels:
+        for name in model.model_fields:
+            value = getattr(level, name, None)
+            if isinstance(value, QuirkKeys):
+                value = _merged(QuirkKeys, reported.get(name, QuirkKeys()), value)
+            if value is not None:
+                reported[name] = value
+    return model(**reported)
+
+
+def bus_files(bus: BusFiles) -> tuple[Opened[IoFile], ...]:
+    """The IO files of a bus that could be read."""
+    return tuple(bus.opened())
+
+
+def controllers(place: BusPlace) -> tuple[document.Controller, ...]:
+    """Every board that an IO file uses or the section names; by board id, the hub first."""
+    hardware = _hardware_of_files(place)
+    rows = []
+    for name in place.keys.controllers:
+        if name not in map(str, range(BOARDS)):
+            place.error((*place.key, "controllers", name), "no board has this id", f"0 to {BOARDS - 1}")
+        elif int(name) not in hardware:
+            hardware[int(name)] = _UNKNOWN
+            if place.files:
+                place.context.notes.append(f"{place.name}: board {name} is in no IO file")
+    for board in sorted(hardware):
+        rows.append(_controller(place, board, hardware[board]))
+    hub = place.keys.hub
+    if hub is not None and hub not in hardware:
+        place.error((*place.key, "hub"), "no such board on this bus", f"one of {', '.join(map(str, sorted(hardware)))}")
+    return tuple(sorted(rows, key=lambda row: row.board_id != hub))
+
+
+def _hardware_of_files(place: BusPlace) -> dict[int, str]:
+    hardware: dict[int, str] = {}
+    for opened in place.files:
+        for board, version in board_ids(opened.content).items():
+            if hardware.get(board, _UNKNOWN) == _UNKNOWN:
+                hardware[board] = version
+    return hardware
+
+
+def _controller(place: BusPlace, board: int, of_files: str) -> document.Controller:
+    reported = place.of_board(board)
+    hardware = reported.hardware or ("QLA1" if of_files == _UNKNOWN else of_files)
+    if of_files not in (_UNKNOWN, hardware):
+        text = f"board {board} of {place.name} is a {of_files} in its IO file"
+        place.error(place.where("hardware", board), text, of_files)
+    _check_axes(place, board, hardware)
+    firmware = reported.firmware or (OF_ETHERNET if place.ethernet else USUAL)
+    fpga = reported.fpga or _usual_fpga(place, hardware, firmware)
+    _check_made(place, board, hardware, firmware, fpga)
+    return document.Controller(
+        board_id=board,
+        hardware=hardware,
+        firmware=firmware,
+        fpga=fpga,
+        serial=reported.serial or "",
+        robot_serial=_robot_serial(place, board) if hardware == "dRA1" else "",
+        qla=_qla(place, board, hardware, firmware),
+        quirks=document.Quirks(**reported.quirks.model_dump(exclude_none=True)),
+    )
+
+
+def _usual_fpga(place: BusPlace, hardware: str, firmware: int) -> str:
+    made = MADE_FOR[hardware].get(firmware, ("V3",))
+    return made[-1] if place.ethernet else made[0]
+
+
+def _check_made(place: BusPlace, board: int, hardware: str, firmware: int, fpga: str) -> None:
+    """Whether there is such a firmware for this board, and whether it can do without FireWire where it has to."""
+    who = f"board {board} of {place.name}"
+    firmware_key, fpga_key = place.where("firmware", board), place.where("fpga", board)
+    made = MADE_FOR[hardware]
+    if place.ethernet and firmware != OF_ETHERNET:
+        place.error(firmware_key, f"{who} needs FireWire with firmware {firmware}", f"{OF_ETHERNET}, or network bridge")
+    elif place.ethernet and fpga != "V3":
+        place.error(fpga_key, f"{who} needs FireWire with FPGA {fpga}", "V3, or network bridge")
+    elif firmware not in made:
+        text = f"there is no firmware {firmware} for a {hardware} ({who})"
+        place.error(firmware_key, text, " or ".join(map(str, made)))
+    elif fpga not in made[firmware]:
+        text = f"there is no firmware {firmware} for a {hardware} on FPGA {fpga} ({who})"
+        place.error(fpga_key, text, " or ".join(made[firmware]))
+
+
+def _check_axes(place: BusPlace, board: int, hardware: str) -> None:
+    """A file that does not state its hardware may use axes that the hardware we take it for has not."""
+    for opened in place.files:
+        for index, robot in enumerate(opened.content.robots):
+            used = [part.axis_id for _, part in parts_of(index, robot) if part.board_id == board]
+            if robot.hardware_version == _UNKNOWN and max(used, default=0) >= AXES[hardware]:
+                text = f"board {board} of {place.name} has no axis {max(used)} as a {hardware}"
+                enough = " or ".join(name for name in MADE_FOR if AXES[name] > max(used))
+                if place.of_board(board).hardware:
+                    place.error(place.where("hardware", board), text, enough)
+                else:
+                    place.context.error(opened.source, ("robots", index, "hardware_version"), text, enough)
+
+
+def _qla(place: BusPlace, board: int, hardware: str, firmware: int) -> str:
+    qla, key = place.of_board(board).qla, place.where("qla", board)
+    usual = document.Controller(board).qla
+    who = f"board {board} of {place.name}"
+    if qla is not None and hardware == "dRA1":
+        if str(board) in key:  # what is said for all does not mean boards without a QLA
+            place.error(key, f"{who} is a dRA1: it has no QLA", "nothing")
+        return usual
+    if qla == "1.5" and firmware == 7:
+        place.error(key, f"firmware 7 knows nothing of QLA {qla} ({who})", f"{usual}, or firmware 8 or 9")
+    return qla or usual
+
+
+def _robot_serial(place: BusPlace, board: int) -> str:
+    """What the memory of the Si arm that a board sits in says it is."""
+    for opened in place.files:
+        for index, robot in enumerate(opened.content.robots):
+            if any(part.board_id == board for _, part in parts_of(index, robot)):
+                return registers.arm_memory(robot.name, robot.serial_number)
+    return ""
+
+
+def check_broadcasts(place: BusPlace, rows: tuple[document.Controller, ...], protocol: str) -> None:
+    """Boards on one bus understand one another's broadcasts only when all have Rev 7 or none has."""
+    old = [row.board_id for row in rows if row.firmware == 7]
+    if protocol != "sequential-read-write" and old and len(old) < len(rows):
+        key = place.where("firmware", old[0])
+        text = f"{protocol} cannot mix firmware 7 (board {', '.join(map(str, old))} of {place.name}) with others"
+        place.error(key, text, "7 for all boards, 8 and 9 for all, or protocol sequential-read-write")
+
+
+def check_hub_memory(place: BusPlace, rows: tuple[document.Controller, ...]) -> None:
+    """One broadcast query must have room for all boards of a bus in hub memory, and in a block."""
+    quads = blocks.hub_read_quads_of((row.firmware, row.hardware) for row in rows)
+    if quads > blocks.MAX_HUB_QUADS:
+        key = (*place.key, "controllers") if place.keys.controllers else place.key
+        text = f"the {len(rows)} boards of {place.name} have {quads} quadlets in hub memory"
+        place.error(key, text, f"up to {blocks.MAX_HUB_QUADS}: 15 QLA1 (16 with firmware 7), or 8 DQLA or dRA1")

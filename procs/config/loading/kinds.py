@@ -1,0 +1,197 @@
+"""Any configuration file by itself: which kind it is, and everything that is wrong with it and what it names."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from trocar.procs.config.loading.arms import arm_chain, check_pid
+from trocar.procs.config.loading.buses import BusFiles
+from trocar.procs.config.loading.carts import check_cart
+from trocar.procs.config.loading.chains import check_chain, check_tool, load_tool
+from trocar.procs.config.loading.context import Context, Opened
+from trocar.procs.config.loading.instruments import check_index, file_of, psm_tool
+from trocar.procs.config.loading.io_checks import check_bus
+from trocar.procs.config.loading.load import load_system
+from trocar.procs.config.loading.weights import measured_weight, weighing_links
+from trocar.procs.config.models.arm_file import ArmFile, MtmFile, PsmFile
+from trocar.procs.config.models.gravity_file import load_master_gravity
+from trocar.procs.config.models.hid_file import load_hid
+from trocar.procs.config.models.kinematic_file import KinematicFile, ToolFile, ToolIndexFile
+from trocar.procs.config.models.lookup_file import check_table
+from trocar.procs.config.models.pid_file import PidFile
+from trocar.procs.config.models.system_file import IoKeys
+from trocar.procs.config.read.problem import WARNING, FileProblem, Key
+from trocar.procs.config.read.search import search_beside
+from trocar.procs.config.read.source import SourceFile, read_source
+from trocar.procs.document.cart import CLASSIC, FIXED, SI
+from trocar.procs.machine.paths import PROJECT_CONFIGS, given_file, not_found
+from trocar.procs.tables.arm_types import ARM_TYPES, class_of
+
+SYSTEM = "system"
+UNKNOWN = "unknown"
+
+HEADS = {
+    SYSTEM: {"$id": "dvrk-system.schema.json", "$version": "1"},
+    "io": {"$id": "saw-robot-io.schema.json", "$version": "6"},
+    "pid": {"$id": "saw-controllers-pid.schema.json", "$version": "1"},
+    **{name.lower(): {"$id": f"dvrk-{name.lower()}.schema.json", "$version": "1"} for name in ARM_TYPES},
+}
+"""What files of these kinds say first; others say nothing."""
+
+_IDS = {head["$id"]: kind for kind, head in HEADS.items()}
+
+
+@dataclass(frozen=True, slots=True)
+class Checked:
+    """What one file turned out to be, and what was found."""
+
+    path: Path
+    kind: str
+    problems: tuple[FileProblem, ...]
+    notes: tuple[str, ...] = ()
+
+
+def check_file(
+    path: Path, *, search: Sequence[Path] = (), boards: str | None = None, sets: Sequence[str] = (),
+    configs: Path = PROJECT_CONFIGS,
+) -> Checked:
+    """Check one file of any kind; `search`, `boards` and `sets` are what `--path`, `--boards` and `--set` give `up`.
+
+    `path` itself is looked for there and in `configs`, too. A system with buses is checked with emulated boards as
+    well: what is wrong with those alone is a warning.
+    """
+    path = given_file(path, search, configs)
+    if not path.exists():
+        return Checked(path, UNKNOWN, (FileProblem(str(path), 0, "", "", not_found(path, search, configs), ""),))
+    source, problems = read_source(path)
+    if source is None:
+        return Checked(path, UNKNOWN, tuple(problems))
+    kind = kind_of(source.data)
+    if kind == SYSTEM:
+        return _check_system(path, search, boards, sets, configs)
+    if kind == UNKNOWN:
+        return Checked(path, kind, (*problems, _unknown(source)))
+    context = Context(search_beside([path], search, configs))
+    _CHECKS[kind](context, path)
+    found = sorted(dict.fromkeys(context.problems), key=lambda problem: problem.severity == WARNING)
+    return Checked(path, kind, tuple(found), tuple(dict.fromkeys(context.notes)))
+
+
+def _check_system(
+    path: Path, search: Sequence[Path], boards: str | None, sets: Sequence[str], configs: Path
+) -> Checked:
+    loaded = load_system(path, search=search, boards=boards, sets=sets, configs=configs, records=True)
+    problems, system = [*loaded.errors, *loaded.warnings], loaded.system
+    if boards is None and system is not None and system.ios and system.emulation is None:
+        emulated = load_system(path, search=search, boards="emulated", sets=sets, configs=configs, records=True)
+        problems += [dataclasses.replace(problem, severity=WARNING, text=f"with --boards emulated: {problem.text}")
+                     for problem in (*emulated.errors, *emulated.warnings) if problem not in problems]
+    return Checked(path, SYSTEM, tuple(problems), system.notes if system is not None else ())
+
+
+def kind_of(data: Mapping[str, object]) -> str:
+    """The kind of a file by its content: its `$id` or else by the keys that only this kind has."""
+    keys = set(data)
+    if "$id" in keys:
+        return _IDS.get(str(data["$id"]), UNKNOWN)
+    if "instruments" in keys:
+        return "tool index"
+    if {"DH", "tooltip_offset"} <= keys or {"DH", "jaw"} <= keys:
+        return "tool"
+    if "DH" in keys:
+        return "kinematic"
+    if {"robots", "digital_inputs", "digital_outputs"} & keys:
+        return "io"
+    if {"serial", "lookup"} <= keys:
+        return "potentiometer table"
+    if "GC_controller" in keys:
+        return "gravity"
+    if "pid" in keys:
+        return "pid"
+    if {"id_vendor", "id_product"} & keys:
+        return "head sensor"
+    if "kinematic" in keys:
+        return "psm"
+    arms = data.get("arms")
+    first = next((set(arm) for arm in arms if isinstance(arm, dict)), set()) if isinstance(arms, list) else set()
+    if "measured_cp" in first:
+        return "setup joints, fixed"
+    if {"DH", "primary_offsets", "simulated_position"} & first:
+        return "setup joints, Classic" if "plug_number" in first else "setup joints, Si"
+    return SYSTEM if {"arms", "IOs", "consoles"} & keys else UNKNOWN
+
+
+def _unknown(source: SourceFile) -> FileProblem:
+    if "$id" in source.data:
+        return source.problem(("$id",), "no known kind of file", allowed=", ".join(_IDS))
+    return source.problem((), "this kind of file is not checked", severity=WARNING)
+
+
+def _check_io(context: Context, path: Path) -> None:
+    bus = BusFiles(IoKeys(name="IO", port="fw"), ())
+    bus.add(context, path)
+    check_bus(context, bus.opened())
+
+
+def _check_pid(context: Context, path: Path) -> None:
+    opened = context.open(PidFile, path)
+    if opened is not None:
+        check_pid(context, opened, None)
+
+
+def _check_arm(context: Context, path: Path, arm_type: str) -> None:
+    opened = context.open(class_of(ARM_TYPES[arm_type].arm_file, ArmFile), path)
+    if opened is None:
+        return
+    arm_chain(context, opened)
+    weighing_links(context, opened.source, opened.content, arm_type)
+    if isinstance(opened.content, PsmFile):
+        psm_tool(context, Opened(opened.source, opened.content))
+    if isinstance(opened.content, MtmFile):
+        measured_weight(context, opened.source, opened.content)
+
+
+def _check_kinematic(context: Context, path: Path) -> None:
+    opened = context.open(KinematicFile, path)
+    if opened is not None:
+        check_chain(context, opened)
+
+
+def _check_tool(context: Context, path: Path) -> None:
+    opened = context.open(ToolFile, path)
+    if opened is not None:
+        check_tool(context, opened)
+
+
+def _check_index(context: Context, path: Path) -> None:
+    opened = context.open(ToolIndexFile, path)
+    if opened is None:
+        return
+    check_index(context, opened)
+    for number, row in enumerate(opened.content.instruments):
+        found = file_of(context, path, row.file)
+        if found is None:
+            where: Key = ("instruments", number, "file")
+            context.warning(opened.source, where, "no such file: it cannot be chosen", "a tool file")
+        else:
+            load_tool(context, found, row.file)
+
+
+_CHECKS: dict[str, Callable[[Context, Path], object]] = {
+    "io": _check_io,
+    "pid": _check_pid,
+    **{name.lower(): partial(_check_arm, arm_type=name) for name in ARM_TYPES},
+    "kinematic": _check_kinematic,
+    "tool": _check_tool,
+    "tool index": _check_index,
+    "setup joints, Classic": partial(check_cart, kind=CLASSIC),
+    "setup joints, Si": partial(check_cart, kind=SI),
+    "setup joints, fixed": partial(check_cart, kind=FIXED),
+    "potentiometer table": check_table,
+    "gravity": load_master_gravity,
+    "head sensor": load_hid,
+}

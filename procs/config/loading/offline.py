@@ -1,0 +1,93 @@
+"""The files of one arm by themselves, for calculations without a system: kinematics, tool, endoscope, weights."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from trocar.procs.config.loading.arms import arm_chain
+from trocar.procs.config.loading.chains import load_chain, load_tool
+from trocar.procs.config.loading.context import Context, Opened
+from trocar.procs.config.loading.instruments import psm_tool
+from trocar.procs.config.loading.kinds import kind_of
+from trocar.procs.config.loading.weights import measured_weight, weighing_links
+from trocar.procs.config.models.arm_file import ArmFile, EcmFile, MtmFile, PsmFile
+from trocar.procs.config.read.problem import ERROR, FileProblem
+from trocar.procs.config.read.search import search_beside
+from trocar.procs.document import system as document
+from trocar.procs.document.gravity_parameters import MasterGravityParameters
+from trocar.procs.kinematics.endoscopes import Endoscope, endoscope
+from trocar.procs.machine.paths import PROJECT_CONFIGS, given_file, not_found
+from trocar.procs.tables.arm_types import ARM_TYPES, class_of
+
+BY_JOINTS = {row.joints: name for name, row in ARM_TYPES.items()}
+"""What a kinematic file without an arm file is taken for, by its joints; others can be nothing but computed."""
+
+
+@dataclass(frozen=True, slots=True)
+class OfflineArm:
+    """What can be computed with. `weights` are the links with their masses, None where no file has any."""
+
+    kind: str  # PSM, ECM, MTM, or "" for a chain that is no arm's
+    chain: document.Chain
+    tool: document.Tool | None = None
+    endoscope: Endoscope | None = None
+    weights: document.Chain | None = None
+    master_gravity: MasterGravityParameters | None = None
+    mounting_pitch: float = 0.0
+
+
+def load_offline(
+    kinematic: Path | None, tool: Path | None, arm: Path | None, *, search: Sequence[Path] = (),
+    configs: Path = PROJECT_CONFIGS,
+) -> tuple[OfflineArm | None, tuple[FileProblem, ...]]:
+    """An arm from a kinematic file or an arm file, or both: what is given by itself takes the place of what it names.
+
+    None with errors. `search` is what `--path` gives; the files themselves are looked for there and in `configs`, too.
+    """
+    kinematic, tool, arm = (given_file(path, search, configs) if path is not None else None
+                            for path in (kinematic, tool, arm))
+    absent = [FileProblem(str(path), 0, "", "", not_found(path, search, configs), "a file")
+              for path in (kinematic, tool, arm) if path is not None and not path.exists()]
+    if absent:
+        return None, tuple(absent)
+    context = Context(search_beside([path for path in (arm, kinematic, tool) if path is not None], search, configs))
+    found = _of_arm_file(context, arm, kinematic) if arm is not None else None
+    if found is None and arm is None and kinematic is not None:
+        chain = load_chain(context, kinematic)
+        if chain is not None:
+            weighs = any(link.mass > 0.0 or any(link.com) for link in chain.links)  # an ECM's is that of its camera
+            found = OfflineArm(BY_JOINTS.get(len(chain.links), ""), chain, weights=chain if weighs else None)
+    chosen = load_tool(context, tool, tool.stem) if tool is not None else None
+    problems = tuple(dict.fromkeys(context.problems))
+    if found is None or any(problem.severity == ERROR for problem in problems):
+        return None, problems
+    if chosen is not None:
+        found = OfflineArm("PSM", found.chain, chosen, None, found.weights, None, found.mounting_pitch)
+    return found, problems
+
+
+def _of_arm_file(context: Context, path: Path, kinematic: Path | None) -> OfflineArm | None:
+    source = context.read(path)
+    if source is None:
+        return None
+    arm_type = kind_of(source.data).upper()
+    if arm_type not in ARM_TYPES:
+        *most, last = (name.lower() for name in ARM_TYPES)
+        context.error(source, ("$id",), "is no arm file", f"dvrk-{', dvrk-'.join(most)} or dvrk-{last}.schema.json")
+        return None
+    opened = context.open(class_of(ARM_TYPES[arm_type].arm_file, ArmFile), path)
+    if opened is None:
+        return None
+    source, content = opened.source, opened.content
+    chain = load_chain(context, kinematic) if kinematic is not None else arm_chain(context, opened)
+    if chain is None:
+        return None
+    weights = weighing_links(context, source, content, arm_type)
+    tool = psm_tool(context, Opened(source, content)) if isinstance(content, PsmFile) else None
+    parameters = measured_weight(context, source, content) if isinstance(content, MtmFile) else None
+    camera = None
+    if isinstance(content, EcmFile):
+        camera, weights = endoscope(content.endoscope), weights or chain
+    return OfflineArm(arm_type, chain, tool, camera, weights, parameters, content.mounting_pitch or 0.0)

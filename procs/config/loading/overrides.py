@@ -1,0 +1,67 @@
+"""`--set key=value`: changes to the `trocar:` section from the command line."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from trocar.procs.config.read.jsontext import TextError
+from trocar.procs.config.read.problem import FileProblem, Key, value_text
+from trocar.procs.config.read.source import SourceFile
+from trocar.procs.config.read.yamltext import parse_yaml
+
+SECTION = "trocar"
+
+
+def apply_overrides(source: SourceFile, sets: Mapping[str, str] | Sequence[str]) -> tuple[SourceFile,
+                                                                                          list[FileProblem]]:
+    """`source` with every `--set` written into its `trocar` section; keys with or without the leading `trocar.`."""
+    problems: list[FileProblem] = []
+    pairs: list[tuple[str, str]] = []
+    if isinstance(sets, Mapping):
+        pairs = list(sets.items())
+    else:
+        for item in sets:
+            name, equals, text = item.partition("=")
+            if equals:
+                pairs.append((name, text))
+            else:
+                problems.append(_problem("", item, "no equals sign", "key=value"))
+    section = source.data.get(SECTION)
+    data = {**source.data, SECTION: _copy(section) if isinstance(section, dict) else {}}
+    keys: list[Key] = []
+    for name, text in pairs:
+        parts = tuple(part for part in name.strip().removeprefix(f"{SECTION}.").split("."))
+        if not all(parts):
+            problems.append(_problem(name, text, "not a key", "names joined by dots, for example io.period_s"))
+            continue
+        try:
+            value = parse_yaml(text).data
+        except TextError as bad:
+            problems.append(_problem(name, text, f"not a value: {bad.what}", "a YAML scalar"))
+            continue
+        if _write(data, (SECTION, *parts), value):
+            keys.append((SECTION, *parts))
+        else:
+            problems.append(_problem(name, text, "an outer key already has a plain value"))
+    if not pairs:
+        return source, problems
+    return SourceFile(source.path, data, source.lines, frozenset(keys)), problems
+
+
+def _problem(name: str, value: str, text: str, allowed: str = "") -> FileProblem:
+    return FileProblem("--set", 0, name, value_text(value), text, allowed)
+
+
+def _copy(value: object) -> object:
+    return {key: _copy(item) for key, item in value.items()} if isinstance(value, dict) else value
+
+
+def _write(data: dict[str, object], key: tuple[str, ...], value: object) -> bool:
+    here = data
+    for part in key[:-1]:
+        inner = here.setdefault(part, {})
+        if not isinstance(inner, dict):
+            return False
+        here = inner
+    here[key[-1]] = value
+    return True

@@ -1,0 +1,102 @@
+"""Where a system keeps its files outside shared memory, and where a file is that a person names."""
+
+from __future__ import annotations
+
+import difflib
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Final
+
+PACKAGE: Final = Path(__file__).absolute().parents[2]
+"""The folder of the package `trocar`."""
+ROOT: Final = PACKAGE.parent
+"""Where the package is found: a checkout, or the folder of an environment's packages."""
+PROJECT_CONFIGS: Final = (PACKAGE / "configs").resolve()
+ADDS_FOLDER: Final = "--path FOLDER adds a folder"
+
+
+def log_folder(environ: Mapping[str, str], system: str) -> Path:
+    """Folder of a system's log files: `TROCAR_STATE`, else `XDG_STATE_HOME/trocar`, else `~/.local/state/trocar`."""
+    chosen = environ.get("TROCAR_STATE")
+    if chosen:
+        return Path(chosen) / system
+    state = environ.get("XDG_STATE_HOME")
+    root = Path(state) if state else Path(environ.get("HOME", "/tmp")) / ".local" / "state"
+    return root / "trocar" / system
+
+
+class NoStateFolder(OSError):
+    """Logs and recordings have no place; the message says what to set."""
+
+
+def made_log_folder(environ: Mapping[str, str], system: str) -> Path:
+    """The same folder for a program that writes into it: it exists and takes files; NoStateFolder where it cannot."""
+    folder = log_folder(environ, system)
+    why = "no permission to write"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if os.access(folder, os.W_OK | os.X_OK):
+            return folder
+    except OSError as error:
+        why = error.strerror or str(error)
+    raise NoStateFolder(f"cannot keep logs and recordings in {folder}: {why}; "
+                        "set TROCAR_STATE to a folder that you can write")
+
+
+def token_file(environ: Mapping[str, str], system: str) -> Path:
+    """Where the token of a system's web console is that was made at its start; only its user can read it."""
+    return log_folder(environ, system) / "gui.token"
+
+
+def recordings_folder(environ: Mapping[str, str], system: str, chosen: str = "") -> Path:
+    """Folder of a system's recordings: beside its log files, or of its own in the folder that is `chosen` for all."""
+    return Path(chosen) / system if chosen else log_folder(environ, system) / "recordings"
+
+
+def given_file(path: Path, search: Sequence[Path] = (), configs: Path = PROJECT_CONFIGS) -> Path:
+    """A file as a person names it on a command line: as it is, else along `search`, in `configs`, or beside that.
+
+    Where X.json is in none of them, X.yaml is looked for, too. `path` itself where there is nothing: see `not_found`.
+    """
+    twins = (path, path.with_suffix(".yaml")) if path.suffix == ".json" else (path,)
+    places = (folder / name for name in twins for folder in _folders(search, configs) if exists(folder / name))
+    return next(places, path)
+
+
+def not_found(path: Path, search: Sequence[Path] | None = None, configs: Path = PROJECT_CONFIGS) -> str:
+    """What to tell a person who named a file that is nowhere; `search` is what `--path` gives, where there is such."""
+    folders = _folders(search or (), configs)
+    there = {entry.stem: entry.name for folder in folders for entry in _entries(folder / path.parent)}
+    near = difflib.get_close_matches(path.stem, there, n=1, cutoff=0.6)
+    hint = f" (did you mean {path.parent / there[near[0]]}?)" if near else ""
+    places = dict.fromkeys(str(folder.absolute()) for folder in folders)
+    looked = "" if path.is_absolute() else f"; looked in {', '.join(places)}"
+    return f"no such file{hint}{looked}{f'; {ADDS_FOLDER}' if looked and search is not None else ''}"
+
+
+def _folders(search: Sequence[Path], configs: Path) -> tuple[Path, ...]:
+    return (Path(), *search, configs, configs / "systems", configs.parent)
+
+
+def exists(path: Path) -> bool:
+    """Whether there is anything; a path that cannot even be asked about (too long, not allowed) is nothing."""
+    try:
+        return path.exists()
+    except OSError:
+        return False
+
+
+def is_folder(path: Path) -> bool:
+    """Whether `path` is a folder that can be looked into."""
+    try:
+        return path.is_dir()
+    except OSError:
+        return False
+
+
+def _entries(folder: Path) -> list[Path]:
+    try:
+        return sorted(folder.iterdir())
+    except OSError:
+        return []

@@ -1,0 +1,36 @@
+"""The arrays of one broadcast query and one broadcast write, from `HubBlocks` and `Groups` of procs/io/bus."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from trocar.procs.native.fields import CStruct, places, rows
+
+HUB: Final = CStruct("Hub", (
+    *rows("i8", "", members="members_count", boards="boards_count", columns="columns", buffer="buffer_quads",
+          quads="block_quads", mask_of_boards="mask_of_boards", sequence_mask="sequence_mask",
+          sequence_shift="sequence_shift"),
+    *rows("u1", "22", query="query"),
+    # header and status of every board: where they are, and what they must be, as they lie in the buffer
+    *places("members 2", "buffer", heads="heads"),
+    *places("1", "buffer", last_at="last_at"),
+    *rows("u4", "1", last="last"),
+    *rows("u4", "members 2", check="check", masked="masked", expected="expected"),
+    *rows("u4", "members", sizes="sizes"),
+    # quadlets from the buffer to the rows of all boards
+    *rows("u4", "buffer", received="received"),
+    *places("quads", "buffer", taken_from="taken_from"),
+    *places("quads", "boards columns", taken_to="taken_to"),
+    *rows("u4", "boards columns", blocks="blocks"),
+    *rows("b1", "boards", bad="bad", away="away"),
+), {"ask": ("i8", "i8", "i8"), "expect": ("i8",), "take": ()})
+
+WRITE: Final = CStruct("Write", (
+    *rows("i8", "", boards="boards_count", columns="columns", quads="quads_count", length="length",
+          datagram_bytes="datagram_bytes", is_rev_7="is_rev_7"),
+    *rows("u4", "boards columns", out="out"),
+    *places("quads", "boards columns", packed_from="packed_from"),
+    *rows("i8", "quads", packed_to="packed_to"),
+    *rows("u4", "boards", board_ids="board_ids"),
+    *rows("u1", "datagram_bytes", datagram="datagram_array"),
+), {"pack": ()})

@@ -1,0 +1,72 @@
+"""The compiled kernel of this process, or why there is none: then numpy does its work."""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from trocar.procs.native.bound import BindError, BoundStruct
+from trocar.procs.native.fields import CStruct
+from trocar.procs.native.sources import IN_WHEELS, library_path, source_hash
+from trocar.procs.native.tables import STRUCTS
+
+SWITCH: Final = "TROCAR_KERNEL"
+"""Environment: 0: without the kernel; else the file of the library, for tests."""
+
+
+@dataclass(frozen=True, slots=True)
+class KernelLibrary:
+    """The library, None where there is none; `why` then says why."""
+
+    library: ctypes.PyDLL | None
+    why: str = ""
+
+
+@functools.cache
+def kernel() -> KernelLibrary:
+    """The library of this source; found and checked once."""
+    wanted = os.environ.get(SWITCH, "")
+    if wanted == "0":
+        return KernelLibrary(None, f"{SWITCH} is 0")
+    places = [Path(wanted)] if wanted else [IN_WHEELS, library_path()]
+    there = [path for path in places if path.is_file()]
+    if not there:
+        return KernelLibrary(None, "it is not compiled; python -m trocar.procs.native.build does it")
+    return _checked(there[0])
+
+
+def _checked(path: Path) -> KernelLibrary:
+    try:
+        library = ctypes.PyDLL(str(path))
+        found = ctypes.c_int64.in_dll(library, "kernel_hash").value
+        sizes = (ctypes.c_int64 * len(STRUCTS)).in_dll(library, "kernel_sizes")
+    except (OSError, ValueError) as error:
+        return KernelLibrary(None, f"{path.name} cannot be loaded: {error}")
+    if found != source_hash():
+        return KernelLibrary(None, f"{path.name} was made from other sources")
+    if list(sizes) != [ctypes.sizeof(table.ctype) for table in STRUCTS]:
+        return KernelLibrary(None, f"{path.name} has structs of another size")
+    return KernelLibrary(library)
+
+
+def bind(table: CStruct, source: object) -> BoundStruct | str:
+    """The arrays of `source` for the kernel's functions; else why not, in words."""
+    library = kernel().library
+    if library is None:
+        return kernel().why
+    try:
+        return BoundStruct(library, table, source)
+    except BindError as error:
+        return str(error)
+
+
+def chosen(table: CStruct, source: object) -> tuple[Callable[..., int], ...]:
+    """The functions of `table`, in its order, for `source`; else its methods of these names, which do the same."""
+    bound = bind(table, source)
+    return tuple(bound.function(name) if isinstance(bound, BoundStruct) else getattr(source, name)
+                 for name in table.functions)

@@ -1,0 +1,99 @@
+/* Setpoints of the arms, from their rings: procs/io/setpoint_tracker.py for whoever goes on as before. Who does not is
+   left as it was, and its bit is returned. */
+#include "fields.h"
+#include "numeric.h"
+#include <string.h>
+
+enum { STAMP, MODE, HAS_VELOCITY, COUNT, IN_EFFORT, BIAS, PID, POSITION, VELOCITY, FEED_FORWARD, WISH };
+enum { DRIVE = 1, ROOM = 8, RETRIES = 16 };
+
+/* The newest record into the private copy; its stamp, 0: there is none, -1: it has to be looked at. See shm/ring/ring.py. */
+static int64_t newest(const Track *k, int64_t f, uint8_t *record) {
+  const int64_t *head = (const int64_t *)k->head[f];
+  for (int tries = 0; tries < RETRIES; tries++) {
+    int64_t n = __atomic_load_n(head, __ATOMIC_ACQUIRE);  // R1
+    if (n < k->seen[f] || n < 0) return -1;
+    const uint8_t *slot = (const uint8_t *)k->slots[f] + n % k->depth[f] * k->stride[f];
+    memcpy(record, slot, k->record_size);  // R2
+    __atomic_thread_fence(__ATOMIC_ACQUIRE);
+    if (n && __atomic_load_n((const int64_t *)slot, __ATOMIC_RELAXED) == n) {  // R3
+      int64_t stamp;
+      memcpy(&stamp, record + k->offsets[STAMP], sizeof stamp);
+      k->seen[f] = n;
+      return stamp < 0 ? -1 : stamp;
+    }
+    if (!n) return -1;
+  }
+  return -1;
+}
+
+static uint32_t word_at(const uint8_t *record, int64_t offset) {
+  uint32_t word;
+  memcpy(&word, record + offset, sizeof word);
+  return word;
+}
+
+/* Whether all of it has been done: a setpoint like the one before, or none where none was. */
+static int take(const Track *k, int64_t f, const uint8_t *record) {
+  int64_t robot = k->robot[f], count = k->axes[f], at = k->first[f];
+  const int64_t *o = k->offsets;
+  static const uint8_t nobody[ROOM];
+  if (k->holding[robot] || k->applies_effort[f] || count > ROOM) return 0;
+  int meant = word_at(record, o[BIAS]) == k->bias_generation[robot]
+              && word_at(record, o[PID]) == k->pid_generation[robot];
+  if (record[o[MODE]] != DRIVE || !meant || record[o[COUNT]] != count) return k->resting[f] && !k->follows_velocity[f];
+  int velocity = record[o[HAS_VELOCITY]] && k->uses_velocity[robot];
+  if (k->own[f] || velocity != k->follows_velocity[f] || memcmp(record + o[IN_EFFORT], nobody, count)) return 0;
+  k->resting[f] = 0;
+  memcpy(k->incoming + at, record + o[POSITION], sizeof(double) * count);
+  if (velocity) memcpy(k->incoming + k->n + at, record + o[VELOCITY], sizeof(double) * count);
+  memcpy(k->incoming + 3 * k->n + at, record + o[FEED_FORWARD], sizeof(double) * count);
+  *k->dirty = 1;
+  return 1;
+}
+
+/* Whether everything was a number, and has been handed on. */
+static int apply(const Track *k) {
+  for (int64_t i = 0; i < 4 * k->n; i++)
+    if (!isfinite(k->incoming[i])) return 0;
+  int any_late = 0;
+  for (int64_t i = 0; i < k->n; i++) {
+    double wanted = least_of(most_of(k->incoming[i], k->low[i]), k->high[i]), step = wanted - k->setpoint[i];
+    int late = fabs(step) > k->most_step[i];
+    k->at_limit[i] = wanted != k->incoming[i];
+    k->setpoint[i] = late ? k->setpoint[i] + copysign(k->most_step[i], step) : wanted;
+    k->feed[i] = k->incoming[k->n + i];
+    any_late |= late;
+  }
+  *k->dirty = any_late;
+  return 1;
+}
+
+/* Bits of robots that Python has to look at; then one more: some of what came must still be applied; and one for wishes
+   that are not what io has taken, or not carried out. */
+int64_t Track_track(const Track *k, int64_t now_ns) {
+  int64_t left = 0, wishes = 0;
+  for (int64_t f = 0; f < k->followers; f++) {
+    int64_t robot = k->robot[f];
+    uint8_t *record = (uint8_t *)k->copy[f];
+    int64_t stamp = newest(k, f, record), age = now_ns - stamp;
+    if (stamp <= 0) {
+      left |= 1LL << f;
+      wishes = 1;
+      continue;
+    }
+    int fresh = -k->timeout_ns <= age && age <= k->timeout_ns;
+    uint32_t wish = word_at(record, k->offsets[WISH]);
+    wishes |= fresh && (k->wish_open[robot] || (wish && wish != k->wish_taken[robot]));
+    int same = fresh && stamp == k->taken_ns[f] && !k->resting[f];
+    if (k->enabled[robot] && !same && !(fresh && take(k, f, record))) {
+      left |= 1LL << f;
+      continue;
+    }
+    k->age_ns[robot] = age > 0 ? age : 0;
+    k->is_fresh[f] = fresh;
+    if (k->enabled[robot]) k->fresh_ns[f] = k->taken_ns[f] = stamp;
+  }
+  if (*k->dirty && (left || !apply(k))) left |= 1LL << k->followers;
+  return left | wishes << (k->followers + 1);
+}

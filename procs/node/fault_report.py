@@ -1,0 +1,96 @@
+"""Faults as they are told, as data and as sentences: where, what is wrong, what was measured and what is allowed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from trocar.procs.document.system import Actuator, Brake, IoConfig
+from trocar.procs.tables.codes import FAULTS, IO_FAULT, Code
+
+
+@dataclass(frozen=True, slots=True)
+class FaultReport:
+    """One fault as it is told: a sentence about whom it is and what happened, and the same as data. No code: none.
+
+    Axes count from 0; -1 and NaN: there is none.
+    """
+
+    code: Code | None = None
+    text: str = ""
+    axis: int = -1
+    board: int = -1
+    value: float = math.nan
+    limit: float = math.nan
+
+    def words(self, component: str) -> str:
+        """What happened to this arm or process, and what a person can do."""
+        return f"{self.text}; {self.code.remedy_for(component)}" if self.code else self.text
+
+
+NO_FAULT: Final = FaultReport()
+
+
+def reported(number: int) -> FaultReport:
+    """What the table alone says of a latched fault."""
+    fault = fault_of(number)
+    if fault is None:
+        return FaultReport(IO_FAULT, f"io reports fault {number}")
+    return FaultReport(fault, fault.cause)
+
+
+def fault_of(number: int) -> Code | None:
+    """The row of a fault number; None for 0 and for numbers nobody knows."""
+    return next((row for row in FAULTS if row.number == number), None)
+
+
+def place(robot: str, axis: str = "", boards: Sequence[int] = ()) -> str:
+    """Where: `PSM1 axis 2 (insertion), board 6`; what is not known is left out."""
+    where = f"{robot} {axis}".strip()
+    if not boards:
+        return where
+    numbers = f"board{'s' if len(boards) > 1 else ''} {', '.join(map(str, boards))}"
+    return f"{where}, {numbers}" if where else numbers
+
+
+def axis_titles(io: IoConfig) -> list[list[str]]:
+    """Of every robot its axes for people, `axis 2 (insertion)`, then its brakes; numbers are those of commands."""
+    named = {pid.robot: [axis.name.replace("_", " ") for axis in pid.axes] for pid in io.pids}
+    found = []
+    for robot in io.robots:
+        motors = len(robot.actuators)
+        names = named.get(robot.name, [""] * motors)[:motors]
+        names += [f"brake {i}" for i in range(len(robot.brakes))]
+        found.append([f"axis {i} ({name})" if name else f"axis {i}" for i, name in enumerate(names)])
+    return found
+
+
+def boards_of(drive: Actuator | Brake) -> tuple[int, ...]:
+    """The board of a motor or brake; none where there are no boards."""
+    return (drive.board_id,) if drive.board_id >= 0 else ()
+
+
+def figures(fault: Code, value: float, limit: float, unit: str) -> str:
+    """What was measured and what is allowed, in `unit`; empty: neither is.
+
+    As many digits as tell them apart, up to six: what is as near as that is just above or below.
+    """
+    if math.isnan(value) or not fault.unit:
+        return ""
+    digits = next((n for n in (4, 6) if f"{value:.{n}g}" != f"{limit:.{n}g}"), 0)
+    near = "" if digits else "just above " if value > limit else "just below " if value < limit else ""
+    digits = digits or 6
+    allowed = f", {fault.bound} {limit:.{digits}g}{_after(unit)}" if not math.isnan(limit) else ""
+    return f"{near}{value:.{digits}g}{_after(unit)}{allowed}"
+
+
+def _after(unit: str) -> str:
+    return f" {unit}" if unit else ""
+
+
+def sentence(where: str, what: str, *details: str) -> str:
+    """One sentence without the remedy."""
+    reported_text = "; ".join(detail for detail in details if detail)
+    return f"{where}: {what}" + (f" ({reported_text})" if reported_text else "")

@@ -1,0 +1,87 @@
+"""What one process reads of another: its newest record, and whether that still counts."""
+
+from __future__ import annotations
+
+from typing import Any, Final, Protocol
+
+from trocar.procs.tables.manifest import LATE_S
+
+LATE_NS: Final = round(LATE_S * 1e9)
+FOR_EVER_NS: Final = 1 << 62
+"""A time that no clock comes to."""
+SETUP_LATE_S: Final = 0.05
+"""The same between setup joints and the arms that they carry."""
+
+
+class RecordReader(Protocol):
+    """The reading end of a ring; see shm/ring/ring.py."""
+
+    lost: int
+    """Records that `next` left out because they were overwritten."""
+
+    @property
+    def info(self) -> dict[str, Any]:
+        """Constants of the instance."""
+
+    @property
+    def stamp_ns(self) -> int:
+        """Stamp of the record at hand, 0: there is none."""
+
+    @property
+    def epoch(self) -> int:
+        """Another number, another writer."""
+
+    @property
+    def head(self) -> int:
+        """Number of the newest record, 0: none."""
+
+    @property
+    def sequence(self) -> int:
+        """Number of the record at hand."""
+
+    def field(self, name: str) -> Any:
+        """A view on a field of the record."""
+
+    def newest(self) -> bool:
+        """Copy the newest record; False: none could be had whole."""
+
+    def next(self) -> bool:
+        """Copy the next record in order; False: there is none."""
+
+
+class Input:
+    """The newest record of a ring, as of the last `look`.
+
+    `whole`: that look got a record; one that was torn leaves the one before in force, to grow old. `restarted`: another
+    process writes it than before.
+    """
+
+    def __init__(self, ring: RecordReader, late_s: float = LATE_S) -> None:
+        """Records older than `late_s` do not count."""
+        self.ring, self._late_ns = ring, round(late_s * 1e9)
+        self.field = ring.field
+        self.stamp_ns = self._now_ns = self._epoch = 0
+        self.whole = self.restarted = False
+
+    def look(self, now_ns: int) -> bool:
+        """Once a cycle; returns `whole`."""
+        ring, epoch = self.ring, self.ring.epoch
+        self._now_ns, self.restarted, self._epoch = now_ns, self._epoch not in (0, epoch), epoch
+        self.whole = ring.newest()
+        if self.whole:
+            self.stamp_ns = ring.stamp_ns
+        return self.whole
+
+    @property
+    def age_ns(self) -> int:
+        """How long ago it was stamped; a stamp from the future is no better than one of long ago."""
+        return abs(self._now_ns - self.stamp_ns)
+
+    @property
+    def fresh(self) -> bool:
+        """There is a record, and it is not too old."""
+        return self.stamp_ns > 0 and self.age_ns <= self._late_ns
+
+    def sampled(self, before_ns: int) -> bool:
+        """The look got a record, and what it says was sampled, so long before its stamp, not too long ago."""
+        return self.whole and self.stamp_ns > 0 and self.age_ns + abs(before_ns) <= self._late_ns

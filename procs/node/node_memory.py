@@ -1,0 +1,149 @@
+"""What an instance has in shared memory: its claim and control page, its rings, events and mailbox, those of others."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Callable
+from typing import Protocol, TypeVar
+
+from trocar.procs.document.process import ON_DEMAND
+from trocar.procs.document.system import LOCKSTEP, Process, SystemConfig
+from trocar.procs.node.inputs import Input
+from trocar.procs.node.pauses import duration
+from trocar.procs.tables import codes
+from trocar.procs.tables.manifest import LATE_S, late_s, proc
+from trocar.shm.commands import COMMANDS
+from trocar.shm.mailbox.audit import Audit
+from trocar.shm.mailbox.generations import Cell, FaultCell, Faults
+from trocar.shm.mailbox.mailbox import DIED, Mailbox
+from trocar.shm.ring.ring import RingReader, RingWriter
+from trocar.shm.system import directory
+from trocar.shm.system.events import Events, Log
+from trocar.shm.system.subscriptions import Subscriber, Subscriptions
+from trocar.shm.time.clock import monotonic_ns
+from trocar.shm.time.control_page import ControlPage
+from trocar.shm.time.wakeup import Wakeup
+
+
+class Closing(Protocol):
+    """What is closed when it is given back."""
+
+    def close(self) -> None:
+        """Give it back."""
+
+
+Part = TypeVar("Part", bound=Closing)
+
+
+class OwnMemory:
+    """The place of one instance in a running system, from its claim to `leave`."""
+
+    def __init__(self, document: SystemConfig, name: str, now_ns: Callable[[], int], log: Log | None = None) -> None:
+        """Claim it; SegmentError when there is none or somebody has it. `now_ns` and `log`: see Events."""
+        self.document, self.system, self.name = document, document.name, name
+        self.row: Process = document.process(name)
+        self.kind, self.late_s = self.row.kind, late_s(self.row)
+        self._held, self._lost_ns = contextlib.ExitStack(), round(document.supervisor_lost_s * 1e9)
+        self._mailbox: Mailbox | None = None
+        self._subscribers: dict[str, Subscriber] = {}  # of those that run on demand
+        with contextlib.ExitStack() as stack:
+            self.page = stack.enter_context(contextlib.closing(ControlPage(self.system, name, write=True)))
+            self.page.segment.claim(name)
+            self.subscriptions = Subscriptions(self.page)
+            self._supervisor = stack.enter_context(contextlib.closing(ControlPage(self.system, "supervisor")))
+            events = stack.enter_context(contextlib.closing(directory.writer(self.system, name, "events", self.kind)))
+            self._place = stack.pop_all()
+        self.page.field("pid")[...] = os.getpid()
+        self.page.field("pauses")[...] = 0
+        self._time_ns, self.events = now_ns, Events(events, now_ns, log, name, self.row.typed)
+        self._begun = f"{name} has just started; ask again", DIED
+
+    def reads(self, instance: str, topic: str, *, counts: bool = True) -> RingReader:
+        """Attach to a ring of another instance, or of the supervisor.
+
+        Of one that runs on demand we are a subscriber, as long as we hold it; not where this does not count.
+        """
+        if instance == "supervisor":
+            return self.hold(directory.reader(self.system, instance, topic, instance))
+        if counts and instance != self.name and self.document.process(instance).start == ON_DEMAND:
+            if instance not in self._subscribers:
+                self._subscribers[instance] = self.hold(Subscriber(self.system, instance, self.name))
+            self._subscribers[instance].want(topic)
+        return self.hold(directory.reader(self.system, instance, topic, self._layout(instance, topic)))
+
+    def _layout(self, instance: str, topic: str) -> str | None:
+        """The kind whose row says what a topic of an instance looks like; None: the system file does."""
+        kind = self.document.process(instance).kind
+        is_declared = self.document.user(instance) is not None and topic not in (*proc(kind).topics, "events", "audit")
+        return None if is_declared else kind
+
+    def input(self, instance: str, topic: str = "state", late_s: float = LATE_S) -> Input:
+        """The newest record of another instance, and whether it counts: not one older than `late_s`."""
+        return Input(self.reads(instance, topic), late_s)
+
+    def writes(self, topic: str) -> RingWriter:
+        """Claim one of our own rings."""
+        return self.hold(directory.writer(self.system, self.name, topic, self._layout(self.name, topic)))
+
+    def mailbox(self, guard: Cell | None = None) -> Mailbox:
+        """Our own mailbox; what waits in it when the loop begins is refused.
+
+        `guard`: what may power or move needs a person's command, given after the last fault of this cell.
+        """
+        audit = Audit(self.writes("audit"), self._time_ns, every=self.document.clock == LOCKSTEP)
+        self._mailbox = self.hold(Mailbox(self.system, self.name, COMMANDS.get(self.kind, ()), guard=guard, audit=audit,
+                                          died=self._begun[1]))
+        return self._mailbox
+
+    def faults(self) -> Faults:
+        """The fault page of the system."""
+        return self.hold(Faults(self.system))
+
+    def fault_cell(self, component: str = "") -> FaultCell:
+        """The faults of a component of ours; empty: of this instance."""
+        return FaultCell(self.hold(Faults(self.system, write=True)), component or self.name)
+
+    def waker_for(self, instance: str) -> Wakeup:
+        """The way to wake an instance that waits for news; `wake` it when the news is out."""
+        return self.hold(ControlPage(self.system, instance, write=True)).wakeup()
+
+    def hold(self, part: Part) -> Part:
+        """Close it with all the others that are held, when they are given back."""
+        self._held.callback(part.close)
+        return part
+
+    def give_back(self) -> None:
+        """Close all that was taken but the place itself."""
+        self._mailbox = None
+        self._subscribers.clear()
+        self._held.close()
+
+    def begin(self, error: str = "") -> None:
+        """From now on it runs, maybe with an error: what waits in the mailbox was for a predecessor, and is refused."""
+        if self._mailbox is not None:
+            self._mailbox.refuse_waiting(self._begun[0])
+        self.page.show("RUNNING", error)
+
+    def report_pause(self, held_up_ns: int) -> None:
+        """It was held up for so long that it restarts, as if it had been killed and started again."""
+        held_up = f"{self.name} was held up for {duration(held_up_ns)}"
+        self._begun = held_up, held_up
+        self.page.show("STARTING")
+        self.page.field("pauses")[...] += 1
+        self.events.report(codes.HELD_UP, held_up, self.name, value=held_up_ns * 1e-9, limit=self.late_s)
+
+    def lost_s(self) -> float:
+        """How long the supervisor has not beaten, if that is too long; 0: it has."""
+        silent_ns = monotonic_ns() - int(self._supervisor.get("heartbeat_ns"))
+        return silent_ns * 1e-9 if silent_ns > self._lost_ns else 0.0
+
+    @property
+    def supervisor_state(self) -> str:
+        """The supervisor's, as it shows it."""
+        return self._supervisor.state
+
+    def leave(self) -> None:
+        """Give everything back, and the place."""
+        self.give_back()
+        self._place.close()

@@ -1,0 +1,239 @@
+"""What a process asks of the scheduler, so that nobody holds it up: priority, a share of its own, memory, a core.
+
+And in words which processes did not get it, and what grants the rights.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import mmap
+import os
+import platform
+import pwd
+import re
+import struct
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from trocar.procs.document.process import Process
+
+PR_SET_NAME, PR_SET_TIMERSLACK = 15, 29
+MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4
+POPULATE_READ, POPULATE_WRITE = 22, 23  # of madvise
+SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}.get(platform.machine(), 0)  # glibc has no wrapper before 2.41
+SCHED_ATTR = struct.Struct("<IIQiIQQQ")  # size, policy, flags, nice, priority, runtime, deadline, period
+SCHED_DEADLINE = 6
+SCHED_FLAGS = 1 | 2  # children get none of it; it may have more than it reserved where nobody else did
+
+LOCKED: Final = "locked"
+NO_FIFO, NOT_LOCKED = "no FIFO", "not locked"
+"""What was asked for and not got, as `realtime` and `lock_memory` say it."""
+ORDINARY: Final = "other"
+"""Nothing was asked for."""
+HIGHEST: Final = 98  # the highest priority that a system file may ask for
+LOWEST: Final = 1  # of FIFO
+LIMITS_FILE: Final = "/etc/security/limits.d/trocar.conf"
+SYSTEMD: Final = f"LimitRTPRIO={HIGHEST} and LimitMEMLOCK=infinity"
+SCRATCH: Final = 16 << 20  # bytes, of a region that is looked at before it is locked
+USED_TOGETHER: Final = 1 << 18  # bytes of it that are locked when one of them was used
+CPUS: Final = Path("/sys/devices/system/cpu")
+REGION = re.compile(r"([0-9a-f]+)-([0-9a-f]+) (\S{4}) ([0-9a-f]+) \S+ \d+ *(.*)")
+
+
+def realtime(row: Process, clock: str, *, reserved: float = 0.0) -> list[str]:
+    """Name, timer slack, priority, core; returns what was obtained, in words; children get none of it.
+
+    `reserved` is a share of each period that nobody else may take: Linux stops all FIFO processes for 50 ms when
+    together they leave nothing to others for a second, and a bus must not pay for arms that take too long. It cannot be
+    had with a core of one's own. In lock-step nothing is urgent, and loops that never sleep must not keep others from
+    the cores: no priority there.
+    """
+    libc = ctypes.CDLL(None, use_errno=True)
+    libc.prctl(PR_SET_NAME, row.name.encode()[:15], 0, 0, 0)
+    libc.prctl(PR_SET_TIMERSLACK, 1, 0, 0, 0)
+    notes = []
+    if row.priority > 0 and clock == "wall" and reserved and not row.cpus and _reserve(libc, row.period_s, reserved):
+        notes.append("deadline")
+    elif row.priority > 0 and clock == "wall":
+        try:
+            os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(row.priority))
+            notes.append(f"FIFO {row.priority}")
+        except OSError:  # no right to it
+            notes.append(NO_FIFO)
+    if row.cpus:
+        try:
+            os.sched_setaffinity(0, row.cpus)
+            notes.append(f"cpu {_ranges(row.cpus)}")
+        except OSError:
+            notes.append(f"no cpu {_ranges(row.cpus)}")
+    return notes
+
+
+def step_back() -> None:
+    """Behind whatever drives a robot, before ordinary programs, until `realtime` is asked again; only who has FIFO."""
+    if is_urgent(0):
+        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(LOWEST))
+
+
+def keep_with(pid: int) -> None:
+    """Let a process run where this one may run; none that has ended."""
+    with contextlib.suppress(ProcessLookupError):
+        os.sched_setaffinity(pid, os.sched_getaffinity(0))
+
+
+def cores() -> tuple[tuple[int, ...], ...]:
+    """The processors that we may run on, those of one core (hyper-threading) together, in order."""
+    allowed = sorted(os.sched_getaffinity(0))
+    found: dict[str, list[int]] = {}
+    for cpu in allowed:
+        try:
+            siblings = (CPUS / f"cpu{cpu}/topology/thread_siblings_list").read_text()
+        except OSError:  # nobody says: a core of its own
+            siblings = str(cpu)
+        found.setdefault(siblings, []).append(cpu)
+    return tuple(map(tuple, found.values()))
+
+
+def _ranges(cpus: Iterable[int]) -> str:
+    """Numbers as Linux writes them: 0,2-5."""
+    found: list[list[int]] = []
+    for cpu in sorted(cpus):
+        if found and found[-1][-1] == cpu - 1:
+            found[-1].append(cpu)
+        else:
+            found.append([cpu])
+    return ",".join(f"{run[0]}-{run[-1]}" if len(run) > 1 else str(run[0]) for run in found)
+
+
+def in_words(notes: list[str]) -> bytes:
+    """The notes of `realtime` and `lock_memory` for the control page; what is long comes last, and may be cut."""
+    return (", ".join(sorted(notes, key=lambda note: "cpu" in note))[:31] or ORDINARY).encode()
+
+
+@dataclass(frozen=True, slots=True)
+class Region:
+    """A piece of a process's memory as /proc lists it, sizes in bytes."""
+
+    begin: int
+    size: int
+    rights: str  # as in "r-xp"
+    offset: int  # in its file
+    file: str
+
+
+def regions(pid: int) -> list[Region]:
+    """The memory of a process; OSError when it is gone."""
+    with Path(f"/proc/{pid}/maps").open(encoding="utf-8", errors="replace") as lines:  # by the line: takes no memory
+        return [Region(int(row[1], 16), int(row[2], 16) - int(row[1], 16), row[3], int(row[4], 16), row[5])
+                for row in map(REGION.match, lines) if row is not None]
+
+
+def lock_memory() -> str:
+    """No page is to be fetched in a loop: all of ours are there now, and locked where nobody else keeps them.
+
+    The supervisor keeps what processes share (procs/supervisor/shared_pages.py). Room for large matrices that nobody
+    has (OpenBLAS takes 32 MB in each process) is locked as far as it was used. What comes later is locked where it is
+    used, and not filled: that would cost a loop 10 ms for 32 MB. Returns what was obtained, in words.
+    """
+    libc = ctypes.CDLL(None, use_errno=True)
+    if libc.mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT):
+        return NOT_LOCKED
+    try:
+        _lock_each(libc, regions(os.getpid()))
+    except PermissionError:  # an interpreter with capabilities of its own may not look at itself: all of it, then
+        libc.mlockall(MCL_CURRENT | MCL_FUTURE)
+    return LOCKED
+
+
+def fetch_segments() -> None:
+    """The same for segments that were mapped since."""
+    with contextlib.suppress(PermissionError):
+        found = [region for region in regions(os.getpid()) if region.file.startswith("/dev/shm/")]
+        _lock_each(ctypes.CDLL(None), found)
+
+
+def _lock_each(libc: ctypes.CDLL, listed: Iterable[Region]) -> None:
+    pagemap = os.open("/proc/self/pagemap", os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        for region in listed:
+            _lock(libc, pagemap, region)
+    finally:
+        os.close(pagemap)
+
+
+def _lock(libc: ctypes.CDLL, pagemap: int, region: Region) -> None:
+    place = ctypes.c_void_p(region.begin), ctypes.c_size_t(region.size)
+    own, written = region.rights.endswith("p"), "w" in region.rights
+    large = own and written and not region.file and region.size >= SCRATCH
+    used = _used(pagemap, region) if large or (own and region.rights.startswith("r--")) else []
+    if large:
+        whole = sum(used) > len(used) // 2
+    else:
+        whole = own and (written or any(used))
+    if whole:
+        libc.mlock(*place)  # and there
+        return
+    libc.munlock(*place)
+    if region.file.startswith("/"):  # before Linux 5.14 what is used comes when it is used
+        libc.madvise(*place, POPULATE_WRITE if written else POPULATE_READ)
+    step = USED_TOGETHER // mmap.PAGESIZE
+    for k in range(0, len(used), step):
+        if any(part := used[k : k + step]):
+            libc.mlock(ctypes.c_void_p(region.begin + k * mmap.PAGESIZE), ctypes.c_size_t(len(part) * mmap.PAGESIZE))
+
+
+def _used(pagemap: int, region: Region) -> list[bool]:
+    """Of each page whether it is there and this process's alone: written since it was mapped, or in no file."""
+    count = region.size // mmap.PAGESIZE
+    data = os.pread(pagemap, 8 * count, 8 * (region.begin // mmap.PAGESIZE))
+    return [word >> 63 == 1 and not word >> 61 & 1 for word in struct.unpack(f"<{len(data) // 8}Q", data)]
+
+
+def is_urgent(pid: int) -> bool:
+    """Whether a process comes before all that have no priority; OSError: there is none."""
+    return os.sched_getscheduler(pid) & ~os.SCHED_RESET_ON_FORK in (os.SCHED_FIFO, os.SCHED_RR)
+
+
+def _reserve(libc: ctypes.CDLL, period_s: float, share: float) -> bool:
+    """SCHED_DEADLINE for a share of each period, and of what nobody reserved; False: it may not be had."""
+    if not SCHED_SETATTR:
+        return False
+    period_ns = round(period_s * 1e9)
+    wanted = SCHED_ATTR.pack(SCHED_ATTR.size, SCHED_DEADLINE, SCHED_FLAGS, 0, 0, round(share * period_ns), period_ns,
+                             period_ns)
+    return bool(libc.syscall(SCHED_SETATTR, 0, wanted, 0) == 0)
+
+
+def user() -> str:
+    """Who we are, as limits.d knows people."""
+    try:
+        return pwd.getpwuid(os.getuid()).pw_name
+    except KeyError:
+        return str(os.getuid())
+
+
+def limits_lines(name: str) -> tuple[str, str]:
+    """The two lines of LIMITS_FILE that grant both rights to a user from the next login on."""
+    return f"{name} - rtprio {HIGHEST}", f"{name} - memlock unlimited"
+
+
+def refused(policies: Mapping[str, str]) -> list[str]:
+    """What was refused, and to which processes, a line each. `policies` as `realtime` says them."""
+    slow = [name for name, words in policies.items() if NO_FIFO in words]
+    loose = [name for name, words in policies.items() if NOT_LOCKED in words]
+    reported = [f"no real-time priority (FIFO refused): {', '.join(slow)}"] if slow else []
+    return reported + ([f"memory not locked (mlockall refused): {', '.join(loose)}"] if loose else [])
+
+
+def lacking(policies: Mapping[str, str]) -> str:
+    """The same with what grants the rights to the user that we are; empty where every process got what it asked for."""
+    lines = limits_lines(user())
+    return "" if not (reported := refused(policies)) else "\n".join((
+        *reported,
+        f"they are late whenever this machine is busy; two lines in {LIMITS_FILE} and a new login grant both:",
+        *(f"    {line}" for line in lines),
+        f"or, where systemd starts the system, {SYSTEMD} in its unit; trocar doctor looks at the rest of the machine",
+    ))

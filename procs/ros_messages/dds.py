@@ -1,0 +1,235 @@
+"""One DDS participant that ROS 2 takes for a node: its writers and readers, and what ROS wants to know of them.
+
+Names, encoding and settings are those that rmw_cyclonedds and rmw_fastrtps understand: topics `rt/…`, services
+`rq/…Request` and `rr/…Reply`, plain XCDR1 without keys, and hashes of types in the user data of each endpoint.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final, Generic, TypeVar
+
+import psutil
+from cyclonedds.core import DDSException, DDSStatus, WaitSet
+from cyclonedds.domain import Domain, DomainParticipant
+from cyclonedds.idl import IdlStruct
+from cyclonedds.pub import DataWriter
+from cyclonedds.qos import Policy, Qos
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+
+from trocar.procs.ros_messages.hashes import type_hash
+from trocar.procs.ros_messages.messages import Gid, NodeEntitiesInfo, ParticipantEntitiesInfo
+
+LOOPBACK: Final = "127.0.0.1"
+DEPTH: Final = 10  # what ROS clients have unless they say otherwise
+LATCHED: Final = 1
+EVENT_DEPTH: Final = 100
+BLOCKING_NS: Final = 100_000_000
+LARGEST: Final = "256 kB"
+"""Message; reading a larger one would hold everything up."""
+PARTICIPANTS: Final = 120  # on one machine, of one domain; each is one of ROS's processes
+EPROSIMA: Final = "1.15"
+
+Message = TypeVar("Message", bound=IdlStruct)
+
+
+def settings(interface: str) -> str:
+    """Cyclone DDS's configuration for one network interface, by its name or address.
+
+    On loopback participants find each other without multicast, where many systems have none. Fast DDS 3 sends type
+    information that Cyclone takes for an error; types match by their names.
+    """
+    is_name = not interface.replace(".", "").isdigit()
+    where = f'name="{interface}"' if is_name else f'address="{interface}"'
+    alone = interface in (LOOPBACK, "lo")
+    peers = f'<Peers><Peer address="{LOOPBACK}"/></Peers>' if alone else ""
+    return (f"<CycloneDDS><Domain><General><Interfaces><NetworkInterface {where}/></Interfaces>"
+            f"<AllowMulticast>{'false' if alone else 'default'}</AllowMulticast></General>"
+            f"<Discovery><ParticipantIndex>auto</ParticipantIndex>"
+            f"<MaxAutoParticipantIndex>{PARTICIPANTS}</MaxAutoParticipantIndex>{peers}</Discovery>"
+            f"<Internal><MaxSampleSize>{LARGEST}</MaxSampleSize></Internal>"
+            f"<Compatibility><IgnoreTypeInformation>{EPROSIMA}</IgnoreTypeInformation></Compatibility>"
+            "</Domain></CycloneDDS>")
+
+
+class DdsError(RuntimeError):
+    """What DDS refuses, in words."""
+
+
+class TopicWriter(Generic[Message]):
+    """Publishes one topic. `is_read`: somebody subscribes to it, as of the last `Participant.look`."""
+
+    def __init__(self, writer: DataWriter[Any], name: str) -> None:
+        self._writer, self.name, self.is_read = writer, name, False
+
+    def write(self, message: Message) -> None:
+        """Never blocks for a slow reader: of those only the newest are kept."""
+        self._writer.write(message)
+
+    def look(self) -> None:
+        """Whether anybody reads it."""
+        self.is_read = self._writer.get_publication_matched_status().current_count > 0  # type: ignore[no-untyped-call]
+
+    @property
+    def gid(self) -> Gid:
+        """What DDS calls it."""
+        return _gid(self._writer)
+
+
+class TopicReader(Generic[Message]):
+    """Subscribes to one topic."""
+
+    def __init__(self, reader: DataReader[Any], name: str, depth: int) -> None:
+        self._reader, self.name, self._depth = reader, name, depth
+
+    def take(self, tell: Callable[[str], None] | None = None) -> list[Message]:
+        """What came since the last call, oldest first; what says only that a writer has gone is left out.
+
+        So is what cannot be read: anybody may write anything under our names, text that is no UTF-8 at least. `tell` is
+        told of it in words. One after the other, for the library throws away all that it took together with that.
+        """
+        found: list[Message] = []
+        for _ in range(self._depth):
+            try:
+                taken = self._reader.take(1)
+            except DDSException:
+                raise
+            except Exception as error:
+                if tell is not None:
+                    tell(f"{self.name}: a message that cannot be read: {error}")
+                continue
+            if not taken:
+                break
+            found += [each for each in taken if each.sample_info.valid_data]
+        return found
+
+    @property
+    def gid(self) -> Gid:
+        """What DDS calls it."""
+        return _gid(self._reader)
+
+    def writer(self, handle: int) -> Any:
+        """What DDS knows of a writer, by the handle that its messages have; None: it has gone."""
+        return self._reader.get_matched_publication_data(handle)
+
+    @property
+    def entity(self) -> DataReader[Any]:
+        """For a WaitSet."""
+        return self._reader
+
+
+def _missing(interface: str) -> str:
+    """That this machine has no such interface now, and which it has; empty: it has."""
+    found = psutil.net_if_addrs()
+    if interface in found or any(interface == row.address for rows in found.values() for row in rows):
+        return ""
+    return f"there is no such network interface; there are {', '.join(sorted(found))} (ros.interface)"
+
+
+def _gid(entity: DataWriter[Any] | DataReader[Any]) -> Gid:
+    return Gid(entity.get_guid().bytes)
+
+
+class Participant:
+    """A node of ROS. Close it."""
+
+    def __init__(self, domain: int, interface: str = LOOPBACK, name: str = "trocar", namespace: str = "/") -> None:
+        """DdsError when the interface is not there, or the process has another participant of the domain."""
+        self.name, self.namespace = name, namespace
+        try:
+            self._domain = Domain(domain, settings(interface))
+            self._participant = DomainParticipant(domain, Qos(Policy.Userdata(b"enclave=/;")))
+        except DDSException as error:
+            why = _missing(interface) or error.msg
+            raise DdsError(f"ROS domain {domain} on interface {interface}: {why}") from error
+        self._waitset, self._matches = WaitSet(self._participant), WaitSet(self._participant)
+        self.is_read = False
+        """Somebody reads one of our topics."""
+        self.writers: list[TopicWriter[Any]] = []
+        self.readers: list[TopicReader[Any]] = []
+        self._graph: TopicWriter[ParticipantEntitiesInfo] = self._writer(
+            "ros_discovery_info", ParticipantEntitiesInfo, _latched(LATCHED))
+
+    def full_name(self, name: str) -> str:
+        """A name in our namespace; one with a slash in front is the same in all of them."""
+        return f"{self.namespace}/{name}".strip("/") if not name.startswith("/") else name[1:]
+
+    def writer(self, topic: str, message: type[Message], latched: int = 0) -> TopicWriter[Message]:
+        """A topic of ours; `latched`: who comes late gets so many of the last messages."""
+        qos = _latched(latched) if latched else (Policy.Durability.Volatile, Policy.History.KeepLast(EVENT_DEPTH))
+        made = self._writer(f"rt/{self.full_name(topic)}", message, qos)
+        self.writers.append(made)
+        return made
+
+    def reader(self, topic: str, message: type[Message], depth: int = DEPTH) -> TopicReader[Message]:
+        """A topic of others. Never what was latched before we came: old commands are not for us."""
+        return self.read_as(f"rt/{self.full_name(topic)}", message, depth)
+
+    def read_latched(self, topic: str, message: type[Message], depth: int) -> TopicReader[Message]:
+        """A topic of others, with what they latched: what is so, not what was asked."""
+        return self.read_as(f"rt/{self.full_name(topic)}", message, depth, latched=True)
+
+    def read_as(self, name: str, message: type[IdlStruct], depth: int, hashed: type[IdlStruct] | None = None,
+                user_data: str = "", *, latched: bool = False) -> TopicReader[Any]:
+        """Read what DDS knows by `name`; `hashed`: the message whose hash is told, if not this one."""
+        durability = Policy.Durability.TransientLocal if latched else Policy.Durability.Volatile
+        qos = self._qos((durability, Policy.History.KeepLast(depth)), hashed or message, user_data)
+        entity = DataReader(self._participant, Topic(self._participant, name, message), qos)
+        entity.set_status_mask(DDSStatus.DataAvailable)
+        self._waitset.attach(entity)
+        made: TopicReader[Any] = TopicReader(entity, name, depth)
+        self.readers.append(made)
+        return made
+
+    def _writer(self, name: str, message: type[IdlStruct], policies: tuple[Any, ...],
+                hashed: type[IdlStruct] | None = None, user_data: str = "") -> TopicWriter[Any]:
+        qos = self._qos((*policies, Policy.WriterDataLifecycle(autodispose=False)), hashed or message, user_data)
+        entity: DataWriter[Any] = DataWriter(self._participant, Topic(self._participant, name, message), qos)
+        entity.set_status_mask(DDSStatus.PublicationMatched)
+        self._matches.attach(entity)
+        return TopicWriter(entity, name)
+
+    def write_as(self, name: str, message: type[IdlStruct], hashed: type[IdlStruct],
+                 user_data: str) -> TopicWriter[Any]:
+        """Write what DDS knows by `name`; see `read_as`."""
+        policies = Policy.Durability.Volatile, Policy.History.KeepLast(DEPTH)
+        made = self._writer(name, message, policies, hashed, user_data)
+        self.writers.append(made)
+        return made
+
+    @staticmethod
+    def _qos(policies: tuple[Any, ...], message: type[IdlStruct], user_data: str) -> Qos:
+        told = f"typehash={type_hash(message)};{user_data}".encode()
+        return Qos(Policy.Reliability.Reliable(BLOCKING_NS), *policies, Policy.Userdata(told))
+
+    def wait(self, timeout_ns: int) -> bool:
+        """Until something has come, for so long at most; whether it has."""
+        return bool(self._waitset.wait(max(0, timeout_ns)))
+
+    def look(self) -> bool:
+        """See who reads what, for `TopicWriter.is_read`; whether that has changed. Only then each writer is asked."""
+        if not self._matches.wait(0):
+            return False
+        for writer in (self._graph, *self.writers):
+            writer.look()
+        self.is_read = any(writer.is_read for writer in self.writers)
+        return True
+
+    def announce(self) -> None:
+        """Tell ROS which node has which endpoints; once all are there."""
+        node = NodeEntitiesInfo(self.namespace, self.name, [reader.gid for reader in self.readers],
+                                [writer.gid for writer in self.writers])
+        self._graph.write(ParticipantEntitiesInfo(Gid(self._participant.get_guid().bytes), [node]))
+
+    def close(self) -> None:
+        """Leave the domain; others see it at once."""
+        self.writers.clear()
+        self.readers.clear()
+        for part in ("_graph", "_waitset", "_matches", "_participant", "_domain"):
+            delattr(self, part)
+
+
+def _latched(depth: int) -> tuple[Any, ...]:
+    return (Policy.Durability.TransientLocal, Policy.History.KeepLast(max(depth, EVENT_DEPTH)),
+            Policy.DurabilityService(0, Policy.History.KeepLast(depth), -1, -1, -1))

@@ -1,0 +1,399 @@
+"""The base of a process of one's own: setup, then main or an update each period, quit. docs/write-a-process.md.
+
+It is a single thread. What it is asked, what it subscribes to and the files that it watches are looked at where it
+waits: in `tick` and `wait`. There, and nowhere else, it learns that it has to end.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import select
+from collections.abc import Callable
+from typing import Any, Final, Protocol
+
+from numpy.typing import NDArray
+
+from trocar.procs.crtk.names import Unknown, none_such
+from trocar.procs.document.process import ELSEWHERE
+from trocar.procs.document.system import SystemConfig, from_json
+from trocar.procs.document.user_process import PROPERTIES, SAVE_PROPERTIES, SET_PROPERTY, UserProcess
+from trocar.procs.machine.listening import handed
+from trocar.procs.machine.paths import NoStateFolder, log_folder, made_log_folder
+from trocar.procs.machine.verb_lines import REMEDY
+from trocar.procs.node.node_memory import OwnMemory
+from trocar.procs.node.pacing import Pacing
+from trocar.procs.node.pauses import Pauses
+from trocar.procs.tables import codes
+from trocar.procs.tables.manifest import proc
+from trocar.procs.tables.user_rows import arguments_of, handler_of
+from trocar.procs.user.properties import Properties
+from trocar.procs.user.subscription import SLOWEST_NS, Subscription
+from trocar.shm.commands import COMMANDS
+from trocar.shm.mailbox.origins import ACTING
+from trocar.shm.mailbox.received import Received
+from trocar.shm.memory.layout import shorten
+from trocar.shm.system import directory, loglines
+from trocar.shm.system.subscriptions import Subscriber, Subscriptions
+from trocar.shm.time.clock import monotonic_ns
+from trocar.shm.time.system_time import SystemTime
+
+BEAT_NS: Final = 50_000_000
+SIMULATED_NS: Final = 2_000_000  # between two looks at simulated time
+CHECK_NS: Final = 100_000_000
+SIMULATED_LOST: Final = 10
+READ, WRITE, EXCEPT = select.POLLIN, select.POLLOUT, select.POLLPRI
+
+
+class Watchable(Protocol):
+    """An open file, serial line or socket."""
+
+    def fileno(self) -> int:
+        """Its descriptor."""
+
+
+class OwnProcess:
+    """Make a subclass of it: `setup`, `update` (or `main`), `quit`, and `on_NAME` for each command NAME."""
+
+    LATER: Final = object()
+    """What a handler returns that answers `self.request` later itself, by `done` or `fail`."""
+
+    def __init__(self, system: str, name: str, period_s: float = 0.0) -> None:
+        """Take the place; SegmentError when there is none or somebody has it, ValueError when it is not for users.
+
+        `period_s`: if not that of the system file.
+        """
+        document: SystemConfig = from_json(directory.document(system))
+        declared = document.user(name) or _bare(document, name)
+        self.system, self.name, self.declared = system, name, declared
+        self.is_ours = declared.module != "" or document.process(name).start != ELSEWHERE
+        """Started by the supervisor; else a program that a person has started."""
+        self.time, self.log = SystemTime(system), logging.getLogger(name)
+        self.own = OwnMemory(document, name, self.time.now_ns, loglines.into(self.log) if self.is_ours else None)
+        self._period_ns = round((period_s or self.own.row.period_s) * 1e9)
+        try:
+            self._open()
+        except BaseException:
+            self.close()
+            raise
+
+    def _open(self) -> None:
+        own, declared = self.own, self.declared
+        own.page.show("STARTING")
+        self._names = {row.name: tuple(field.name for field in row.fields) for row in declared.topics}
+        for row in (directory.topic_of(own.kind, topic) for topic in proc(own.kind).topics):
+            self._names[row.name] = tuple(field.name for field in row.fields)
+        self._take_rings()
+        self.properties = Properties(declared.properties, own.writes(PROPERTIES) if declared.properties else None,
+                                     self.time)
+        self._saved = log_folder(os.environ, self.system) / f"{self.name}.properties.json"
+        self.properties.load(self._saved, self.log)
+        self._mailbox, self._wakeup = own.mailbox(), own.page.wakeup()
+        self._commands = {row.name: row for row in declared.commands}
+        if taken := self._commands.keys() & {row.name for row in COMMANDS.get(own.kind, ())}:
+            raise ValueError(f"{', '.join(sorted(taken))}: every {own.kind} has this command; it needs another name")
+        self.carries_out: Callable[[Received], object] = self._nothing_else
+        """Carries out what can be asked of its kind, besides the commands that the system file declares."""
+        self._subscriptions: list[Subscription] = []
+        self._wanted = Subscriptions(own.page)
+        self._poll, self._files = select.poll(), set[int]()
+        self._stop, self._check_at, self._acting = "", 0, ACTING.origin
+        self.request: Received | None = None
+        """The command that is being carried out."""
+        self.listening = handed() if self.is_ours else ()
+        """The sockets of its `listen`, not blocking: `watch` them, and accept."""
+        self._pacing, self._beat = Pacing(own.page, self._period_ns, 0), own.page.field("heartbeat_ns")
+        ends = proc(own.kind).pause_ends and not self.time.simulated
+        self._pauses, self.held_up_s = Pauses(round(own.late_s * 1e9) if ends else 0), 0.0
+        """How long it was held up before this period, when that was so long that it began anew, s; else 0."""
+
+    def _take_rings(self) -> None:
+        """Claim the rings of its topics."""
+        self._rings = {topic: self.own.writes(topic) for topic in self._names}
+        self._fields = {topic: {name: ring.field(name) for name in self._names[topic]}
+                        for topic, ring in self._rings.items()}
+
+    # what it is to do
+
+    def setup(self) -> None:
+        """Open what it needs; an error here is reported to whoever starts it, and `quit` comes all the same."""
+
+    def main(self) -> None:
+        """Its work, until `tick` or `wait` is False; as it is, `update` once a period."""
+        while self.tick():
+            self.update()
+
+    def update(self) -> None:
+        """Once a period."""
+
+    def quit(self) -> None:
+        """Close what `setup` has opened; comes once, whatever happened before but kill -9."""
+
+    # when it does so
+
+    def tick(self) -> bool:
+        """End this period, carry out what it is asked meanwhile; False: it has to end. Periods are system time."""
+        deadline = self._pacing.end_of_work(self.time.now_ns())
+        while not self._stopped() and (left := deadline - self.time.now_ns()) > 0:
+            if self._mailbox.has_news:
+                self.process_messages()
+            else:
+                self._rest(max(left, 200_000) if self.time.simulated else left, False)
+        self.process_messages()
+        self._pacing.begin_work(self.time.now_ns())
+        self.look_for_pause()
+        return not self._stop
+
+    def look_for_pause(self) -> None:
+        """A period begins: of the kinds that must not go on after a pause, who was held up begins anew."""
+        held_up_ns = self._pauses.next(self._period_ns)
+        self.held_up_s = held_up_ns * 1e-9
+        if held_up_ns:
+            for ring in self._rings.values():
+                ring.close()
+            self._take_rings()
+            self.own.report_pause(held_up_ns)
+            self.own.begin()
+            self._pauses.begin()
+
+    def wait(self, timeout: float) -> bool:
+        """Until there is news (a command, a subscribed record, a watched file) or so many s; False: it has to end."""
+        end = monotonic_ns() + round(timeout * 1e9)
+        while not self._stopped() and not self.has_news() and (left := end - monotonic_ns()) > 0:
+            self._rest(left, True)
+        return not self._stop
+
+    def has_news(self) -> bool:
+        """Whether a command, a subscribed record or a watched file waits to be looked at."""
+        if self._mailbox.has_news or any(s.has_news for s in self._subscriptions):
+            return True
+        return bool(self._files) and bool(self._poll.poll(0))
+
+    def stop(self, reason: str) -> None:
+        """It ends at the next `tick` or `wait`."""
+        self._stop = self._stop or reason
+
+    @property
+    def stop_reason(self) -> str:
+        """Why it ends; empty while it runs."""
+        return self._stop
+
+    def _rest(self, left_ns: int, looks: bool) -> None:
+        """Sleep until a command wakes us, at most so long, and not longer than what nobody wakes us for allows."""
+        most = SIMULATED_NS if self.time.simulated and not looks else BEAT_NS
+        if looks and self._subscriptions:
+            most = min(each.slice_ns for each in self._subscriptions)
+        if looks and self._files:
+            self._poll.poll(min(left_ns, most, SLOWEST_NS) / 1e6)
+        else:
+            self._wakeup.sleep(lambda: self._mailbox.has_news or bool(self._stop), min(left_ns, most))
+
+    def _stopped(self) -> bool:
+        self._beat[...] = now = monotonic_ns()
+        if now >= self._check_at:
+            self._check_at = now + CHECK_NS
+            allowed_s = self.own.document.supervisor_lost_s * (SIMULATED_LOST if self.time.simulated else 1)
+            if (silent_s := self.own.lost_s()) > allowed_s:
+                self.stop(f"the supervisor has not beaten for {silent_s:.1f} s")
+        return bool(self._stop)
+
+    # what it says
+
+    def publish(self, topic: str, **fields: Any) -> None:
+        """Write a record of one of its topics; fields that are not given stay as they were.
+
+        KeyError names the topics or fields that there are; ValueError the field whose value does not fit.
+        """
+        cells = self.cells(topic)
+        for name, value in fields.items():
+            try:
+                cells[name][...] = value.encode() if isinstance(value, str) else value
+            except KeyError:
+                raise KeyError(none_such("field", name, cells, f"{self.name}/{topic}")) from None
+            except (TypeError, ValueError) as error:
+                raise ValueError(f"{self.name}/{topic}, field {name}: {error}") from None
+        ring = self._rings[topic]
+        ring.publish(max(self.time.now_ns(), ring.stamp_ns + 1))
+
+    def cells(self, topic: str) -> dict[str, NDArray[Any]]:
+        """The fields of a topic of its own, as its next record has them; after a pause they are others."""
+        if topic not in self._fields:
+            raise KeyError(none_such("topic", topic, self._fields, self.name))
+        return self._fields[topic]
+
+    def beat(self) -> None:
+        """Show that it lives; `tick`, `wait` and `step` do it."""
+        self._beat[...] = monotonic_ns()
+
+    def is_wanted(self, topic: str) -> bool:
+        """Whether somebody subscribes to one of its topics; what nobody wants need not be computed."""
+        self._wanted.look()
+        return bool(self._wanted.wanted & self._wanted.bits(topic))
+
+    def status(self, text: str) -> None:
+        """Tell people something."""
+        self.own.events.status(text, self.name)
+
+    def event(self, name: str, text: str = "", value: float = float("nan")) -> None:
+        """Tell programs something: an event of this name."""
+        self.own.events.emit(name, text, code=name, component=self.name, value=value)
+
+    @property
+    def error(self) -> str:
+        """What is wrong with it, as `trocar status` shows it; empty: nothing."""
+        return bytes(self.own.page.field("error")[()]).rstrip(b"\0").decode(errors="replace")
+
+    @error.setter
+    def error(self, text: str) -> None:
+        if text and text != self.error:
+            self.own.events.report(codes.USER_ERROR, text, self.name, has_remedy=REMEDY in text)
+        self.own.page.field("error")[...] = shorten(text, 399)
+
+    # what it hears
+
+    def subscribe(self, topic: str, *groups: str) -> Subscription:
+        """A topic of another process, INSTANCE/TOPIC; its records are news to `wait`. SegmentError: there is none.
+
+        Fields that are computed on demand (docs/topics.md) are NaN until their group is wanted, as one of `groups`.
+        """
+        instance, _, ring = topic.partition("/")
+        if instance not in (known := directory.instances(self.system)):
+            raise Unknown(none_such("process", instance, known))
+        subscriber = self.own.hold(Subscriber(self.system, instance, self.name))
+        subscriber.want(ring, *groups)
+        found = Subscription(self.own.hold(directory.reader(self.system, instance, ring)), subscriber, topic)
+        self._subscriptions.append(found)
+        return found
+
+    def unsubscribe(self, subscription: Subscription) -> None:
+        """Its records are no news any more."""
+        self._subscriptions.remove(subscription)
+        subscription.subscriber.drop(subscription.topic.partition("/")[2])
+
+    def watch(self, file: int | Watchable, events: int = READ) -> None:
+        """`wait` ends when the file can be read (or written, or has a condition: READ | WRITE | EXCEPT)."""
+        self._files.add(number := _number(file))
+        self._poll.register(number, events)
+
+    def unwatch(self, file: int | Watchable) -> None:
+        """Stop watching it; before it is closed."""
+        self._files.discard(number := _number(file))
+        self._poll.unregister(number)
+
+    def is_ready(self, file: int | Watchable) -> bool:
+        """Whether a watched file can be read now, or what else it is watched for."""
+        return _number(file) in dict(self._poll.poll(0))
+
+    def process_messages(self, most: int = 64) -> int:
+        """Carry out what it was asked meanwhile, so many commands at most; how many there were. `tick` does it, too."""
+        count, waiting = 0, None
+        while count < most and self._mailbox.has_news:
+            for request in self._mailbox.drain(0 if self.time.simulated else monotonic_ns()):
+                count += 1
+                if waiting is not None and waiting.name == request.name:
+                    waiting.done("a newer one took its place")
+                elif waiting is not None:
+                    self._carry_out(waiting)
+                waiting = None
+                if request.command.latest:
+                    request.accept()  # a successor has to find it answered
+                    waiting = request
+                else:
+                    self._carry_out(request)
+                if count >= most:
+                    break
+        if waiting is not None:
+            self._carry_out(waiting)
+        return count
+
+    def _carry_out(self, request: Received) -> None:
+        if request.needs_operator and ACTING.origin is not None:
+            ACTING.origin = request.origin  # what comes of it is asked for by who asked for it
+        self.request, is_accepted = request, request.command.latest
+        refuse = request.fail if is_accepted else request.refuse
+        try:
+            answer = self._answer(request)
+        except (ValueError, NoStateFolder) as error:
+            refuse(str(error))
+        except Exception as error:
+            self.log.exception("%s ended by an error", request.name)
+            refuse(f"{type(error).__name__}: {error}")
+        else:
+            if answer is not self.LATER:
+                request.done("" if answer is None else str(answer))
+            elif not is_accepted:
+                request.accept()
+        finally:
+            self.request = None
+
+    def _answer(self, request: Received) -> object:
+        if request.name == SET_PROPERTY:
+            return self.property_changed(self.properties.ask(request.text, request.values))
+        if request.name == SAVE_PROPERTIES:
+            return self._save_properties()
+        command = self._commands.get(request.name)
+        if command is None:
+            return self.carries_out(request)
+        if why := request.command.objection(request.values):
+            raise ValueError(f"{request.name}: {why}")
+        return handler_of(self, self.name, command)(*arguments_of(command, request))
+
+    def check_commands(self) -> None:
+        """ValueError: it cannot carry out what it declares."""
+        for command in self.declared.commands:
+            handler_of(self, self.name, command)
+
+    def _nothing_else(self, request: Received) -> object:
+        raise ValueError(f"{self.name} does not carry out {request.name}")
+
+    def property_changed(self, name: str) -> str | None:
+        """A property was set from outside."""
+
+    def _save_properties(self) -> str:
+        made_log_folder(os.environ, self.system)
+        self.properties.save(self._saved)
+        return str(self._saved)[-100:]
+
+    # its life
+
+    def run(self) -> None:
+        """Setup, main, quit; quit also after an error of those two, which is raised again."""
+        try:
+            self.begin()
+            self.main()
+        finally:
+            self.quit()
+
+    def begin(self) -> None:
+        """Setup; from then on it runs."""
+        self.setup()
+        self.check_commands()
+        self.own.begin(self.error)
+        self._pacing.begin(self.time.now_ns(), self.time.simulated)
+
+    def step(self) -> None:
+        """One period in a process that calls several: what it is asked, then its update, for whom it acts."""
+        ACTING.origin = self._acting
+        self.beat()
+        self._pacing.called(self.time.now_ns())
+        self.process_messages()
+        self.update()
+        self._pacing.end_of_work(self.time.now_ns())
+        self._acting = ACTING.origin
+
+    def close(self) -> None:
+        """Give the place back."""
+        self.time.close()
+        self.own.leave()
+
+
+def _bare(document: SystemConfig, name: str) -> UserProcess:
+    """One that declares nothing of its own; ValueError where it is none of a user's."""
+    rows = [row for row in document.processes if row.name == name and proc(row.kind).declared]
+    if not rows:
+        raise ValueError(f"{name} is no process that the system file declares with a module")
+    return UserProcess(name, "", rows[0].period_s)
+
+
+def _number(file: int | Watchable) -> int:
+    return file if isinstance(file, int) else file.fileno()

@@ -1,0 +1,79 @@
+"""The properties of a process of one's own: values within bounds, shown in a topic, kept in a file on request."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from logging import Logger
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.procs.document.user_process import Property
+from trocar.shm.ring.ring import RingWriter
+from trocar.shm.time.system_time import SystemTime
+
+
+class Properties(Mapping[str, Any]):
+    """Its numbers and texts by name; setting one out of its bounds is a ValueError. What is set is shown at once."""
+
+    def __init__(self, rows: tuple[Property, ...], ring: RingWriter | None, time: SystemTime) -> None:
+        self._rows, self._ring, self._time = {row.name: row for row in rows}, ring, time
+        self._values = {row.name: row.first for row in rows}
+        self._show()
+
+    def __getitem__(self, name: str) -> Any:
+        if name not in self._values:
+            raise KeyError(self._none_such(name))
+        return self._values[name]
+
+    def _none_such(self, name: str) -> str:
+        return f"no property {name}; there are {', '.join(self._rows) or 'none'}"
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._values)
+
+    def __len__(self) -> int:
+        return len(self._values)
+
+    def __setitem__(self, name: str, value: float | str) -> None:
+        if name not in self._rows:
+            raise ValueError(self._none_such(name))
+        if not self._rows[name].is_text:
+            value = float(value)
+        if wrong := self._rows[name].objection(value):
+            raise ValueError(wrong)
+        self._values[name] = value
+        self._show()
+
+    def ask(self, text: str, values: NDArray[np.float64]) -> str:
+        """Set one as a command says: its name and a number, or its name and its text. Returns the name."""
+        name, _, words = text.partition(" ")
+        is_text = name in self._rows and self._rows[name].is_text
+        if len(values) != (0 if is_text else 1) or (words and not is_text):
+            raise ValueError(f"{name} takes a text, and no number" if is_text else "it takes one number")
+        self[name] = words if is_text else float(values[0])
+        return name
+
+    def _show(self) -> None:
+        if self._ring is not None:
+            for name, value in self._values.items():
+                self._ring.field(name)[...] = value.encode() if isinstance(value, str) else value
+            self._ring.publish(max(self._time.now_ns(), self._ring.stamp_ns + 1))
+
+    def save(self, path: Path) -> None:
+        """Keep them for the next start."""
+        path.write_text(json.dumps(self._values))
+
+    def load(self, path: Path, log: Logger) -> None:
+        """What was saved counts where it is still a property, within its bounds."""
+        try:
+            saved = json.loads(path.read_text())
+            for name in [name for name in self if name in saved]:
+                self[name] = saved[name]
+        except FileNotFoundError:
+            return
+        except (OSError, ValueError, TypeError) as error:
+            log.warning("%s: not all of it counts: %s", path, error)

@@ -1,0 +1,96 @@
+"""What an owner was asked for and what became of it: a ring of its own, so that a motion can be traced to a person.
+
+Of a stream (servo_…) only the first goal is written, and then what changes: another sender, another outcome, a reason.
+A sender is a place in the mailbox and a person's command (shm/mailbox/origins.py): a process may stream for several of
+them. A jaw has a stream of its own beside the arm's.
+In lock-step all goals are that come from a person's program: so a recording has what it takes to repeat a run.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol
+
+from trocar.shm.mailbox.origins import is_direct
+from trocar.shm.memory.layout import shorten
+from trocar.shm.time.clock import local_ns, monotonic_ns
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from trocar.shm.mailbox.command_row import CommandRow
+    from trocar.shm.mailbox.origins import Origin, SenderId
+    from trocar.shm.ring.ring import RingWriter
+
+NAMES = ("command", "text", "outcome", "reason", "origin", "generation", "program", "pid", "place", "peer", "id",
+         "monotonic_ns", "local_ns")
+REASON = 400  # bytes
+JAW = "jaw"
+
+
+class AuditedCommand(Protocol):
+    """A command, however it came."""
+
+    command: CommandRow
+    place: int
+    id: int
+
+    @property
+    def sender(self) -> SenderId:
+        """Which program, and which client of a bridge, sent it."""
+
+    @property
+    def text(self) -> str:
+        """Its text argument."""
+
+    @property
+    def pid(self) -> int:
+        """The process that sent it; 0: not known."""
+
+    @property
+    def origin_id(self) -> int:
+        """The number of the person's command it comes from."""
+
+    @property
+    def origin(self) -> Origin:
+        """The person's command it comes from."""
+
+    @property
+    def values(self) -> NDArray[np.float64]:
+        """Its numbers, (n,)."""
+
+
+class Audit:
+    """The writing end."""
+
+    def __init__(self, ring: RingWriter, now_ns: Callable[[], int], every: bool = False) -> None:
+        """`now_ns` is the process's clock; `every`: each goal of a person's stream is written."""
+        self._ring, self._now_ns, self._every = ring, now_ns, every
+        self._count, self._values = ring.field("count"), ring.field("values")
+        self._fields = [ring.field(name) for name in NAMES]
+        self._streams: dict[bool, tuple[str, int, int, str, str]] = {}  # of the jaw, and of all else
+
+    def write(self, received: AuditedCommand, outcome: str, reason: str) -> None:
+        """One command has got an answer."""
+        command = received.command
+        if command.stream and not (self._every and is_direct(received.origin_id, received.pid)):
+            part = command.stream == JAW
+            stream = command.name, received.place, received.origin_id, outcome, reason
+            if stream == self._streams.get(part):
+                return
+            self._streams[part] = stream
+        elif self._streams:
+            self._streams.clear()
+        origin = received.origin
+        values = (command.name.encode(), received.text.encode(), outcome.encode(), shorten(reason, REASON), origin.id,
+                  origin.generation, origin.program.encode(), received.pid, received.place, received.sender.peer,
+                  received.id,
+                  monotonic_ns(), local_ns())
+        for field, value in zip(self._fields, values, strict=True):
+            field[...] = value
+        used = received.values[: len(self._values)]
+        self._count[...] = len(used)
+        self._values[: len(used)], self._values[len(used) :] = used, 0.0
+        self._ring.publish(max(self._now_ns(), self._ring.stamp_ns + 1))

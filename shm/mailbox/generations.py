@@ -1,0 +1,170 @@
+"""Fault generations: what was asked for before a fault counts for nothing after it.
+
+One page per system with three cells for each component (an arm, setup joints, a robot of an io), written by its owner
+alone:
+
+Fault (owner):    F1 count := count + 1       F2 void := fault := sum of all counts
+Power-off (owner): the same, but `fault` stays
+Command (person): G1 generation := sum of all counts, before the command is sent
+Check (owner):    the command counts when its generation ≥ void of the component
+
+The sum is the system's fault generation: how many faults there were. Counts only grow, so a sum that was taken before
+F1 is smaller than that of F2, one that was taken after F2 is not. No clock is compared with another; a fault of one
+component leaves commands to the others as they were. What a person switched off is no fault: it voids what was asked of
+that component before, and who works with others goes on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from trocar.shm.memory.layout import schema_of
+from trocar.shm.memory.rows import Field, Topic
+from trocar.shm.memory.segment import Make, Segment, SegmentError, create, segment_name
+from trocar.shm.ring.ring import attach
+
+WORD = (1 << 64) - 1
+
+PAGE = Topic(
+    "faults",
+    writer="supervisor",
+    rate_hz=0,
+    depth_s=0,
+    depth=1,
+    fields=(
+        Field("count", "(components,)<u8", "", "how often commands to this component became void; by its owner"),
+        Field("fault", "(components,)<u8", "", "generation of its last fault, 0: there was none; by its owner"),
+        Field("void", "(components,)<u8", "", "commands of an earlier generation count for nothing; by its owner"),
+    ),
+)
+
+
+def robot_component(io: str, robot: str) -> str:
+    """The name of a robot of an io among the components."""
+    return f"{io}/{robot}"
+
+
+class Cell(Protocol):
+    """What an owner knows of its component's faults."""
+
+    @property
+    def void(self) -> int:
+        """Commands of an earlier generation count for nothing."""
+
+    @property
+    def spared(self) -> int:
+        """But those of this origin count: it has itself switched the component off."""
+
+
+class OwnCell(Cell, Protocol):
+    """The same, for its owner."""
+
+    def fault(self) -> None:
+        """A fault has happened: what was asked for before counts for nothing from now on."""
+
+    def switched_off(self, origin: int) -> None:
+        """A person's command `origin` took the power away: it counts on, what was asked for before does not."""
+
+
+class NoFaults:
+    """A component that has no faults of its own: every person's command counts."""
+
+    void = spared = 0
+
+    def fault(self) -> None:
+        """See OwnCell."""
+
+    def switched_off(self, origin: int) -> None:
+        """See OwnCell."""
+
+
+def create_faults(system: str, components: Sequence[str], make: Make = create) -> int:
+    """Make the page of a system; returns its size."""
+    schema = schema_of(PAGE, {"components": len(components)})
+    return make(segment_name(system, "supervisor", "faults"), "faults", schema, 1, {"components": list(components)})
+
+
+class Faults:
+    """The page, for whoever looks."""
+
+    def __init__(self, system: str, *, write: bool = False) -> None:
+        """Attach; SegmentError when the system has no such page."""
+        self._segment = segment = Segment(segment_name(system, "supervisor", "faults"), write=write)
+        try:
+            components = segment.header.info.get("components")
+            if not (isinstance(components, list) and all(isinstance(name, str) for name in components)):
+                raise SegmentError(f"{segment.name}: its list of components is not readable")
+            schema = schema_of(PAGE, {"components": len(components)})
+            attach(segment, "faults", schema)
+        except BaseException:
+            segment.close()
+            raise
+        self.components: tuple[str, ...] = tuple(components)
+        first, places = segment.header.first, range(len(components))
+        self.words = segment.words()
+        self._counts, self._faults, self._voids = ([(first + schema.offset(name)) // 8 + place for place in places]
+                                                   for name in ("count", "fault", "void"))
+
+    def generation(self) -> int:
+        """How many faults there were in the system."""
+        words = self.words
+        return sum([words[at] for at in self._counts]) & WORD  # G1
+
+    def void(self, component: str) -> int:
+        """The generation before which commands to a component count for nothing; 0 where there is none of this name."""
+        return self.words[self._voids[self.components.index(component)]] if component in self.components else 0
+
+    def cell(self, component: str) -> tuple[int, int, int]:
+        """Where `count`, `fault` and `void` of a component lie in `words`; KeyError when there is none."""
+        if component not in self.components:
+            raise KeyError(f"no component {component}; there are {', '.join(self.components)}")
+        place = self.components.index(component)
+        return self._counts[place], self._faults[place], self._voids[place]
+
+    def close(self) -> None:
+        """Unmap."""
+        self._segment.close()
+
+
+class FaultCell:
+    """The cell of one component, for its owner."""
+
+    def __init__(self, faults: Faults, component: str) -> None:
+        """`faults` is attached with write; KeyError when it has no such component."""
+        self._page = faults
+        self._count, self._fault, self._void = faults.cell(component)
+        self.void: int = faults.words[self._void]
+        self.spared = 0
+
+    def fault(self) -> None:
+        """See OwnCell."""
+        self._next(0)
+        self._page.words[self._fault] = self.void
+
+    def switched_off(self, origin: int) -> None:
+        """See OwnCell."""
+        self._next(origin)
+
+    def _next(self, spared: int) -> None:
+        words = self._page.words
+        words[self._count] = words[self._count] + 1 & WORD  # F1
+        self.spared = spared
+        self.void = words[self._void] = self._page.generation()  # F2
+
+
+class Watched:
+    """The last fault of some components, for whoever works with them: a Cell whose `void` others move."""
+
+    spared = 0
+
+    def __init__(self, faults: Faults, components: Sequence[str]) -> None:
+        """Names that are no components of ours have no faults: third-party program."""
+        self._words = faults.words
+        self._places = [faults.cell(name)[1] for name in components if name in faults.components]
+
+    @property
+    def void(self) -> int:
+        """What was asked for in an earlier generation counts for nothing."""
+        words = self._words
+        return max([words[at] for at in self._places], default=0)

@@ -1,0 +1,34 @@
+"""Why a command is refused before its owner sees it: it came late, or no operator's command authorizes it.
+
+One rule for every way in: mailboxes, what arms request of io, stand-ins of tests.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from trocar.shm.mailbox.command_row import CommandRow, Numbers
+from trocar.shm.mailbox.generations import Cell
+from trocar.shm.mailbox.origins import Origin
+
+LATE_NS: Final = 1_000_000_000
+
+
+def authorizes(origin: Origin, cell: Cell) -> bool:
+    """Whether this is an operator's command, given since the last fault or power-off of the cell's component."""
+    return bool(origin.id) and (origin.generation >= cell.void or origin.id == cell.spared)
+
+
+def unauthorized(row: CommandRow, text: str, values: Numbers, origin: Origin, cell: Cell | None) -> str:
+    """Why it is not authorized, "": it is, or needs not be. `cell`: None where nothing needs to be."""
+    if cell is None or authorizes(origin, cell) or not row.needs_operator(text, values):
+        return ""
+    before = f" ({origin.program or 'a program'} gave its command earlier)" if origin.id else ""
+    return f"not authorized{before}: needs an operator's command given after the last fault or power-off"
+
+
+def late(row: CommandRow, text: str, values: Numbers, waited_ns: int) -> str:
+    """Why it is not carried out any more, `waited_ns` after it was sent; "": it is."""
+    if waited_ns <= LATE_NS or not row.expires(text, values):
+        return ""
+    return f"it came {waited_ns * 1e-9:.1f} s late, allowed are {LATE_NS * 1e-9} s; ask again"

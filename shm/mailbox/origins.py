@@ -1,0 +1,74 @@
+"""Whose command it was: every command that may power, home or move carries the person's command that it comes from.
+
+Persons are the command line, Python programs, bridges and the web console. System, consoles and teleoperations pass on
+the origin of what they were asked for; pedals, head sensors and processes that were restarted have none of their own.
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, NamedTuple
+
+PROGRAM_BYTES: Final = 16
+COUNT = itertools.count(1)
+
+
+@dataclass(frozen=True, slots=True)
+class Origin:
+    """One person's command: its number, unique among all programs of a run, its fault generation, the program.
+
+    See shm/mailbox/generations.py for generations.
+    """
+
+    id: int
+    generation: int
+    program: str
+
+
+NOBODY: Final = Origin(0, 0, "")
+
+
+class SenderId(NamedTuple):
+    """Which program sent a command here: its place in the mailbox, and, of a bridge, which of its clients (0: none).
+
+    Another program, or another client of the same bridge, is another sender, whatever the origin.
+    """
+
+    place: int
+    peer: int = 0
+
+
+class Acting:
+    """For whom a process acts; None: it is a person's own program, and each of its commands is a person's.
+
+    Processes that the supervisor starts act for nobody, or for whom they were asked by; see procs/user/loop.py.
+    """
+
+    origin: Origin | None = None
+
+
+ACTING: Final = Acting()
+
+
+def new_id() -> int:
+    """A number that no other command of a person has."""
+    return os.getpid() << 32 | next(COUNT) & 0xFFFF_FFFF
+
+
+def is_direct(origin: int, pid: int) -> bool:
+    """Whether a command with this origin was sent by the program that the person gave it with; others pass it on."""
+    return pid > 0 and origin >> 32 == pid
+
+
+def program_name() -> str:
+    """What this process was called as: "trocar send", "plan.py", "python"."""
+    path = Path(sys.argv[0] if sys.argv else "")
+    name = path.parent.name if path.name == "__main__.py" else path.name  # of python -m NAME
+    if name in ("trocar", "tools"):
+        verb = next((word for word in sys.argv[1:] if not word.startswith("-")), "")
+        return f"trocar {verb}".strip()
+    return name if name not in ("", "-c", "-m") else "python"

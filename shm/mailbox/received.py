@@ -1,0 +1,112 @@
+"""A command on its owner's side: what was asked, by whom, and the ways to answer."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.shm.mailbox.command_row import CommandRow
+from trocar.shm.mailbox.mailbox_map import MAX_TEXT, PROGRAM_IN_RAW, TEXT_IN_RAW
+from trocar.shm.mailbox.origins import Origin, SenderId
+from trocar.shm.memory.header import readable
+from trocar.shm.memory.holders import Holder
+
+ACCEPTED, REFUSED, DONE, FAILED = 1, 2, 3, 4
+OUTCOMES = {ACCEPTED: "accepted", REFUSED: "refused", DONE: "done", FAILED: "failed"}
+
+
+class Box(Protocol):
+    """The mailbox that a command came through."""
+
+    def reply(self, received: Received, outcome: int, text: str) -> None:
+        """Answer a command."""
+
+    def holder(self, place: int) -> Holder:
+        """Who has a place, by its own word."""
+
+    def has_client(self, place: int) -> bool:
+        """Whether anybody lives in a place."""
+
+    def home_of(self, place: int) -> int:
+        """The place of the program that sent through this one: another one only where this is the place for stops."""
+
+
+class Received:
+    """One command; answer it once with accept/refuse/done, and later done/fail if it takes time."""
+
+    __slots__ = ("_box", "_head", "_pid", "_raw", "command", "id", "place", "values")
+
+    def __init__(self, box: Box, place: int, command: CommandRow, head: tuple[int, ...], raw: bytes,
+                 values: NDArray[np.float64]) -> None:
+        """`command` is its row of the table, `values` (count,) its numbers, our own copy, read-only.
+
+        `raw` is its slot, but for the sequence, and `head` what COMMAND_HEAD says of it.
+        """
+        self._box, self.place, self._head, self._raw = box, place, head, raw
+        self.id, self.command, self.values = head[1], command, values
+        self._pid: int | None = None
+
+    @property
+    def name(self) -> str:
+        """The command's name."""
+        return self.command.name
+
+    @property
+    def sent_ns(self) -> int:
+        """Real monotonic time when the client sent it."""
+        return self._head[0]
+
+    @property
+    def pid(self) -> int:
+        """The process that sent it, by its own word; 0: not known. As first asked: its place may be another's now."""
+        if self._pid is None:
+            self._pid = self._box.holder(self.place).pid
+        return self._pid
+
+    @property
+    def sender(self) -> SenderId:
+        """Which program, and which client of a bridge, sent it."""
+        return SenderId(self._box.home_of(self.place), self._head[6])
+
+    @property
+    def has_client(self) -> bool:
+        """Whether somebody lives in the place that it came from; who, says `pid`. Asks the kernel."""
+        return self._box.has_client(self.place)
+
+    @property
+    def needs_operator(self) -> bool:
+        """Whether it requires an operator's command given since the last fault."""
+        return self.command.needs_operator(self.text, self.values)
+
+    @property
+    def origin_id(self) -> int:
+        """The number of the person's command it comes from."""
+        return self._head[2]
+
+    @property
+    def origin(self) -> Origin:
+        """The person's command it comes from."""
+        return Origin(self._head[2], self._head[3], readable(self._raw[PROGRAM_IN_RAW:TEXT_IN_RAW]))
+
+    @property
+    def text(self) -> str:
+        """Its text argument."""
+        return self._raw[TEXT_IN_RAW : TEXT_IN_RAW + MAX_TEXT].rstrip(b"\0").decode(errors="replace")
+
+    def accept(self, text: str = "") -> None:
+        """It is under way; `done` or `fail` follows when it takes time."""
+        self._box.reply(self, ACCEPTED, text)
+
+    def refuse(self, reason: str) -> None:
+        """It will not be done, because of `reason`."""
+        self._box.reply(self, REFUSED, reason)
+
+    def done(self, text: str = "") -> None:
+        """It has been carried out."""
+        self._box.reply(self, DONE, text)
+
+    def fail(self, reason: str) -> None:
+        """It was accepted and has failed, because of `reason`."""
+        self._box.reply(self, FAILED, reason)

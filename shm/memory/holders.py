@@ -1,0 +1,36 @@
+"""Who has a place of a segment: what it wrote there about itself, in words for whoever finds all places taken."""
+
+from __future__ import annotations
+
+import struct
+from collections import Counter
+from collections.abc import Iterable
+from typing import NamedTuple
+
+from trocar.shm.memory.segment import start_time
+
+PROGRAM = 60
+HOLDER = struct.Struct(f"<I{PROGRAM}s")  # pid, program
+
+
+class Holder(NamedTuple):
+    """Who has a place, by its own word; pid 0: it does not say."""
+
+    pid: int
+    program: str
+
+    def reported(self, person: str = "", places: int = 1) -> str:
+        """In words; `person`: the program of the person that it acts for."""
+        more = [f"pid {self.pid}"] * bool(self.pid) + [f"{places} places"] * (places > 1)
+        name = (self.program or "a program") if self.pid else "a program that does not say its name"
+        through = f"{person} through " if person and not self.program.startswith(person) else ""
+        return through + name + (f" ({', '.join(more)})" if more else "")
+
+
+NAMELESS = Holder(0, "")
+
+
+def in_words(signed: Iterable[Holder]) -> str:
+    """All of them, each once; one that is dead has left its name to somebody without one."""
+    found = Counter(who if start_time(who.pid) else NAMELESS for who in signed)
+    return ", ".join(who.reported(places=count) for who, count in found.items())

@@ -1,0 +1,56 @@
+"""What a row of the topic table is made of: fields, views on them, and the ring they are written to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """One field: numpy dtype (with shape in front, names allowed), unit, one sentence.
+
+    Those of a `group` are computed while somebody wants it (shm/system/subscriptions.py), and NaN otherwise.
+    """
+
+    name: str
+    dtype: str
+    unit: str
+    text: str
+    group: str = ""
+
+
+HEAD_FIELDS = (Field("sequence", "<u8", "", "number of the record, from 1"),
+               Field("stamp_ns", "<i8", "ns", "monotonic time of the record"))
+"""What every record begins with, before the fields of its row."""
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """A CRTK name as a view on fields: `per` says what it is repeated for, `fields` maps parts of it to fields.
+
+    `kind` is the CRTK payload (js, cp, cv, cf, turn, jacobian); `where` is a flag field that makes it valid.
+    """
+
+    name: str
+    kind: str
+    fields: tuple[tuple[str, str], ...]
+    per: str = ""
+    where: str = "valid"
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """One ring: its name (the segment's last word), the kind that writes it, rate, depth and fields."""
+
+    name: str
+    writer: str
+    rate_hz: float
+    depth_s: float
+    fields: tuple[Field, ...]
+    views: tuple[View, ...] = ()
+    depth: int = 0  # slots, where a depth in seconds makes no sense
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """Groups of fields that are computed on demand, each once."""
+        return tuple(dict.fromkeys(field.group for field in self.fields if field.group))

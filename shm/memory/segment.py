@@ -1,0 +1,400 @@
+"""One shared-memory segment: its name, its header, who may create, claim and read it.
+
+The supervisor creates a segment, sizes it with posix_fallocate (a full /dev/shm is an error now, not a SIGBUS in a
+loop later) and alone unlinks it. A writer claims it with a flock, which the kernel gives back when the writer dies.
+A reader maps it read-only. Everything in the header (shm/memory/header.py) is checked against the file before anything
+is mapped.
+
+What cannot be checked: whoever may write a segment may also shorten its file, and a process that then touches what is
+gone gets SIGBUS and ends; files in /dev/shm cannot be sealed against it. That is why only accepted owners count
+(shm/memory/owners.py), and why nobody but owner and group may write.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import mmap
+import os
+import stat
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import posix_ipc
+
+from trocar.shm.memory import owners, private
+from trocar.shm.memory.header import (
+    FIXED,
+    HEAD_AT,
+    IDENTITY,
+    IDENTITY_AT,
+    MAGIC,
+    TEXT_AT,
+    VERSION,
+    Header,
+    SegmentError,
+    checked,
+    layout,
+    readable,
+    text_of,
+)
+from trocar.shm.memory.layout import Schema
+from trocar.shm.memory.names import FOLDER, NAME, path_of, segment_name
+from trocar.shm.memory.order import Words, ordered
+
+ENDLESS = 1 << 62  # ordinary memory: the kernel says when there is no more
+CLAIM_ATTEMPTS, CLAIM_PAUSE_S = 100, 0.002
+Make = Callable[[str, str, Schema, int, dict[str, Any]], int]  # create, with a mode or group bound, or size_of
+__all__ = [
+    "FIXED", "FOLDER", "HEAD_AT", "IDENTITY_AT", "MAGIC", "NAME", "TEXT_AT", "VERSION", "Header", "Identity", "Make",
+    "Segment", "SegmentError", "SegmentFull", "create", "foreign_owner", "free_bytes", "names_of", "owner_of",
+    "path_of", "segment_name", "size_of", "start_time", "unlink",
+]
+
+
+class SegmentFull(SegmentError):
+    """Shared memory has no room for it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """Who claimed a segment: `epoch` counts the claims, `start` is the process start time in ticks since boot."""
+
+    pid: int
+    epoch: int
+    start: int
+    name: str
+
+
+def names_of(system: str | None = None, *, foreign: bool = False) -> list[tuple[str, str, str]]:
+    """All segments of accepted owners as (system, instance, what), of one system or of all; sorted.
+
+    What other users have put there is none of ours; `foreign` lists that instead.
+    """
+    ours = [] if foreign else [name[1:].split("~") for name in private.segments(system)]
+    if system is not None and private.is_kept(system):
+        return sorted((parts[1], parts[2], parts[3]) for parts in ours)
+    accepted = _accepted()
+    begin = "trocar~" if system is None else f"trocar~{system}~"
+    found = [(parts[1], parts[2], parts[3]) for parts in ours]
+    for path in FOLDER.iterdir() if FOLDER.is_dir() else ():
+        parts = path.name.split("~") if path.name.startswith(begin) else []
+        if len(parts) == 4 and all(NAME.fullmatch(part) for part in parts[1:]):
+            owner = _owner(path)
+            if owner >= 0 and (owner not in accepted) == foreign:
+                found.append((parts[1], parts[2], parts[3]))
+    return sorted(found)
+
+
+def free_bytes(system: str = "") -> int:
+    """How much of a system still fits into shared memory."""
+    if private.is_kept(system):
+        return ENDLESS
+    status = os.statvfs(FOLDER)
+    return status.f_bavail * status.f_frsize
+
+
+def _owner(path: Path) -> int:
+    """User id of an ordinary file, -1: there is none (a link is none)."""
+    try:
+        status = path.lstat()
+    except OSError:
+        return -1
+    return status.st_uid if stat.S_ISREG(status.st_mode) else -1
+
+
+def _accepted() -> frozenset[int]:
+    try:
+        return owners.accepted()
+    except KeyError as error:
+        raise SegmentError(str(error.args[0])) from None
+
+
+def size_of(name: str, kind: str, schema: Schema, depth: int, info: dict[str, Any] | None = None) -> int:
+    """How many bytes `create` would take; SegmentError when a size is out of range."""
+    return layout(name, kind, schema, depth, text_of(info))[1]
+
+
+def create(
+    name: str, kind: str, schema: Schema, depth: int, info: dict[str, Any] | None = None, *, mode: int = 0o600,
+    group: int = -1,
+) -> int:
+    """Make a segment, sized and filled with its header, readable at once; returns its size in bytes.
+
+    Raises SegmentError when it exists, when shared memory is full, when a size is out of range or when we are not
+    of the group.
+    """
+    info_text = text_of(info)
+    first, size = layout(name, kind, schema, depth, info_text)
+    fd = _new(name)
+    try:
+        _fill(fd, name, size)
+        header = FIXED.pack(MAGIC, VERSION, first, schema.fingerprint, schema.stride, depth, len(schema.text),
+                            len(info_text), kind.encode(), size)
+        os.pwrite(fd, schema.text + info_text, TEXT_AT)
+        os.pwrite(fd, header[8:], 8)
+        os.pwrite(fd, MAGIC, 0)  # last: a half-made segment has no magic
+        if group >= 0:
+            _give(fd, name, group)
+        os.fchmod(fd, mode)  # fchmod, because the umask narrows what shm_open is given
+    except BaseException:
+        unlink(name)
+        raise
+    finally:
+        os.close(fd)
+    return size
+
+
+def _new(name: str) -> int:
+    """The file of a new segment, empty."""
+    try:
+        if private.belongs(name):
+            return private.create(name)
+        made: int = posix_ipc.SharedMemory(name, flags=posix_ipc.O_CREX, mode=0o600).fd
+    except (posix_ipc.ExistentialError, FileExistsError):
+        raise SegmentError(f"{name}: exists already{_in_the_way(name)}") from None
+    except (OSError, posix_ipc.Error) as error:
+        raise SegmentError(f"{name}: cannot be made in {FOLDER}: {_reason(error)}") from None
+    return made
+
+
+def _fill(fd: int, name: str, size: int) -> None:
+    free = free_bytes()
+    try:
+        os.posix_fallocate(fd, 0, size)
+    except OSError as error:
+        if error.errno in (errno.ENOSPC, errno.ENOMEM):
+            text = f"{name}: shared memory is full: {size} bytes are needed, {free} are free in {FOLDER}"
+            raise SegmentFull(text) from None
+        raise SegmentError(f"{name}: {size} bytes cannot be had in {FOLDER}: {error.strerror}") from None
+
+
+def _give(fd: int, name: str, group: int) -> None:
+    try:
+        os.fchown(fd, -1, group)
+    except OSError as error:
+        raise SegmentError(f"{name}: cannot be given to group {group}: {error.strerror}; a member of the group, or "
+                           "root, must start the system") from None
+
+
+def foreign_owner(name: str) -> str:
+    """The owner of a segment in words ("user bob") when it is not accepted; empty when it is, or is not there."""
+    uid = _owner(path_of(name))
+    return "" if uid == -1 or uid in _accepted() else owners.user(uid)
+
+
+def owner_of(name: str) -> str:
+    """The owner of whatever lies under a name, in words ("user bob"); empty when that is us, or nothing is there."""
+    try:
+        uid = path_of(name).lstat().st_uid
+    except OSError:
+        return ""
+    return "" if uid == os.getuid() else owners.user(uid)
+
+
+def _in_the_way(name: str) -> str:
+    """Whose the thing is that should not be there, and what to do about it."""
+    user, path = owner_of(name), path_of(name)
+    if user:
+        return (f" and belongs to {user}: its owner, or root, has to remove it (rm {path}); or choose another name "
+                "(--system)")
+    if path.is_file() and not path.is_symlink():
+        return "; another system of this name is up, or was not cleared"
+    return f" and is no segment: remove it (rm -r {path})"
+
+
+def _reason(error: Exception) -> str:
+    more = " (ulimit -n)" if getattr(error, "errno", 0) == errno.EMFILE else ""
+    return f"{getattr(error, 'strerror', None) or error}{more}"
+
+
+def unlink(name: str) -> None:
+    """Remove a segment's name; nothing when it is gone already, SegmentError when it may not be removed."""
+    if private.belongs(name):
+        private.unlink(name)
+        return
+    try:
+        posix_ipc.unlink_shared_memory(name)
+    except posix_ipc.ExistentialError:
+        return
+    except (OSError, posix_ipc.Error) as error:
+        raise SegmentError(f"{name}: cannot be removed ({_reason(error)}){_in_the_way(name)}") from None
+
+
+def held(name: str) -> bool:
+    """Whether somebody holds the claim on whatever lies under this name, of this version or another."""
+    try:
+        fd = os.open(path_of(name), os.O_RDONLY | _flags(name))
+    except OSError:
+        return False
+    try:
+        fcntl.flock(fd, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(fd)
+    return False
+
+
+class Segment:
+    """An attached segment; a context manager. `view` is its memory, read-only unless attached with `write`."""
+
+    def __init__(self, name: str, *, write: bool = False) -> None:
+        """Attach after checking owner, size and header; SegmentError says what does not fit."""
+        self.name = name
+        self.fd: int = _opened(name, write)
+        try:
+            _trusted(self.fd, name)
+            self.header = checked(self.fd, name)
+            access = mmap.ACCESS_WRITE if write else mmap.ACCESS_READ
+            self._map = _mapped(self.fd, name, self.header.size, access)
+        except BaseException:
+            os.close(self.fd)
+            raise
+        self.view = memoryview(self._map)
+        self._at_close: list[Callable[[], object]] = [self.view.release]
+        self._closed = self._claimed = False
+
+    def at_close(self, callback: Callable[[], object], *, unlocks: bool = False) -> None:
+        """Call this first when the segment is closed; what `unlocks` in this process only, see `close`."""
+        self._at_close.insert(0, partial(_if_in, os.getpid(), callback) if unlocks else callback)
+
+    def keep(self, part: memoryview) -> memoryview:
+        """Release `part`, a view taken from this segment, at close."""
+        self.at_close(part.release)
+        return part
+
+    def words(self, copied: int = 0) -> Words:
+        """The whole segment as unsigned 64-bit words, loaded and stored in program order (shm/memory/order.py).
+
+        `copied`: bytes of the largest copy that is written between them.
+        """
+        words = self.view.cast("Q")
+        self.keep(words)
+        return ordered(words, copied)
+
+    def claim(self, name: str) -> Identity:
+        """Become the writer; SegmentError names the one that holds it. The kernel frees the claim when we die."""
+        for attempt in range(CLAIM_ATTEMPTS):
+            try:
+                fcntl.flock(self.fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError:
+                if attempt < CLAIM_ATTEMPTS - 1:
+                    time.sleep(CLAIM_PAUSE_S)  # somebody may only be asking whether it is claimed
+        else:
+            first = self.identity()
+            raise SegmentError(f"{self.name}: {first.name} (pid {first.pid}) writes it already; a ring has one writer")
+        self._claimed = True
+        # a map still in use holds a copy of our descriptor
+        self.at_close(lambda: fcntl.flock(self.fd, fcntl.LOCK_UN), unlocks=True)
+        epoch = self.identity().epoch + 1 & 0xFFFFFFFF  # whatever was written there before
+        identity = Identity(os.getpid(), epoch, start_time(os.getpid()), name)
+        packed = IDENTITY.pack(identity.pid, identity.epoch, identity.start, name.encode()[:64])
+        self.view[IDENTITY_AT : IDENTITY_AT + IDENTITY.size] = packed
+        return identity
+
+    def identity(self) -> Identity:
+        """Who claimed last."""
+        pid, epoch, start, name = IDENTITY.unpack_from(self.view, IDENTITY_AT)
+        return Identity(pid, epoch, start, readable(name))
+
+    def claimed(self) -> bool:
+        """Whether a living process holds the claim now (asks the kernel, for tools; not for loops)."""
+        if self._claimed:
+            return True
+        try:
+            fcntl.flock(self.fd, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+        fcntl.flock(self.fd, fcntl.LOCK_UN)
+        return False
+
+    @property
+    def gone(self) -> str:
+        """Who claimed it last and holds it no more, in words; empty while somebody does, and when nobody ever did."""
+        last = self.identity()
+        return f"{last.name} (pid {last.pid})" if last.epoch and not self.claimed() else ""
+
+    def close(self) -> None:
+        """Unmap and close; every view taken from it must be out of use.
+
+        A forked child that closes its copy leaves its parent's claim and places alone.
+        """
+        if self._closed:
+            return
+        self._closed = True
+        for callback in self._at_close:
+            with contextlib.suppress(BufferError):
+                callback()
+        self._at_close.clear()  # they hold us, and where the garbage collector is off nobody would break the circle
+        with contextlib.suppress(BufferError):  # a numpy view still lives: the map goes with it
+            self._map.close()
+        os.close(self.fd)
+
+    def __enter__(self) -> Segment:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+
+def _if_in(pid: int, callback: Callable[[], object]) -> None:
+    """Locks belong to the open file, which a forked child has as well."""
+    if os.getpid() == pid:
+        callback()
+
+
+def start_time(pid: int) -> int:
+    """Start time of a process in clock ticks since boot, 0 when gone; with the pid it names a process for good."""
+    try:
+        text = Path(f"/proc/{pid}/stat").read_text()
+    except OSError:
+        return 0
+    return int(text.rsplit(")", 1)[1].split()[19])
+
+
+def _flags(name: str) -> int:
+    """Never wait, and follow no link but that of the kernel to memory of ours."""
+    return os.O_NONBLOCK | os.O_CLOEXEC | (0 if private.belongs(name) else os.O_NOFOLLOW)
+
+
+def _opened(name: str, write: bool) -> int:
+    """The file, open. Not by shm_open: that one waits at a named pipe for ever, and takes directories."""
+    try:
+        return os.open(path_of(name), _flags(name) | (os.O_RDWR if write else os.O_RDONLY))
+    except FileNotFoundError:
+        raise SegmentError(f"{name}: there is no such segment; is the system up? (trocar status)") from None
+    except PermissionError:
+        owner = owner_of(name)
+        raise SegmentError(f"{name}: not permitted{f', it belongs to {owner}' if owner else ''}; the system's `group` "
+                           "decides who else may attach") from None
+    except OSError as error:
+        what = "cannot be opened" if error.errno == errno.EMFILE else "is no segment but something else of that name"
+        raise SegmentError(f"{name}: {what} ({_reason(error)})") from None
+
+
+def _mapped(fd: int, name: str, size: int, access: int) -> mmap.mmap:
+    try:
+        return mmap.mmap(fd, size, access=access)
+    except (OSError, ValueError) as error:  # ValueError: it was cut short since we looked
+        raise SegmentError(f"{name}: {size} bytes cannot be mapped: {_reason(error)}") from None
+
+
+def _trusted(fd: int, name: str) -> None:
+    """Refuse what is no ordinary file, or was written by somebody else."""
+    status = os.fstat(fd)
+    if not stat.S_ISREG(status.st_mode):
+        raise SegmentError(f"{name}: is no segment but another kind of file (mode {status.st_mode:o})")
+    accepted = _accepted()
+    if status.st_uid not in accepted:
+        raise SegmentError(f"{name}: belongs to {owners.user(status.st_uid)}; accepted are {owners.users(accepted)} "
+                           f"and whom {owners.SERVICE_USER} names")
+    if status.st_mode & stat.S_IWOTH:
+        mode = stat.S_IMODE(status.st_mode)
+        raise SegmentError(f"{name}: anybody may write it (mode {mode:o}); allowed are 600 and 660")

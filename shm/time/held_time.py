@@ -1,0 +1,79 @@
+"""Simulated time held back by a program from outside: it goes on as far as that says, and stands there.
+
+What is done while it stands (a command sent, a ring read) is done at that instant in every run. One program at a time
+may do so; the kernel gives its place back when it dies, and the supervisor lets time go on then.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+from trocar.shm.memory.locks import Places
+from trocar.shm.memory.segment import SegmentError
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.shm.time.lockstep import NEVER, SCHEMA, Steps, Table, clock_page, waker_of, wakeups_of
+
+LOOK_S: Final = 1e-4
+PAUSE_NS: Final = 100_000_000  # more between two looks is a pause of the whole machine, and of those waited for
+
+
+class HeldTime(Steps):
+    """Time stands from the beginning on; a context manager, at whose end it goes on by itself."""
+
+    def __init__(self, system: str) -> None:
+        """SegmentError: time is not simulated there, or somebody else holds it."""
+        self._over = False
+        page = clock_page(system, write=True)
+        try:
+            table = Table.of_info(page.header.info)
+            super().__init__(page, wakeups_of(system, table, page), waker_of(system, table, page))
+            self._held = Places(page, page.header.first + SCHEMA.offset("limit_ns"), 1)
+            if not self._held.take(0):
+                raise SegmentError(f"{page.name}: another program holds the time of {system}")
+            self.words[self._limit] = self.now_ns()
+        except BaseException:
+            page.close()
+            raise
+
+    def run_until(self, time_ns: int, wait_s: float, look: Callable[[], None] = lambda: None) -> bool:
+        """Let time go to `time_ns`, and wait until all that was due has been done and everybody sleeps.
+
+        False where that takes longer than `wait_s` in real time, our own pauses left out: somebody is awake, or nobody
+        takes part. `look` is called again and again meanwhile; it may raise.
+        """
+        self.words[self._limit] = time_ns
+        left_ns, before_ns = round(wait_s * 1e9), monotonic_ns()
+        while self.advance() != NEVER:
+            now_ns = monotonic_ns()
+            left_ns, before_ns = left_ns - min(now_ns - before_ns, PAUSE_NS), now_ns
+            if left_ns <= 0:
+                return False
+            look()
+            pause(LOOK_S)
+        return True
+
+    def wake(self, member: str) -> None:
+        """A member that sleeps and has news goes on at the instant at which time stands."""
+        self._fence()
+        self._wake(self.table.members.index(member))
+
+    def wish_ns(self, member: str) -> int:
+        """When a member wants to go on."""
+        return self.words[self._next[self.table.members.index(member)]]
+
+    def close(self) -> None:
+        """Let time go."""
+        if not self._over:
+            self._over = True
+            self.words[self._limit] = 0
+            self.advance()
+            self._wake_due()
+            self._held.give_back(0)
+            super().close()
+
+    def __enter__(self) -> HeldTime:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()

@@ -1,0 +1,110 @@
+"""The time of a running system for programs that time does not wait for: tools, scripts, bridges."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from trocar.shm.memory.segment import names_of
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.shm.time.lockstep import NEVER, SCHEMA, Table, clock_page
+
+WALL, PACED, LOCKSTEP = "wall", "paced", "lockstep"
+MIN_S: Final = 2e-4  # between two looks at simulated time
+MAX_S: Final = 0.02
+
+
+class SystemTime:
+    """Real on the wall clock, else the system's own. Close it."""
+
+    def __init__(self, system: str) -> None:
+        """Attach; a system that has no clock page, or is not there, has the wall clock."""
+        self.clock = WALL
+        """WALL, PACED or LOCKSTEP."""
+        self._page = clock_page(system) if (system, "supervisor", "clock") in names_of(system) else None
+        if self._page is not None:
+            self.clock = PACED if Table.of_info(self._page.header.info).paced else LOCKSTEP
+            first = self._page.header.first
+            self._words, self._now = self._page.words(), (first + SCHEMA.offset("now_ns")) // 8
+            self._speed = self._page.view[first + SCHEMA.offset("speed") :][:8].cast("d")
+            self._page.at_close(self._speed.release)
+            self._limit, self._active = ((first + SCHEMA.offset(field)) // 8 for field in ("limit_ns", "active"))
+
+    @property
+    def simulated(self) -> bool:
+        """It is the system's own."""
+        return self._page is not None
+
+    @property
+    def speed(self) -> float:
+        """Of the last second: 0.62 where 0.62 s passed for the system while 1 s passed really."""
+        return 1.0 if self._page is None else float(self._speed[0])
+
+    @property
+    def is_held(self) -> bool:
+        """A program holds it back, and it goes no further for now (shm/time/held_time.py)."""
+        return self._page is not None and 0 < self._words[self._limit] <= self.now_ns()
+
+    @property
+    def members(self) -> tuple[str, ...]:
+        """The processes that it waits for; none on the wall clock."""
+        if self._page is None:
+            return ()
+        members = Table.of_info(self._page.header.info).members
+        return tuple(name for place, name in enumerate(members) if self._words[self._active + place] == 1)
+
+    def now_ns(self) -> int:
+        """The system's time, as its records are stamped."""
+        return monotonic_ns() if self._page is None else min(self._words[self._now], NEVER)
+
+    def pause(self, seconds: float, real_s: float | None = None) -> None:
+        """Sleep so long in the system's time; `real_s` in real time at most (it may stand still)."""
+        self.pause_until(self.now_ns() + round(seconds * 1e9), real_s)
+
+    def pause_until(self, deadline_ns: int, real_s: float | None = None) -> None:
+        """Until the system's time has come; `real_s` in real time at most."""
+        end = None if real_s is None else monotonic_ns() + round(real_s * 1e9)
+        while (left := (deadline_ns - self.now_ns()) * 1e-9) > 0.0:
+            if end is not None:
+                if monotonic_ns() >= end:
+                    return
+                left = min(left, real_s or 0.0)
+            if self._page is not None:
+                # In lock-step nobody knows how fast it comes; paced it is never early.
+                left = max(MIN_S, min(left if self.clock == PACED else MIN_S, MAX_S))
+            pause(left)
+
+    def close(self) -> None:
+        """Unmap."""
+        if self._page is not None:
+            self._page.close()
+
+    def __enter__(self) -> SystemTime:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+
+class Patience:
+    """So long in a system's time, `slower` times as long in real time at most. A context manager."""
+
+    def __init__(self, system: str, seconds: float, slower: float = 10.0) -> None:
+        self._time = SystemTime(system)
+        self._end_ns = self._time.now_ns() + round(seconds * 1e9)
+        self._real_ns = monotonic_ns() + round(seconds * slower * 1e9)
+
+    @property
+    def is_over(self) -> bool:
+        """Nobody has to wait any longer."""
+        return self._time.now_ns() >= self._end_ns or monotonic_ns() >= self._real_ns
+
+    def __enter__(self) -> Patience:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._time.close()
+
+
+def speed_in_words(time: SystemTime) -> str:
+    """Which clock, and how fast: "paced, 0.62 of real time"."""
+    return "wall" if not time.simulated else f"{time.clock}, {time.speed:.2f} of real time"

@@ -1,0 +1,146 @@
+"""A robot on emulated boards whose datagrams go through a pair of sockets, io on the machine's clock; one thread."""
+
+from __future__ import annotations
+
+import contextlib
+import select
+import socket
+import time
+from collections import Counter
+from collections.abc import Callable
+
+import numpy as np
+
+from tests.io.boards_harness import BoardsHarness, Direct
+from trocar.procs.boards.board_faults import BoardFaults
+from trocar.procs.config import PROJECT_CONFIGS, load_system
+from trocar.procs.io.bus.exchange import Exchange
+from trocar.procs.io.bus.port import ExchangeSettings
+from trocar.procs.io.cycle import GAPS
+from trocar.procs.native.progress import SENT
+from trocar.procs.node.inputs import FOR_EVER_NS
+
+SECOND_NS = 1_000_000_000
+
+
+class SocketLink(Direct):
+    """Replies come through `fd`, and what is sent there reaches the boards before anything else does.
+
+    `spoil` makes what comes out of a reply: other datagrams, more of them, none. `forgets`: with other sockets, as UDP.
+    """
+
+    def __init__(self, *options) -> None:
+        super().__init__(*options)
+        self._connect()
+        self.forgets = True
+        self.spoil: Callable[[bytes], list[bytes]] = lambda reply: [reply]
+        self.written: list[bytes] = []  # through the socket
+
+    def _connect(self) -> None:
+        self.ours, self.theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self.ours.setblocking(False)
+        self.theirs.setblocking(False)
+        self.fd = self.ours.fileno()
+
+    def send(self, datagram) -> None:
+        self.deliver()
+        super().send(datagram)
+        while self._replies:
+            for each in self.spoil(self._replies.popleft()):
+                self.theirs.send(each)
+
+    def deliver(self) -> None:
+        while select.select([self.theirs], (), (), 0)[0]:
+            self.written.append(self.theirs.recv(4096))
+            super().send(self.written[-1])
+            self._replies.clear()
+
+    def forget_written(self) -> None:
+        """`written` is what comes from now on."""
+        self.deliver()
+        self.written.clear()
+
+    def forget(self) -> bool:
+        if self.forgets:
+            self.deliver()
+            before = self.ours, self.theirs
+            self._connect()  # while the old ones are open: other numbers
+            for each in before:
+                each.close()
+        return self.forgets
+
+    def poll(self, timeout_ms: int):
+        return select.select([self.ours], (), (), timeout_ms * 1e-3)[0]
+
+    def recv_into(self, buffer) -> int:
+        return self.ours.recv_into(buffer)
+
+    def fill(self) -> None:
+        """There is no room for one more."""
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                self.ours.send(self.written[-1])
+
+    def end(self) -> None:
+        self.ours.close()
+        self.theirs.close()
+
+
+class SocketHarness(BoardsHarness):
+    """The demo's PSM, held by its joint controllers; `ends` counts how far `BusPort.answer` got."""
+
+    link: SocketLink
+
+    def __init__(self) -> None:
+        loaded = load_system(PROJECT_CONFIGS / "systems" / "demo.yaml")
+        assert loaded.system is not None, loaded.problems
+        super().__init__(loaded.system, driven=True, link=SocketLink, now_ns=time.monotonic_ns)
+        # nobody judges how quick this loop is, and no sample is old because a busy machine had something else to do
+        self.core._timing._start_ns += 1 << 62
+        self.core._oldest_ns, self.core._stable_ns = 100 * SECOND_NS, SECOND_NS
+        assert self.core.stages.bound is not None
+        self.port.set_exchange(ExchangeSettings(self.core.stages.bound, self.core._oldest_ns, self.core._stable_ns,
+                                                GAPS))
+        self.ends: Counter[int] = Counter()
+        answer = self.port.answer
+
+        def counted(*given) -> int:
+            done = answer(*given)
+            self.ends[done] += 1
+            return done
+
+        self.port.answer = counted  # type: ignore[method-assign]
+        self.faults = BoardFaults(self.world, self.plant)
+        try:
+            self.bring_up("PSM1")
+            self.core.power.wake_ns = FOR_EVER_NS  # what supplies may take is long over, on the boards' clock
+            self.calm()
+        except BaseException:
+            self.link.end()
+            raise
+
+    @property
+    def exchange(self) -> Exchange:
+        assert self.port._exchange is not None
+        return self.port._exchange
+
+    def calm(self, cycles: int = 5) -> None:
+        """Nothing goes on any more: every cycle is one call."""
+        for _ in range(500):
+            self.ends.clear()
+            self.cycle(count=cycles)
+            if self.ends == {SENT: cycles}:
+                return
+        raise AssertionError(f"{self.ends}; {self.events}")
+
+    def to(self, goal: np.ndarray) -> None:
+        """The arm asks for these positions of its axes."""
+        self.arms["PSM1"].mode[...] = 1
+        self.arms["PSM1"].position[: len(goal)] = goal
+
+    def once(self) -> int:
+        """One cycle, in one call as far as that goes: how far."""
+        self.ends.clear()
+        self.cycle()
+        (done,) = self.ends
+        return done

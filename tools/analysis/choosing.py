@@ -1,0 +1,107 @@
+"""Recordings as a person names them, and what of one is meant: topics by name or pattern, a stretch of its time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Annotated, Final
+
+import numpy as np
+import typer
+from numpy.typing import NDArray
+
+from trocar.procs.crtk.names import none_such
+from trocar.procs.machine.paths import given_file, not_found
+from trocar.procs.recordings.reading import RecordingError, RecordingReader, Records, open_recording
+from trocar.procs.tables.manifest import IN_TIME
+from trocar.tools.analysis.places import all_folders
+from trocar.tools.output.errors import Misuse, Problem
+
+END_NS: Final = 1 << 62
+TIMED: Final = IN_TIME - {"supervisor"}
+"""Kinds of processes that do the same in the same simulated time."""
+
+TopicsOption = Annotated[
+    list[str] | None,
+    typer.Option("--topics", metavar="TOPIC", help="Only these, as PSM1/state or 'PSM*/*'; again for more."),
+]
+FromOption = Annotated[float, typer.Option("--from", min=0.0, metavar="S", help="Begin so many s after its start.")]
+ToOption = Annotated[float | None, typer.Option("--to", min=0.0, metavar="S", help="End so many s after its start.")]
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """From one stamp to before another, ns of the system's time."""
+
+    begin_ns: int = -END_NS
+    end_ns: int = END_NS
+
+    @property
+    def stamps(self) -> tuple[int, int]:
+        """Both ends, as they are read of a recording."""
+        return self.begin_ns, self.end_ns
+
+    def of(self, records: Records) -> Records:
+        """What lies in it."""
+        stamps = records.rows["stamp_ns"]
+        chosen = (stamps >= self.begin_ns) & (stamps < self.end_ns)
+        return Records(records.rows[chosen], records.local_ns[chosen], records.epoch[chosen])
+
+
+def opened(path: Path) -> RecordingReader:
+    """A recording as a person names it, also by its name in a list of `trocar recordings`; Problem where there is none.
+    """
+    found = given_file(path, all_folders())
+    if not found.is_file():
+        raise Problem(f"{path}: {not_found(path)}; trocar recordings lists those of a system")
+    try:
+        return open_recording(found)
+    except RecordingError as error:
+        raise Problem(str(error)) from None
+
+
+def chosen_topics(known: Iterable[str], wanted: Sequence[str] | None) -> list[str]:
+    """Those of `known` that are meant, in their order; all where none is named. Problem for what matches nothing."""
+    names = list(known)
+    for pattern in wanted or ():
+        if not any(fnmatchcase(name, pattern) for name in names):
+            raise Problem(none_such("topic", pattern, names))
+    return [name for name in names if not wanted or any(fnmatchcase(name, pattern) for pattern in wanted)]
+
+
+def start_ns(recording: RecordingReader) -> int:
+    """Its start in the system's time: the first record of a topic that has a rate, else of any; 0: there is none.
+
+    What comes by command only (gains) is kept in rings for hours, and says nothing about when a recording began.
+    """
+    steady = [name for name in recording.record_topics if recording.topics[name].rate_hz]
+    return min((first for first, _ in spans(recording, steady or recording.record_topics).values()), default=0)
+
+
+def spans(recording: RecordingReader, topics: Sequence[str], part: Stretch = Stretch()) -> dict[str, tuple[int, int]]:
+    """The first and the last stamp of each topic in a stretch; those without a record there are left out."""
+    found: dict[str, tuple[int, int]] = {}
+    for name, piece in recording.pieces(topics, stamps=part.stamps):
+        stamps = piece.rows["stamp_ns"]
+        first, last = found.get(name, (END_NS, -END_NS))
+        found[name] = min(first, int(stamps.min())), max(last, int(stamps.max()))
+    return found
+
+
+def stretch(recording: RecordingReader, from_s: float = 0.0, to_s: float | None = None) -> Stretch:
+    """What `--from` and `--to` mean in it; without both all of it."""
+    if to_s is not None and to_s <= from_s:
+        raise Misuse(f"--to {to_s:g} is not after --from {from_s:g}")
+    if not from_s and to_s is None:
+        return Stretch()
+    start = start_ns(recording)
+    return Stretch(start + round(from_s * 1e9) if from_s else -END_NS,
+                   start + round(to_s * 1e9) if to_s is not None else END_NS)
+
+
+def numbers(rows: NDArray[np.void], field: str) -> NDArray[np.float64]:
+    """A field's values as numbers, a row for each record and a column for each element; of texts none."""
+    values = rows[field].reshape(len(rows), -1) if len(rows) else np.zeros((0, 0))
+    return values.astype(np.float64) if values.dtype.kind in "biuf" else np.zeros((len(rows), 0))

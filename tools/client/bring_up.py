@@ -1,0 +1,183 @@
+"""Arms brought to a state through their `state_command`, several at a time: enabled, homed or disabled.
+
+Faulty arms are disabled first. Everything is judged by the arms' own state records, and that power is off by io's.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+from trocar.procs.tables.bring_up import DISABLE, ENABLE, HOME, LIMITS_S, reached
+from trocar.shm.mailbox.client import begin
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.tools.client.deadline import Deadline
+from trocar.tools.client.remote import Remote
+from trocar.tools.inspect.amplifiers import Amplifiers
+from trocar.tools.inspect.watch import Watch, powered_names
+from trocar.tools.output.errors import Problem, Refused
+from trocar.tools.output.printing import Say
+from trocar.tools.systems.find import is_simulated, orphaned
+
+POLL_S = 0.02
+ENABLED, HOMED, DISABLED = "enabled", "homed", "disabled"
+PATIENCE_NS = 1_000_000_000  # what is waited for for a shorter time is no news
+Report = Callable[[str], None]
+WORDS = {ENABLED: ENABLE, HOMED: HOME, DISABLED: DISABLE}
+
+
+def silent(text: str, fraction: float | None) -> None:
+    """Progress that nobody wants to see."""
+
+
+@dataclass(slots=True)
+class ArmBringUp:
+    """One arm on its way to a goal; `step` until `over`."""
+
+    watch: Watch
+    remote: Remote
+    amplifiers: Amplifiers
+    goal: str
+    limit_s: float
+    simulated: bool
+    over: bool = False
+    problem: str = ""
+    asked: list[str] = field(default_factory=list)
+    _deadline: Deadline | None = None
+    _waits: str = ""
+    _reported: str = ""
+    _since_ns: int = 0
+
+    def step(self) -> None:
+        """Look, and ask for the next thing once."""
+        if not self.watch.look():
+            self._check_time(self.watch.problem() or "it has not shown its state")
+            return
+        state, busy = self.watch.state, self.watch.busy
+        if reached(WORDS[self.goal], state, self.watch.homed, busy):
+            problem = self.watch.problem()  # the record of a process that died or hangs stands for ever
+            problem = problem or (self.amplifiers.why_not_off() if self.goal == DISABLED else "")
+            if problem:
+                self._check_time(problem)
+            else:
+                self.over = True
+        elif state == "FAULT" and self.asked and self.asked[-1] != "disable":
+            self._fail(self.watch.last_error() or "it went to FAULT and did not say why")
+        else:
+            word = self._next_word(state, busy)
+            if word and word not in self.asked:
+                self._ask(word)
+            else:
+                waits = self.waits
+                self._check_time(f"it waits: {waits}" if waits else f"it is {state} ({self.watch.text('sub_state')})")
+
+    def _next_word(self, state: str, busy: bool) -> str:
+        if self.goal == DISABLED or state == "FAULT":
+            return "disable"
+        if state == "PAUSED":
+            self._fail(f"it is PAUSED; first: trocar send {self.watch.name} state_command resume")
+        elif state == "DISABLED" and not busy:
+            return "enable"
+        elif state == "ENABLED" and self.goal == HOMED:
+            return "home"
+        return ""
+
+    def _ask(self, word: str) -> None:
+        self.asked.append(word)
+        self._deadline = self._limit(word)
+        self.watch.forget_errors()
+        try:
+            self.remote.ask("state_command", text=word)
+        except Refused as refusal:
+            self._fail(f"{word} was refused: {refusal}")
+        except Problem as problem:
+            self._fail(str(problem))
+
+    def _limit(self, word: str) -> Deadline:
+        return Deadline(self.limit_s or LIMITS_S[word], (lambda: self.watch.stamp_ns) if self.simulated else None)
+
+    def _check_time(self, how: str) -> None:
+        if self.watch.problem() and (lost := orphaned(self.watch.system)):
+            self._fail(lost)
+            return
+        self._deadline = self._deadline or self._limit(WORDS[self.goal])
+        if self._deadline.is_over():
+            error = self.watch.last_error()
+            known = f": {error}" if error and not how.startswith("it waits") else ""
+            self._fail(f"not {self.goal} in time; {how}{known}")
+
+    def _fail(self, why: str) -> None:
+        self.over, self.problem = True, why.removeprefix(f"{self.watch.name}: ")
+
+    @property
+    def waits(self) -> str:
+        """What the arm waits for, in its own words; empty: for nothing."""
+        return "" if self.watch.state == "FAULT" else self.watch.text("reason")
+
+    def line(self) -> str:
+        """The arm in a word or two, for a progress line."""
+        return f"{self.watch.name} {self.watch.text('sub_state') or self.watch.state}"
+
+    def news(self, now_ns: int) -> str:
+        """What a person is told: what it has waited for for a second by now; empty: nothing new."""
+        waits = "" if self.over else self.waits
+        if waits != self._waits:
+            self._waits, self._since_ns = waits, now_ns
+        if not waits or waits == self._reported or now_ns - self._since_ns < PATIENCE_NS:
+            return ""
+        self._reported = waits
+        return f"{self.watch.name} waits: {waits}"
+
+
+def unreported(text: str) -> None:
+    """News that nobody wants to hear."""
+
+
+def bring(system: str, names: Sequence[str], goal: str, limit_s: float, say: Say,
+          report: Report = unreported) -> dict[str, str]:
+    """Bring arms to `goal` (enabled, homed, disabled) at the same time; what is wrong with each, empty: it is there.
+
+    All that it asks of them is one command: no step of it is carried out after a fault. `report` is given what an arm
+    waits for, once it has waited for a second.
+    """
+    simulated, whole = is_simulated(system), begin(system)
+    with contextlib.ExitStack() as stack:
+        bring_ups = [
+            ArmBringUp(stack.enter_context(Watch(system, name)), stack.enter_context(Remote(system, name)),
+                       stack.enter_context(Amplifiers(system, name)), goal, limit_s, simulated)
+            for name in names
+        ]
+        for bring_up in bring_ups:
+            bring_up.remote.on_behalf(whole)
+        while not all(bring_up.over for bring_up in bring_ups):
+            for bring_up in bring_ups:
+                if not bring_up.over:
+                    bring_up.step()
+            for news in filter(None, [bring_up.news(monotonic_ns()) for bring_up in bring_ups]):
+                report(news)
+            say(", ".join(bring_up.line() for bring_up in bring_ups), sum(c.over for c in bring_ups) / len(bring_ups))
+            pause(POLL_S)
+        return {bring_up.watch.name: bring_up.problem for bring_up in bring_ups}
+
+
+def power_on(system: str, names: Sequence[str] = (), timeout: float = 0.0, say: Say = silent) -> None:
+    """Enable arms (none named: all); Problem says which are not and why. `timeout` (s): of each step, 0: usual."""
+    _all(system, names, ENABLED, timeout, say)
+
+
+def home(system: str, names: Sequence[str] = (), timeout: float = 0.0, say: Say = silent) -> None:
+    """Home arms, enabling those that are not."""
+    _all(system, names, HOMED, timeout, say)
+
+
+def power_off(system: str, names: Sequence[str] = (), timeout: float = 0.0, say: Say = silent) -> None:
+    """Disable arms."""
+    _all(system, names, DISABLED, timeout, say)
+
+
+def _all(system: str, names: Sequence[str], goal: str, timeout: float, say: Say) -> None:
+    problems = bring(system, powered_names(system, names), goal, timeout, say)
+    reported = [f"{name}: {problem}" for name, problem in problems.items() if problem]
+    if reported:
+        raise Problem("; ".join(reported))

@@ -1,0 +1,33 @@
+"""The end of a wait for a robot, whose time may be simulated and pass more slowly than ours. Python only."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+from trocar.shm.time.clock import monotonic_ns
+
+STANDS_NS: Final = 5_000_000_000
+LOOK_NS: Final = 20_000_000
+
+
+class Deadline:
+    """Over when so much has passed of our time and of the robot's; one whose time stands for 5 s holds nobody up."""
+
+    def __init__(self, seconds: float, robot_ns: Callable[[], int] | None = None,
+                 now_ns: Callable[[], int] = monotonic_ns) -> None:
+        """From now on. `robot_ns`: its time where that is simulated, looked at when ours is over; None: it is ours."""
+        self._robot_ns, self._now_ns = robot_ns, now_ns
+        self._moved_ns, self._last = now_ns(), robot_ns() if robot_ns is not None else 0
+        self._look_ns, self._end = self._moved_ns + round(seconds * 1e9), self._last + round(seconds * 1e9)
+
+    def is_over(self) -> bool:
+        """Whether it is past."""
+        now_ns = self._now_ns()
+        if now_ns < self._look_ns or self._robot_ns is None:
+            return now_ns >= self._look_ns
+        robot_ns = self._robot_ns()
+        if robot_ns != self._last:
+            self._last, self._moved_ns = robot_ns, now_ns
+        self._look_ns = now_ns + max(min(self._end - robot_ns, STANDS_NS // 10), LOOK_NS)
+        return robot_ns >= self._end or now_ns - self._moved_ns >= STANDS_NS

@@ -1,0 +1,154 @@
+"""Commands to one component, and what became of them.
+
+An answer is waited for in the system's time and in ours: whoever has no core on a busy machine, or waits for somebody
+who has none, may answer late in simulated time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+from trocar.shm.commands import ENDINGS, became
+from trocar.shm.mailbox.client import Client, MailboxFull, Reply
+from trocar.shm.mailbox.origins import Origin
+from trocar.shm.memory.segment import SegmentError
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.shm.time.control_page import ControlPage
+from trocar.shm.time.system_time import SystemTime
+from trocar.tools.client.closed import closed
+from trocar.tools.client.deadline import Deadline
+from trocar.tools.inspect.messages import in_full
+from trocar.tools.output.errors import Problem, Refused
+from trocar.tools.systems.find import alive, orphaned
+
+POLL_S = 0.001
+KEPT = 1000
+START_S = 2.0
+SILENT_NS = 300_000_000
+STARTING = ("CREATED", "STARTING")
+ENDED = {"STOPPED": "is stopped", "FAILED": "has failed"}
+
+
+class Remote:
+    """A way to the mailbox of one component; a context manager. All of a process share one place there."""
+
+    def __init__(self, system: str, instance: str) -> None:
+        """Attach; SegmentError when there is no such component."""
+        self.instance, self._system = instance, system
+        self._client = Client(system, instance)
+        self._time, self._page = SystemTime(system), ControlPage(system, instance)
+        self._inbox: dict[int, list[Reply]] = {}
+
+    @property
+    def commands(self) -> list[dict[str, Any]]:
+        """The component's command table."""
+        return self._client.commands
+
+    def on_behalf(self, origin: Origin) -> None:
+        """What is sent from now on are steps of one command of a person, see trocar.shm.mailbox.client.begin."""
+        self._client.on_behalf(origin)
+
+    def post(self, command: str, values: Sequence[float] | Any = (), text: str = "") -> int:
+        """Queue a command without waiting for an answer; returns its number.
+
+        MailboxFull when the component does not take it, SegmentError when others have all places; both say who.
+        """
+        return self._client.send(command, values, text)
+
+    def wait_until_it_runs(self) -> None:
+        """Wait while it starts, because it refuses what was sent before it ran.
+
+        Problem when it has been stopped, has failed, or is dead and has no supervisor to start it again.
+        """
+        deadline = Deadline(START_S)
+        while (state := self._page.state) in STARTING and not deadline.is_over():
+            pause(POLL_S)
+        self._check_supervisor(state in ENDED)
+        if state in ENDED:
+            raise Problem(f"{self.instance} {ENDED[state]}; first: trocar start {self.instance}")
+
+    def _check_supervisor(self, is_dead: bool = False) -> None:
+        """Problem when the process is dead, and no supervisor starts it again.
+
+        The kernel is asked only where it has been silent, not for each goal of a stream.
+        """
+        silent_ns = monotonic_ns() - int(self._page.get("heartbeat_ns"))
+        is_dead = is_dead or (silent_ns > SILENT_NS and not alive(self._page.segment.identity()))
+        if is_dead and (lost := orphaned(self._system)):
+            raise Problem(lost)
+
+    def replies(self) -> list[Reply]:
+        """Answers to whatever was sent, that came and were not asked for yet."""
+        self._fetch()
+        found = [reply for replies in self._inbox.values() for reply in replies]
+        self._inbox.clear()
+        return found
+
+    def replies_to(self, number: int) -> list[Reply]:
+        """Answers to one command, that came and were not asked for yet."""
+        self._fetch()
+        return self._inbox.pop(number, [])
+
+    def _fetch(self) -> None:
+        for reply in self._client.poll():
+            whole = replace(reply, text=in_full(self._system, self.instance, reply.text))
+            self._inbox.setdefault(reply.id, []).append(whole)
+        while len(self._inbox) > KEPT:  # answers nobody asks for
+            del self._inbox[next(iter(self._inbox))]
+
+    def answered(self, command: str, values: Sequence[float] | Any = (), text: str = "", timeout: float = 2.0) -> Reply:
+        """Send and wait for the first answer: accepted, refused, done or failed; Problem when none comes."""
+        return self._reply_to(self._posted(command, values, text), command, timeout, ())
+
+    def settled(self, command: str, values: Sequence[float] | Any = (), text: str = "", timeout: float = 60.0) -> Reply:
+        """Send and wait for the end: refused, done or failed; Problem when it does not come in time."""
+        return self._reply_to(self._posted(command, values, text), command, timeout, ENDINGS)
+
+    def ask(self, command: str, values: Sequence[float] | Any = (), text: str = "", timeout: float = 2.0) -> Reply:
+        """Send and make sure that it was accepted: Refused carries the reason. Returns the first answer."""
+        reply = self.answered(command, values, text, timeout)
+        if reply.outcome not in ("accepted", "done"):
+            raise Refused(reply.text or f"{self.instance}: {command} {became(reply.outcome)}")
+        return reply
+
+    def _posted(self, command: str, values: Sequence[float] | Any, text: str) -> int:
+        self.wait_until_it_runs()
+        try:
+            return self.post(command, values, text)
+        except (SegmentError, MailboxFull) as error:
+            raise Problem(str(error)) from None
+        except KeyError:
+            raise Problem(f"{self.instance} has no command {command}") from None
+
+    def _reply_to(self, number: int, command: str, timeout: float, wanted: tuple[str, ...]) -> Reply:
+        deadline = Deadline(timeout, self._time.now_ns if self._time.simulated else None)
+        last: Reply | None = None
+        is_over = False
+        while not is_over:
+            is_over = deadline.is_over()  # before the look: who was held up looks once more
+            replies = self.replies_to(number)
+            for i, reply in enumerate(replies):
+                last = reply
+                if not wanted or reply.outcome in wanted:
+                    self._inbox[number] = replies[i + 1 :]
+                    return reply
+            if not is_over:
+                self._check_supervisor()
+                pause(POLL_S)
+        if last is not None:
+            raise Problem(f"{self.instance}: {command} was {last.outcome}, but is not done after {timeout:g} s")
+        raise Problem(f"{self.instance} did not answer {command} within {timeout:g} s; is it running? (trocar status)")
+
+    def close(self) -> None:
+        """Detach; the last one of a process frees its place."""
+        for each in (self._client, self._time, self._page):
+            each.close()
+        self._client = self._time = self._page = closed(self.instance)
+
+    def __enter__(self) -> Remote:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()

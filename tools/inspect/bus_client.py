@@ -1,0 +1,145 @@
+"""A bus from the tools' side: a process of its own speaks to the boards, and this asks it line by line."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final, Self
+
+from trocar.procs.machine.paths import ROOT
+from trocar.tools.inspect.watch import document_of
+from trocar.tools.output.errors import Misuse, Problem
+from trocar.tools.systems.cleanup import await_end
+from trocar.tools.systems.find import all_up
+
+FAREWELL_S: Final = 3.0
+SERVER: Final = ("-m", "trocar.procs.io.bus.bus_server")
+
+
+@dataclass(frozen=True, slots=True)
+class FoundBoard:
+    """One controller of a bus."""
+
+    board: int
+    node: int
+    hardware: str
+    firmware: int
+    fpga: int
+    description: int
+    is_hub: bool
+
+    @property
+    def title(self) -> str:
+        """What a person calls it."""
+        return f"board {self.board} ({self.hardware}, firmware Rev {self.firmware}, FPGA V{self.fpga})"
+
+
+def shared_id(boards: Sequence[FoundBoard]) -> str:
+    """What is to be said of boards with one id: nobody can tell which of them would answer."""
+    nodes = " and ".join(str(info.node) for info in boards)
+    return f"{len(boards)} boards have id {boards[0].board} (nodes {nodes}); set every rotary switch differently"
+
+
+def _emulated_elsewhere(port: str) -> str:
+    """Where the emulated boards of systems of this machine are, for a person who looks for boards at another port."""
+    found = [(name, io.port) for name in all_up() if (document := document_of(name)).emulation is not None
+             for io in document.ios if io.port not in ("", port)]
+    return "".join(f"; emulated boards of system {name}: trocar bus scan {where}" for name, where in found)
+
+
+class BusClient:
+    """A bus, its boards found; a context manager. Problem says what is wrong with it."""
+
+    def __init__(self, port: str) -> None:
+        """Find the boards of a port, named as in system files."""
+        self.port = port
+        command = [sys.executable, *SERVER, port]
+        # A session of its own: Ctrl-C is for us, and then its end of the pipe closes.
+        self._child = subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+                                       start_new_session=True)
+        try:
+            self._heard()
+            self.boards = tuple(FoundBoard(**row) for row in self._asked("discover")["boards"])
+        except Problem as error:
+            self.close()
+            raise Problem(f"{error}{_emulated_elsewhere(port)}") from None
+        except BaseException:
+            self.close()
+            raise
+
+    def board(self, number: int) -> FoundBoard:
+        """A board of the bus; Problem names those there are, and boards that share an id."""
+        found = [info for info in self.boards if info.board == number]
+        if len(found) > 1:
+            raise Problem(f"port {self.port}: {shared_id(found)}")
+        if found:
+            return found[0]
+        there = ", ".join(str(info.board) for info in self.boards)
+        raise Problem(f"no board {number} on port {self.port}; boards there: {there}")
+
+    def read(self, board: int, address: int) -> int:
+        """One register; refreshes no watchdog."""
+        return int(self._asked("read", board=board, address=address)["value"])
+
+    def block(self, board: int, address: int, quads: int) -> list[int]:
+        """A block read; at address 0 it restarts the board's sample timer."""
+        values: list[int] = self._asked("block", board=board, address=address, quads=quads)["values"]
+        return values
+
+    def write(self, board: int, address: int, value: int) -> None:
+        """One register; every write refreshes the board's watchdog."""
+        self._asked("write", board=board, address=address, value=value)
+
+    def driver(self) -> str:
+        """Who drives the bus, here or on another machine; empty when nobody does: then it is ours while this is open.
+
+        Where nobody does here, the hub is sampled, which restarts its sample timer.
+        """
+        try:
+            self._asked("own")
+        except Problem as error:
+            return str(error)
+        return ""
+
+    def refuse_others(self, what: str) -> None:
+        """Problem while somebody else drives the bus; `what` says what that means for the person."""
+        driver = self.driver()
+        if driver:
+            raise Problem(f"{driver} ({what})")
+
+    def _asked(self, what: str, **arguments: int) -> dict[str, Any]:
+        assert self._child.stdin is not None
+        with contextlib.suppress(BrokenPipeError):  # it has died: what it said is heard next
+            self._child.stdin.write(json.dumps({"do": what, **arguments}) + "\n")
+            self._child.stdin.flush()
+        return self._heard()
+
+    def _heard(self) -> dict[str, Any]:
+        assert self._child.stdout is not None
+        line = self._child.stdout.readline()
+        if not line:
+            raise Problem(f"port {self.port}: the process that speaks to the boards ended")
+        reported: dict[str, Any] = json.loads(line)
+        if "misuse" in reported:
+            raise Misuse(reported["misuse"])
+        if "error" in reported:
+            raise Problem(reported["error"])
+        return reported
+
+    def close(self) -> None:
+        """End the process that speaks to the boards."""
+        for pipe in (self._child.stdin, self._child.stdout):
+            if pipe is not None:
+                with contextlib.suppress(BrokenPipeError):
+                    pipe.close()
+        await_end(self._child, FAREWELL_S)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

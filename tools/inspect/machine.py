@@ -1,0 +1,279 @@
+"""What a robot needs of the machine it runs on: each check says what it found, and the command that mends it."""
+
+from __future__ import annotations
+
+import ipaddress
+import os
+import platform
+import resource
+import subprocess
+import sys
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import psutil
+
+from trocar.procs.machine.open_files import raised, shortage
+from trocar.procs.machine.paths import ROOT
+from trocar.procs.machine.port_holders import SocketHolder, holders
+from trocar.procs.native.library import kernel as library
+from trocar.procs.node.realtime import LIMITS_FILE, NO_FIFO, NOT_LOCKED, SYSTEMD, is_urgent, limits_lines, user
+from trocar.shm.memory.segment import FOLDER
+from trocar.tools.systems.find import environment, left_over, other_owner
+from trocar.tools.systems.processes import running
+
+OK, NOTE, BAD = "ok", "note", "bad"
+BOARDS_PORT: Final = 1394
+BOARDS_NET: Final = ipaddress.ip_network("169.254.0.0/16")
+MEGABYTE: Final = 1e6
+ENOUGH_MB, MIN_MB = 256.0, 64.0  # a full system of seven arms takes about 100
+GOOD_CORES: Final = 4
+FREE_CORES: Final = 2.0  # io and arms of one robot, and what else they need
+LOOK_S: Final = 1.0
+BUSY_PERCENT: Final = 20.0  # of a core, from which on a process is named
+NAMED: Final = 3
+ETHERNET: Final = "1"  # as /sys/class/net/*/type has it
+ASK: Final = """
+from trocar.procs.document.process import Process
+from trocar.procs.node.realtime import in_words, lock_memory, realtime
+print(in_words([*realtime(Process("doctor", "io", 0.001, priority=90), "wall"), lock_memory()]).decode())
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class MachineFinding:
+    """One thing looked at: `state` is ok, note (fine to try things) or bad (a robot does not run well)."""
+
+    check: str
+    state: str
+    found: str
+    mend: str = ""  # a command; empty: nothing to mend
+
+
+def findings() -> Iterator[MachineFinding]:
+    """All of them; takes a good second, in which the processors are watched."""
+    yield kernel()
+    yield compiled(library().why)
+    yield rights(obtained())
+    yield cores(len(psutil.Process().cpu_affinity()))
+    yield governor()
+    yield shared_memory()
+    yield open_files(*resource.getrlimit(resource.RLIMIT_NOFILE))
+    yield ports(holders(BOARDS_PORT))
+    yield network(psutil.net_if_addrs())
+    yield from firewire()
+    yield from load()
+
+
+def kernel(root: Path = Path("/")) -> MachineFinding:
+    """Which it is, and whether it is a real-time one."""
+    release = platform.release()
+    if _text(root / "sys/kernel/realtime") == "1":
+        return MachineFinding("kernel", OK, f"{release}, real-time (PREEMPT_RT)")
+    mend = "sudo apt-get install linux-image-rt-amd64    # Ubuntu: sudo pro enable realtime-kernel"
+    return MachineFinding("kernel", NOTE, f"{release}, no real-time kernel: now and then milliseconds late", mend)
+
+
+def compiled(why_not: str) -> MachineFinding:
+    """Whether what costs most in io, arms and emulated boards runs in C."""
+    if not why_not:
+        return MachineFinding("compiled part", OK, "what costs most in io, arms and emulated boards runs in C")
+    found = f"io, arms and emulated boards run on numpy, at two to five times the cost: {why_not}"
+    mend = "sudo apt-get install gcc libc6-dev    # then python -m trocar.procs.native.build"
+    return MachineFinding("compiled part", NOTE, found, mend)
+
+
+def obtained() -> str:
+    """What a process of ours gets from the scheduler, tried by one, in the words of `realtime`."""
+    done = subprocess.run([sys.executable, "-P", "-c", ASK], cwd=ROOT, env=environment(), capture_output=True,
+                          text=True, check=False)
+    return done.stdout.strip() or f"{NO_FIFO}, {NOT_LOCKED}"
+
+
+def rights(words: str) -> MachineFinding:
+    """Real-time priority and locked memory."""
+    lacking = [text for mark, text in ((NO_FIFO, "no real-time priority"), (NOT_LOCKED, "memory cannot be locked"))
+               if mark in words]
+    if not lacking:
+        return MachineFinding("rights", OK, words)
+    lines = " ".join(f"'{line}'" for line in limits_lines(user()))
+    mend = f"printf '%s\\n' {lines} | sudo tee {LIMITS_FILE}    # then log in again; systemd: {SYSTEMD}"
+    return MachineFinding("rights", BAD, f"{' and '.join(lacking)} for {user()}", mend)
+
+
+def cores(count: int) -> MachineFinding:
+    """How many we may use."""
+    found = f"{count} to use"
+    if count >= GOOD_CORES:
+        return MachineFinding("cores", OK, found)
+    mend = "trocar up SYSTEM --set io.period_s=0.001 --set arm.period_s=0.002"
+    state = BAD if count < 2 else NOTE
+    return MachineFinding("cores", state, f"{found}: enough for longer periods only; {GOOD_CORES} are good", mend)
+
+
+def governor(root: Path = Path("/")) -> MachineFinding:
+    """Whether the cores slow down when they have little to do, which makes them late when they are needed."""
+    files = sorted((root / "sys/devices/system/cpu").glob("cpu[0-9]*/cpufreq/scaling_governor"))
+    names = sorted({_text(file) for file in files})
+    if not names:
+        return MachineFinding("governor", OK, "none (a virtual machine, or a fixed frequency)")
+    if names == ["performance"]:
+        return MachineFinding("governor", OK, "performance")
+    mend = "echo performance | sudo tee /sys/devices/system/cpu/cpu*/cpufreq/scaling_governor"
+    return MachineFinding("governor", NOTE, f"{', '.join(names)}: cores sleep, and wake late", mend)
+
+
+def shared_memory(folder: Path = FOLDER) -> MachineFinding:
+    """Whether there is room, and whether dead systems have left something in it."""
+    try:
+        free_mb = os.statvfs(folder).f_bavail * os.statvfs(folder).f_frsize / MEGABYTE
+    except OSError as error:
+        return MachineFinding("shared memory", BAD, f"{folder}: {error.strerror}",
+                              f"sudo mount -t tmpfs tmpfs {folder}")
+    found = f"{free_mb:.0f} MB free in {folder}"
+    if free_mb < ENOUGH_MB:
+        mend = f"sudo mount -o remount,size=1G {folder}    # docker run --shm-size=1g"
+        return MachineFinding("shared memory", BAD if free_mb < MIN_MB else NOTE, found, mend)
+    left = left_over()
+    if left:
+        return MachineFinding("shared memory", NOTE, f"{found}; dead systems have left something: {', '.join(left)}",
+                              "; ".join(map(_down, left)))
+    return MachineFinding("shared memory", OK, found)
+
+
+def open_files(soft: int, hard: int) -> MachineFinding:
+    """How many a process may have open: the recorder and bridges open every ring."""
+    wrong, mend = shortage(soft, hard)
+    return MachineFinding("open files", BAD if wrong else OK, wrong or f"{raised(soft, hard)} for each process", mend)
+
+
+def ports(found: Iterable[SocketHolder]) -> MachineFinding:
+    """Whether somebody has the boards' port at all addresses: no emulated boards can start then."""
+    holding = list(found)
+    others = [holder for holder in holding if ipaddress.ip_address(holder.address).is_unspecified]
+    if not others:
+        rest = f", not for boards at 0.0.0.0: {'; '.join(map(str, holding))}" if holding else ""
+        return MachineFinding("ports", OK, f"UDP {BOARDS_PORT} is free for emulated boards, each at its address{rest}")
+    known = next((holder for holder in others if holder.pid), None)
+    mend = (f"sudo fuser -k {BOARDS_PORT}/udp" if known is None else _down(known.system) if known.system
+            else f"kill {known.pid}")
+    return MachineFinding("ports", BAD, "; ".join(map(str, others)), mend)
+
+
+def network(addresses: Mapping[str, Sequence[Any]], root: Path = Path("/")) -> MachineFinding:
+    """Ethernet interfaces, and whether one has an address among those of real boards."""
+    cards = [folder for folder in sorted((root / "sys/class/net").glob("*")) if _text(folder / "type") == ETHERNET]
+    reported, reaches = [], False
+    for card in cards:
+        own = [row.address for row in addresses.get(card.name, []) if row.family.name == "AF_INET"]
+        reaches |= any(ipaddress.ip_address(address) in BOARDS_NET for address in own)
+        reported.append(" ".join((card.name, _text(card / "operstate") or "?", *own)))
+    if not cards:
+        return MachineFinding("network", NOTE, "no Ethernet interface: real boards need one, or FireWire",
+                              "lspci | grep -i ethernet")
+    if reaches:
+        return MachineFinding("network", OK, "; ".join(reported))
+    free = next((card.name for card in cards if not addresses.get(card.name)), cards[0].name)
+    return MachineFinding("network", NOTE, f"{'; '.join(reported)}: none in {BOARDS_NET}, where boards on UDP are",
+                          f"sudo ip address add 169.254.0.1/16 dev {free}")
+
+
+def firewire(root: Path = Path("/")) -> Iterator[MachineFinding]:
+    """Whether there are cards, and whether we may use them."""
+    devices = sorted((root / "dev").glob("fw[0-9]*"))
+    closed = [device for device in devices if not os.access(device, os.R_OK | os.W_OK)]
+    if not devices:
+        yield MachineFinding("FireWire", NOTE, "no card: boards on a port fw need one",
+                             "lspci | grep -i firewire    # where it has one: sudo modprobe firewire-ohci")
+    elif closed:
+        yield MachineFinding("FireWire", BAD, f"no right to use {', '.join(map(str, closed))}",
+                             f"sudo setfacl -m u:{user()}:rw {' '.join(map(str, closed))}")
+    else:
+        yield MachineFinding("FireWire", OK, ", ".join(map(str, devices)))
+
+
+def load() -> Iterator[MachineFinding]:
+    """How much of the cores others leave, who takes the most, and who else has real-time priority."""
+    processes = list(psutil.process_iter(["name", "username"]))
+    for process in processes:
+        _percent(process)
+    usage = psutil.cpu_percent(interval=LOOK_S, percpu=True)
+    allowed = psutil.Process().cpu_affinity()
+    free = sum(100.0 - percent for core, percent in enumerate(usage) if core in allowed) / 100.0
+    own = {row.pid: row.system for row in running(foreign=True)}
+    us = psutil.Process().username()
+    busy = [Busy(_percent(process), process.pid, str(process.info["name"]), own.get(process.pid, ""),
+                 whose if (whose := str(process.info["username"])) != us else "")
+            for process in processes if process.pid != os.getpid()]
+    yield free_cpu(free, sorted(busy, key=lambda row: -row.percent))
+    yield urgent([(row.pid, row.name) for row in busy if not row.system and _is_realtime(row.pid)])
+
+
+@dataclass(frozen=True, slots=True)
+class Busy:
+    """A process, its share of a core, and which system it belongs to; empty: to none."""
+
+    percent: float
+    pid: int
+    name: str
+    system: str = ""
+    user: str = ""
+    """Whose it is where that is another user."""
+
+    def __str__(self) -> str:
+        whose = f" of system {self.system}" if self.system else f" of user {self.user}" if self.user else ""
+        return f"{self.name}{whose} (pid {self.pid}) {self.percent:.0f} %"
+
+
+def free_cpu(free: float, busy: Iterable[Busy]) -> MachineFinding:
+    """`free` cores, and who is busy, the busiest first."""
+    found = f"{free:.1f} cores"
+    if free >= FREE_CORES:
+        return MachineFinding("free CPU", OK, found)
+    most = [row for row in busy if row.percent >= BUSY_PERCENT][:NAMED]
+    others = [str(row.pid) for row in most if not (row.system or row.user)]  # no system, and nothing of another user
+    own = next((_down(row.system) for row in most if row.system), "top")
+    names = ", ".join(map(str, most)) or "nobody for long"
+    mend = f"renice 19 -p {' '.join(others)}" if others else own
+    return MachineFinding("free CPU", BAD if free < 1.0 else NOTE, f"{found}; busy: {names}", mend)
+
+
+def urgent(others: Iterable[tuple[int, str]]) -> MachineFinding:
+    """Programs with real-time priority that are none of ours: they come before everything else."""
+    rows = list(others)
+    if not rows:
+        return MachineFinding("other real time", OK, "none")
+    names = ", ".join(f"{name} (pid {pid})" for pid, name in rows[:NAMED])
+    return MachineFinding("other real time", NOTE, f"{names}{', …' if len(rows) > NAMED else ''}",
+                          f"sudo chrt -o -p 0 {rows[0][0]}")
+
+
+def _down(system: str) -> str:
+    """What ends a system, and who can do that where it belongs to another user."""
+    owner = other_owner(system)
+    return f"trocar down --system {system}{f'    # by {owner}: it is their system' if owner else ''}"
+
+
+def _is_realtime(pid: int) -> bool:
+    """Whether it is a program with a real-time policy; the kernel's own threads do not count."""
+    try:
+        return is_urgent(pid) and bool(Path(f"/proc/{pid}/cmdline").read_bytes())
+    except OSError:
+        return False
+
+
+def _percent(process: psutil.Process) -> float:
+    """Of one core since it was asked last."""
+    try:
+        return float(process.cpu_percent())
+    except psutil.Error:
+        return 0.0
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text().strip()
+    except OSError:
+        return ""

@@ -1,0 +1,98 @@
+"""What stands above every page: which system, whether anybody supervises it, which clock, and what to do first."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from dataclasses import dataclass
+
+from trocar.shm.memory.segment import SegmentError, path_of, segment_name
+from trocar.shm.time.clock import monotonic_ns
+from trocar.shm.time.control_page import ControlPage
+from trocar.shm.time.system_time import SystemTime, speed_in_words
+from trocar.tools.inspect.processes import ProcessStatus, statuses
+from trocar.tools.inspect.standing import Standing, first_thing, in_a_line, standings
+from trocar.tools.output.printing import span
+from trocar.tools.systems.find import is_up
+from trocar.tools.systems.processes import SUPERVISOR
+
+
+@dataclass(frozen=True, slots=True)
+class Overview:
+    """`supervisor` is RUNNING, dead or gone (its memory is removed); `dead_s`: since the last beat of a dead one."""
+
+    system: str
+    supervisor: str
+    dead_s: float | None
+    clock: str
+    processes: tuple[ProcessStatus, ...] = ()
+    standings: tuple[Standing, ...] = ()
+
+    @property
+    def lives(self) -> bool:
+        """Somebody supervises it: what is shown is of now."""
+        return self.supervisor == "RUNNING"
+
+    @property
+    def words(self) -> str:
+        """The supervisor, in words."""
+        if self.lives:
+            return "supervisor runs"
+        if self.supervisor == "gone":
+            return "is down, its memory removed: waiting until it is up again"
+        since = f" for {span(self.dead_s)}" if self.dead_s is not None else ""
+        return f"supervisor dead{since}: left in shared memory"
+
+    @property
+    def silences(self) -> dict[str, float]:
+        """Of processes that are dead or were stopped the time since their last beat, s."""
+        return {one.name: one.silent_s for one in self.processes
+                if one.silent_s is not None and (one.problem == "dead" or one.state in ("STOPPED", "FAILED"))}
+
+    @property
+    def first(self) -> str:
+        """All well, or what to do first."""
+        if self.supervisor == "gone":
+            return f"first: trocar up starts {self.system}"
+        return in_a_line(self.processes, self.standings)
+
+    @property
+    def is_well(self) -> bool:
+        """Nothing has to be done first."""
+        return self.lives and not first_thing(self.processes, self.standings)
+
+
+def overview(system: str) -> Overview:
+    """As it is now; of a system whose memory is gone only that."""
+    if not identity_of(system):
+        return Overview(system, "gone", None, "")
+    processes = tuple(statuses(system))
+    found = tuple(standings(system, processes))
+    clock = ""
+    with contextlib.suppress(SegmentError), SystemTime(system) as time:
+        clock = speed_in_words(time)
+    if is_up(system):
+        return Overview(system, "RUNNING", None, clock, processes, found)
+    return Overview(system, "dead", _silent_s(system), clock.partition(",")[0], processes, found)
+
+
+def identity_of(system: str) -> tuple[int, ...]:
+    """Which files the system's memory is; another one was started under the same name. Empty: there is none."""
+    for what in ("document", "control"):
+        with contextlib.suppress(OSError):
+            status = os.stat(path_of(segment_name(system, SUPERVISOR, what)))  # noqa: PTH116
+            return status.st_dev, status.st_ino
+    return ()
+
+
+def _silent_s(system: str) -> float | None:
+    """Real time since the supervisor's last beat."""
+    with contextlib.suppress(SegmentError), contextlib.closing(_page(system)) as page:
+        beat_ns = int(page.get("heartbeat_ns"))
+        if 0 < beat_ns <= monotonic_ns():
+            return (monotonic_ns() - beat_ns) * 1e-9
+    return None
+
+
+def _page(system: str) -> ControlPage:
+    return ControlPage(system, SUPERVISOR)

@@ -1,0 +1,119 @@
+"""The page of topics: at which rate each should come and does, how old its newest record is, what was lost."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.procs.crtk.topics import RECORD, TopicEntry, catalogue, writer_gone
+from trocar.shm.memory.segment import Segment, SegmentError, segment_name
+from trocar.shm.ring.stamps import head_of, newest_stamps
+from trocar.shm.time.clock import monotonic_ns
+from trocar.shm.time.system_time import SystemTime
+
+OLD_S = 0.5
+"""A record of a topic with a rate is old from here on, and from ten of its periods."""
+WINDOW_NS = 2_000_000_000
+"""Rates are of so long."""
+
+
+@dataclass(frozen=True, slots=True)
+class TopicRow:
+    """One record topic. `hz` is of the last two seconds, None: nothing came.
+
+    `lost`: since we look, as many as are missing in the steady spacing of its stamps (a writer that was held up).
+    """
+
+    name: str
+    nominal_hz: float | None
+    hz: float | None
+    max_ms: float | None
+    age_s: float | None
+    records: int
+    lost: int
+    problem: str
+
+    @property
+    def is_old(self) -> bool:
+        """Nothing of it is of now."""
+        if self.problem or self.age_s is None:
+            return True
+        return self.nominal_hz is not None and self.age_s > max(OLD_S, 10.0 / self.nominal_hz)
+
+
+class _Watched:
+    """One ring, between looks."""
+
+    def __init__(self, system: str, entry: TopicEntry) -> None:
+        self.entry = entry
+        self._segment = Segment(segment_name(system, entry.instance, entry.ring))
+        self._head, self._lost = head_of(self._segment), 0
+        self._looked_ns = self._changed_ns = 0
+        self._counts: list[tuple[int, int]] = []
+
+    def row(self, now_ns: int, system_ns: int, silent_s: float) -> TopicRow:
+        segment, head = self._segment, head_of(self._segment)
+        new = max(0, head - self._head)
+        if new or not self._looked_ns:
+            self._changed_ns = now_ns
+        self._head, self._looked_ns = head, now_ns
+        self._counts = [*((at, n) for at, n in self._counts if at > now_ns - WINDOW_NS), (now_ns, head)]
+        if self.entry.rate_hz and new:
+            self._lost += missing(newest_stamps(segment, min(new + 1, segment.header.depth - 1)))
+        begun_ns, before = self._counts[0]
+        stamps = newest_stamps(segment, min(max(2, head - before), segment.header.depth - 1))
+        # A clock that stands still makes nothing younger.
+        ages_s = ((system_ns - int(stamps[-1])) * 1e-9, (now_ns - self._changed_ns) * 1e-9, silent_s) if len(
+            stamps) else ()
+        nominal = self.entry.rate_hz or None
+        gaps = np.diff(stamps) * 1e-6 if head > before else np.zeros(0)
+        seconds = (now_ns - begun_ns) * 1e-9
+        by_stamps = 1e3 / float(gaps.mean()) if len(gaps) and gaps.mean() > 0.0 and nominal else None
+        by_count = (head - before) / seconds if seconds > 0.0 and head > before else None
+        problem = writer_gone(segment.gone) or ("nothing was ever written" if nominal and not head else
+                                                "no record is whole" if head and not len(stamps) else "")
+        return TopicRow(self.entry.name, nominal, by_stamps or by_count, float(gaps.max()) if len(gaps) else None,
+                        max(ages_s, default=None), head, self._lost, problem)
+
+    def close(self) -> None:
+        self._segment.close()
+
+
+def missing(stamps: NDArray[np.int64]) -> int:
+    """How many records are missing between these, going by the spacing that most of them have."""
+    gaps = np.diff(stamps)
+    usual = float(np.median(gaps)) if len(gaps) > 2 else 0.0
+    return int(np.maximum(0.0, np.round(gaps / usual) - 1.0).sum()) if usual > 0.0 else 0
+
+
+class TopicsData:
+    """All record topics of a system. Read-only, and nobody's subscriber."""
+
+    def __init__(self, system: str) -> None:
+        self._watched: list[_Watched] = []
+        self._unreadable: list[TopicEntry] = []
+        self.entries = catalogue(system)
+        """All topics, views and events too."""
+        self._time = SystemTime(system)
+        for entry in self.entries:
+            if entry.kind == RECORD:
+                try:
+                    self._watched.append(_Watched(system, entry))
+                except SegmentError:
+                    self._unreadable.append(entry)
+
+    def rows(self, silences: Mapping[str, float] | None = None) -> list[TopicRow]:
+        """As they are now. `silences`: of dead processes the time since their last beat, s."""
+        now_ns, system_ns, silent = monotonic_ns(), self._time.now_ns(), silences or {}
+        found = [watched.row(now_ns, system_ns, silent.get(watched.entry.instance, 0.0)) for watched in self._watched]
+        return found + [TopicRow(entry.name, entry.rate_hz or None, None, None, None, 0, 0, entry.problem)
+                        for entry in self._unreadable]
+
+    def close(self) -> None:
+        """Unmap."""
+        self._time.close()
+        for watched in self._watched:
+            watched.close()

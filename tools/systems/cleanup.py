@@ -1,0 +1,96 @@
+"""What a verb that starts a system of its own leaves behind when it is killed: nothing.
+
+A small process beside it waits for its end, however that comes: the kernel closes the pipe between them. Unless it was
+told before that all is well it ends the system and removes what was made for it: shared memory and a folder.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import secrets
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final, Self
+
+from trocar.procs.machine.paths import ROOT
+from trocar.shm.memory.segment import FOLDER, names_of, segment_name, unlink
+from trocar.tools.output.errors import Problem
+from trocar.tools.systems.ending import stop_system
+from trocar.tools.systems.find import environment
+
+FINE: Final = b"fine\n"
+PATIENCE_S: Final = 10.0
+
+
+def await_end(child: subprocess.Popen[bytes] | subprocess.Popen[str], patience_s: float) -> None:
+    """Wait for the end of a child, and kill it when that does not come."""
+    try:
+        child.wait(timeout=patience_s)
+    except subprocess.TimeoutExpired:
+        child.kill()
+        child.wait()
+
+
+class Keeper:
+    """The process beside us, for one system and maybe a folder; a context manager."""
+
+    def __init__(self, system: str, folder: Path | None = None) -> None:
+        """Start it, in a session of its own: what ends us by a signal to our group does not end it."""
+        words = [sys.executable, "-P", "-m", "trocar.tools.systems.cleanup", system,
+                 *([str(folder)] if folder is not None else [])]
+        self._child = subprocess.Popen(words, cwd=ROOT, env=environment(), stdin=subprocess.PIPE,
+                                       stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
+
+    def close(self) -> None:
+        """Nothing is left: it may go."""
+        assert self._child.stdin is not None
+        with contextlib.suppress(BrokenPipeError):
+            self._child.stdin.write(FINE)
+            self._child.stdin.close()
+        await_end(self._child, PATIENCE_S)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+@contextlib.contextmanager
+def own_folder(system: str) -> Iterator[Path]:
+    """A folder for whoever measures as `system`; it and all shared memory of that name are gone at the end."""
+    folder = Path(tempfile.gettempdir(), f"trocar-{system}-{secrets.token_hex(4)}")  # short: iceoryx2 bounds paths
+    with Keeper(system, folder):  # before there is anything to remove
+        try:
+            folder.mkdir(mode=0o700)
+            yield folder
+        finally:
+            _remove(system, folder)
+
+
+def _remove(system: str, folder: Path) -> None:
+    """Segments of the system, the folder, and what others made in shared memory under the name of the folder."""
+    for parts in names_of(system):
+        unlink(segment_name(*parts))
+    for path in FOLDER.glob(f"{folder.name}_*"):
+        path.unlink(missing_ok=True)
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+def main() -> None:
+    """Wait for the end of whoever started us; the rest is up to what was said."""
+    system, *folders = sys.argv[1:]
+    if sys.stdin.buffer.read() == FINE:
+        return
+    with contextlib.suppress(Problem):
+        stop_system(system, lambda text, part: None)
+    for folder in folders:
+        _remove(system, Path(folder))
+
+
+if __name__ == "__main__":
+    main()

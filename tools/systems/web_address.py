@@ -1,0 +1,22 @@
+"""Where the web console of a system is, for who has started it."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import socket
+
+from trocar.procs.document.system import from_json
+from trocar.procs.machine.paths import token_file
+from trocar.shm.system import directory
+
+
+def web_addresses(system: str) -> list[str]:
+    """Of a system that is up, with the token where one was made at its start; none without a console."""
+    gui, token = from_json(directory.document(system)).gui, ""
+    if gui is None:
+        return []
+    if gui.makes_token:
+        with contextlib.suppress(OSError):  # somebody else's: he has it
+            token = token_file(os.environ, system).read_text().strip()
+    return gui.links(token, socket.gethostname())
