@@ -10,6 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from typer.testing import CliRunner, Result
+
+from tests.tools.robot import ScriptedRobot, nothing_ages, robot
 from trocar.procs.document.process import Process
 from trocar.procs.tables import codes
 from trocar.shm.system import directory
@@ -21,9 +24,6 @@ from trocar.tools.inspect import standing
 from trocar.tools.inspect.processes import SENTENCES, ProcessStatus, _problem
 from trocar.tools.inspect.segments import PAGE_GONE
 from trocar.tools.inspect.standing import Standing, first_thing, next_step
-from typer.testing import CliRunner, Result
-
-from tests.tools.robot import ScriptedRobot, nothing_ages, robot
 
 APP = cli.build()
 NAMED = "instrument not named (tool_detection MANUAL): trocar send PSM1 set_tool_type NAME"
@@ -184,6 +184,13 @@ def test_each_problem_of_a_process_is_a_sentence(problem: str, said: str) -> Non
     assert first_thing([ended], []).startswith(f"{said}{why}: trocar ")
     runs_again = dataclasses.replace(ended, lives=True)
     assert first_thing([runs_again], []).startswith(f"{said}: trocar "), "an older end is no reason of what is new"
+
+
+def test_a_process_that_was_restarted_just_now_is_not_well_yet() -> None:
+    again = dataclasses.replace(process("b", kind="user"), restarts=8, restarted_s=3.0, exit_reason="code 4: Refused")
+    first = first_thing([again], [])
+    assert first.startswith("b ended by itself") and "8 times" in first and "code 4: Refused" in first
+    assert first_thing([dataclasses.replace(again, restarted_s=None)], []) == ""
 
 
 class SilentPage:

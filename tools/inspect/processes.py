@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -11,9 +12,9 @@ from trocar.procs.document.process import ALWAYS, ELSEWHERE, Process, processes_
 from trocar.procs.node.realtime import NO_FIFO, NOT_LOCKED, ORDINARY
 from trocar.procs.tables.lifecycle import is_meant
 from trocar.procs.tables.manifest import IN_TIME, THIRD_PARTY, late_s
-from trocar.shm.memory.segment import Segment, SegmentError, names_of, segment_name
+from trocar.shm.memory.segment import Segment, SegmentError, names_of, segment_name, start_time
 from trocar.shm.system import directory
-from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.shm.time.clock import boottime_ns, monotonic_ns, pause
 from trocar.shm.time.control_page import ControlPage
 from trocar.tools.inspect.endings import PastProcess, endings
 from trocar.tools.inspect.segments import PAGE_GONE, lost_of
@@ -29,6 +30,7 @@ LOOK_AGAIN_S = 0.02
 FILTERS = "filters"
 SLOW = 2.0  # times its period, on the average: that is a problem
 TRIES = 5
+RECENT_S = 10.0  # so long after a restart of its own accord a process is not yet well
 ALL = 1 << 16  # records: more than any ring has
 NOT_ATTACHED, DETACHED = "NOT ATTACHED", "DETACHED"
 SHOWN_OF_OTHERS = {"CREATED": NOT_ATTACHED, "RUNNING": "ATTACHED", "STOPPED": DETACHED}
@@ -38,6 +40,7 @@ BEGINNING = ("CREATED", "STARTING", "RESTARTING")
 SENTENCES = {DEAD: "{} is dead", STALLED: "{} is stalled", SILENT: "{} is silent", FAILED: "{} failed",
              NOT_RUNNING: "{} is not running", STOPPED: "{} is stopped"}
 """Of problems that are a word; all others are what a process says of itself."""
+TICKS = os.sysconf("SC_CLK_TCK")
 SAYS_WHY = FAILED, NOT_RUNNING, STOPPED
 ENDING = ("STOPPING", "RESTARTING")  # the process may not have heard of it yet
 COUNTS = ("cycles", "missed", "overruns", "pauses")
@@ -87,6 +90,8 @@ class ProcessStatus:
     """Processes that it needs."""
     host: str = ""
     """The process that it is part of."""
+    restarted_s: float | None = None
+    """So long ago it was started again after it had ended by itself; None: it was not, or RECENT_S and more ago."""
     lives: bool = True
     """Its process is there; if not, all that is known of it is `silent_s` old."""
 
@@ -222,7 +227,15 @@ def _life(name: str, page: ControlPage, ledger: dict[str, Any], simulated: bool,
         listen=row.listen if row is not None else (), cpus=row.cpus if row is not None else (),
         after=row.after if row is not None else (),
         problem=problem, statistics=statistics, lives=lives_on,
+        restarted_s=_restarted_s(page, ledger) if lives_on and exit_reason and not is_meant(exit_reason) else None,
     )
+
+
+def _restarted_s(page: ControlPage, ledger: dict[str, Any]) -> float | None:
+    """How long its process runs, where that is one that was started again, a short while ago."""
+    began = start_time(int(page.get("pid")))
+    age_s = boottime_ns() * 1e-9 - began / TICKS
+    return age_s if began and ledger.get("restarts") and age_s < RECENT_S else None
 
 
 def _problem(row: Process, state: str, lives_on: bool, page: ControlPage, simulated: bool, exit_reason: str,

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from numpy.typing import NDArray
+
 from trocar.procs.machine.verb_lines import REMEDY
 from trocar.procs.tables.codes import IO_TIMEOUT, SHARED_BOARD
 from trocar.shm.memory.segment import SegmentError
@@ -198,6 +199,11 @@ def first_thing(processes: Sequence[ProcessStatus], found: Sequence[Standing]) -
         return f"{what}{hint}{f'. Then: trocar home {others}' if others else ''}"
     if unwell:
         return _with_help(unwell[0])
+    again = next((process for process in processes if process.restarted_s is not None), None)
+    if again is not None:
+        times = f", {again.restarts} times in all" if again.restarts > 1 else ""
+        return (f"{again.name} ended by itself and was restarted {span(again.restarted_s or 0.0)} ago{times}: "
+                f"{again.exit_reason}; trocar logs {again.name} may say why")
     waiting = next((one for one in found if one.person), None)
     if waiting is not None:
         return f"{waiting.name} waits: {waiting.reason}"
