@@ -6,10 +6,11 @@ import math
 
 import numpy as np
 import pytest
+
 from trocar.tools.bench.teleop import EVERY_S, MAX_NS, NUDGE_RAD, PART, STEP_NS, edges, fault_handler
 from trocar.tools.examples.hand import figure_eight
 from trocar.tools.inspect.tracing import STEP_NS as OUT_NS
-from trocar.tools.inspect.tracing import IoTrace, errors, latencies
+from trocar.tools.inspect.tracing import IoTrace, errors, in_force, latencies
 from trocar.tools.verbs.demo import MOST, too_much
 
 PERIOD = 666_667
@@ -46,6 +47,13 @@ def test_error_is_against_the_last_goal_sent() -> None:
     measured = np.array([[9.0, 0, 0, 0, 0, 0, 1], [0.001, 0, 0, 0, 0, 0, 1], [0.01, 0, 0, 0, 0, 0, 1]])
     distance, angle = errors(np.array([5, 15, 25]), measured, np.array([10, 20]), goals)
     assert distance == pytest.approx([0.001, 0.0]) and angle == pytest.approx([0.0, 0.1])
+
+
+def test_what_a_slave_does_while_it_does_not_follow_is_no_following_error() -> None:
+    follows = np.array([True, False, True])
+    assert in_force(np.array([5, 10, 15, 20, 25, 30]), np.array([10, 20, 30]), follows).tolist() == [
+        False, True, True, False, False, True]
+    assert not in_force(np.array([5]), np.array([], dtype=np.int64), np.array([], dtype=bool)).any()
 
 
 def test_reaction_is_found_behind_each_nudge() -> None:

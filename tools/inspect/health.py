@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import deque
 from typing import Any
 
 import numpy as np
+
 from trocar.procs.document.system import from_json
 from trocar.shm.system import directory
 from trocar.shm.system.events import ERROR
@@ -13,6 +14,7 @@ from trocar.tools.inspect.processes import SILENT, STALLED, ProcessStatus, statu
 from trocar.tools.output.printing import plain
 
 KEPT = 300_000  # cycles; more would only cost memory
+SYSTEM = "system"
 FEWER = 0.9  # share of the nominal rate below which io was not on rate
 
 
@@ -30,11 +32,11 @@ class HealthWatch:
         self._last = (0, 0)
         self._events = {
             instance: directory.reader(system, instance, ring)
-            for instance, ring in directory.rings(system) if ring == "events"
+            for instance, ring in directory.rings(system) if ring == "events" and instance != SYSTEM  # it repeats
         }
         self._begin = {process.name: process for process in statuses(system)}
-        self.errors: Counter[str] = Counter()
-        """How often each came."""
+        self.errors: dict[str, str] = {}
+        """Their texts, and who reported each first: an arm reports a fault of its io, too."""
 
     def collect(self) -> None:
         """Take in what happened since."""
@@ -47,8 +49,8 @@ class HealthWatch:
         for instance, reader in self._events.items():
             while reader.next():
                 if int(reader.field("severity")) == ERROR:
-                    text = str(plain(reader.field("text").item()))
-                    self.errors[text if text.startswith(f"{instance}: ") else f"{instance}: {text}"] += 1
+                    text = str(plain(reader.field("text").item())).removeprefix(f"{instance}: ")
+                    self.errors.setdefault(text, instance)
 
     def summary(self) -> dict[str, Any]:
         """Figures of the run; `problems`: errors and dead processes; `late`: what a busy machine can cause, too."""
@@ -62,7 +64,7 @@ class HealthWatch:
         rate = 1e9 * (last[0] - first[0]) / (last[1] - first[1]) if last[1] > first[1] else 0.0
         unwell = [process for process in now.values() if process.problem]
         late = [process.said for process in unwell if process.problem in (SILENT, STALLED)]
-        problems = [f"{text} ({times} times)" if times > 1 else text for text, times in self.errors.items()]
+        problems = [f"{instance}: {text}" if instance else text for text, instance in self.errors.items()]
         problems += [process.said for process in unwell if process.problem not in (SILENT, STALLED)]
         problems += [f"{row['name']} ended and was started again" for row in processes if row["restarts"]]
         if rate < FEWER * nominal:

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
 from trocar.shm.ring.ring import RingReader
 from trocar.shm.system import directory
 
@@ -57,6 +58,12 @@ def errors(stamps: Stamps, measured: Array, sent: Stamps, goals: Array) -> tuple
     return distance, 2.0 * np.arccos(np.minimum(1.0, together))
 
 
+def in_force(stamps: Stamps, cycles: Stamps, flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which of the stamps lie where the flag of the last cycle before them was set; before the first: not."""
+    at = np.searchsorted(cycles, stamps, "right") - 1
+    return (at >= 0) & flags[at] if len(flags) else np.zeros(len(stamps), dtype=bool)
+
+
 class Column:
     """What is kept of a ring's records, piece by piece."""
 
@@ -91,7 +98,7 @@ class Trace:
             return Column(directory.reader(system, name, ring), fields)
 
         self._teleop = column(teleop, "state", "stamp_ns", "following", "sent_ns", "master_stamp_ns", "goal_cp")
-        self._slave = column(slave, "state", "stamp_ns", "measured_cp")
+        self._slave = column(slave, "state", "stamp_ns", "valid", "measured_cp")
         self._setpoint = column(slave, "setpoint", "stamp_ns")
         self._io = column(io, "state", "read_ns", "recv_ns", "write_ns")
         self._columns = (self._teleop, self._slave, self._setpoint, self._io)
@@ -102,11 +109,12 @@ class Trace:
             column.collect()
 
     def figures(self) -> dict[str, float]:
-        """Following error and latency so far, NaN: nothing followed."""
+        """Following error and latency so far, while the slave followed; NaN: it never did."""
         stamp, following, sent, masters, goals = self._teleop.all()
-        at, measured = self._slave.all()
+        at, valid, measured = self._slave.all()
         new = (following > 0) & (sent == stamp)
-        during = (at >= stamp[new].min(initial=NEVER)) & (at <= stamp[new].max(initial=0))
+        during = (at >= stamp[new].min(initial=NEVER)) & (at <= stamp[new].max(initial=0)) & (valid > 0)
+        during &= in_force(at, stamp, following > 0)
         if not np.any(during):
             return dict.fromkeys(FIGURES, float("nan"))
         distance, angle = errors(at[during], measured[during], sent[new], goals[new])

@@ -10,6 +10,7 @@ import math
 from typing import Annotated, Any
 
 import typer
+
 from trocar.procs.machine.paths import PROJECT_CONFIGS
 from trocar.shm.memory.segment import SegmentError
 from trocar.shm.time.clock import monotonic_ns
@@ -38,7 +39,7 @@ TURN_S = 8.0
 RATE_HZ = 100.0  # poses of the hand
 RAMP_S = 1.0  # the drawing starts slowly
 LINE_EVERY = 50
-SLOWEST, AROUND_S = 5.0, 60.0  # real time: so many times what was asked for, and for all else
+SLOWEST, AROUND_S = 20.0, 60.0  # real time: so many times what was asked for, and for all else
 # What is good: well within what a surgeon's hand notices, and far from what a loop with a fault in it shows.
 # Latencies: 4 and 10 periods of the system's loops.
 MOST = {"error_mm_rms": 2.0, "error_deg_rms": 3.0, "latency_ms_p50": 8.0, "latency_ms_p99": 20.0}
@@ -60,9 +61,9 @@ def demo(
     Ctrl-C ends it. The web console, whose address is printed, shows the arms. After a fault: trocar home, and trocar
     send console teleop_enable 1; until then the hand does not touch the master.
 
-    Seconds are in the system's time: a busy machine takes longer. After 5 times as long and a minute the demo ends in
-    any case, with exit code 1. The same exit code means an error, a process that died, or a PSM that does not follow;
-    lateness in real time is printed, but does not count.
+    Seconds are in the system's time: a busy machine takes longer. After 20 times as long and a minute the demo
+    ends in any case, with exit code 1. The same exit code means an error, a process that died, or a PSM that does not
+    follow; lateness in real time is printed, but does not count.
 
     Example: trocar demo --for 10
     """
@@ -128,7 +129,7 @@ def _operate(system: str, begin: int, seconds: float, end: int | None) -> dict[s
             try:
                 _draw(hand, teleop, (run, trace), seconds, skipped, time, end, line)
             except Problem as problem:  # it goes into the summary
-                run.errors[str(problem)] += 1
+                run.errors[str(problem)] = ""
         speed = (time.now_ns() - drawing_ns) * 1e-9 / _since(drawing)
         reported = "" if teleop.is_following else teleop.reported
         around = {"clock": time.clock, "speed": speed, "homed_after_s": homed_s, "hand_skipped": skipped[0]}
