@@ -10,7 +10,7 @@ from trocar.procs.crtk.stamps import Stamps
 from trocar.procs.ros_bridge.outgoing import EVENT_MESSAGES, EventMessage, pressed
 from trocar.procs.ros_bridge.publishing import ros_topic
 from trocar.procs.ros_bridge.shown import ShownTopics
-from trocar.procs.ros_bridge.stamps import time_of
+from trocar.procs.ros_bridge.stamps import stamped, time_of
 from trocar.procs.ros_messages.dds import LATCHED, Participant, TopicWriter
 from trocar.procs.ros_messages.messages import Joy, Log, OperatingState
 from trocar.shm.ring.ring import RingReader
@@ -101,10 +101,8 @@ class EventTopics:
             self.state.message = message
             self.state.tell(ros_ns, now_ns)
         else:
-            if hasattr(message, "header"):
-                message.header.stamp = time_of(ros_ns)
             for writer in writers:
-                writer.write(message)
+                writer.write(stamped(message, ros_ns))
 
     def _log(self, event: dict[str, Any], ros_ns: int) -> None:
         text, hint = (bytes(event[name]).rstrip(b"\0").decode(errors="replace") for name in ("text", "hint"))

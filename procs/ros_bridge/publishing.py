@@ -6,12 +6,14 @@ from collections.abc import Callable, Iterable
 from typing import Any, Final
 
 from numpy.typing import NDArray
+
 from trocar.procs.crtk.frames import frame_name
 from trocar.procs.crtk.plain import plain
 from trocar.procs.crtk.stamps import Stamps
 from trocar.procs.crtk.topics import TopicEntry
 from trocar.procs.crtk.views import OpenTopic
 from trocar.procs.ros_bridge.outgoing import FieldTopic
+from trocar.procs.ros_bridge.stamps import stamped
 from trocar.procs.ros_messages.dds import LATCHED, Participant, TopicWriter
 from trocar.procs.ros_messages.messages import String
 from trocar.procs.ros_messages.packed_view import PackedView
@@ -91,7 +93,7 @@ class RecordTopics:
             value = cell.tobytes()
             if value != self._seen[place]:
                 self._seen[place] = value
-                writer.write(row.of(cell))
+                writer.write(stamped(row.of(cell), stamps.ns(self._ring.stamp_ns)))
 
     def close(self) -> None:
         """Nothing is wanted any more."""

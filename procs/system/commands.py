@@ -83,7 +83,11 @@ class SystemCommands:
         self.volume = min(max(asked, 0.0), 1.0)
         self._events.emit("volume", value=self.volume)
         self._events.status(f"system: volume {100.0 * self.volume:.0f} %", "system")
-        return "" if asked == self.volume else f"clipped: volume {asked:g} → {self.volume:g}"
+        if asked == self.volume:
+            return ""
+        self._events.report(codes.BEEP_CLIPPED, f"volume {asked:g} taken as {self.volume:g}", "system", -1, asked,
+                            self.volume)
+        return f"clipped: volume {asked:g} → {self.volume:g}"
 
     def _beep(self, request: Request) -> None:
         given = (*map(float, request.values), *(BEEP_S, BEEP_HZ, self.volume)[len(request.values) :])

@@ -134,7 +134,7 @@ TASK_OVER_BUDGET: Final = Code(
     "shorten its step or raise its budget_us (docs/in-cycle.md)", 31, NOTHING)
 TASK_FAILED: Final = Code(
     "task-failed", ERROR, "io", "an in-cycle task failed and was detached",
-    "mend its module and start again (docs/in-cycle.md)", 32, NOTHING)
+    "correct its module, then trocar restart NAME --yes loads it (docs/in-cycle.md)", 32, NOTHING)
 
 # any process
 HELD_UP: Final = Code(
@@ -377,8 +377,8 @@ THIRD_PARTY_ERROR: Final = Code(
     "third-party-error", ERROR, "third_party", "a third-party program that is an arm reports an error",
     "see that program; teleoperations that use it stop")
 ROS_REFUSED: Final = Code(
-    "ros-refused", WARNING, "ros_bridge", "a message or request from ROS was refused, and nothing of it done",
-    "docs/commands.md says what each topic takes; after a fault an operator's command comes first (/system/home)")
+    "ros-refused", WARNING, "ros_bridge", "a command from ROS was refused, or did not succeed",
+    "the message says why; docs/commands.md lists what each topic takes")
 
 # processes of users' own
 USER_ERROR: Final = Code(
