@@ -18,6 +18,8 @@ from trocar.procs.document.system import Process
 from trocar.procs.machine.paths import ROOT
 from trocar.procs.supervisor.forking import ENVIRON, Forked, Template
 from trocar.procs.tables.manifest import proc
+from trocar.shm.system.loglines import stamped
+from trocar.shm.time.clock import local_ns
 from trocar.shm.time.control_page import ControlPage
 
 FRAME: Final = re.compile(r'most recent call first\):\n  File "(?P<file>.*)", line (?P<line>\d+) in (?P<function>.*)')
@@ -75,16 +77,22 @@ class OsProcess:
 
     def abort(self) -> None:
         """SIGABRT, at which Python writes where each thread is (faulthandler, procs/user/life.py)."""
-        self._log_size = self._size()
+        self._announce_trace()
         if self.popen is not None:
             self.popen.send_signal(signal.SIGABRT)
             self.popen.send_signal(signal.SIGCONT)
 
     def trace(self) -> None:
         """Send SIGUSR1: Python writes where its main thread is, and continues (faulthandler, procs/node/runtime.py)."""
-        self._log_size = self._size()
+        self._announce_trace()
         if self.popen is not None:
             self.popen.send_signal(signal.SIGUSR1)
+
+    def _announce_trace(self) -> None:
+        """What follows in its log is a trace of now: it has no stamps of its own."""
+        with contextlib.suppress(OSError), self.log.open("a", encoding="utf-8") as log:
+            log.write(stamped("WARNING", "does not respond; it is here:", local_ns() * 1e-9) + "\n")
+        self._log_size = self._size()
 
     def where(self) -> str:
         """The file, line and function that it wrote first; empty: it wrote none."""

@@ -34,8 +34,13 @@ class Stamped(logging.Formatter):
 
     def format(self, record: logging.LogRecord) -> str:
         """See the module."""
-        local = datetime.fromtimestamp(record.created).isoformat(" ", "microseconds")
-        return f"{local} {monotonic_ns() * 1e-9:.6f} {record.levelname} {_reported(self, record, self._name)}"
+        return stamped(record.levelname, _reported(self, record, self._name), record.created)
+
+
+def stamped(level: str, text: str, local_s: float) -> str:
+    """A line as the module says, written at this local time (s since 1970)."""
+    local = datetime.fromtimestamp(local_s).isoformat(" ", "microseconds")
+    return f"{local} {monotonic_ns() * 1e-9:.6f} {level} {text}"
 
 
 class Plain(logging.Formatter):
