@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Final
 
 from numpy.typing import NDArray
+
 from trocar.procs.node.requests import STREAM_PAUSE_NS, CommandRefused, Handler, Reports, Request, carry_out
 from trocar.procs.tables import codes
 from trocar.procs.tables.codes import Code
@@ -169,8 +170,8 @@ class Teleop:
             self._miss_arm(arm)
 
     def _miss_arm(self, arm: TeleopArm) -> None:
-        missing = "homed" if arm.is_enabled else 'in state "ENABLED"'
-        self.stop(codes.ARM_NOT_READY, f"{arm.name} is not {missing} anymore, it is {arm.reported}", arm.name)
+        missing = "homed anymore" if arm.is_enabled else f'in state "ENABLED" anymore, it is {arm.reported}'
+        self.stop(codes.ARM_NOT_READY, f"{arm.name} is not {missing}", arm.name)
 
     def interrupt(self, code: Code, text: str, component: str) -> None:
         """What is known of an arm holds no longer, its process is gone or was."""

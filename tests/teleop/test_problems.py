@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import pytest
-from trocar.procs.node.requests import STREAM_ENDED, STREAM_PAUSE_NS
 
 from tests.teleop.harness import TeleopHarness
+from trocar.procs.node.requests import STREAM_ENDED, STREAM_PAUSE_NS
 
 
 @pytest.fixture
@@ -77,7 +77,7 @@ def test_a_goal_that_an_arm_cannot_reach_is_no_fault_of_it(following: TeleopHarn
 @pytest.mark.parametrize(
     ("which", "change", "reason"),
     [("PSM1", {"state": b"FAULT", "sub_state": b"FAULT"}, 'PSM1 is not in state "ENABLED" anymore, it is FAULT'),
-     ("MTMR", {"is_homed": False, "sub_state": b"ENABLED"}, "MTMR is not homed anymore, it is ENABLED"),
+     ("MTMR", {"is_homed": False, "sub_state": b"ENABLED"}, "MTMR is not homed anymore"),
      ("MTMR", {"reference_valid": False}, "the pose of MTMR in its reference frame is not known")],
 )
 def test_arms_must_stay_homed(following: TeleopHarness, which: str, change: dict[str, object], reason: str) -> None:

@@ -8,12 +8,12 @@ import time
 from collections.abc import Callable
 
 import pytest
-from trocar.shm.time.control_page import ControlPage
-from trocar.tools.client.remote import Remote
-from trocar.tools.output.errors import Problem
 
 from tests.tools.robot import ScriptedRobot
 from tests.tools.test_verbs import kinematic as kinematic  # a fixture
+from trocar.shm.time.control_page import ControlPage
+from trocar.tools.client.remote import Remote
+from trocar.tools.output.errors import Problem
 
 PATIENCE_S = 0.2
 
@@ -72,11 +72,11 @@ def test_a_command_waits_while_its_component_starts(kinematic: ScriptedRobot) ->
         starting.join()
 
 
-@pytest.mark.parametrize(("state", "words"), [("STOPPED", "is stopped"), ("FAILED", "has failed")])
+@pytest.mark.parametrize(("state", "words"), [("STOPPED", "is not running"), ("FAILED", "has failed")])
 def test_a_command_to_a_component_that_was_stopped_says_so_at_once(
         kinematic: ScriptedRobot, state: str, words: str) -> None:
     with contextlib.closing(ControlPage(kinematic.name, "PSM1", write=True)) as page, \
             Remote(kinematic.name, "PSM1") as remote:
         page.show(state)
-        with pytest.raises(Problem, match=f"PSM1 {words}; first: trocar start PSM1"):
+        with pytest.raises(Problem, match=f"PSM1 {words}; trocar status says why, trocar start PSM1 starts it"):
             remote.ask("hold")

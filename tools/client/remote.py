@@ -28,7 +28,7 @@ KEPT = 1000
 START_S = 2.0
 SILENT_NS = 300_000_000
 STARTING = ("CREATED", "STARTING")
-ENDED = {"STOPPED": "is stopped", "FAILED": "has failed"}
+ENDED = {"STOPPED": "is not running", "FAILED": "has failed"}
 
 
 class Remote:
@@ -67,7 +67,8 @@ class Remote:
             pause(POLL_S)
         self._check_supervisor(state in ENDED)
         if state in ENDED:
-            raise Problem(f"{self.instance} {ENDED[state]}; first: trocar start {self.instance}")
+            raise Problem(f"{self.instance} {ENDED[state]}; trocar status says why, trocar start {self.instance} "
+                          "starts it")
 
     def _check_supervisor(self, is_dead: bool = False) -> None:
         """Problem when the process is dead, and no supervisor starts it again.
