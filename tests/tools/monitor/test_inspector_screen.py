@@ -18,11 +18,12 @@ from trocar.shm.memory.segment import segment_name, unlink
 from trocar.tools.monitor.app import PAGES, InspectorApp
 from trocar.tools.monitor.pages.page import InspectorPage
 from trocar.tools.monitor.pages.palette import DARK, LIGHT
+from trocar.tools.monitor.pages.table import WIDE
 from trocar.tools.monitor.pages.values import ValuesPage
 
 pytestmark = pytest.mark.slow
 
-SIZES = ((80, 24), (160, 50))
+SIZES = ((80, 24), (110, 24), (160, 50))
 PATIENCE = 200  # looks at the screen
 
 Story = Callable[[InspectorApp, Pilot[None], ScriptedRobot], Awaitable[None]]
@@ -64,8 +65,10 @@ def test_every_page_shows_itself_and_fits(world: World, size: tuple[int, int]) -
             await pilot.press(str(number))
             if number == 3:
                 await pilot.press("slash", *"is_homed", "enter")
-            shown = await until(app, pilot, "supervisor runs", words, "/ search", "q quit")
+            titles = [column.title for column in app.page.COLUMNS if size[0] >= WIDE or not column.is_wide]
+            shown = await until(app, pilot, "supervisor runs", words, titles[-1], "/ search", "q quit")
             assert max(map(len, shown.splitlines())) <= size[0] and len(shown.splitlines()) <= size[1]
+            assert any(line.split() == " ".join(titles).split() for line in shown.splitlines()), shown
 
     play(world, story, size)
 

@@ -19,7 +19,7 @@ class ProcessesPage(InspectorPage):
     COLUMNS = (Head("process", 11), Head("state", 14), Head("pid", 7, True, True), Head("Hz", 7, True),
                Head("jitter", 6, True), Head("p99 ms", 7, True, True), Head("work p99", 8, True, True),
                Head("CPU %", 5, True), Head("MB", 4, True), Head("missed", 7, True, True),
-               Head("restarts", 8, True), Head(" problem, ending", 0))
+               Head("restarts", 8, True), Head("problem", 0, is_whole=True))
 
     def open(self, system: str) -> None:
         """Begin to measure shares of a core."""
@@ -39,7 +39,6 @@ class ProcessesPage(InspectorPage):
         made = []
         for row in read:
             texts, colours = cells(row), self.palette
-            texts[-1] = f" {texts[-1]}"
             styles = ((1, colours.bad), (11, colours.bad)) if row.status.problem else ()
             if self.has(*texts, row.status.kind):
                 made.append(TableRow(row.status.name, texts, colours.past if row.is_gone else "", styles))

@@ -44,9 +44,11 @@ class TableRow:
         for k, width in widths.items():
             words = printable(self.cells[k].replace("\n", " "), "")
             text = Text("\n".join(wrapped(words, width)) if columns[k].is_whole else words, no_wrap=True, end="",
-                        style=own.get(k, self.style), justify="right" if columns[k].is_right else "left")
+                        style=own.get(k, self.style))
             if not columns[k].is_whole:
                 text.truncate(width, overflow="ellipsis")
+            if columns[k].is_right:
+                text.pad_left(width - text.cell_len)
             made.append(text)
         return made
 
@@ -114,4 +116,4 @@ class LiveTable(DataTable[Text]):
         self._widths = {k: self._all[k].width or max(8, left // flexible) for k in places}
         for k, own in self._widths.items():
             column = self._all[k]
-            self.add_column(Text(column.title, justify="right" if column.is_right else "left"), width=own + 1)
+            self.add_column(Text(column.title.rjust(own) if column.is_right else column.title), width=own + 1)

@@ -32,7 +32,7 @@ class TopicsPage(InspectorPage):
     TITLE = "topics"
     COLUMNS = (Head("topic", 20), Head("declared", 9, True), Head("Hz", 7, True), Head("longest ms", 10, True),
                Head("age", 7, True), Head("lost", 5, True), Head("records", 12, True, True),
-               Head(" problem", 0))
+               Head("problem", 0, is_whole=True))
     DETAILS = 2
     BINDINGS = [Binding("enter", "open_values", "values", priority=True)]  # noqa: RUF012  # as textual wants it
     _data: TopicsData | None = None
@@ -66,7 +66,7 @@ class TopicsPage(InspectorPage):
         for row in sorted(read, key=lambda row: not self.is_named(row.name, *self._names(row.name))):
             texts = [row.name, number(row.nominal_hz, "g") if row.nominal_hz else "on events",
                      number(row.hz, ".1f"), number(row.max_ms, ".3f"), span(row.age_s), str(row.lost),
-                     str(row.records), f" {row.problem}"]
+                     str(row.records), row.problem]
             colours = self.palette
             styles = ((7, colours.bad),) * bool(row.problem) + ((5, colours.warning),) * bool(row.lost)
             if self.has(*texts, *self._names(row.name)):
