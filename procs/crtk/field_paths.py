@@ -6,6 +6,7 @@ dimensions, or fewer: `[2]`, `[0:3]`, `[-1]`, `[0][4]`, `[0,4]`. Without the dot
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import re
 from collections.abc import Sequence
@@ -30,6 +31,8 @@ PIECES: Final = {
     "cf": {"force": ("wrench", slice(0, 3)), "torque": ("wrench", slice(3, 6))},
 }
 """Parts of payloads, as `echo` shows them, in the parts that views name."""
+VALID: Final = Field("valid", "?", "", "whether the values may be used")
+NAMES: Final = Field("name", "S", "", "names of the joints")
 
 Index = int | slice
 
@@ -73,7 +76,8 @@ class FieldCells:
     """The cells of a ring's records that a path means.
 
     `flat`: their places in the field; `labels`: a path for each of them; `flag`, `flag_row`: the field, and of a
-    list of flags the place in it, that says whether a record's values may be used, empty: always.
+    list of flags the place in it, that says whether a record's values may be used, empty: always. `constants`: the
+    values, where records have none.
     """
 
     field: Field
@@ -83,6 +87,7 @@ class FieldCells:
     is_text: bool
     flag: str = ""
     flag_row: int = -1
+    constants: tuple[Any, ...] = ()
 
     def numbers(self, rows: NDArray[Any]) -> NDArray[np.float64]:
         """(records, cells) of structured records; NaN where a record is not valid."""
@@ -94,6 +99,8 @@ class FieldCells:
 
     def raw(self, rows: NDArray[Any]) -> NDArray[Any]:
         """The same as they are recorded, texts too, whether valid or not."""
+        if self.constants:
+            return np.tile(np.array(self.constants)[self.flat], (len(rows), 1))
         column = rows[self.field.name]
         found: NDArray[Any] = column.reshape(len(rows), math.prod(column.shape[1:]))[:, self.flat]
         return found
@@ -114,12 +121,7 @@ def cells_of(entry: TopicEntry, path: FieldPath, record: NDArray[Any]) -> FieldC
     if entry.kind == EVENT:
         raise BadPath(f"{path.text}: {entry.name} is an event, without fields of its own; take "
                       f"{entry.instance}/events.{path.field or 'value'}")
-    name, cut = _named(entry, path)
-    field = next(each for each in (*entry.fields, *HEAD_FIELDS) if each.name == name)
-    column = record[name]
-    places = np.arange(column[0].size, dtype=np.intp).reshape(column.shape[1:])
-    if entry.view is not None:
-        places = _joints(entry, places, record)[cut]
+    field, places, constants = _found(entry, path, record)
     numbered = np.arange(places.size, dtype=np.intp).reshape(places.shape)
     try:
         chosen = numbered[path.indices] if path.indices else numbered
@@ -131,9 +133,11 @@ def cells_of(entry: TopicEntry, path: FieldPath, record: NDArray[Any]) -> FieldC
     base = f"{path.topic}.{path.field}"
     labels = tuple(base + indices_text(np.unravel_index(one, places.shape) if places.shape else ())
                    for one in chosen.ravel().tolist())
-    flag = entry.view.where if entry.view is not None and entry.view.where in (record.dtype.names or ()) else ""
-    return FieldCells(field, places.ravel()[chosen.ravel()], labels, chosen.shape, column.dtype.kind == "S", flag,
-                      entry.row if flag and record[flag].ndim > 1 else -1)
+    is_text = field is NAMES or (not constants and record[field.name].dtype.kind == "S")
+    flag = entry.view.where if entry.view is not None and not constants and field.text is not VALID.text else ""
+    flag = flag if flag in (record.dtype.names or ()) else ""
+    return FieldCells(field, places.ravel()[chosen.ravel()], labels, chosen.shape, is_text, flag,
+                      entry.row if flag and record[flag].ndim > 1 else -1, constants)
 
 
 def all_cells(entry: TopicEntry, record: NDArray[Any]) -> list[FieldCells]:
@@ -160,6 +164,35 @@ def _fields(entry: TopicEntry) -> list[str]:
     return [*pieces] or [part for part, _ in entry.view.fields]
 
 
+def _found(entry: TopicEntry, path: FieldPath, record: NDArray[Any]
+           ) -> tuple[Field, NDArray[np.intp], tuple[Any, ...]]:
+    """The field that a path means, the places of its cells, and its values where records have none."""
+    if entry.view is not None and path.field == VALID.name:
+        if entry.view.where in (record.dtype.names or ()):
+            return dataclasses.replace(VALID, name=entry.view.where), np.array(max(entry.row, 0)), ()
+        return VALID, np.array(0), (True,)
+    if path.field == NAMES.name and (names := _constant_names(entry)):
+        return NAMES, np.arange(len(names)), names
+    name, cut = _named(entry, path)
+    column = record[name]
+    places = np.arange(column[0].size, dtype=np.intp).reshape(column.shape[1:])
+    field = next(each for each in (*entry.fields, *HEAD_FIELDS) if each.name == name)
+    return field, places if entry.view is None or field in HEAD_FIELDS else _joints(entry, places, record)[cut], ()
+
+
+def _constant_names(entry: TopicEntry) -> tuple[str, ...]:
+    """Names of joints that a view has, and its records have not."""
+    is_without = entry.view is not None and entry.view.kind == "js" and NAMES.name not in dict(entry.view.fields)
+    return entry.joint_names if is_without else ()
+
+
+def _shown(entry: TopicEntry) -> list[str]:
+    """Fields that have a path."""
+    if entry.view is None:
+        return _fields(entry)
+    return [VALID.name, *(NAMES.name for _ in _constant_names(entry)[:1]), *_fields(entry)]
+
+
 def _named(entry: TopicEntry, path: FieldPath) -> tuple[str, Index]:
     """The field of the record, and what of it."""
     if path.field in (field.name for field in HEAD_FIELDS):
@@ -173,8 +206,8 @@ def _named(entry: TopicEntry, path: FieldPath) -> tuple[str, Index]:
         if part in parts:
             return parts[part], cut
     if not path.field:
-        raise BadPath(f"{path.text} is a whole topic; its fields are: {', '.join(_fields(entry))[:300]}")
-    raise BadPath(f"{path.text}: {none_such('field', path.field, _fields(entry))}")
+        raise BadPath(f"{path.text} is a whole topic; its fields are: {', '.join(_shown(entry))[:300]}")
+    raise BadPath(f"{path.text}: {none_such('field', path.field, _shown(entry))}")
 
 
 def _joints(entry: TopicEntry, places: NDArray[np.intp], record: NDArray[Any]) -> NDArray[np.intp]:

@@ -21,6 +21,7 @@ from trocar.shm.topics import Field, View
 EVENTS_OF_ALL = ("status", "warning", "error")
 SEEN_OF_SOME = {view for row in ARM_TYPES.values() for view in row.views}  # of arms of some types
 RECORD, EVENT = "record", "event"
+ONE_JOINT = ("jaw", "gripper")
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +49,12 @@ class TopicEntry:
     labels: tuple[str, ...] = field(default=())
     problem: str = ""
     simulation: str = ""
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of its joints, where they are not in its records."""
+        part = self.name.rsplit("/", 2)[-2]
+        return self.labels or ((part,) if part in ONE_JOINT else ())
 
 
 def catalogue(system: str) -> list[TopicEntry]:

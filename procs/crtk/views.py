@@ -20,7 +20,6 @@ from trocar.shm.system import directory
 from trocar.shm.time.system_time import SystemTime
 
 FLAGS = {"goal_reached": "reached", "arm_clutch": "pressed", "gripper/closed": "closed", "orientation_locked": "locked"}
-ONE_JOINT = ("jaw", "gripper")
 OPERATING_STATE = ("state", "sub_state", "is_homed", "is_busy")
 MESSAGE = ("severity", "code", "component", "axis", "board", "value", "limit", "text", "hint")
 STAMPS = ("stamp_ns", "sequence", "monotonic_ns", "local_ns")
@@ -182,11 +181,7 @@ class OpenTopic:
 
     def labels(self) -> list[str]:
         """Joint names of a view."""
-        if self.entry.labels:
-            return list(self.entry.labels)
-        names = [str(plain(name)) for name in self.part("name").tolist()]
-        part = self.entry.name.rsplit("/", 2)[-2]
-        return names or ([part] if part in ONE_JOINT else [])
+        return list(self.entry.joint_names) or [str(plain(name)) for name in self.part("name").tolist()]
 
     def as_dict(self) -> dict[str, Any]:
         """The record as JSON knows it; what is invalid or not finite is None."""

@@ -38,6 +38,17 @@ def test_a_field_is_a_line(played: ScriptedRobot) -> None:
     assert run(played, "echo", "PSM1/state.reason", "--once").stdout.endswith('  ""\n')
 
 
+@pytest.mark.parametrize("topic", ["PSM1/measured_js", "PSM1/measured_cp", "PSM1/jaw/measured_js"])
+def test_what_is_shown_of_a_topic_has_a_path(played: ScriptedRobot, topic: str) -> None:
+    whole = json.loads(run(played, "echo", topic, "--once", "--json").stdout)
+    for field, value in whole.items():
+        shown = run(played, "echo", f"{topic}.{field}", "--once", "--json")
+        assert shown.exit_code == 0, shown.stderr
+        assert json.loads(shown.stdout)["value"] == value, field
+    played.show_arm(0.5, valid=False)
+    assert run(played, "echo", "PSM1/measured_js.valid", "--once").stdout.endswith("  no\n")
+
+
 def test_a_field_is_data_for_programs(played: ScriptedRobot) -> None:
     row = json.loads(run(played, "echo", "PSM1/measured_js.position[1]", "--once", "--json").stdout)
     assert row["value"] == 0.25 and row["field"] == "PSM1/measured_js.position[1]" and row["sequence"] == 1
