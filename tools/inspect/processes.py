@@ -17,6 +17,7 @@ from trocar.shm.system import directory
 from trocar.shm.time.clock import boottime_ns, monotonic_ns, pause
 from trocar.shm.time.control_page import ControlPage
 from trocar.tools.inspect.endings import PastProcess, endings
+from trocar.tools.inspect.replayed import recorded_clock
 from trocar.tools.inspect.segments import PAGE_GONE, lost_of
 from trocar.tools.inspect.slow_time import waited_for
 from trocar.tools.output.printing import number, plain
@@ -124,7 +125,7 @@ def statuses(system: str) -> list[ProcessStatus]:
     ledger, rows = _ledger(system), _rows(system)
     simulated = is_simulated(system)
     there = names_of(system)
-    ours = [row.name for row in rows.values() if row.start != ELSEWHERE]
+    ours = [] if recorded_clock(system) else [row.name for row in rows.values() if row.start != ELSEWHERE]
     found = []
     for name in dict.fromkeys((SUPERVISOR, *directory.instances(system), *ours)):
         reported = _reported(system, name)

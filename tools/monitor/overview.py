@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from trocar.shm.memory.segment import SegmentError, path_of, segment_name
 from trocar.shm.time.clock import monotonic_ns
 from trocar.shm.time.control_page import ControlPage
-from trocar.shm.time.system_time import SystemTime, speed_in_words
+from trocar.shm.time.system_time import SystemTime
 from trocar.tools.inspect.processes import ProcessStatus, statuses
+from trocar.tools.inspect.replayed import clock_in_words
 from trocar.tools.inspect.standing import Standing, first_thing, in_a_line, standings
 from trocar.tools.output.printing import span
 from trocar.tools.systems.find import is_up
@@ -70,7 +71,7 @@ def overview(system: str) -> Overview:
     found = tuple(standings(system, processes))
     clock = ""
     with contextlib.suppress(SegmentError), SystemTime(system) as time:
-        clock = speed_in_words(time)
+        clock = clock_in_words(system, time)
     if is_up(system):
         return Overview(system, "RUNNING", None, clock, processes, found)
     return Overview(system, "dead", _silent_s(system), clock.partition(",")[0], processes, found)

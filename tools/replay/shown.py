@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.procs.document.system import WALL, from_json, to_json
+from trocar.procs.recordings import names
 from trocar.procs.recordings.reading import RecordedTopic, RecordingReader
-from trocar.shm.memory.layout import MAX_DEPTH, schema_from_json
+from trocar.shm.memory.layout import MAX_DEPTH, Schema, schema_from_json
 from trocar.shm.memory.segment import Segment, create, names_of, segment_name, unlink
 from trocar.shm.ring.ring import RingWriter
 from trocar.shm.system import directory
@@ -27,12 +28,12 @@ from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.shm.time.control_page import ControlPage, create_control
 from trocar.shm.topics import TOPICS, Topic
 from trocar.tools.analysis.choosing import Stretch
+from trocar.tools.inspect.replayed import REPLAY, info_of_replay
 from trocar.tools.output.errors import Problem
 from trocar.tools.output.printing import Say
 from trocar.tools.systems.cleanup import Keeper
 from trocar.tools.systems.processes import SUPERVISOR
 
-WORD: Final = "REPLAY"
 DEPTH_S: Final = 3.0
 SMALLEST: Final = 64
 BEAT_S: Final = 0.02
@@ -77,9 +78,14 @@ class Showing:
     def _make(self, recording: RecordingReader, topics: Sequence[str], part: Stretch) -> None:
         rows = [recording.topics[name] for name in topics]
         directory.publish_document(self.system, _document(recording, self.system))
+        marks = info_of_replay(recording.metadata.get(names.SYSTEM, {}).get("clock") or WALL)
+
+        def marked(name: str, kind: str, schema: Schema, depth: int, info: dict[str, Any]) -> int:
+            return create(name, kind, schema, depth, info | marks)
+
         for instance in dict.fromkeys((SUPERVISOR, *(row.instance for row in rows))):
-            create_control(self.system, instance, topics=[topic for row in rows if row.instance == instance
-                                                          for topic in _declared(row)])
+            create_control(self.system, instance, marked, [topic for row in rows if row.instance == instance
+                                                           for topic in _declared(row)])
             page = ControlPage(self.system, instance, write=True)
             self._held.callback(page.close)
             page.segment.claim(instance)
@@ -89,7 +95,7 @@ class Showing:
         for row in rows:
             records = recording.records(row.name, stamps=part.stamps).rows
             create(segment_name(self.system, row.instance, row.ring), directory.RING,
-                   schema_from_json(row.schema.encode()), _depth(row), row.info | {"simulation": WORD})
+                   schema_from_json(row.schema.encode()), _depth(row), row.info | {"simulation": REPLAY})
             segment = Segment(segment_name(self.system, row.instance, row.ring), write=True)
             writer = RingWriter(segment, row.instance)
             self._held.callback(writer.close)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import dataclasses
 
 from trocar.procs.node.realtime import lacking, refused
-from trocar.shm.time.system_time import WALL, SystemTime, speed_in_words
+from trocar.shm.time.system_time import WALL, SystemTime
 from trocar.tools.inspect import standing
 from trocar.tools.inspect.fault_file import fault_recording
 from trocar.tools.inspect.processes import COLUMNS, RIGHT, cells, remarks, statuses
+from trocar.tools.inspect.replayed import clock_in_words, recorded_clock
 from trocar.tools.inspect.standing import first_thing, in_a_line, standings
 from trocar.tools.output.printing import emit, table, tell
 from trocar.tools.systems.find import chosen_system
@@ -30,7 +31,7 @@ def status(as_json: JsonOption = False, system: SystemOption = None) -> int:
     first = first_thing(processes, found)
     recorded = fault_recording(name, [one.since_ns for one in found]) if any(one.is_fault for one in found) else ""
     with SystemTime(name) as time:
-        clock, speed, reported = time.clock, time.speed, speed_in_words(time)
+        clock, speed, reported = recorded_clock(name) or time.clock, time.speed, clock_in_words(name, time)
     policies = {process.name: process.scheduling for process in processes} if clock == WALL else {}
     if as_json:
         emit({"system": name, "clock": clock, "speed": speed,

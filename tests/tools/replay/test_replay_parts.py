@@ -18,6 +18,8 @@ from trocar.shm.memory.layout import schema_of
 from trocar.shm.memory.segment import names_of
 from trocar.shm.topics import ARM_STATE, AUDIT
 from trocar.tools.analysis.choosing import Stretch
+from trocar.tools.inspect.processes import statuses
+from trocar.tools.monitor.overview import overview
 from trocar.tools.output.errors import Problem
 from trocar.tools.replay.asking import moves_of
 from trocar.tools.replay.commands import commands_of
@@ -153,10 +155,13 @@ def test_a_recording_without_a_configuration_is_not_started(recording: Recording
 @pytest.mark.slow
 def test_records_are_shown_with_the_times_between_them(recording: RecordingReader) -> None:
     name = f"t{os.getpid()}shown"
+    recording.metadata["trocar"]["clock"] = "paced"
     with Showing(name, recording, ["PSM1/state", "PSM1/audit"], Stretch()) as showing:
         assert showing.play(100.0, lambda text, fraction: None) == 58
         stamps = np.array([topic.last_ns for topic in showing.topics])
         assert (stamps > 0).all() and len(names_of(name)) == 5
+        assert [row.problem for row in statuses(name)] == ["", ""], "a replay lacks nothing"
+        assert overview(name).clock == "paced, as recorded"
     assert not names_of(name)
     with pytest.raises(Problem, match="nothing to show"):
         Showing(name, recording, ["PSM1/state"], Stretch(1 << 60))

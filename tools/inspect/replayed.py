@@ -1,0 +1,35 @@
+"""Systems that `trocar replay --as` shows: no process runs in them, and their clock is that of the recording."""
+
+from __future__ import annotations
+
+import contextlib
+from typing import Any, Final
+
+from trocar.shm.memory.segment import Segment, SegmentError, segment_name
+from trocar.shm.time.system_time import SystemTime, speed_in_words
+from trocar.tools.systems.processes import SUPERVISOR
+
+REPLAY: Final = "REPLAY"
+
+
+def info_of_replay(clock: str) -> dict[str, Any]:
+    """What the header of each control page says in such a system."""
+    return {"simulation": REPLAY, "clock": clock}
+
+
+def is_replay(info: dict[str, Any]) -> bool:
+    """Whether the header of a control page is of such a system: it has no process, so no mailbox and no table."""
+    return info.get("simulation") == REPLAY
+
+
+def recorded_clock(system: str) -> str:
+    """The clock of the recording that is shown as `system`; empty: it is no replay."""
+    with contextlib.suppress(SegmentError), Segment(segment_name(system, SUPERVISOR, "control")) as page:
+        return str(page.header.info.get("clock", "")) if is_replay(page.header.info) else ""
+    return ""
+
+
+def clock_in_words(system: str, time: SystemTime) -> str:
+    """Which clock a system has, and how fast it is."""
+    recorded = recorded_clock(system)
+    return f"{recorded}, as recorded" if recorded else speed_in_words(time)
