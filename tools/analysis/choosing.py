@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -20,6 +20,9 @@ from trocar.tools.analysis.places import all_folders
 from trocar.tools.output.errors import Misuse, Problem
 
 END_NS: Final = 1 << 62
+FAST_HZ: Final = 10.0
+APART_NS: Final = 3_000_000_000
+"""A topic that ended so long before the others began is not of their run."""
 TIMED: Final = IN_TIME - {"supervisor"}
 """Kinds of processes that do the same in the same simulated time."""
 
@@ -72,12 +75,33 @@ def chosen_topics(known: Iterable[str], wanted: Sequence[str] | None) -> list[st
 
 
 def start_ns(recording: RecordingReader) -> int:
-    """Its start in the system's time: the first record of a topic that has a rate, else of any; 0: there is none.
+    """Its start in the system's time (`run_begin_ns`); 0: it has no record."""
+    rates = {name: recording.topics[name].rate_hz for name in recording.record_topics}
+    return run_begin_ns(spans(recording, _of_the_run(rates)), rates)
 
-    What comes by command only (gains) is kept in rings for hours, and says nothing about when a recording began.
+
+def run_begin_ns(extents: Mapping[str, tuple[int, int]], rates: Mapping[str, float]) -> int:
+    """When the run itself begins, of the first and last stamps of its topics: what is older was only kept in a ring.
+
+    What comes by command (gains) or once a second lies in rings for minutes to hours, and the last records of a
+    process that was stopped as long as the system is up. So it is the first record of the topics with a high rate,
+    without those that ended before the others began. 0: there is no record.
     """
-    steady = [name for name in recording.record_topics if recording.topics[name].rate_hz]
-    return min((first for first, _ in spans(recording, steady or recording.record_topics).values()), default=0)
+    chosen = _of_the_run({name: rates[name] for name in extents})
+    begin = END_NS
+    for first, last in sorted((extents[name] for name in chosen), key=lambda each: each[1], reverse=True):
+        if begin < END_NS and last < begin - APART_NS:
+            break
+        begin = min(begin, first)
+    return begin if begin < END_NS else 0
+
+
+def _of_the_run(rates: Mapping[str, float]) -> list[str]:
+    """Topics with a high rate; where there is none those with any, else all."""
+    found = list[str]()
+    for least_hz in (FAST_HZ, 1e-9, 0.0):
+        found = found or [name for name, rate in rates.items() if rate >= least_hz]
+    return found
 
 
 def spans(recording: RecordingReader, topics: Sequence[str], part: Stretch = Stretch()) -> dict[str, tuple[int, int]]:

@@ -27,7 +27,7 @@ from trocar.shm.system import directory
 from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.shm.time.control_page import ControlPage, create_control
 from trocar.shm.topics import TOPICS, Topic
-from trocar.tools.analysis.choosing import Stretch
+from trocar.tools.analysis.choosing import Stretch, run_begin_ns
 from trocar.tools.inspect.replayed import REPLAY, info_of_replay
 from trocar.tools.output.errors import Problem
 from trocar.tools.output.printing import Say
@@ -47,8 +47,7 @@ class ReplayedTopic:
     name: str
     rows: NDArray[Any]
     writer: RingWriter
-    is_steady: bool
-    """It has a rate."""
+    rate_hz: float
     at: int = 0
     last_ns: int = 0
 
@@ -99,7 +98,7 @@ class Showing:
             segment = Segment(segment_name(self.system, row.instance, row.ring), write=True)
             writer = RingWriter(segment, row.instance)
             self._held.callback(writer.close)
-            self.topics.append(ReplayedTopic(row.name, records, writer, row.rate_hz > 0.0))
+            self.topics.append(ReplayedTopic(row.name, records, writer, row.rate_hz))
         if not any(len(topic.rows) for topic in self.topics):
             raise Problem("there is nothing to show: no record in these topics, in this time")
 
@@ -109,9 +108,10 @@ class Showing:
 
     @property
     def begin_ns(self) -> int:
-        """Stamp of the first record of a topic with a rate, else of any: what is older is shown at once."""
-        there = [topic for topic in self.topics if len(topic.rows)]
-        return min(topic.stamp_ns for topic in [topic for topic in there if topic.is_steady] or there)
+        """Stamp at which the run itself begins: what is older is shown at once."""
+        extents = {topic.name: (topic.stamp_ns, int(topic.rows["stamp_ns"][-1])) for topic in self.topics
+                   if len(topic.rows)}
+        return run_begin_ns(extents, {topic.name: topic.rate_hz for topic in self.topics})
 
     @property
     def end_ns(self) -> int:

@@ -17,7 +17,7 @@ from trocar.procs.recordings.reading import RecordingReader, open_recording
 from trocar.shm.memory.layout import schema_of
 from trocar.shm.memory.segment import names_of
 from trocar.shm.topics import ARM_STATE, AUDIT
-from trocar.tools.analysis.choosing import Stretch
+from trocar.tools.analysis.choosing import Stretch, run_begin_ns
 from trocar.tools.inspect.processes import statuses
 from trocar.tools.monitor.overview import overview
 from trocar.tools.output.errors import Problem
@@ -150,6 +150,18 @@ def test_a_recording_without_a_configuration_is_not_started(recording: Recording
     with pytest.raises(Problem, match="recorded by another version"):
         run_again(recording, tmp_path / "again.mcap", "nobody", lambda text, fraction: None)
     assert not (tmp_path / "again.mcap").exists()
+
+
+@pytest.mark.parametrize(("extents", "begin"), [
+    ({"IO1/state": (100, 190), "PSM1/state": (101, 191)}, 100),
+    ({"IO1/gains": (1, 1), "gui/state": (50, 189), "IO1/state": (100, 190)}, 100),  # kept in rings, from before
+    ({"PSM2/setpoint": (20, 70), "IO1/state": (100, 190)}, 100),  # stopped long before
+    ({"PSM2/state": (100, 140), "IO1/state": (110, 190), "PSM1/state": (150, 190)}, 100),
+    ({"IO1/gains": (1, 2), "gui/state": (50, 189)}, 50), ({"IO1/gains": (1, 2)}, 1), ({}, 0)])
+def test_a_run_begins_with_what_is_not_only_kept_in_a_ring(extents: dict[str, tuple[int, int]], begin: int) -> None:
+    rates = {"gui/state": 1.0, "IO1/gains": 0.0}
+    in_ns = {name: (first * 10**9, last * 10**9) for name, (first, last) in extents.items()}
+    assert run_begin_ns(in_ns, {name: rates.get(name, 1500.0) for name in extents}) == begin * 10**9
 
 
 @pytest.mark.slow
