@@ -125,6 +125,16 @@ def stretch(recording: RecordingReader, from_s: float = 0.0, to_s: float | None 
                    start + round(to_s * 1e9) if to_s is not None else END_NS)
 
 
+def no_records(recording: RecordingReader, topics: Sequence[str]) -> Problem:
+    """What is to be reported where a stretch has no record of these topics: of which time there are some."""
+    found, start = spans(recording, topics).values(), start_ns(recording)
+    if not found:
+        return Problem(f"{recording.path.name} has no record of {', '.join(topics)}")
+    first, last = min(first for first, _ in found), max(last for _, last in found)
+    return Problem(f"{recording.path.name} has no record there; it has some from {(first - start) * 1e-9:.3f} to "
+                   f"{(last - start) * 1e-9:.3f} s")
+
+
 def numbers(rows: NDArray[np.void], field: str) -> NDArray[np.float64]:
     """A field's values as numbers, a row for each record and a column for each element; of texts none."""
     values = rows[field].reshape(len(rows), -1) if len(rows) else np.zeros((0, 0))

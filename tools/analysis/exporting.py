@@ -109,15 +109,16 @@ class RecordingTables:
         """Each topic with its columns, some rows after the other: the first of them may have none."""
         for done, name in enumerate(self.topics):
             say(name, done / len(self.topics))
-            in_order, last = self._look(name)
+            in_order, last = self._look(name, self.part)
             if self.all_of_them or len(last):
                 topic, parts = self.recording.topics[name], self._parts(name, in_order)
-                yield name, (columns(topic, records, last) for records in parts)
+                named = last if len(last) else self._look(name, Stretch())[1]
+                yield name, (columns(topic, records, named) for records in parts)
 
-    def _look(self, name: str) -> tuple[bool, NDArray[Any]]:
+    def _look(self, name: str, part: Stretch) -> tuple[bool, NDArray[Any]]:
         """Whether records lie in the order of their numbers, and the last row, where there is one."""
         before, in_order, last = -1, True, joined([], self.recording.dtype(name)).rows
-        for _, piece in self.recording.pieces([name], stamps=self.part.stamps):
+        for _, piece in self.recording.pieces([name], stamps=part.stamps):
             numbers = piece.rows["sequence"]
             in_order = in_order and int(numbers[0]) > before and bool((numbers[1:] > numbers[:-1]).all())
             last, before = piece.rows[-1:], int(numbers[-1])

@@ -9,7 +9,17 @@ from typing import Annotated
 
 import typer
 
-from trocar.tools.analysis.choosing import FromOption, ToOption, TopicsOption, chosen_topics, opened, stretch
+from trocar.tools.analysis.choosing import (
+    FromOption,
+    Stretch,
+    ToOption,
+    TopicsOption,
+    chosen_topics,
+    no_records,
+    opened,
+    spans,
+    stretch,
+)
 from trocar.tools.analysis.exporting import CSV, PARQUET, ROSBAG2, STDOUT, RecordingTables, arrow
 from trocar.tools.output.errors import Misuse, Problem
 from trocar.tools.output.printing import emit, note, progress, tell
@@ -42,6 +52,8 @@ def export(
     with opened(file) as recording, progress(f"export {file.name}") as say:
         every = list(recording.topics) if form == ROSBAG2 else recording.record_topics
         wanted, part = chosen_topics(every, topics), stretch(recording, begin, end)
+        if part != Stretch() and not spans(recording, wanted, part):
+            raise no_records(recording, wanted)
         table = RecordingTables(recording, wanted, part, all_of_them=bool(topics))
         if to == STDOUT:
             if len(wanted) != 1:
@@ -62,7 +74,7 @@ def export(
                 else:
                     written = table.to_parquet(folder, say) if form == PARQUET else table.to_csv(folder, say)
                 if not written:
-                    raise Problem(f"{file}: no records there; nothing was written")
+                    raise no_records(recording, wanted)
                 undo.pop_all()
         except FileExistsError:
             raise Misuse(f"{folder} is there already; -o names a new folder") from None

@@ -106,6 +106,21 @@ def test_an_export_of_no_record_is_a_problem_and_leaves_no_folder(tmp_path: Path
     path, _ = a_recording(tmp_path)
     assert run(path, "--from", "9", "-o", tmp_path / "none").returncode == 1
     assert not (tmp_path / "none").exists()
+    said = run(path, "--from", "500", "--topics", "PSM1/state", "-o", "-")
+    assert said.returncode == 1 and not said.stdout and "it has some from 0.000 to 0.049 s" in said.stderr
+
+
+@pytest.mark.slow
+def test_columns_are_called_after_joints_where_the_part_has_no_record(tmp_path: Path) -> None:
+    path = tmp_path / "two.mcap"
+    late = rows_of(STATE, 5)
+    late["stamp_ns"] += 10**9
+    with path.open("wb", buffering=0) as stream:
+        written(stream, {("PSM1", "state"): (STATE, rows_of(STATE, 5)), ("PSM2", "state"): (STATE, late)})
+    assert run(path, "-o", tmp_path / "all").returncode == 0
+    assert run(path, "-o", tmp_path / "part", "--to", "0.5", "--topics", "*/state").returncode == 0
+    whole, part = ((tmp_path / each / "PSM2-state.csv").read_text().splitlines() for each in ("all", "part"))
+    assert part == whole[:1]
 
 
 @pytest.mark.slow
