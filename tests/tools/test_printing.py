@@ -28,6 +28,16 @@ STEERS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
 APP = cli.build()
 
 
+def test_progress_is_a_line_now_and_then_where_there_is_no_terminal(
+        monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    now_ns = 0
+    monkeypatch.setattr(printing, "monotonic_ns", lambda: now_ns)
+    with printing.progress("replay") as say:
+        for now_ns in range(0, 25_000_000_000, 500_000_000):  # the clock
+            say(f"{now_ns * 1e-9:.1f} s of 25.0 s", now_ns / 25e9)
+    assert capsys.readouterr() == ("", "replay: 10.0 s of 25.0 s\nreplay: 20.0 s of 25.0 s\n")
+
+
 def test_who_waits_notices_that_nobody_reads_any_more(monkeypatch: pytest.MonkeyPatch) -> None:
     reading, writing = os.pipe()
     with os.fdopen(writing, "w") as output, monkeypatch.context() as patched:

@@ -19,7 +19,7 @@ from trocar.procs.crtk.plain import plain as plain
 from trocar.shm.time.clock import monotonic_ns
 from trocar.tools.output.tables import table_lines, wrapped
 
-SLOW_NS, NOW_AND_THEN_NS = 2_000_000_000, 5_000_000_000
+SLOW_NS, NOW_AND_THEN_NS, LINES_NS = 2_000_000_000, 5_000_000_000, 10_000_000_000
 Say = Callable[[str, float | None], None]
 REPLACED = "\ufffd"
 PIPED = 120
@@ -124,9 +124,20 @@ def fitting(parts: Iterable[str], within: int) -> str:
 
 @contextlib.contextmanager
 def progress(what: str) -> Iterator[Say]:
-    """`say(text, fraction)` shows a bar once two seconds are over; a fraction of None means it is not known."""
+    """`say(text, fraction)` shows a bar once two seconds are over; a fraction of None means it is not known.
+
+    Where there is no terminal it writes a line every ten seconds.
+    """
     if not sys.stderr.isatty():
-        yield lambda text, fraction: None
+        next_ns = monotonic_ns() + LINES_NS
+
+        def line(text: str, fraction: float | None) -> None:
+            nonlocal next_ns
+            if monotonic_ns() >= next_ns:
+                next_ns = monotonic_ns() + LINES_NS
+                note(text if text == what else f"{what}: {text}")
+
+        yield line
         return
     from rich.console import Console
     from rich.markup import escape

@@ -23,7 +23,7 @@ from trocar.shm.time.held_time import HeldTime
 from trocar.shm.time.lockstep import EPOCH_NS
 from trocar.tools.analysis.choosing import TIMED, spans
 from trocar.tools.output.errors import Problem
-from trocar.tools.output.printing import Say
+from trocar.tools.output.printing import Say, note
 from trocar.tools.replay.commands import AUDIT, RecordedCommand, commands_of
 from trocar.tools.replay.configuration import recorded_system, startable
 from trocar.tools.replay.rings import WholeRings, new_file
@@ -52,6 +52,8 @@ def run_again(recording: RecordingReader, file: Path, system: str, say: Say) -> 
     """
     document, out = startable(recorded_system(recording))
     commands, notes = _repeatable(recording, out)
+    for text in notes:
+        note(text)  # before the run: it may take long
     end_ns = _end_ns(recording)
     run = FreshRun(file, notes=notes)
     with own_folder(system) as folder:
@@ -65,7 +67,10 @@ def run_again(recording: RecordingReader, file: Path, system: str, say: Say) -> 
                     raise Problem(f"the time of {system} had begun before it was held")
                 with new_file(file) as stream, WholeRings(system, stream, file.stem) as rings:
                     _play(held, system, rings, commands, end_ns, run, say)
-                    run.notes += [f"{lost} records of {topic} were lost" for topic, lost in rings.lost.items()]
+                    lost = [f"{count} records of {topic} were lost" for topic, count in rings.lost.items()]
+                    for text in lost:
+                        note(text)
+                    run.notes += lost
         except SegmentError as error:
             raise Problem(str(error)) from None
         except OSError as error:
@@ -96,7 +101,8 @@ def _repeatable(recording: RecordingReader, out: Sequence[str]) -> tuple[list[Re
     if again := sorted({row.instance for row in rows if row.kind in TIMED and _writers(row) > 1}):
         notes.append(f"{', '.join(again)} was started again in it, which is not repeated")
     if recording.metadata.get("trocar", {}).get("clock") == "paced" and any(each.streams for each in usual):
-        notes.append("of streams (servo_…) it has the first goal only: full ones are kept in lock-step")
+        notes.append("the new run will differ: of streams (servo_…) a recording of a paced system has the first goal "
+                     "only; with --clock lockstep it has all")
     return usual, notes
 
 

@@ -128,8 +128,6 @@ def _fresh(file: Path, into: Path | None, as_json: bool) -> int:
         run = run_again(recording, again, f"replay{os.getpid()}", say)
         with opened(again) as other:
             found = Comparing(STAMP, common=True, as_a=True).of(recording, other, say=say)
-    for text in run.notes:
-        note(text)
     if as_json:
         emit({"file": str(run.file), "commands": run.commands, "simulated_s": run.simulated_s, "real_s": run.real_s,
               "notes": run.notes, "difference": as_dict(found)})

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from tests.recordings.made import written
 from trocar.procs.config import PROJECT_CONFIGS, load_system
+from trocar.procs.document.system import to_json
 from trocar.procs.recordings.reading import RecordingReader, open_recording
 from trocar.shm.memory.layout import schema_of
 from trocar.shm.memory.segment import names_of
@@ -150,6 +151,21 @@ def test_a_recording_without_a_configuration_is_not_started(recording: Recording
     with pytest.raises(Problem, match="recorded by another version"):
         run_again(recording, tmp_path / "again.mcap", "nobody", lambda text, fraction: None)
     assert not (tmp_path / "again.mcap").exists()
+
+
+def test_what_a_new_run_lacks_is_said_before_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    loaded = load_system(PROJECT_CONFIGS / "systems" / "demo.yaml", boards="emulated")
+    assert loaded.system is not None
+    path = tmp_path / "paced.mcap"
+    rows = asked((100, "servo_jp", "done", 1, PID, PID, (0.1,)))
+    with path.open("wb", buffering=0) as stream:
+        written(stream, {("PSM1", "audit"): (ASKED, rows), ("PSM1", "state"): (STATE, moving(5, slice(0, 5)))},
+                document=to_json(dataclasses.replace(loaded.system, clock="paced")))
+    with open_recording(path) as recording:
+        recording.metadata["trocar"]["clock"] = "paced"
+        with pytest.raises(Problem, match="no records of simulated time"):
+            run_again(recording, tmp_path / "again.mcap", "nobody", lambda text, fraction: None)
+    assert "the new run will differ" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("extents", "begin"), [
