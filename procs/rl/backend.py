@@ -25,6 +25,10 @@ class RobotStopped(RuntimeError):
     """
 
 
+class WrongAction(ValueError):
+    """What was given as an action is none of this environment."""
+
+
 class RobotBackend(Protocol):
     """The arms of one environment, in its order."""
 

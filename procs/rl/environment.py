@@ -13,7 +13,7 @@ from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
 from trocar.procs.rl.attached import AttachedRobot, RunningSystem
-from trocar.procs.rl.backend import ATTACHED, BACKENDS, KINEMATIC, RobotBackend, RobotStopped
+from trocar.procs.rl.backend import ATTACHED, BACKENDS, KINEMATIC, RobotBackend, RobotStopped, WrongAction
 from trocar.procs.rl.hosted import HostedRobot
 from trocar.procs.rl.interpolation import Interpolator
 from trocar.procs.rl.model import STARTS
@@ -113,7 +113,7 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
         """Where the tips were seen last, m; with noise, where there is some."""
         self.steps, self._grid_ns, self._fault = 0, 0, ""
         self.goal = np.zeros(self.GOAL)
-        self._has_begun = False
+        self._has_begun = self._is_closed = False
         self._picture: Picture | None = None
 
     def _robot(self, backend: str | RunningSystem, period_s: float, physics_s: float) -> RobotBackend:
@@ -146,6 +146,7 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
 
         Attached, the arms move there slowly; RobotStopped when a person has to look at them first.
         """
+        self._check_open()
         super().reset(seed=seed)
         options = options or {}
         if unknown := sorted(options.keys() - OPTIONS):
@@ -172,6 +173,10 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
         self._has_begun = True
         return self._observation(), self._info()
 
+    def _check_open(self) -> None:
+        if self._is_closed:
+            raise gymnasium.error.ClosedEnvironmentError("this environment is closed; make a new one")
+
     def _given_goal(self, goal: object) -> Array | None:
         if goal is None:
             return None
@@ -185,11 +190,10 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
     def step(self, action: Array) -> tuple[Observation, float, bool, bool, Info]:
         """Act for one period of the policy. Terminated: a fault; truncated: `horizon` steps have passed."""
         if not self._has_begun:
+            self._check_open()
             self.robot.check()
             raise gymnasium.error.ResetNeeded("an episode begins with reset")
-        given = np.asarray(action, dtype=np.float64).reshape(-1)
-        if len(given) != self._actions or not np.isfinite(given).all():
-            raise ValueError(f"an action is {self._actions} finite numbers, not {action!r}")
+        given = self._given_action(action)
         first = 0
         for number, steering in enumerate(self._steering):
             steering.take(given[first : first + steering.size])
@@ -207,6 +211,15 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
         observation, info = self._observation(), self._info()
         reward = float(self.compute_reward(observation["achieved_goal"], observation["desired_goal"], info))
         return observation, reward, bool(self._fault), self.steps >= self.horizon, info
+
+    def _given_action(self, action: object) -> Array:
+        try:
+            given = np.asarray(action, dtype=np.float64)
+        except (TypeError, ValueError):  # texts, rows of different lengths
+            given = np.zeros(0)
+        if given.shape != (self._actions,) or not np.isfinite(given).all():
+            raise WrongAction(f"an action is {self._actions} finite numbers, not {action!r}")
+        return given
 
     def _stream(self) -> None:
         """Send setpoints at equal times; a step begins where the one before ended, unless we are late."""
@@ -322,7 +335,7 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
         if self._picture is not None:
             self._picture.close()
             self._picture = None
-        self._has_begun = False
+        self._has_begun, self._is_closed = False, True
         self.robot.close()
 
 

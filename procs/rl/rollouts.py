@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 import trocar.procs.rl.registration  # noqa: F401  # the names of our own
 from trocar.procs.crtk.names import none_such
+from trocar.procs.rl.backend import WrongAction
 
 Policy = Callable[[Any], Any]
 """From an observation to an action."""
@@ -77,11 +78,11 @@ def check(task: RolloutTask) -> None:
 
 @contextlib.contextmanager
 def _near(environment: str) -> Iterator[None]:
-    """Gymnasium's error for an environment that is not known, with those whose names are near."""
+    """Gymnasium's error for an environment that is not known, with those of ours whose names are near."""
     try:
         yield
     except gymnasium.error.UnregisteredEnv:
-        known = sorted(gymnasium.registry, key=lambda name: not name.startswith("trocar/"))
+        known = [name for name in gymnasium.registry if name.startswith("trocar/")]
         raise gymnasium.error.UnregisteredEnv(none_such("environment", environment, known)) from None
 
 
@@ -112,7 +113,10 @@ class EpisodeRunner:
         seen.append(observation)
         while not (ends or truncated):
             action = environment.action_space.sample() if policy is None else self._asked(policy, observation)
-            observation, reward, ends, truncated, info = environment.step(action)
+            try:
+                observation, reward, ends, truncated, info = environment.step(action)
+            except WrongAction as error:
+                raise PolicyFailed(f"policy {self._named} failed: {error}") from error
             _take(observation, digest)
             digest.update(np.float64(reward).tobytes())
             rewards.append(float(reward))

@@ -209,7 +209,7 @@ def _in_the_way(name: str) -> str:
 
 
 def _reason(error: Exception) -> str:
-    more = " (ulimit -n)" if getattr(error, "errno", 0) == errno.EMFILE else ""
+    more = " (ulimit -n $(ulimit -Hn) allows more at its start)" if getattr(error, "errno", 0) == errno.EMFILE else ""
     return f"{getattr(error, 'strerror', None) or error}{more}"
 
 

@@ -122,7 +122,7 @@ def test_where_descriptors_end_it_says_how_to_have_more() -> None:
     used = len(list(DESCRIPTORS.iterdir()))
     resource.setrlimit(resource.RLIMIT_NOFILE, (used + 10, limits[1]))
     try:
-        with pytest.raises(SegmentError, match=r"Too many open files \(ulimit -n\)"):
+        with pytest.raises(SegmentError, match=r"Too many open files \(ulimit -n \$"):
             Host(document(*KINEMATIC))
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, limits)

@@ -234,11 +234,9 @@ def test_the_task_on_the_page_can_be_played() -> None:
 @pytest.mark.slow
 def test_an_episode_begins_with_reset() -> None:
     env = PsmReach(starts=1)
-    for _ in range(2):
-        with pytest.raises(gymnasium.error.ResetNeeded):
-            env.step(np.zeros(7))
-        env.reset()
-        env.close()
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(np.zeros(7))
+    env.close()
 
 
 @pytest.mark.slow
@@ -278,6 +276,20 @@ def test_an_arm_whose_base_nobody_knows_is_not_begun_with() -> None:
     with pytest.raises(gymnasium.error.ResetNeeded):
         env.step(np.zeros(7))
     env.close()
+
+
+@pytest.mark.slow
+def test_what_is_no_action_is_refused_and_a_closed_environment_stays_closed() -> None:
+    env = PsmReach(starts=1)
+    env.reset(seed=1)
+    for given in (np.zeros((1, 7)), np.zeros(6), "hello", ["a"] * 7, [[1.0], [1.0, 2.0]], None, np.full(7, np.nan)):
+        with pytest.raises(ValueError, match="an action is 7 finite numbers, not "):
+            env.step(given)  # type: ignore[arg-type]
+    env.step(np.zeros(7))
+    env.close()
+    for act in (env.reset, lambda: env.step(np.zeros(7))):
+        with pytest.raises(gymnasium.error.ClosedEnvironmentError, match="make a new one"):
+            act()
 
 
 @pytest.mark.slow

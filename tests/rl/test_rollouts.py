@@ -47,6 +47,22 @@ def policies(tmp_path: Path) -> Path:
     return file
 
 
+@pytest.mark.slow
+def test_a_policy_whose_action_is_none_is_named(tmp_path: Path) -> None:
+    file = tmp_path / "talks.py"
+    file.write_text("def talks(observation):\n    return 'hello'\n")
+    with pytest.raises(PolicyFailed, match=r"policy .*talks\.py:talks failed: an action is 7 finite numbers"):
+        list(run(RolloutTask("trocar/PsmReach-v0", {}, f"{file}:talks"), [1]))
+
+
+def test_only_our_own_environments_are_suggested() -> None:
+    with pytest.raises(gymnasium.error.UnregisteredEnv, match=r"did you mean trocar/PsmReach-v0\?$"):
+        check(RolloutTask("PsmReach", {}))
+    with pytest.raises(gymnasium.error.UnregisteredEnv, match="there are: trocar/") as found:
+        check(RolloutTask("CartPol-v1", {}))
+    assert "CartPole" not in str(found.value)
+
+
 def test_a_seed_says_all_of_an_episode() -> None:
     first, again = list(run(CART, [3, 4, 5])), list(run(CART, [5, 3]))
     hashes = {row.seed: row.hash for row in first}
