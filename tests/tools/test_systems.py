@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from trocar.shm.memory import segment
+from trocar.shm.memory.owners import SERVICE_USER
 from trocar.tools.output.errors import Problem
 from trocar.tools.systems import find as systems
 from trocar.tools.verbs import logs
@@ -40,6 +41,16 @@ def looks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
     for name in ("names_of", "running", "Segment"):
         monkeypatch.setattr(systems, name, counted(name))
     return counts
+
+
+def test_the_remedy_for_systems_of_others_is_said_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(segment, "FOLDER", tmp_path)
+    theirs = {name: [f"/trocar~{name}~supervisor~document"] for name in ("one", "two")}
+    monkeypatch.setattr(systems, "_named", lambda system=None, foreign=False: theirs if foreign else {})
+    monkeypatch.setattr(systems, "_owner", lambda system, ours: f"user {system}s")
+    with pytest.raises(Problem, match="system one belongs to user ones, system two belongs to user twos; ") as found:
+        systems.chosen_system()
+    assert str(found.value).count(SERVICE_USER) == 1
 
 
 def test_the_system_meant_is_found_with_one_look(looks: Counter[str], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -100,11 +100,16 @@ def forbidden(system: str) -> str:
 
 def _forbidden(system: str, ours: Sequence[str]) -> str:
     """The same, when its segments of accepted owners are known."""
-    if any(os.access(path_of(name), os.R_OK) for name in ours):
-        return ""
-    owner = _owner(system, ours)
-    hint = "its `group` decides who else may attach" if ours else f"{SERVICE_USER} names a user to trust"
+    owner, hint = _denied(system, ours)
     return f"not permitted: system {system} belongs to {owner}; {hint}" if owner else ""
+
+
+def _denied(system: str, ours: Sequence[str]) -> tuple[str, str]:
+    """Whose a system is at which we may not look, and what decides about that; both empty: we may."""
+    if any(os.access(path_of(name), os.R_OK) for name in ours):
+        return "", ""
+    return _owner(system, ours), ("its `group` decides who else may attach" if ours else
+                                  f"{SERVICE_USER} names a user to trust")
 
 
 def other_owner(system: str) -> str:
@@ -167,7 +172,12 @@ def _of_others() -> str:
     """What is to be said of systems of other users."""
     ours, theirs = _named(), _named(foreign=True)
     found = sorted({*_documented(ours), *_documented(theirs)})
-    reported = [why for system in found if (why := _forbidden(system, ours.get(system, [])))]
+    theirs_by_hint: dict[str, list[str]] = {}
+    for system in found:
+        owner, hint = _denied(system, ours.get(system, []))
+        if owner:
+            theirs_by_hint.setdefault(hint, []).append(f"system {system} belongs to {owner}")
+    reported = [f"not permitted: {', '.join(names)}; {hint}" for hint, names in theirs_by_hint.items()]
     return f" ({'. '.join(reported)})" if reported else ""
 
 
