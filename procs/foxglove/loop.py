@@ -9,7 +9,7 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Final
 
 from trocar.procs.document.system import SystemConfig
-from trocar.procs.node.setup_error import SetupError
+from trocar.procs.node.setup_error import LastingError
 from trocar.procs.user.life import live
 from trocar.procs.user.process import OwnProcess
 
@@ -25,12 +25,12 @@ class FoxgloveLoop(OwnProcess):
     _server: TopicServer | None = None
 
     def setup(self) -> None:
-        """Offer all topics; SetupError where the package is missing, RuntimeError where the address is taken."""
+        """Offer all topics; LastingError where the package is missing, RuntimeError where the address is taken."""
         row = self.own.document.foxglove
         if row is None:
             raise ValueError(f"{self.system} has no Foxglove server")
         if find_spec("foxglove") is None:
-            raise SetupError(MISSING)
+            raise LastingError(MISSING)
         from trocar.procs.foxglove.server import TopicServer
 
         self._server = TopicServer(self.own.document, row, self.time.simulated)

@@ -34,7 +34,7 @@ from trocar.procs.node.node_memory import OwnMemory
 from trocar.procs.node.pacing import QUICKEST_NS, Pacing, phase_ns
 from trocar.procs.node.pauses import Pauses
 from trocar.procs.node.realtime import fetch_segments, in_words, lock_memory, realtime, step_back
-from trocar.procs.node.setup_error import explains_itself
+from trocar.procs.node.setup_error import exit_code, explains_itself
 from trocar.procs.tables.manifest import proc
 from trocar.shm.mailbox.client import LoopClient
 from trocar.shm.memory.layout import shorten
@@ -340,7 +340,7 @@ def process(kind: str) -> Iterator[Node]:
         running = node.page.state == "RUNNING"
         node.log.error("ended by an error: %s", error, exc_info=not explains_itself(error))
         node.page.show("FAILED", cause_of(error))
-        sys.exit(LOOP_FAILED if running else SETUP_FAILED)
+        sys.exit(exit_code(error, LOOP_FAILED if running else SETUP_FAILED))
     node.page.show("STOPPED", node.stop_reason)
     node.log.info("ended: %s", node.stop_reason or "done")
     node.close()

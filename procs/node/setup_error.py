@@ -2,11 +2,25 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from trocar.shm.memory.segment import SegmentError
+
+STAYS: Final = 5
+"""Exit code of a process that is not started again by itself."""
 
 
 class SetupError(Exception):
     """Something outside, as cables, boards or a file of the user; a log has it in one line, without a trace."""
+
+
+class LastingError(SetupError):
+    """What stays as it is until a person changes it: nothing is gained by starting the process again."""
+
+
+def exit_code(error: BaseException, otherwise: int) -> int:
+    """With which exit code this error ends a process."""
+    return STAYS if isinstance(error, LastingError) else otherwise
 
 
 def explains_itself(error: BaseException) -> bool:

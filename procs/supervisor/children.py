@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Final, Protocol
 
 from trocar.procs.document.system import Process
+from trocar.procs.node.setup_error import STAYS
 from trocar.procs.tables import lifecycle
 from trocar.procs.tables.manifest import proc
 from trocar.shm.time.clock import monotonic_ns
@@ -118,7 +119,7 @@ class Child:
     def start(self) -> None:
         """A process is wanted: it begins now, or when the one before has ended, or it runs already."""
         if self.given_up:
-            self.reason = self.reason.rpartition(GIVEN_UP)[0]
+            self.reason = self.reason.partition(GIVEN_UP)[0]
         self._step_by_hand(lifecycle.START)
 
     def stop(self) -> None:
@@ -212,13 +213,16 @@ class Child:
         self.kill_at_ns, self.verdict, self.refused = 0, "", ""
         self._step(lifecycle.QUIT)
         if not asked and not self.is_done:
-            self._plan_restart()
+            self._plan_restart(code)
         return Ending(self.reason, asked or self.is_done, killed, pid, ran_s)
 
-    def _plan_restart(self) -> None:
+    def _plan_restart(self, code: int | None) -> None:
         now = self.now_ns()
         self.failures = 1 if now - self.begun_ns > HEALTHY_NS else self.failures + 1
         if self.row.on_exit != "restart" or not proc(self.row.kind).restart:
+            return
+        if code == STAYS:
+            self.given_up = True
             return
         if self.failures > self.row.restart_limit:
             self.given_up = True

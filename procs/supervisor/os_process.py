@@ -16,6 +16,7 @@ from typing import Final
 
 from trocar.procs.document.system import Process
 from trocar.procs.machine.paths import ROOT
+from trocar.procs.node.setup_error import STAYS
 from trocar.procs.supervisor.forking import ENVIRON, Forked, Template
 from trocar.procs.tables.manifest import proc
 from trocar.shm.system.loglines import stamped
@@ -129,7 +130,7 @@ class OsProcess:
             except ValueError:
                 return f"killed by signal {-code}"
         reported = bytes(self.page.field("error")[()]).rstrip(b"\0").decode(errors="replace")
-        return f"exit code {code}" + (f": {reported}" if reported else "")
+        return reported if reported and code == STAYS else f"exit code {code}" + (f": {reported}" if reported else "")
 
     def show_stopped(self, also_failed: bool = False) -> None:
         """It was asked to end, and may have had no time to say that it has; it shows why it failed if it did."""

@@ -145,7 +145,7 @@ HELD_UP: Final = Code(
 # supervisor
 PROCESS_ENDED: Final = Code(
     "process-ended", WARNING, "supervisor", "a process ended by itself",
-    "where it is not restarted: trocar start NAME; trocar logs NAME may say why it ended")
+    "trocar logs NAME may say why it ended")
 PROCESS_KILLED: Final = Code(
     "process-killed", WARNING, "supervisor", "a process that was asked to end did not, and was killed",
     "trocar logs NAME may say why; where it was an io, the boards' watchdog has switched its amplifiers off")

@@ -11,7 +11,7 @@ from types import ModuleType
 
 from trocar.procs.document.system import SystemConfig, from_json
 from trocar.procs.node import runtime
-from trocar.procs.node.setup_error import explains_itself
+from trocar.procs.node.setup_error import exit_code, explains_itself
 from trocar.procs.user.process import OwnProcess
 from trocar.shm.mailbox.origins import ACTING, NOBODY
 from trocar.shm.memory.segment import SegmentError
@@ -53,7 +53,7 @@ def live(kind: str, find: Callable[[SystemConfig, str], type[OwnProcess]]) -> No
             running = shown.state == "RUNNING"
             log.error("ended by an error: %s", error, exc_info=not explains_itself(error))
             shown.show("FAILED", why)
-            sys.exit(runtime.LOOP_FAILED if running else runtime.SETUP_FAILED)
+            sys.exit(exit_code(error, runtime.LOOP_FAILED if running else runtime.SETUP_FAILED))
     why = why or process.stop_reason or "its main has returned"
     shown.show("STOPPED", why)
     log.info("ended: %s", why)

@@ -8,6 +8,7 @@ import pytest
 
 from tests.supervisor.played import Clock, PlayedProcess, PlayedRequest, played
 from trocar.procs.document.process import ON_DEMAND
+from trocar.procs.node.setup_error import STAYS, LastingError, SetupError, exit_code
 from trocar.procs.supervisor.children import SETUP_S, TRACE_S, Child, Ending
 from trocar.procs.supervisor.dependencies import Circle, waves
 from trocar.procs.supervisor.requests import Requests
@@ -199,6 +200,16 @@ def test_deaths_are_repeated_ever_later_until_nobody_tries_any_more(system: IoAn
     system.goes_on()
     assert system.arm.is_up and not system.arm.given_up
     assert system.arm.reason == "exit code 4: ", "it is tried again"
+
+
+def test_what_stays_until_a_person_changes_it_is_not_tried_again(system: IoAndArm) -> None:
+    assert exit_code(LastingError("a package is missing"), 3) == STAYS and exit_code(SetupError("no cable"), 3) == 3
+    system.process.ends(STAYS, "a package is missing: pip install it")
+    system.arm.look()
+    assert system.arm.given_up and not system.arm.restart_at_ns and "restarts" not in system.arm.reason
+    system.asked("start")
+    system.goes_on()
+    assert system.arm.is_up, "a person has changed it"
 
 
 def test_a_stop_ends_the_trying(system: IoAndArm) -> None:
