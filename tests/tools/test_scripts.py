@@ -14,6 +14,14 @@ ROOT = Path(__file__).resolve().parents[2]
 NEEDED = ("sh", "dirname", "cat", "cksum")
 
 
+@pytest.mark.parametrize(("word", "code"), [("--help", 0), ("-h", 0), ("rclpy", 2)])
+def test_who_asks_what_peers_installs_gets_nothing_installed(word: str, code: int, tmp_path: Path) -> None:
+    shutil.copy(ROOT / "tools" / "peers", tmp_path / "peers")
+    found = subprocess.run([tmp_path / "peers", word], capture_output=True, text=True, check=False)
+    assert found.returncode == code and (".venv-ros" in found.stdout) == (code == 0)
+    assert list(tmp_path.iterdir()) == [tmp_path / "peers"]
+
+
 def bare(folder: Path, python: str) -> dict[str, str]:
     """A copy of the scripts, and a PATH where `python3` is the given shell script and there is no other."""
     (folder / "tools").mkdir()
