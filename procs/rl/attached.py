@@ -298,8 +298,8 @@ class AttachedRobot:
         """See RobotBackend: from now on everything raises RobotStopped."""
         if not self._stopped:
             self._hold()
-            self._stopped = (f"this environment has ended: {why}. Look at the robot (trocar status), then "
-                             "make a new environment")
+            self._stopped = (f"this environment has ended: {why}. Look at the robot (trocar status), "
+                             "home it where it is not homed (trocar home), then make a new environment")
 
     def _give_up(self, why: str) -> NoReturn:
         self.stop(why)
