@@ -171,7 +171,8 @@ class RecorderLoop(OwnProcess):
 
     def _tell_end(self, named: NamedRecording) -> None:
         """To whoever began it, and to whoever stopped it."""
-        said = f"{named.passed_s:.1f} s, {named.file.messages} messages, {named.lost} lost: {named.file.path}"
+        said = (f"{named.passed_s:.1f} s of the system's time, {named.file.messages} messages, {named.lost} lost: "
+                f"{named.file.path}")
         asked, self._asked, self._named = self._asked, [], None
         self._show(named)  # whoever hears of its end reads there how it was
         for request in asked:

@@ -165,8 +165,8 @@ def _seen(state: RingReader) -> dict[str, Any]:
 
 
 def _in_words(found: dict[str, Any]) -> str:
-    return (f"{number(found['passed_s'], '.0f')} s, {found['bytes'] / 1e6:.1f} MB, {found['messages']} messages, "
-            f"{found['lost']} lost")
+    return (f"{number(found['passed_s'], '.0f')} s of the system's time, {found['bytes'] / 1e6:.1f} MB, "
+            f"{found['messages']} messages, {found['lost']} lost")
 
 
 def _ended(said: str, found: dict[str, Any], as_json: bool) -> int:

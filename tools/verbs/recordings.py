@@ -17,7 +17,7 @@ from trocar.tools.output.printing import emit, table, tell
 from trocar.tools.systems.find import chosen_system
 from trocar.tools.verbs.options import JsonOption, SystemOption
 
-COLUMNS = ("file", "kind", "time", "seconds", "MB", "code", "why")
+COLUMNS = ("file", "kind", "time", "real s", "MB", "code", "why")
 
 
 def recordings(
@@ -29,8 +29,9 @@ def recordings(
     """List recordings: those of the last minutes (box), of faults with their reasons, and those that you made.
 
     A fault is listed with the code and the text of the error that led to it; where there are too many, the first one
-    since all was well is removed last. Times are local, those in file names UTC. Seconds go from the first message to
-    the last; of a fault or dump, events and commands from before its samples count. For a system that is down, name it
+    since all was well is removed last. Times are local, those in file names UTC. Real seconds go from the first message
+    to the last (`record --for` counts those of the system); of a fault or dump, events and commands from before its
+    samples count. For a system that is down, name it
     with --system. `logs`, `scope`, `compare`, `export` and `replay` read recordings.
 
     Example: trocar recordings fault
@@ -51,7 +52,7 @@ def recordings(
     table(str(folder), COLUMNS, (
         (row["file"], row["kind"], f"{datetime.fromtimestamp(row['time_ns'] * 1e-9):%Y-%m-%d %H:%M:%S}",
          f"{row['seconds']:.1f}", f"{row['bytes'] / 1e6:.1f}", row["code"], row["reason"])
-        for row in rows), ("seconds", "MB"))
+        for row in rows), ("real s", "MB"))
     return 0
 
 
