@@ -21,25 +21,26 @@ UNAUTHORIZED = "not authorized: needs an operator's command given after the last
 class FakeCell:
     """Faults of one component, each of which is a generation."""
 
-    void: int = 0
-    spared: int = 0
+    valid_from: int = 0
+    exempt_origin: int = 0
 
     def fault(self) -> None:
         """See OwnCell."""
-        self.void, self.spared = self.void + 1, 0
+        self.valid_from, self.exempt_origin = self.valid_from + 1, 0
 
     def switched_off(self, origin: int) -> None:
         """See OwnCell."""
-        self.void, self.spared = self.void + 1, origin
+        self.valid_from, self.exempt_origin = self.valid_from + 1, origin
 
 
-def objection(kind: str, name: str, values: Any, text: str, origin: Origin, void: int = 0, spared: int = 0,
-              waited_ns: int = 0) -> str:
-    """Why it is refused, "": it is not. `void`: commands of an earlier fault generation count for nothing."""
+def objection(kind: str, name: str, values: Any, text: str, origin: Origin, valid_from: int = 0,
+              exempt_origin: int = 0, waited_ns: int = 0) -> str:
+    """Why it is refused, "": it is not. `valid_from`: commands of an earlier fault generation count for nothing."""
     row, numbers = row_named(name, kind), np.asarray(values, dtype=np.float64).reshape(-1)
     if len(numbers) > MAX_VALUES or len(text.encode()) > MAX_TEXT:
         return f"{len(numbers)} values and {len(text)} characters; allowed are {MAX_VALUES} and {MAX_TEXT}"
-    return (late(row, text, numbers, waited_ns) or unauthorized(row, text, numbers, origin, FakeCell(void, spared))
+    cell = FakeCell(valid_from, exempt_origin)
+    return (late(row, text, numbers, waited_ns) or unauthorized(row, text, numbers, origin, cell)
             or row.objection(numbers))
 
 
@@ -62,7 +63,7 @@ class Guarded:
 
     def lets_through(self, name: str, values: Sequence[float], text: str) -> bool:
         """Whether the owner sees this command; what it does not is kept in `refused`."""
-        reason = objection(self.kind, name, values, text, self.origin, self.cell.void, self.cell.spared)
+        reason = objection(self.kind, name, values, text, self.origin, self.cell.valid_from, self.cell.exempt_origin)
         if reason:
             self.refused.append(f"{name} {text} {tuple(values)}: {reason}")
         return not reason

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from trocar.procs.document.gains import GAINS
-from trocar.procs.tables.desired_state import WISHES
+from trocar.procs.tables.desired_state import DESIRED_STATES
 from trocar.procs.tables.manifest import PROCS
 from trocar.shm.commands import COMMANDS
 from trocar.shm.topics import TOPICS
@@ -99,7 +99,7 @@ def test_every_writer_of_a_topic_is_in_the_manifest() -> None:
 @pytest.mark.parametrize("kind", [row.kind for row in PROCS if row.ours])
 def test_a_kind_fills_its_fields_and_knows_its_commands(kind: str) -> None:
     named = {text for path in (ROOT / "procs" / kind).rglob("*.py") for text in texts_of(path)}
-    named |= {gain.key for gain in GAINS} | {wish.field for wish in WISHES}
+    named |= {gain.key for gain in GAINS} | {desired.field for desired in DESIRED_STATES}
     fields = {field.name for topic in TOPICS if topic.writer == kind and (kind, topic.name) != ("suj", "setpoint")
               for field in topic.fields}  # that of a cart has the layout of an arm's
     assert not fields - named, "nobody fills these"

@@ -46,7 +46,7 @@ Array = NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Surroundings:
+class ArmContext:
     """What an arm needs of its process besides its document row."""
 
     field: Fields  # of io's record
@@ -72,7 +72,7 @@ class ArmLogic:
 
     checks_tracking = True
 
-    def __init__(self, arm: document.ArmConfig, around: Surroundings) -> None:
+    def __init__(self, arm: document.ArmConfig, around: ArmContext) -> None:
         self._around = around
         self._previous_state = previous_state(around.state)
         first = joints(arm, arm.tool if arm.tool_detection == "FIXED" else None)
@@ -276,9 +276,9 @@ class ArmLogic:
         if state in UNWATCHED:
             if self._epoch not in (0, io.epoch):
                 self._around.faults.fault()
-                self.machine.forget_wish("io was restarted")
+                self.machine.forget_desired("io was restarted")
             elif not io.fresh:
-                self.machine.forget_wish("io does not answer")
+                self.machine.forget_desired("io does not answer")
             self._epoch = io.epoch
             return
         found = problem(state, io, self._epoch, control.driving, self._around.fault_report,

@@ -1,7 +1,7 @@
-"""What the arm wants of io: wishes, which go out with every setpoint until io's record shows them; and orders.
+"""What the arm wants of io: desired states, which go out with every setpoint until io's record shows them; and orders.
 
-A wish is a level: nothing is sent again, nothing is lost with an io process that dies. What has an outcome (the encoder
-bias, an encoder that is set, a memory that is read) is an order and goes through io's mailbox.
+A desired state is a level: nothing is sent again, nothing is lost with an io process that dies. What has an outcome
+(the encoder bias, an encoder that is set, a memory that is read) is an order and goes through io's mailbox.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from trocar.procs.arm.readings import ArmReadings, Fields
 from trocar.procs.node.requests import Answer, Sender
-from trocar.procs.tables.desired_state import NONE, OFF, ON, WISHES
+from trocar.procs.tables.desired_state import DESIRED_STATES, NONE, OFF, ON
 from trocar.shm.mailbox.origins import Origin
 
 REFUSED_NS = 1_000_000_000
@@ -22,12 +22,12 @@ WRAP = 1 << 32  # generations are 32-bit numbers
 
 
 class Switch:
-    """One thing of io that the arm wants on, off, or has no wish about."""
+    """One thing of io that the arm wants on, off, or has no desired state about."""
 
     __slots__ = ("_flag", "_is_new", "wanted")
 
     def __init__(self, flag: NDArray[Any] | None, is_new: Callable[[], None]) -> None:
-        """`flag` of io's record shows it; None: the robot has no such thing, every wish is fulfilled.
+        """`flag` of io's record shows it; None: the robot has no such thing, every desired state is fulfilled.
 
         `is_new` is told of each change.
         """
@@ -35,7 +35,7 @@ class Switch:
         self.wanted: bool | None = None
 
     def want(self, on: bool | None) -> None:
-        """Change the wish."""
+        """Change the desired state."""
         if on is not self.wanted:
             self.wanted = on
             self._is_new()
@@ -56,17 +56,17 @@ class IoRequests:
 
     def __init__(self, io: ArmReadings, setpoint: Fields, sender: Sender, robot: str, warn: Callable[[str], None], *,
                  has_brakes: bool) -> None:
-        """`setpoint` gives the fields that the wishes go out in; `warn` hears of refusals, once each."""
+        """`setpoint` gives the fields that the desired states go out in; `warn` hears of refusals, once each."""
         self._io, self._sender, self._robot, self._warn = io, sender, robot, warn
-        switches = {wish.name: Switch(getattr(io, wish.shown) if has_brakes or wish.name != "brakes" else None,
-                                      self._change) for wish in WISHES}
+        switches = {desired.name: Switch(getattr(io, desired.shown) if has_brakes or desired.name != "brakes" else None,
+                                      self._change) for desired in DESIRED_STATES}
         self.power, self.pid, self.brakes = switches["power"], switches["pid"], switches["brakes"]
         self.limits, self.tracking = switches["limits"], switches["tracking"]
         self.velocity, self.pots = switches["velocity"], switches["pots"]
         self.no_fault = switches["fault"]
-        self._out = [(switches[wish.name], setpoint(wish.field)) for wish in WISHES]
-        self._generation_out = setpoint("wish_generation")
-        self._whose = setpoint("wish_origin"), setpoint("wish_since"), setpoint("wish_program")
+        self._out = [(switches[desired.name], setpoint(desired.field)) for desired in DESIRED_STATES]
+        self._generation_out = setpoint("desired_generation")
+        self._whose = setpoint("desired_origin"), setpoint("desired_since"), setpoint("desired_program")
         for cell in (*(cell for _, cell in self._out), self._generation_out, *self._whose):
             cell[...] = b"" if cell.dtype.kind == "S" else 0
         self._generation = 0
@@ -80,7 +80,7 @@ class IoRequests:
         self.bias_refusal = ""
 
     def on_behalf(self, origin: Origin) -> None:
-        """What io is asked for from now on comes from this command of a person: all wishes count anew."""
+        """What io is asked for from now on comes from this command of a person: all desired states count anew."""
         self._sender.on_behalf(origin)
         for cell, value in zip(self._whose, (origin.id, origin.generation, origin.program.encode()), strict=True):
             cell[...] = value
@@ -105,9 +105,9 @@ class IoRequests:
         """How an `order` ended; None: not yet."""
         return self._ended.pop(number, None)
 
-    def want_no_fault(self, wish: bool) -> None:
+    def want_no_fault(self, desired: bool) -> None:
         """Have io forget its latched fault (the switch is 'fault present', wanted off)."""
-        self.no_fault.want(False if wish else None)
+        self.no_fault.want(False if desired else None)
 
     def bias(self, samples: float, left_out: Sequence[int] = ()) -> None:
         """Have the encoders set from this many potentiometer samples; negative: a preset encoder will do.
@@ -126,20 +126,20 @@ class IoRequests:
 
     @property
     def is_void(self) -> bool:
-        """io has seen the wishes, and they count for nothing: a fault or a person's command to io came after them."""
+        """io has seen the desired states, and they are void: a fault or a person's command to io came after them."""
         io = self._io
-        return bool(io.wish_void.item()) and int(io.wish_generation.item()) == self._generation
+        return bool(io.desired_void.item()) and int(io.desired_generation.item()) == self._generation
 
     @property
     def refusals(self) -> str:
-        """What io says to wishes that are not fulfilled, and to the bias."""
+        """What io says to desired states that are not fulfilled, and to the bias."""
         return "; ".join(filter(None, (self._refused(), self.bias_refusal)))
 
     def _refused(self) -> str:
         io = self._io
-        if int(io.wish_generation.item()) != self._generation:
+        if int(io.desired_generation.item()) != self._generation:
             return ""
-        return bytes(io.wish_refused.item()).decode(errors="replace")
+        return bytes(io.desired_refused.item()).decode(errors="replace")
 
     @property
     def bias_done(self) -> bool:
@@ -149,14 +149,14 @@ class IoRequests:
         return bool(self._samples and counted and io.biased.item() and not io.biasing.item())
 
     def step(self, now_ns: int) -> None:
-        """Put the wishes into the setpoints, and send what is due; nothing is sent to an io that does not answer."""
+        """Put the desired states into the setpoints, and send what is due, unless io does not answer."""
         for answer in self._sender.poll():
             self._heard(answer)
         if self._is_new:
             self._publish()
         if not self._io.fresh:
             return
-        if self._io.wish_refused.item() and not self.is_void:
+        if self._io.desired_refused.item() and not self.is_void:
             self._hear_refusal()
         if self._samples and now_ns >= self._bias_next_ns and not self._io.biasing.item() and not self.bias_done:
             # asked again only after a second: between acceptance and the first sample io's record shows nothing
@@ -166,7 +166,7 @@ class IoRequests:
     def _publish(self) -> None:
         """Another generation; not one that a predecessor has had. It wraps, and is never 0."""
         self._is_new = False
-        seen = int(self._io.wish_generation.item())
+        seen = int(self._io.desired_generation.item())
         is_ahead = (seen - self._generation) % WRAP < WRAP // 2
         self._generation = (seen if is_ahead else self._generation) % (WRAP - 1) + 1
         self._generation_out[...] = self._generation

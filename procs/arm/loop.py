@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.procs.arm.arm import ArmLogic, Surroundings
+from trocar.procs.arm.arm import ArmContext, ArmLogic
 from trocar.procs.arm.cartesian import Cartesian
 from trocar.procs.arm.effort_limits import motor_efforts
 from trocar.procs.arm.psm.detection import ToolReading
@@ -178,7 +178,7 @@ class ArmLoop(runtime.Loop):
         self._setpoint, self._state = node.writes("setpoint"), node.writes("state")
         faults = node.fault_cell()
         self._mailbox = node.mailbox(faults)
-        self.arm = logic_of(arm)(arm, Surroundings(
+        self.arm = logic_of(arm)(arm, ArmContext(
             self._io.field, number, first_axis, {row.name: i for i, row in enumerate(io.digital_inputs)},
             bool(io.robots[number].brakes), node.commands(arm.io), self._state.field, self._setpoint.field,
             node.events, fault_reports(self._io, node.reads(arm.io, "events"), arm.robot),

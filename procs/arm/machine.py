@@ -96,7 +96,7 @@ class ArmStates:
         self._desired_before = paused
         self._set(state)
 
-    def forget_wish(self, reason: str) -> None:
+    def forget_desired(self, reason: str) -> None:
         """Whatever was asked for of an arm without power is not to be done any more."""
         if self.state is ArmState.DISABLED and self.desired is not ArmState.DISABLED:
             self.desired = ArmState.DISABLED

@@ -54,8 +54,8 @@ class ArmReadings:
         self.use_setpoint_velocity, self.pot_check = flag("use_setpoint_velocity"), flag("pot_check")
         self.brakes_released = flag("brakes_released")
         self.fault, self.holding = flag("fault"), flag("holding")
-        self.wish_generation, self.wish_void, self.wish_refused = (
-            flag("wish_generation"), flag("wish_void"), flag("wish_refused"))
+        self.desired_generation, self.desired_void, self.desired_refused = (
+            flag("desired_generation"), flag("desired_void"), flag("desired_refused"))
         # (6, axes): position, velocity, effort, measured and then as setpoint
         self._actuator = contiguous_view([axis(name) for name in ROWS])
         self._read = np.zeros((6, joints.axes))

@@ -53,7 +53,7 @@ class ConsoleLoop(runtime.Loop):
     def cycle(self, now_ns: int, wall_ns: int) -> None:
         """See runtime.Loop."""
         logic, inputs = self._logic, self._inputs
-        logic.faults_until(self._faults.void)
+        logic.faults_until(self._faults.valid_from)
         for button, kind in inputs.poll(now_ns):
             logic.press(button, kind)
         if not inputs.valid:

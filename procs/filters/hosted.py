@@ -12,7 +12,7 @@ from trocar.procs.node.runtime import TimeUp, cause_of, limited
 from trocar.procs.tables import codes
 from trocar.procs.user.classes import module_named
 from trocar.procs.user.life import classes_in
-from trocar.procs.user.process import OwnProcess
+from trocar.procs.user.process import UserNode
 from trocar.shm.mailbox.origins import ACTING, NOBODY
 from trocar.shm.memory.layout import shorten
 from trocar.shm.time.clock import monotonic_ns
@@ -22,12 +22,12 @@ HEALTHY_NS: Final = 10_000_000_000
 WARN_EVERY_NS: Final = 60_000_000_000
 
 
-def filter_in(module: str) -> type[OwnProcess]:
+def filter_in(module: str) -> type[UserNode]:
     """The class of a filter; ImportError when there is none, or it wants a thread of its own."""
     found = classes_in(module_named(module))
     if len(found) != 1:
         raise ImportError(f"{module} has {len(found)} subclasses of trocar.Process; there must be one")
-    if found[0].main is not OwnProcess.main:
+    if found[0].main is not UserNode.main:
         raise ImportError(f"{module}: {found[0].__name__} has a main; what shares a process has an update")
     return found[0]
 
@@ -35,11 +35,11 @@ def filter_in(module: str) -> type[OwnProcess]:
 class HostedFilter:
     """Its place, and the object in it while it runs."""
 
-    def __init__(self, system: str, row: Process, find: Callable[[], type[OwnProcess]], most_s: float) -> None:
+    def __init__(self, system: str, row: Process, find: Callable[[], type[UserNode]], most_s: float) -> None:
         """`find` gives its class; a setup or an update of more than `most_s` is an error of it."""
         self._system, self._row, self._find, self._most_s = system, row, find, most_s
         self._log = logging.getLogger(row.name)
-        self._process: OwnProcess | None = None
+        self._process: UserNode | None = None
         self._begin_ns: int | None = 0  # when it is to begin; None: never any more
         self._begun_ns = self._failures = self._warn_ns = 0
         self._why = ""  # it failed, as its page shows it until it has run well for a while

@@ -8,16 +8,16 @@ from trocar.procs.document.system import WALL, SystemConfig
 from trocar.procs.filters.hosted import HostedFilter, filter_in
 from trocar.procs.tables.manifest import hung_s
 from trocar.procs.user.life import live
-from trocar.procs.user.process import OwnProcess
+from trocar.procs.user.process import UserNode
 
 
-class FiltersLoop(OwnProcess):
+class FiltersLoop(UserNode):
     """The process; it has nothing of its own but its filters."""
 
     filters: tuple[HostedFilter, ...] = ()
 
     def setup(self) -> None:
-        """See OwnProcess; none of them keeps the others from beginning."""
+        """See UserNode; none of them keeps the others from beginning."""
         document = self.own.document
         most_s = 0.5 * hung_s(self.own.row, simulated=document.clock != WALL)
         self.filters = tuple(
@@ -25,17 +25,17 @@ class FiltersLoop(OwnProcess):
             for row in document.users if row.host == self.name)
 
     def update(self) -> None:
-        """See OwnProcess."""
+        """See UserNode."""
         for each in self.filters:
             each.cycle()
 
     def quit(self) -> None:
-        """See OwnProcess."""
+        """See UserNode."""
         for each in self.filters:
             each.stop()
 
 
-def find(document: SystemConfig, name: str) -> type[OwnProcess]:
+def find(document: SystemConfig, name: str) -> type[UserNode]:
     """What every such process is."""
     return FiltersLoop
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.node.setup_error import LastingError
 from trocar.procs.user.life import live
-from trocar.procs.user.process import OwnProcess
+from trocar.procs.user.process import UserNode
 
 if TYPE_CHECKING:
     from trocar.procs.foxglove.server import TopicServer
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 MISSING: Final = "foxglove-sdk is not installed: pip install foxglove-sdk in the environment of Trocar"
 
 
-class FoxgloveLoop(OwnProcess):
+class FoxgloveLoop(UserNode):
     """See above."""
 
     _server: TopicServer | None = None
@@ -47,7 +47,7 @@ class FoxgloveLoop(OwnProcess):
             self._server.close()
 
 
-def find(document: SystemConfig, name: str) -> type[OwnProcess]:
+def find(document: SystemConfig, name: str) -> type[UserNode]:
     """What the process of this name is."""
     return FoxgloveLoop
 

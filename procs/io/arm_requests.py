@@ -1,6 +1,7 @@
-"""What arms want of io, by level: wishes come with their setpoints and are looked at every cycle until they are so.
+"""What arms want of io, by level: desired states come with their setpoints and are looked at every cycle until they
+are so.
 
-    nothing changes by a wish that is none, by generation 0, and by setpoints that are not fresh
+    nothing changes by a desired state that is none, by generation 0, and by setpoints that are not fresh
     TAKEN   a generation other than the one before: what of it is not yet so is tried in every cycle
     SO      all of it is so: nothing but what voids it can change that
     VOID    a person's command to the robot, or a fault that switched something off, came after it: it counts no more
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from trocar.procs.io.record import Flags, IoRecord
 from trocar.procs.io.robots import Robots
 from trocar.procs.io.setpoint_tracker import SetpointTracker, TrackedRobot
-from trocar.procs.tables.desired_state import NONE, OFF, ON, SETTINGS, WISHES, Order
+from trocar.procs.tables.desired_state import DESIRED_STATES, NONE, OFF, ON, SETTINGS, Order
 from trocar.shm.commands import COMMANDS
 from trocar.shm.mailbox.command_row import CommandRow
 from trocar.shm.mailbox.origins import Origin, SenderId
@@ -28,22 +29,22 @@ ROWS: Final = {row.name: row for row in COMMANDS["io"]}
 
 
 @dataclass(slots=True)
-class WishState:
-    """How far io is with the wishes of one robot."""
+class DesiredProgress:
+    """How far io is with the desired states of one robot."""
 
     reported: set[tuple[str, str, str]] = field(default_factory=set)  # of it: command, outcome, reason
     refusals: list[str] = field(default_factory=list)  # of this cycle
 
 
-class WishCommand:
-    """One wish, as a command of the arm; `Commands` carries it out."""
+class DesiredCommand:
+    """One desired state, as a command of the arm; `Commands` carries it out."""
 
     pid = place = 0
     has_client = True
     sender = SenderId(0)
 
-    def __init__(self, robot: str, order: Order, generation: int, origin: Origin, state: WishState,
-                 report: Callable[[WishCommand, str, str], None]) -> None:
+    def __init__(self, robot: str, order: Order, generation: int, origin: Origin, state: DesiredProgress,
+                 report: Callable[[DesiredCommand, str, str], None]) -> None:
         self.command: CommandRow = ROWS[order[0]]
         self.name, self.values = order[0], np.array(order[1])
         self.text, self.id = robot, generation
@@ -75,38 +76,39 @@ class WishCommand:
 
 
 class ArmRequests:
-    """The wishes of all arms of an io."""
+    """The desired states of all arms of an io."""
 
     def __init__(self, robots: Robots, record: IoRecord, follow: SetpointTracker,
-                 report: Callable[[WishCommand, str, str], None] | None) -> None:
+                 report: Callable[[DesiredCommand, str, str], None] | None) -> None:
         """`report` hears what became of each, once."""
         self._robots, self._record, self._follow = robots, record, follow
         self._report = report or (lambda asked, outcome, reason: None)
-        self._flags: list[NDArray[Any]] = [getattr(record, wish.shown) for wish in WISHES]
-        self._states = [WishState() for _ in robots.names]
+        self._flags: list[NDArray[Any]] = [getattr(record, desired.shown) for desired in DESIRED_STATES]
+        self._states = [DesiredProgress() for _ in robots.names]
         count = len(robots.names)
         self.taken: NDArray[np.uint32] = np.zeros(count, dtype=np.uint32)  # the newest generation
         self.open: Flags = np.zeros(count, dtype=bool)  # something of the newest generation is not yet so
         self.has_news = True
         """Some fresh record has another generation, or something of the newest is not yet so."""
-        self._cut = record.wish_refused.dtype.itemsize
+        self._cut = record.desired_refused.dtype.itemsize
 
     def void(self, robot: int, reason: str = "") -> None:
         """The present generation of this robot counts for nothing from now on; `reason` where nothing else says it."""
         record = self._record
         for follower in self._follow.followers:
             if follower.robot == robot and self._follow.is_fresh[follower.place]:
-                self._take(robot, follower.source.wishes.generation.item())
+                self._take(robot, follower.source.desired.generation.item())
         self.open[robot] = False
-        record.wish_void[robot] = True
-        record.wish_refused[robot] = shorten(reason, self._cut)
+        record.desired_void[robot] = True
+        record.desired_refused[robot] = shorten(reason, self._cut)
 
     def wants(self, robot: int, command: str, on: bool) -> str:
         """The arm that wants what this command sets to be on, or off; empty: none does."""
         for follower in self._follow.followers:
-            fields = follower.source.wishes
-            if (follower.robot == robot and self._follow.is_fresh[follower.place] and not self._record.wish_void[robot]
-                    and fields.generation.item() and fields.wanted[WISHES.index(SETTINGS[command])].item()
+            fields = follower.source.desired
+            if (follower.robot == robot and self._follow.is_fresh[follower.place]
+                    and not self._record.desired_void[robot]
+                    and fields.generation.item() and fields.wanted[DESIRED_STATES.index(SETTINGS[command])].item()
                     == (ON if on else OFF)):
                 return follower.arm
         return ""
@@ -115,39 +117,40 @@ class ArmRequests:
         """See `has_news`."""
         for follower in self._follow.followers:
             if self._follow.is_fresh[follower.place]:
-                generation = follower.source.wishes.generation.item()
+                generation = follower.source.desired.generation.item()
                 if self.open[follower.robot] or generation not in (0, self.taken[follower.robot]):
                     return True
         return False
 
-    def due(self) -> Iterator[WishCommand]:
+    def due(self) -> Iterator[DesiredCommand]:
         """What is wanted and not so, as commands, to be carried out one by one."""
         if not self.has_news:
             return
         for follower in self._follow.followers:
             if self._follow.is_fresh[follower.place]:
-                self._take(follower.robot, follower.source.wishes.generation.item())
+                self._take(follower.robot, follower.source.desired.generation.item())
                 if self.open[follower.robot]:
                     yield from self._open(follower)
 
     def _take(self, robot: int, generation: int) -> None:
         record, state = self._record, self._states[robot]
         if generation not in (0, self.taken[robot]):
-            record.wish_generation[robot], record.wish_void[robot], record.wish_refused[robot] = generation, False, b""
+            record.desired_generation[robot], record.desired_void[robot] = generation, False
+            record.desired_refused[robot] = b""
             self.taken[robot], self.open[robot], state.reported = generation, True, set()
 
-    def _open(self, follower: TrackedRobot) -> Iterator[WishCommand]:
-        robot, fields, record = follower.robot, follower.source.wishes, self._record
+    def _open(self, follower: TrackedRobot) -> Iterator[DesiredCommand]:
+        robot, fields, record = follower.robot, follower.source.desired, self._record
         state, origin = self._states[robot], fields.origin
         state.refusals.clear()
         self.open[robot] = False
-        for wish, cell, flag in zip(WISHES, fields.wanted, self._flags, strict=True):
+        for desired, cell, flag in zip(DESIRED_STATES, fields.wanted, self._flags, strict=True):
             wanted = cell.item()
-            order = wish.on if wanted == ON else wish.off if wanted == OFF else ("", ())
+            order = desired.on if wanted == ON else desired.off if wanted == OFF else ("", ())
             if wanted == NONE or not order[0] or bool(flag[robot]) is (wanted == ON):
                 continue
-            yield WishCommand(self._robots.names[robot], order, int(self.taken[robot]), origin, state, self._report)
+            yield DesiredCommand(self._robots.names[robot], order, int(self.taken[robot]), origin, state, self._report)
             self.open[robot] |= bool(flag[robot]) is not (wanted == ON)
         refused = shorten("; ".join(dict.fromkeys(state.refusals)), self._cut)
-        if refused != record.wish_refused[robot]:
-            record.wish_refused[robot] = refused
+        if refused != record.desired_refused[robot]:
+            record.desired_refused[robot] = refused

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from trocar.procs.io.arm_requests import ArmRequests, WishCommand
+from trocar.procs.io.arm_requests import ArmRequests, DesiredCommand
 from trocar.procs.io.brakes import Brakes
 from trocar.procs.io.bus.port import PortError
 from trocar.procs.io.devices import (
@@ -46,15 +46,15 @@ class IoCommands:
     def __init__(self, robots: Robots, record: IoRecord, power: PowerDevice, bias: BiasDevice, follow: SetpointTracker,
                  pid: Pid, safety: SafetyDevice, brakes: Brakes, outputs: DigitalOutputsDevice, gains: GainsDevice,
                  instruments: InstrumentsDevice, axis_drive: AxisDriveDevice, cart: CartDevice,
-                 setup_brakes: SetupBrakesDevice, faults: Sequence[OwnCell], wishes: ArmRequests,
+                 setup_brakes: SetupBrakesDevice, faults: Sequence[OwnCell], desired: ArmRequests,
                  reports: IoReports) -> None:
-        """`faults` of every robot: what was asked of it before the last one is void. `wishes`: what arms want."""
+        """`faults` of every robot: what was asked of it before the last one is void. `desired`: what arms want."""
         self._robots, self._record, self._power, self._bias = robots, record, power, bias
         self._follow, self._pid, self._safety, self._brakes = follow, pid, safety, brakes
         self._outputs, self._gains, self._instruments = outputs, gains, instruments
         self._axis_drive, self._cart, self._setup_brakes, self._reports = axis_drive, cart, setup_brakes, reports
         self._names = {"robot": robots.names, "output": outputs.names, "instrument reader": instruments.names}
-        self._faults, self._wishes = faults, wishes
+        self._faults, self._desired = faults, desired
         self._powering: list[tuple[int, Request]] = []
         self._biasing: list[tuple[int, Flags, Request]] = []  # robot, what shows that it has been done
         self._now_ns = 0
@@ -72,16 +72,16 @@ class IoCommands:
         }
 
     def execute(self, commands: Iterable[Request], now_ns: int) -> None:
-        """Carry out what came in, then what arms want; who commands a robot itself voids the wishes of its arm."""
+        """Carry out what came in, then what arms want; a command to a robot itself voids what its arm wants."""
         self._now_ns = now_ns
         for command in commands:
             robot = self._carry_out(command)
             if robot >= 0 and command.name == "power_off":
                 self._faults[robot].switched_off(command.origin.id)
             if robot >= 0 and command.name in SWITCHING:
-                self._wishes.void(robot, f"{command.origin.program or 'somebody'} asked for {command.name} meanwhile")
-        for wish in self._wishes.due():
-            self._carry_out(wish)
+                self._desired.void(robot, f"{command.origin.program or 'somebody'} asked for {command.name} meanwhile")
+        for desired in self._desired.due():
+            self._carry_out(desired)
 
     def _carry_out(self, command: Request) -> int:
         """Returns what it is about, -1 when it was refused."""
@@ -102,7 +102,7 @@ class IoCommands:
 
     def _cell_of(self, place: int, command: Request) -> OwnCell | None:
         """Faults after which a command has to be asked for again; none where its robot's arm sets its own checks."""
-        is_mode = isinstance(command, WishCommand) and command.name in SETTINGS
+        is_mode = isinstance(command, DesiredCommand) and command.name in SETTINGS
         return None if is_mode or command.name in ABOUT else self._faults[place]
 
     @property
@@ -335,10 +335,10 @@ class IoCommands:
     def _need_agreement(self, robot: int, command: Request) -> None:
         """What the arm of a robot wants of its checks counts, but in calibration mode; who else relaxes one is named.
         """
-        if isinstance(command, WishCommand):
+        if isinstance(command, DesiredCommand):
             return
         on = switch(command)
-        arm = self._wishes.wants(robot, command.name, not on)
+        arm = self._desired.wants(robot, command.name, not on)
         if arm and not self._robots.io.calibration_mode:
             raise CommandRefused(f"{arm} needs it {'off' if on else 'on'}; disable {arm} first")
         if not on:

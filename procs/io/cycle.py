@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.procs.document.system import IoConfig
-from trocar.procs.io.arm_requests import ArmRequests, WishCommand
+from trocar.procs.io.arm_requests import ArmRequests, DesiredCommand
 from trocar.procs.io.axis_drive import AxisDrive
 from trocar.procs.io.bias import Bias
 from trocar.procs.io.brakes import Brakes
@@ -73,13 +73,13 @@ class RobotIo:
                  gains: Field | None = None, instruments: Field | None = None,
                  cells: Sequence[OwnCell] = (), is_over: Callable[[], bool] = bool,
                  over_ns: Callable[[], int] = lambda: FOR_EVER_NS,
-                 report: Callable[[WishCommand, str, str], None] | None = None) -> None:
+                 report: Callable[[DesiredCommand, str, str], None] | None = None) -> None:
         """`sources` in the order of `io.pids`; `preset` (axes,) says which encoders kept a preload.
 
         `cells`, in the order of `io.robots`, say since when commands count: see shm/mailbox/generations.py. `is_over`:
         we were held up in the middle of this cycle; `over_ns`: from when on that is so, on CLOCK_BOOTTIME. `report`
-        hears what became of arms' wishes. `gains` and `instruments` give the fields of these records; None: nobody
-        looks.
+        hears what became of arms' desired states. `gains` and `instruments` give the fields of these records; None:
+        nobody looks.
         """
         self.io, self.record, self.reports = io, record, IoReports()
         self.port, self._now_ns, self._is_over, self._over_ns = port, now_ns, is_over, over_ns
@@ -107,13 +107,13 @@ class RobotIo:
         self.buttons = Buttons(robots, port, record, self.reports)
         self._axis_drive = AxisDrive(robots, samples, record, self.pid, self._brakes)
         cells = cells or [NoFaults() for _ in robots.names]
-        self.wishes = wishes = ArmRequests(robots, record, self.follow, report)
+        self.desired = desired = ArmRequests(robots, record, self.follow, report)
         self._commands = IoCommands(robots, record, self.power, self._bias, self.follow, self.pid, self.safety,
                                     self._brakes, self.digital_outputs, self.gains, self.instruments, self._axis_drive,
-                                    self._cart, self._setup_brakes, cells, wishes, self.reports)
+                                    self._cart, self._setup_brakes, cells, desired, self.reports)
         self.stages = stages(self)
         self._fault_handler = FaultHandler(robots, record, self.reports, self.follow, self.power, self._bias,
-                                           self._brakes, cells, wishes)
+                                           self._brakes, cells, desired)
         self._oldest_ns = round(io.watchdog_s * 1e9) or DEFAULT_AGE_NS
         self._good_ns = now_ns()
         self.stamp_ns = self._good_ns
@@ -154,11 +154,11 @@ class RobotIo:
         self.port.ask_all()
         # Setpoints are taken while the boards sample: that costs no time, least of all between read and write.
         news = self.stages.track(read_ns)
-        if news & ~self.follow.wishes_bit:
+        if news & ~self.follow.desired_bit:
             self.follow.receive(read_ns, news)
-        self.wishes.has_news = news >= self.follow.wishes_bit and self.wishes.are_new()
-        is_calm = not commands and self._is_calm()
-        if is_calm:
+        self.desired.has_news = news >= self.follow.desired_bit and self.desired.are_new()
+        is_steady = not commands and self._is_steady_state()
+        if is_steady:
             done = self.port.answer(self._good_ns, self.power.wake_ns, self._over_ns(), self._gap_ns)
         else:
             done = NONE if self.port.read_all() else BAD
@@ -171,12 +171,12 @@ class RobotIo:
         share = min(1.0, self._stable_ns / self._gap_ns)
         if not good:
             share *= share_of(now_ns - self._good_ns)
-        if done == NONE and is_calm and now_ns < self.power.wake_ns:
+        if done == NONE and is_steady and now_ns < self.power.wake_ns:
             done = self.stages.at_once(share)
         is_finite = True
         if done < READY:
             self._step_by_step(good, commands, now_ns, done)
-            is_finite = done != ENCODED and bool(self.stages.encode(share, self.outputs.acts_once))
+            is_finite = done != ENCODED and bool(self.stages.encode(share, self.outputs.has_one_shot))
         if done != SENT:
             self._write()
         if done >= READY:
@@ -193,17 +193,17 @@ class RobotIo:
     def _write(self) -> None:
         if self._is_over():  # what was worked out is about the past, and so is what was to be switched on
             self.outputs.all_off()
-            self.stages.encode(0.0, self.outputs.acts_once)
+            self.stages.encode(0.0, self.outputs.has_one_shot)
         self.port.write_all()
         self.outputs.written()
 
-    def _is_calm(self) -> bool:
+    def _is_steady_state(self) -> bool:
         """Nothing but the sample can bring anything about in this cycle."""
         power, safety = self.power, self.safety
         return self._is_whole and self.port.away.tobytes() == self._nobody and not (
-            self._tasks or self.wishes.has_news or self._commands.waits or self.reports.trips or power.changed
+            self._tasks or self.desired.has_news or self._commands.waits or self.reports.trips or power.changed
             or safety.counting or safety.set_encoder_zero or self._brakes.busy or self._bias.running
-            or self._axis_drive.running or self.outputs.acts_once)
+            or self._axis_drive.running or self.outputs.has_one_shot)
 
     def _step_by_step(self, good: bool, commands: Iterable[Request], now_ns: int, done: int) -> None:
         """From the sample to the efforts, as far as that is not `done`."""
@@ -378,7 +378,7 @@ class RobotIo:
         self.pid.effort.fill(0.0)
         for _ in range(FAREWELLS):
             self.outputs.all_off()
-            self.outputs.encode(1.0, self.outputs.acts_once)
+            self.outputs.encode(1.0, self.outputs.has_one_shot)
             self.port.write_all()
             self.outputs.written()
         self._setup_brakes.shutdown()

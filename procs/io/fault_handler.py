@@ -26,11 +26,11 @@ class FaultHandler:
 
     def __init__(self, robots: Robots, record: IoRecord, reports: IoReports, follow: SetpointTracker,
                  power: PowerDevice, bias: BiasDevice,
-                 brakes: Brakes, cells: Sequence[OwnCell], wishes: ArmRequests) -> None:
+                 brakes: Brakes, cells: Sequence[OwnCell], desired: ArmRequests) -> None:
         """`cells` of every robot, which say since when commands count."""
         self._robots, self._record, self._reports, self._follow = robots, record, reports, follow
         self._power, self._bias, self._brakes, self._cells = power, bias, brakes, cells
-        self._wishes = wishes
+        self._desired = desired
         self._reported: list[set[tuple[int, int]]] = [set() for _ in robots.names]
         """Number and axis of what was reported of each robot since its latch was cleared."""
 
@@ -52,7 +52,7 @@ class FaultHandler:
                 record.fault[robot] = fault.number
             if self._power.reached[robot] or fault not in POWERING:
                 self._cells[robot].fault()
-            self._wishes.void(robot)
+            self._desired.void(robot)
             self._follow.enable(robot, False, now_ns)
             self._brakes.engage(robot)  # what the joint controller no longer holds
             if fault.action in (codes.POWER_OFF, codes.CUT):

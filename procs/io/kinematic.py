@@ -18,7 +18,7 @@ from typing import Final
 import numpy as np
 
 from trocar.procs.document.system import IoConfig
-from trocar.procs.io.arm_requests import ArmRequests, WishCommand
+from trocar.procs.io.arm_requests import ArmRequests, DesiredCommand
 from trocar.procs.io.axis_drive import NoAxisDrive
 from trocar.procs.io.brakes import Brakes
 from trocar.procs.io.commands import IoCommands
@@ -171,8 +171,9 @@ class KinematicIo:
 
     def __init__(self, io: IoConfig, now_ns: Callable[[], int], record: IoRecord, sources: Sequence[SetpointSource], *,
                  gains: Field | None = None, cells: Sequence[OwnCell] = (),
-                 report: Callable[[WishCommand, str, str], None] | None = None) -> None:
-        """`sources` in the order of `io.pids`, `cells` of `io.robots`; `report` hears what became of arms' wishes.
+                 report: Callable[[DesiredCommand, str, str], None] | None = None) -> None:
+        """`sources` in the order of `io.pids`, `cells` of `io.robots`; `report` hears what became of arms' desired
+        states.
 
         The robots are where a predecessor left them in `record`.
         """
@@ -192,13 +193,13 @@ class KinematicIo:
         power, bias, brakes = (KinematicPower(robots, record, self.reports, self.follow, self.pid), ExactPositions(),
                                Brakes(robots, record))
         self._power, cells = power, cells or [NoFaults() for _ in robots.names]
-        self.wishes = wishes = ArmRequests(robots, record, self.follow, report)
+        self.desired = desired = ArmRequests(robots, record, self.follow, report)
         self._track, cart = track(self), NoCart()
         self._commands = IoCommands(robots, record, power, bias, self.follow, self.pid, NoChecks(), brakes,
-                                    NoOutputs(), NoGains(), NoReaders(), NoAxisDrive(), cart, cart, cells, wishes,
+                                    NoOutputs(), NoGains(), NoReaders(), NoAxisDrive(), cart, cart, cells, desired,
                                     self.reports)
         self._fault_handler = FaultHandler(robots, record, self.reports, self.follow, power, bias, brakes, cells,
-                                           wishes)
+                                           desired)
         places = {follower.robot: follower.place for follower in self.follow.followers}
         self._followed = [(place, robot, robots.slices[robot]) for robot, place in sorted(places.items())]
         self._stamps_ns, self._moves = [0] * len(robots.names), [False] * len(robots.names)
@@ -217,9 +218,9 @@ class KinematicIo:
         now_ns = self.stamp_ns = self._now_ns()
         record, reports = self.record, self.reports
         news = self._track(now_ns)
-        if news & ~self.follow.wishes_bit:
+        if news & ~self.follow.desired_bit:
             self.follow.receive(now_ns, news)
-        self.wishes.has_news = news >= self.follow.wishes_bit and self.wishes.are_new()
+        self.desired.has_news = news >= self.follow.desired_bit and self.desired.are_new()
         self._commands.execute(commands, now_ns)
         if reports.trips:
             self._fault_handler.act(now_ns)

@@ -17,7 +17,7 @@ from trocar.procs.io.kinematic import KinematicIo
 from trocar.procs.io.record import IoRecord
 from trocar.procs.io.reports import IoEvent
 from trocar.procs.io.robots import ACCELERATION, SOFTWARE_VELOCITY, Robots
-from trocar.procs.io.setpoint_tracker import WishFields
+from trocar.procs.io.setpoint_tracker import DesiredFields
 from trocar.procs.io.start import POWER_OFF, prepare
 from trocar.procs.node import runtime
 from trocar.shm.mailbox.generations import NoFaults, robot_component
@@ -39,7 +39,7 @@ class RingSource:
         self.bias_generation, self.pid_generation = ring.field("bias_generation"), ring.field("pid_generation")
         self.position, self.velocity = ring.field("position"), ring.field("velocity")
         self.effort, self.feed_forward = ring.field("effort"), ring.field("feed_forward")
-        self.wishes = WishFields(ring.field)
+        self.desired = DesiredFields(ring.field)
 
     @property
     def stamp_ns(self) -> int:

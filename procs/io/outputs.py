@@ -41,30 +41,30 @@ class Outputs:
         self.least = np.maximum(-robots.maximum_current, least)
         self.standing: NDArray[np.uint32] = np.full(len(robots.board_ids), registers.CONTROL_POWER_OFF, np.uint32)
         self.once: NDArray[np.uint32] = self.standing.copy()
-        self.acts_once = False
+        self.has_one_shot = False
 
     def command_power(self, boards: Flags, relay: bool) -> None:
         """Motor power on, and the relay closed, with the next write."""
         self.standing[boards] = 0
         self.once[boards] = registers.CONTROL_POWER_ON | (registers.CONTROL_RELAY_ON if relay else 0)
-        self.acts_once = True
+        self.has_one_shot = True
 
     def cut_power(self, boards: Flags, open_relays: bool) -> None:
         """Motor power off with every write from now on; the relay opens once if asked."""
         self.standing[boards] = registers.CONTROL_POWER_OFF
         self.once[boards] = registers.CONTROL_POWER_OFF | (registers.CONTROL_RELAY_OFF if open_relays else 0)
-        self.acts_once = True
+        self.has_one_shot = True
 
     def close_relays(self) -> None:
         """Close the safety relays of all boards with the next write."""
         self.once |= np.uint32(registers.CONTROL_RELAY_ON)
-        self.acts_once = True
+        self.has_one_shot = True
 
     def enable_amps(self, places: NDArray[np.intp]) -> None:
         """Enable the amplifiers of drives with the next write."""
         self.flags[places] = ENABLE
         self._record.amp_enabled[places] = True
-        self.acts_once = True
+        self.has_one_shot = True
 
     def disable_amps(self, places: NDArray[np.intp]) -> None:
         """Keep the amplifiers of drives disabled with every write from now on."""
@@ -77,12 +77,12 @@ class Outputs:
         self._record.amp_enabled[...] = False
         self.standing.fill(registers.CONTROL_POWER_OFF)
         self.once.fill(registers.CONTROL_POWER_OFF | registers.CONTROL_RELAY_OFF)
-        self.acts_once = True
+        self.has_one_shot = True
 
-    def encode(self, share: float, acts_once: int) -> int:
+    def encode(self, share: float, has_one_shot: int) -> int:
         """A share of the record's efforts to words in the port's buffer; 0: one was not finite, it is 0 A there.
 
-        `acts_once`: with the control words that do.
+        `has_one_shot`: with the control words that do.
         """
         request = self._record.current_request
         np.multiply(self._record.setpoint_effort, self._robots.effort_to_current, self._of_actuators)
@@ -94,12 +94,12 @@ class Outputs:
         finite = self.encoder.encode(request)
         np.bitwise_or(self.encoder.bits, self.flags, self.words)
         self._flat[self.index] = self.words
-        self._control[...] = self.once if acts_once else self.standing
+        self._control[...] = self.once if has_one_shot else self.standing
         return finite
 
     def written(self) -> None:
         """The boards have it: what acts once is taken back."""
-        if self.acts_once:
-            self.acts_once = False
+        if self.has_one_shot:
+            self.has_one_shot = False
             self.once[...] = self.standing
             self.flags[self.flags == ENABLE] = PLAIN

@@ -14,7 +14,7 @@ from trocar.shm.ring.ring import RingReader
 Addresses = NDArray[np.int64]
 
 FIELDS: Final = ("stamp_ns", "mode", "has_velocity", "count", "in_effort", "bias_generation", "pid_generation",
-                 "position", "velocity", "feed_forward", "wish_generation")
+                 "position", "velocity", "feed_forward", "desired_generation")
 """What the kernel looks at, in the order of `SetpointRings.offsets`."""
 
 

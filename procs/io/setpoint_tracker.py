@@ -26,20 +26,20 @@ from trocar.procs.io.reports import IoReports, also
 from trocar.procs.io.robots import Robots
 from trocar.procs.io.setpoint_rings import rings_of
 from trocar.procs.tables import codes
-from trocar.procs.tables.desired_state import WISHES
+from trocar.procs.tables.desired_state import DESIRED_STATES
 from trocar.shm.mailbox.origins import Origin
 
 DRIVE: Final = 1  # mode of a setpoint that asks for something
 
 
-class WishFields:
+class DesiredFields:
     """What the arm wants of io, in its setpoint record; see procs/tables/desired_state.py."""
 
     def __init__(self, field: Field) -> None:
         """`field` gives the arrays of the record."""
-        self.generation = field("wish_generation")
-        self.wanted = [field(wish.field) for wish in WISHES]
-        self._origin = [field(name) for name in ("wish_origin", "wish_since", "wish_program")]
+        self.generation = field("desired_generation")
+        self.wanted = [field(desired.field) for desired in DESIRED_STATES]
+        self._origin = [field(name) for name in ("desired_origin", "desired_since", "desired_program")]
 
     @property
     def origin(self) -> Origin:
@@ -61,7 +61,7 @@ class SetpointSource(Protocol):
     velocity: Floats
     effort: Floats
     feed_forward: Floats
-    wishes: WishFields
+    desired: DesiredFields
 
     @property
     def stamp_ns(self) -> int:
@@ -122,8 +122,8 @@ class SetpointTracker:
         self.everybody = (1 << count) - 1
         """Bits of all robots, for `receive`."""
         self.everything = (1 << count + 2) - 1
-        """The same, with one for what must still be applied and one, `wishes_bit`, for wishes that io has not done."""
-        self.wishes_bit = 1 << count + 1
+        """The same, with one for what must still be applied and `desired_bit` for desired states that are not done."""
+        self.desired_bit = 1 << count + 1
         self.is_fresh: Flags = np.zeros(count, dtype=bool)  # the newest record is
         self.taken_ns: NDArray[np.int64] = np.zeros(count, dtype=np.int64)  # stamp of the newest that was taken
         self.fresh_ns: NDArray[np.int64] = np.zeros(count, dtype=np.int64)  # of the last fresh one, or of the enable

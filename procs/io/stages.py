@@ -32,7 +32,7 @@ class Tracks(Protocol):
     robots: Robots
     record: IoRecord
     follow: SetpointTracker
-    wishes: ArmRequests
+    desired: ArmRequests
     pid: Pid
 
 

@@ -200,7 +200,7 @@ int64_t Io_control(const Io *k) {
 /* -- encode: procs/io/outputs.py -----------------------------------------------------------------------------------*/
 
 /* A share of the efforts, and the brakes' currents, to words for the boards; 0: some effort was not finite. */
-int64_t Io_encode(const Io *k, double share, int64_t acts_once) {
+int64_t Io_encode(const Io *k, double share, int64_t has_one_shot) {
   int64_t finite = 1;
   for (int64_t i = 0; i < k->d; i++) {
     double current = i < k->n ? k->effort[i] * k->effort_to_current[i] : k->brake_current[i - k->n];
@@ -216,7 +216,7 @@ int64_t Io_encode(const Io *k, double share, int64_t acts_once) {
     k->out[k->out_index[i]] = (uint32_t)k->out_words[i];
   }
   for (int64_t b = 0; b < k->boards; b++)
-    k->out[(b + 1) * k->out_columns - 1] = acts_once ? k->control_once[b] : k->control_standing[b];
+    k->out[(b + 1) * k->out_columns - 1] = has_one_shot ? k->control_once[b] : k->control_standing[b];
   return finite;
 }
 

@@ -4,7 +4,7 @@
 #include "numeric.h"
 #include <string.h>
 
-enum { STAMP, MODE, HAS_VELOCITY, COUNT, IN_EFFORT, BIAS, PID, POSITION, VELOCITY, FEED_FORWARD, WISH };
+enum { STAMP, MODE, HAS_VELOCITY, COUNT, IN_EFFORT, BIAS, PID, POSITION, VELOCITY, FEED_FORWARD, DESIRED };
 enum { DRIVE = 1, ROOM = 8, RETRIES = 16 };
 
 /* The newest record into the private copy; its stamp, 0: there is none, -1: it has to be looked at. See shm/ring/ring.py. */
@@ -69,22 +69,22 @@ static int apply(const Track *k) {
   return 1;
 }
 
-/* Bits of robots that Python has to look at; then one more: some of what came must still be applied; and one for wishes
-   that are not what io has taken, or not carried out. */
+/* Bits of robots that Python has to look at; then one more: some of what came must still be applied; and one where states
+   are desired that io has not taken, or not carried out. */
 int64_t Track_track(const Track *k, int64_t now_ns) {
-  int64_t left = 0, wishes = 0;
+  int64_t left = 0, desired = 0;
   for (int64_t f = 0; f < k->followers; f++) {
     int64_t robot = k->robot[f];
     uint8_t *record = (uint8_t *)k->copy[f];
     int64_t stamp = newest(k, f, record), age = now_ns - stamp;
     if (stamp <= 0) {
       left |= 1LL << f;
-      wishes = 1;
+      desired = 1;
       continue;
     }
     int fresh = -k->timeout_ns <= age && age <= k->timeout_ns;
-    uint32_t wish = word_at(record, k->offsets[WISH]);
-    wishes |= fresh && (k->wish_open[robot] || (wish && wish != k->wish_taken[robot]));
+    uint32_t generation = word_at(record, k->offsets[DESIRED]);
+    desired |= fresh && (k->desired_open[robot] || (generation && generation != k->desired_taken[robot]));
     int same = fresh && stamp == k->taken_ns[f] && !k->resting[f];
     if (k->enabled[robot] && !same && !(fresh && take(k, f, record))) {
       left |= 1LL << f;
@@ -95,5 +95,5 @@ int64_t Track_track(const Track *k, int64_t now_ns) {
     if (k->enabled[robot]) k->fresh_ns[f] = k->taken_ns[f] = stamp;
   }
   if (*k->dirty && (left || !apply(k))) left |= 1LL << k->followers;
-  return left | wishes << (k->followers + 1);
+  return left | desired << (k->followers + 1);
 }

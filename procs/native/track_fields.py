@@ -22,9 +22,9 @@ TRACK: Final = CStruct("Track", (
     *rows("b1", "1", dirty="follow.dirty"),
     *rows("i8", "robots", age_ns="record.setpoint_age_ns"),
     *rows("b1", "robots", enabled="record.pid_enabled", holding="record.holding",
-          uses_velocity="record.use_setpoint_velocity", wish_open="wishes.open"),
+          uses_velocity="record.use_setpoint_velocity", desired_open="desired.open"),
     *rows("u4", "robots", bias_generation="record.bias_generation", pid_generation="record.pid_generation",
-          wish_taken="wishes.taken"),
+          desired_taken="desired.taken"),
     # position, velocity, effort and feed-forward as they came, and what the joint controller gets of them
     *rows("f8", "4 n", incoming="follow.incoming"),
     *rows("f8", "n", low="follow.low", high="follow.high", most_step="follow.most_step",

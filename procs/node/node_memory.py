@@ -36,7 +36,7 @@ class Closing(Protocol):
 Part = TypeVar("Part", bound=Closing)
 
 
-class OwnMemory:
+class NodeMemory:
     """The place of one instance in a running system, from its claim to `leave`."""
 
     def __init__(self, document: SystemConfig, name: str, now_ns: Callable[[], int], log: Log | None = None) -> None:

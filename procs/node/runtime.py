@@ -30,7 +30,7 @@ from trocar.procs.machine.listening import handed
 from trocar.procs.native.bound import BoundStruct
 from trocar.procs.native.library import bind
 from trocar.procs.native.pace_fields import PACE
-from trocar.procs.node.node_memory import OwnMemory
+from trocar.procs.node.node_memory import NodeMemory
 from trocar.procs.node.pacing import QUICKEST_NS, Pacing, phase_ns
 from trocar.procs.node.pauses import Pauses
 from trocar.procs.node.realtime import fetch_segments, in_words, lock_memory, realtime, step_back
@@ -64,7 +64,7 @@ class NodeClock(Protocol):
         """Sleep until the deadline, or `stopped()`."""
 
 
-class Node(OwnMemory):
+class Node(NodeMemory):
     """What a process of ours knows of itself; made by `process`. It has a clock, and is paced."""
 
     def __init__(self, kind: str, system: str, name: str, clock: NodeClock | None = None) -> None:

@@ -31,7 +31,7 @@ from trocar.procs.recordings.facts import document_of, facts_of
 from trocar.procs.recordings.writing import ChannelTable
 from trocar.procs.tables import codes
 from trocar.procs.user.life import live
-from trocar.procs.user.process import OwnProcess
+from trocar.procs.user.process import UserNode
 from trocar.shm.mailbox.received import Received
 from trocar.shm.memory.layout import cut_text, shorten
 
@@ -45,7 +45,7 @@ END_S: Final = 2.0
 MAX_CHOSEN: Final = 200
 
 
-class RecorderLoop(OwnProcess):
+class RecorderLoop(UserNode):
     """See above."""
 
     def setup(self) -> None:
@@ -278,7 +278,7 @@ class RecorderLoop(OwnProcess):
         self._sources.close()
 
 
-def find(document: SystemConfig, name: str) -> type[OwnProcess]:
+def find(document: SystemConfig, name: str) -> type[UserNode]:
     """What the process of this name is."""
     return RecorderLoop
 

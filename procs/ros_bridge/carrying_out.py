@@ -53,7 +53,7 @@ class AskedTopic:
     fixed_text: str = ""
 
 
-class RosWish(NamedTuple):
+class PendingCommand(NamedTuple):
     """What somebody asked over ROS, not carried out yet."""
 
     is_of_stream: bool
@@ -81,9 +81,9 @@ class Commands:
                 reader = participant.reader(name, row.taken.message, row.depth)
                 self._asked.append(AskedTopic(reader, row, to.name, text))
 
-    def take(self) -> list[RosWish]:
+    def take(self) -> list[PendingCommand]:
         """All that came."""
-        return [RosWish(asked.row.depth == STREAM, partial(self._carry_out, asked, message))
+        return [PendingCommand(asked.row.depth == STREAM, partial(self._carry_out, asked, message))
                 for asked in self._asked for message in asked.reader.take(self._say)]
 
     def hear(self) -> None:

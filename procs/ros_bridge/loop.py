@@ -32,7 +32,7 @@ from trocar.procs.ros_messages.messages import Clock, Log, OperatingState
 from trocar.procs.ros_messages.view_messages import VIEW_MESSAGES
 from trocar.procs.tables import codes
 from trocar.procs.user.life import live
-from trocar.procs.user.process import OwnProcess
+from trocar.procs.user.process import UserNode
 from trocar.shm.mailbox.origins import ACTING
 from trocar.shm.system import directory
 from trocar.shm.time.clock import boottime_ns
@@ -66,7 +66,7 @@ def addressees(system: SystemConfig) -> list[Addressee]:
 
 
 @dataclass(slots=True)
-class Seldom:
+class Throttle:
     """What is done once in so many ns of the system's time."""
 
     period_ns: int
@@ -80,7 +80,7 @@ class Seldom:
             self.do(now_ns)
 
 
-class RosLoop(OwnProcess):
+class RosLoop(UserNode):
     """See above."""
 
     def setup(self) -> None:
@@ -107,15 +107,15 @@ class RosLoop(OwnProcess):
         self._clock = participant.writer("/clock", Clock) if self.time.simulated else None
         descriptions = Descriptions(participant, self.system, document.arms)
         self._parts.append(descriptions)
-        self._seldom = [Seldom(IDLE_NS, lambda now_ns: descriptions.step())]
+        self._throttled = [Throttle(IDLE_NS, lambda now_ns: descriptions.step())]
         if row.tf:
             frames = TipFrames(participant, self.system, [arm.name for arm in arms])
             self._parts.append(frames)
-            self._seldom.append(Seldom(FRAMES_NS, lambda now_ns: frames.step(self._stamps)))
+            self._throttled.append(Throttle(FRAMES_NS, lambda now_ns: frames.step(self._stamps)))
         if row.stats:
             statistics = LoopStatistics(participant, document)
             self._parts.append(statistics)
-            self._seldom.append(Seldom(STATISTICS_NS, lambda now_ns: statistics.step(self._stamps.ns(now_ns))))
+            self._throttled.append(Throttle(STATISTICS_NS, lambda now_ns: statistics.step(self._stamps.ns(now_ns))))
         self._awake_ns, self._deaf_until_ns, self._forgets_all = boottime_ns(), 0, False
         self._idle_until_ns = 0
         participant.announce()
@@ -205,7 +205,7 @@ class RosLoop(OwnProcess):
         stamps.look()
         if self._clock is not None:
             self._clock.write(Clock(time_of(now)))
-        for each in self._seldom:
+        for each in self._throttled:
             each.step(now)
         for events in self.events.values():
             events.step(stamps, now)
@@ -220,7 +220,7 @@ class RosLoop(OwnProcess):
             self.participant.close()
 
 
-def find(document: SystemConfig, name: str) -> type[OwnProcess]:
+def find(document: SystemConfig, name: str) -> type[UserNode]:
     """What the process of this name is."""
     return RosLoop
 

@@ -18,7 +18,7 @@ import numpy as np
 from cyclonedds.idl import IdlStruct, make_idl_struct
 from cyclonedds.idl.types import int64, uint64
 
-from trocar.procs.ros_bridge.carrying_out import Addressee, RosWish
+from trocar.procs.ros_bridge.carrying_out import Addressee, PendingCommand
 from trocar.procs.ros_bridge.incoming import pose_numbers
 from trocar.procs.ros_bridge.publishing import ros_topic
 from trocar.procs.ros_bridge.refusals import Refusals
@@ -169,9 +169,9 @@ class Services:
             self._servers += [(Server(participant, ros_topic(f"{arm.name}/{row.name}"), row), client)
                               for row in SERVICES]
 
-    def take(self) -> list[RosWish]:
+    def take(self) -> list[PendingCommand]:
         """All questions that came."""
-        return [RosWish(False, partial(self._pass_on, server, client, request))
+        return [PendingCommand(False, partial(self._pass_on, server, client, request))
                 for server, client in self._servers for request in server.reader.take(self._say)]
 
     def hear(self) -> None:

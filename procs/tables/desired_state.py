@@ -1,6 +1,8 @@
-"""THE TABLE of what an arm wants of io: each wish is a field of its setpoints, a flag of io's record is the answer.
+"""THE TABLE of what an arm wants of io: each desired state is a field of its setpoints, a flag of io's record is the
+answer.
 
-A wish is NONE, OFF or ON, and counts with the others of its generation; see docs/decisions/0017-wishes.md.
+A desired state is NONE, OFF or ON, and counts with the others of its generation; see
+docs/decisions/0017-desired-states.md.
 """
 
 from __future__ import annotations
@@ -14,7 +16,7 @@ Order = tuple[str, tuple[float, ...]]  # a command of io and its numbers
 
 
 @dataclass(frozen=True, slots=True)
-class Wish:
+class DesiredState:
     """Its field in the setpoints, the flag of io's record that shows it, and the commands of io that it stands for."""
 
     name: str
@@ -25,26 +27,26 @@ class Wish:
     @property
     def field(self) -> str:
         """In the setpoints."""
-        return f"wish_{self.name}"
+        return f"desired_{self.name}"
 
 
-def _switch(name: str, shown: str, command: str) -> Wish:
-    return Wish(name, shown, (command, (1.0,)), (command, (0.0,)))
+def _switch(name: str, shown: str, command: str) -> DesiredState:
+    return DesiredState(name, shown, (command, (1.0,)), (command, (0.0,)))
 
 
 # In the order in which io looks at them: nothing is held or let go before there is power.
-WISHES: Final = (
-    Wish("fault", "fault", ("", ()), ("clear_fault", ())),
-    Wish("power", "power_requested", ("power_on", ()), ("power_off", (0.0,))),
+DESIRED_STATES: Final = (
+    DesiredState("fault", "fault", ("", ()), ("clear_fault", ())),
+    DesiredState("power", "power_requested", ("power_on", ()), ("power_off", (0.0,))),
     _switch("limits", "limits_enforced", "enforce_limits"),
     _switch("tracking", "tracking_check", "tracking_check"),
     _switch("velocity", "use_setpoint_velocity", "use_setpoint_v"),
     _switch("pots", "pot_check", "pot_check"),
     _switch("pid", "pid_enabled", "pid_enable"),
-    Wish("brakes", "brakes_released", ("brake_release", ()), ("brake_engage", ())),
+    DesiredState("brakes", "brakes_released", ("brake_release", ()), ("brake_engage", ())),
 )
-SETTINGS: Final = {wish.on[0]: wish for wish in WISHES if wish.on[1] and wish.name != "pid"}
+SETTINGS: Final = {desired.on[0]: desired for desired in DESIRED_STATES if desired.on[1] and desired.name != "pid"}
 """By its command: what only sets how io watches and drives a robot, and takes nothing back that the arm wants."""
 SWITCHING: Final = frozenset(
-    (*(order[0] for wish in WISHES for order in (wish.on, wish.off)), "servo_zero")) - {"", *SETTINGS}
-"""Commands of io that do what wishes do: a person's one among them voids the wishes of the robot."""
+    (*(order[0] for desired in DESIRED_STATES for order in (desired.on, desired.off)), "servo_zero")) - {"", *SETTINGS}
+"""Commands of io that do what desired states do: a person's one among them voids the desired states of the robot."""

@@ -140,7 +140,7 @@ class Teleop:
 
     def _supervise(self) -> None:
         """Whatever is wrong with an arm ends it; one that only was not heard of may come back by itself."""
-        if self.desired is not TeleopState.DISABLED and self.origin.generation < self._faults.void:
+        if self.desired is not TeleopState.DISABLED and self.origin.generation < self._faults.valid_from:
             self.stop(codes.FAULT_SINCE, "there was a fault since it was asked for")
         for arm in self.arms:
             errors = arm.errors()

@@ -12,20 +12,20 @@ from types import ModuleType
 from trocar.procs.document.system import SystemConfig, from_json
 from trocar.procs.node import runtime
 from trocar.procs.node.setup_error import exit_code, explains_itself
-from trocar.procs.user.process import OwnProcess
+from trocar.procs.user.process import UserNode
 from trocar.shm.mailbox.origins import ACTING, NOBODY
 from trocar.shm.memory.segment import SegmentError
 from trocar.shm.system import directory
 from trocar.shm.time.control_page import ControlPage
 
 
-def classes_in(module: ModuleType) -> list[type[OwnProcess]]:
+def classes_in(module: ModuleType) -> list[type[UserNode]]:
     """The subclasses of Process that a module defines."""
-    return [kind for kind in vars(module).values() if isinstance(kind, type) and issubclass(kind, OwnProcess)
+    return [kind for kind in vars(module).values() if isinstance(kind, type) and issubclass(kind, UserNode)
             and kind.__module__ == module.__name__]
 
 
-def live(kind: str, find: Callable[[SystemConfig, str], type[OwnProcess]]) -> None:
+def live(kind: str, find: Callable[[SystemConfig, str], type[UserNode]]) -> None:
     """Exit code 0: ended as asked, or by itself, 3: setup failed, 4: its main did. `find` gives an instance's class."""
     faulthandler.enable()  # its log shows where it was when the supervisor ends it (SIGABRT), or C code crashes
     chosen = runtime.arguments(kind)

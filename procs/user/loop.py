@@ -7,23 +7,23 @@ from types import ModuleType
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.user.classes import module_named
 from trocar.procs.user.life import classes_in, live
-from trocar.procs.user.process import OwnProcess
+from trocar.procs.user.process import UserNode
 
 
-class FunctionLoop(OwnProcess):
+class FunctionLoop(UserNode):
     """A function with a loop in the place of a class."""
 
     module: ModuleType
 
     def check_commands(self) -> None:
-        """See OwnProcess; its handlers, if any, are made in that function."""
+        """See UserNode; its handlers, if any, are made in that function."""
 
     def main(self) -> None:
         """That function."""
         self.module.main(self)
 
 
-def class_in(module: ModuleType) -> type[OwnProcess]:
+def class_in(module: ModuleType) -> type[UserNode]:
     """The subclass of Process, or one around its function `main`; ImportError when there is not one of them."""
     classes = classes_in(module)
     if len(classes) == 1:
@@ -34,10 +34,10 @@ def class_in(module: ModuleType) -> type[OwnProcess]:
                       "function main(process)")
 
 
-def find(document: SystemConfig, name: str) -> type[OwnProcess]:
+def find(document: SystemConfig, name: str) -> type[UserNode]:
     """What the process of this name is."""
     declared = document.user(name)
-    return OwnProcess if declared is None else class_in(module_named(declared.module))
+    return UserNode if declared is None else class_in(module_named(declared.module))
 
 
 def main() -> None:

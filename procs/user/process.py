@@ -21,7 +21,7 @@ from trocar.procs.document.user_process import PROPERTIES, SAVE_PROPERTIES, SET_
 from trocar.procs.machine.listening import handed
 from trocar.procs.machine.paths import NoStateFolder, log_folder, made_log_folder
 from trocar.procs.machine.verb_lines import REMEDY
-from trocar.procs.node.node_memory import OwnMemory
+from trocar.procs.node.node_memory import NodeMemory
 from trocar.procs.node.pacing import Pacing
 from trocar.procs.node.pauses import Pauses
 from trocar.procs.tables import codes
@@ -52,7 +52,7 @@ class Watchable(Protocol):
         """Its descriptor."""
 
 
-class OwnProcess:
+class UserNode:
     """Make a subclass of it: `setup`, `update` (or `main`), `quit`, and `on_NAME` for each command NAME."""
 
     LATER: Final = object()
@@ -69,7 +69,7 @@ class OwnProcess:
         self.is_ours = declared.module != "" or document.process(name).start != ELSEWHERE
         """Started by the supervisor; else a program that a person has started."""
         self.time, self.log = SystemTime(system), logging.getLogger(name)
-        self.own = OwnMemory(document, name, self.time.now_ns, loglines.into(self.log) if self.is_ours else None)
+        self.own = NodeMemory(document, name, self.time.now_ns, loglines.into(self.log) if self.is_ours else None)
         self._period_ns = round((period_s or self.own.row.period_s) * 1e9)
         try:
             self._open()

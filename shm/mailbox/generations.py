@@ -49,11 +49,11 @@ class Cell(Protocol):
     """What an owner knows of its component's faults."""
 
     @property
-    def void(self) -> int:
+    def valid_from(self) -> int:
         """Commands of an earlier generation count for nothing."""
 
     @property
-    def spared(self) -> int:
+    def exempt_origin(self) -> int:
         """But those of this origin count: it has itself switched the component off."""
 
 
@@ -70,7 +70,7 @@ class OwnCell(Cell, Protocol):
 class NoFaults:
     """A component that has no faults of its own: every person's command counts."""
 
-    void = spared = 0
+    valid_from = exempt_origin = 0
 
     def fault(self) -> None:
         """See OwnCell."""
@@ -134,29 +134,29 @@ class FaultCell:
         """`faults` is attached with write; KeyError when it has no such component."""
         self._page = faults
         self._count, self._fault, self._void = faults.cell(component)
-        self.void: int = faults.words[self._void]
-        self.spared = 0
+        self.valid_from: int = faults.words[self._void]
+        self.exempt_origin = 0
 
     def fault(self) -> None:
         """See OwnCell."""
         self._next(0)
-        self._page.words[self._fault] = self.void
+        self._page.words[self._fault] = self.valid_from
 
     def switched_off(self, origin: int) -> None:
         """See OwnCell."""
         self._next(origin)
 
-    def _next(self, spared: int) -> None:
+    def _next(self, exempt_origin: int) -> None:
         words = self._page.words
         words[self._count] = words[self._count] + 1 & WORD  # F1
-        self.spared = spared
-        self.void = words[self._void] = self._page.generation()  # F2
+        self.exempt_origin = exempt_origin
+        self.valid_from = words[self._void] = self._page.generation()  # F2
 
 
 class Watched:
-    """The last fault of some components, for whoever works with them: a Cell whose `void` others move."""
+    """The last fault of some components, for whoever works with them: a Cell whose `valid_from` others move."""
 
-    spared = 0
+    exempt_origin = 0
 
     def __init__(self, faults: Faults, components: Sequence[str]) -> None:
         """Names that are no components of ours have no faults: third-party program."""
@@ -164,7 +164,7 @@ class Watched:
         self._places = [faults.cell(name)[1] for name in components if name in faults.components]
 
     @property
-    def void(self) -> int:
+    def valid_from(self) -> int:
         """What was asked for in an earlier generation counts for nothing."""
         words = self._words
         return max([words[at] for at in self._places], default=0)

@@ -16,7 +16,7 @@ LATE_NS: Final = 1_000_000_000
 
 def authorizes(origin: Origin, cell: Cell) -> bool:
     """Whether this is an operator's command, given since the last fault or power-off of the cell's component."""
-    return bool(origin.id) and (origin.generation >= cell.void or origin.id == cell.spared)
+    return bool(origin.id) and (origin.generation >= cell.valid_from or origin.id == cell.exempt_origin)
 
 
 def unauthorized(row: CommandRow, text: str, values: Numbers, origin: Origin, cell: Cell | None) -> str:

@@ -271,7 +271,7 @@ class Mailbox:
             received = Received(self, place, self._table[code], head, raw, values)
             guard = self._guard
             if (self._is_plain[place][code] and sent_ns >= self._stopped_ns and self._now_ns - sent_ns <= LATE_NS
-                    and (guard is None or (origin and generation >= guard.void))):
+                    and (guard is None or (origin and generation >= guard.valid_from))):
                 return received
             objection = self._stopped(received) or self._guarded(received, self._now_ns - sent_ns)
             if not objection:

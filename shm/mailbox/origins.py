@@ -68,7 +68,7 @@ def program_name() -> str:
     """What this process was called as: "trocar send", "plan.py", "python"."""
     path = Path(sys.argv[0] if sys.argv else "")
     name = path.parent.name if path.name == "__main__.py" else path.name  # of python -m NAME
-    if name in ("trocar", "tools"):
+    if name == "trocar":
         verb = next((word for word in sys.argv[1:] if not word.startswith("-")), "")
         return f"trocar {verb}".strip()
     return name if name not in ("", "-c", "-m") else "python"

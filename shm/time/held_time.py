@@ -58,7 +58,7 @@ class HeldTime(Steps):
         self._fence()
         self._wake(self.table.members.index(member))
 
-    def wish_ns(self, member: str) -> int:
+    def wake_ns(self, member: str) -> int:
         """When a member wants to go on."""
         return self.words[self._next[self.table.members.index(member)]]
 

@@ -11,15 +11,15 @@ import numpy as np
 from tests.arm.arm_configs import fixed_arm
 from tests.arm.fake_requests import PERSON, FakeReports, FakeRequest
 from tests.guarded import FakeCell, Guarded
-from trocar.procs.arm.arm import ArmLogic, Surroundings
+from trocar.procs.arm.arm import ArmContext, ArmLogic
 from trocar.procs.arm.psm.detection import ToolReading
 from trocar.procs.arm.psm.psm import PsmLogic
 from trocar.procs.document.system import ArmConfig
-from trocar.procs.io.arm_requests import WishCommand, WishState
+from trocar.procs.io.arm_requests import DesiredCommand, DesiredProgress
 from trocar.procs.node.fault_report import FaultReport
 from trocar.procs.tables import codes
 from trocar.procs.tables.arm_types import ARM_TYPES
-from trocar.procs.tables.desired_state import SETTINGS, WISHES
+from trocar.procs.tables.desired_state import DESIRED_STATES, SETTINGS
 from trocar.shm.mailbox.client import Reply
 from trocar.shm.mailbox.guard import unauthorized
 from trocar.shm.mailbox.origins import Origin
@@ -74,7 +74,7 @@ class FakeIo(Guarded):
         self._replies: list[Reply] = []
         self._queue: list[tuple[int, str, tuple[float, ...]]] = []
         self._power_left = self._bias_left = 0
-        self._looked_at: set[str] = set()  # commands that the newest wishes came to
+        self._looked_at: set[str] = set()  # commands that the newest desired states came to
         self._had_fault = False
         self.reader = f"{name}_dallas"
         self.memory, self.reading = "", ToolReading()
@@ -113,9 +113,9 @@ class FakeIo(Guarded):
         return replies
 
     def void(self, reason: str = "") -> None:
-        """A fault or a person came after the newest wishes."""
-        self.flag("wish_void", True)
-        self.flag("wish_refused", reason.encode())
+        """A fault or a person came after the newest desired states."""
+        self.flag("desired_void", True)
+        self.flag("desired_refused", reason.encode())
 
     def drop_power(self) -> None:
         """What a watchdog or a supply does."""
@@ -143,39 +143,41 @@ class FakeIo(Guarded):
                 self._do(name, values)
                 self._replies.append(Reply(number, "done", ""))
         self._queue.clear()
-        self._look_at_wishes(setpoint)
+        self._look_at_desired_states(setpoint)
         self._power_and_bias()
         self._control(setpoint)
         self.stamp_ns = now_ns
         self.record.set("valid", not self.blind)
         self.record.set("robot_valid", not self.blind)
 
-    def _look_at_wishes(self, setpoint: View) -> None:
+    def _look_at_desired_states(self, setpoint: View) -> None:
         """Each that is not so is carried out, unless it is `refuses`d; of `loses` the record is overlooked."""
         if self.flag("fault") and not self._had_fault:
             self.void()
         self._had_fault = bool(self.flag("fault"))
-        generation = int(setpoint["wish_generation"].item())
-        if generation not in (0, self.flag("wish_generation")):
-            self.flag("wish_generation", generation)
-            self.flag("wish_void", False)
-            self.flag("wish_refused", b"")
+        generation = int(setpoint["desired_generation"].item())
+        if generation not in (0, self.flag("desired_generation")):
+            self.flag("desired_generation", generation)
+            self.flag("desired_void", False)
+            self.flag("desired_refused", b"")
             self._looked_at.clear()
-        if not generation or self.flag("wish_void"):
+        if not generation or self.flag("desired_void"):
             return
-        origin = Origin(int(setpoint["wish_origin"]), int(setpoint["wish_since"]), setpoint.text("wish_program"))
+        origin = Origin(int(setpoint["desired_origin"]), int(setpoint["desired_since"]),
+                        setpoint.text("desired_program"))
         refused = ""
-        for wish in WISHES:
-            wanted = int(setpoint[wish.field].item())
-            if wanted and bool(self.flag(wish.shown)) is not (wanted == 2):
-                name, values = wish.on if wanted == 2 else wish.off
+        for desired in DESIRED_STATES:
+            wanted = int(setpoint[desired.field].item())
+            if wanted and bool(self.flag(desired.shown)) is not (wanted == 2):
+                name, values = desired.on if wanted == 2 else desired.off
                 if self.loses.get(name, 0) > 0:
                     self.loses[name] -= 1
                     return
                 if name not in self._looked_at:
                     self._looked_at.add(name)
                     self.sent.append((name, values))
-                asked = WishCommand(self.name, (name, values), generation, origin, WishState(), lambda *said: None)
+                asked = DesiredCommand(self.name, (name, values), generation, origin, DesiredProgress(),
+                                       lambda *said: None)
                 if name in self.refuses:
                     refused = self.refuses[name]
                 elif name not in SETTINGS and (
@@ -183,7 +185,7 @@ class FakeIo(Guarded):
                     self.refused.append(f"{name} {values}: {refused}")
                 else:
                     self._do(name, values)
-        self.flag("wish_refused", refused.encode())
+        self.flag("desired_refused", refused.encode())
 
     def _do(self, name: str, values: tuple[float, ...]) -> None:
         match name:
@@ -278,7 +280,7 @@ class ArmHarness:
     def start_arm(self) -> None:
         """A new arm process on the records as they are."""
         self.reports = FakeReports()
-        self.arm = self.kind(self.document, Surroundings(
+        self.arm = self.kind(self.document, ArmContext(
             self.io.record.field, 1, 2, self.inputs, self.has_brakes, self.io, self.state.field, self.setpoint.field,
             self.reports, lambda code: FaultReport(codes.IO_FAULT, f"fault number {code}"),
             gripper=0 if self.document.gripper else -1, reading=lambda: self.io.reading))
@@ -292,7 +294,7 @@ class ArmHarness:
         self.now_ns += self.period_ns
         for request in requests:
             if request.origin is PERSON:
-                request.origin = Origin(PERSON.id, self.io.cell.void, PERSON.program)
+                request.origin = Origin(PERSON.id, self.io.cell.valid_from, PERSON.program)
         self.io.cycle(self.now_ns, self.setpoint)
         self.arm.step(self.now_ns, self.io.stamp_ns, self.io.epoch, requests)
 

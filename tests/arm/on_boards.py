@@ -11,11 +11,11 @@ from tests.arm.fake_io import Record
 from tests.arm.fake_requests import FakeReports, FakeRequest
 from tests.arm.test_kinematic_arm import Order
 from tests.io.boards_harness import BoardsHarness
-from trocar.procs.arm.arm import ArmLogic, Surroundings
+from trocar.procs.arm.arm import ArmContext, ArmLogic
 from trocar.procs.arm.effort_limits import motor_efforts
 from trocar.procs.arm.loop import gripper_in, place_in
 from trocar.procs.document.system import SystemConfig
-from trocar.procs.io.setpoint_tracker import WishFields
+from trocar.procs.io.setpoint_tracker import DesiredFields
 from trocar.procs.node.fault_report import FaultReport
 from trocar.procs.tables import codes
 from trocar.procs.tables.arm_types import ARM_TYPES, class_of
@@ -37,7 +37,7 @@ class OnBoards:
         self.source = self.harness.arms[self.document.robot]
         for field in SETPOINTS:
             setattr(self.source, field, self.setpoint[field])
-        self.source.wishes = WishFields(self.setpoint.field)
+        self.source.desired = DesiredFields(self.setpoint.field)
         self.place, first = place_in(self.harness.io, self.document)
         self.axes = slice(first, first + len(self.harness.io.robots[self.place].actuators))
         self.period_s = self.harness.io.period_s
@@ -50,7 +50,7 @@ class OnBoards:
         """A new arm process on the records as they are."""
         io, robot = self.harness.io, self.harness.io.robots[self.place]
         self.reports = FakeReports()
-        self.arm: Any = class_of(ARM_TYPES[self.document.type].process, ArmLogic)(self.document, Surroundings(
+        self.arm: Any = class_of(ARM_TYPES[self.document.type].process, ArmLogic)(self.document, ArmContext(
             lambda name: getattr(self.io, name), self.place, self.axes.start,
             {row.name: i for i, row in enumerate(io.digital_inputs)}, bool(robot.brakes), self, self.state.field,
             self.setpoint.field, self.reports, lambda code: FaultReport(codes.IO_FAULT, f"fault number {code}"),

@@ -13,7 +13,7 @@ pytestmark = pytest.mark.slow
 WAY = ["CALIBRATING_ENCODERS_FROM_POTS", "ENCODERS_BIASED", "HOMING"]
 TOLERANCE = 0.0524  # rad and m, of every joint
 
-# system file, arm, most s from the wish for power to HOMED; masters are in test_master_on_boards.py
+# system file, arm, most s from the desired state for power to HOMED; masters are in test_master_on_boards.py
 ARMS = (
     ("jhu-dVRK/system-PSM1", "PSM1", 8.0), ("jhu-daVinci/system-ECM", "ECM", 10.0),
     ("jhu-daVinci-Si/system-PSM1", "PSM1", 10.0), ("jhu-daVinci-Si/system-ECM", "ECM", 10.0),

@@ -8,15 +8,15 @@ from tests.arm.fake_io import ArmHarness
 from tests.arm.fake_requests import PERSON, FakeRequest
 from tests.arm.test_kinematic_arm import KinematicPair, Order
 from trocar.procs.tables.codes import BAD_READS
-from trocar.procs.tables.desired_state import NONE, OFF, ON, WISHES
+from trocar.procs.tables.desired_state import DESIRED_STATES, NONE, OFF, ON
 
 
 def wanted(harness: ArmHarness) -> dict[str, int]:
-    return {wish.name: code for wish in WISHES if (code := int(harness.setpoint[wish.field])) != NONE}
+    return {desired.name: code for desired in DESIRED_STATES if (code := int(harness.setpoint[desired.field])) != NONE}
 
 
 def generation(harness: ArmHarness) -> int:
-    return int(harness.setpoint["wish_generation"])
+    return int(harness.setpoint["desired_generation"])
 
 
 def test_a_new_arm_wants_nothing() -> None:
@@ -30,7 +30,7 @@ def test_only_power_that_is_asked_for_is_wanted() -> None:
     harness.io.power_cycles = 100
     harness.reach("POWERING")
     assert wanted(harness)["power"] == ON and wanted(harness)["pid"] == OFF
-    assert int(harness.setpoint["wish_origin"]) == PERSON.id
+    assert int(harness.setpoint["desired_origin"]) == PERSON.id
     harness.reach("ENABLED")
     harness.step()
     assert "power" not in wanted(harness), "that power goes is a fault from here on"
@@ -44,7 +44,7 @@ def test_generations_count_changes_and_not_cycles() -> None:
     harness = ArmHarness().homed()
     before = generation(harness)
     harness.run(0.5)
-    assert generation(harness) == before and int(harness.io.flag("wish_generation")) == before
+    assert generation(harness) == before and int(harness.io.flag("desired_generation")) == before
     harness.state_command("pause")
     assert generation(harness) == before + 1, "a person's command makes all count anew"
 
@@ -59,7 +59,7 @@ def test_generations_go_on_from_1_after_the_largest() -> None:
     for word in ("pause", "resume", "pause"):
         harness.state_command(word)
         harness.step()
-        seen.append((generation(harness), int(harness.io.flag("wish_generation"))))
+        seen.append((generation(harness), int(harness.io.flag("desired_generation"))))
     assert seen == [(2**32 - 1, 2**32 - 1), (1, 1), (2, 2)]
 
 
@@ -68,11 +68,11 @@ def test_a_restarted_arm_begins_with_generation_0_and_goes_on_above_its_predeces
     before = generation(harness)
     harness.io.void()
     harness.start_arm()
-    assert generation(harness) == 0 and not wanted(harness) and not harness.setpoint["wish_origin"]
+    assert generation(harness) == 0 and not wanted(harness) and not harness.setpoint["desired_origin"]
     harness.run(0.1)
     assert harness.arm.state == "HOMED" and generation(harness) > before
     assert not {"power",
-                "pid"} & set(wanted(harness)) and not harness.setpoint["wish_origin"], "nobody has asked for these"
+                "pid"} & set(wanted(harness)) and not harness.setpoint["desired_origin"], "nobody has asked for these"
 
 
 def test_power_that_a_person_takes_back_is_not_asked_for_again() -> None:
@@ -94,7 +94,7 @@ def test_a_fault_of_an_arm_without_power_does_not_keep_it_from_a_new_command() -
     harness.run(0.1)
     harness.io.flag("fault", BAD_READS.number)
     harness.run(1.0)
-    assert harness.io.flag("fault") == BAD_READS.number and harness.io.flag("wish_void")
+    assert harness.io.flag("fault") == BAD_READS.number and harness.io.flag("desired_void")
     harness.state_command("enable")
     harness.until(lambda: harness.arm.state == "ENABLED", 1.0)
     assert harness.io.flag("fault") == 0
@@ -112,7 +112,7 @@ def test_what_a_person_takes_from_a_played_robot_is_not_given_back(state: str, n
     pair.run(0.02)
     pair.orders.append(Order(1, name, () if name == "servo_zero" else (0.0,), "PSM1", []))
     pair.step()
-    assert pair.record.wish_void[0] and not pair.record.pid_enabled[0]
+    assert pair.record.desired_void[0] and not pair.record.pid_enabled[0]
     powered = bool(pair.record.power_requested[0])
     assert powered is (name != "power_off")
     pair.run(5.0)

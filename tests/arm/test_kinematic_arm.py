@@ -11,14 +11,14 @@ import pytest
 from tests.arm.fake_io import Record
 from tests.arm.fake_requests import PERSON, FakeReports, FakeRequest
 from tests.command_rows import row_named
-from trocar.procs.arm.arm import ArmLogic, Surroundings
+from trocar.procs.arm.arm import ArmContext, ArmLogic
 from trocar.procs.arm.ecm import EcmLogic
 from trocar.procs.arm.psm.psm import PsmLogic
 from trocar.procs.config import PROJECT_CONFIGS, load_system
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.io.kinematic import KinematicIo
 from trocar.procs.io.record import IoRecord as IoRecord
-from trocar.procs.io.setpoint_tracker import WishFields
+from trocar.procs.io.setpoint_tracker import DesiredFields
 from trocar.procs.tables.arm_types import ARM_TYPES
 from trocar.shm.mailbox.client import Reply
 from trocar.shm.mailbox.origins import SenderId
@@ -41,7 +41,7 @@ class Source:
         for name in ("mode", "has_velocity", "count", "in_effort", "bias_generation", "pid_generation", "position",
                      "velocity", "effort", "feed_forward"):
             setattr(self, name, record[name])
-        self.wishes = WishFields(record.field)
+        self.desired = DesiredFields(record.field)
 
     def newest(self) -> bool:
         return self.stamp_ns != 0
@@ -91,7 +91,7 @@ class KinematicPair:
 
     def start_arm(self) -> None:
         self.reports = FakeReports()
-        self.arm: ArmLogic | None = self.kind(self.document, Surroundings(
+        self.arm: ArmLogic | None = self.kind(self.document, ArmContext(
             self.memory.field, 0, 0, {}, False, self, self.state.field, self.setpoint.field, self.reports, str))
 
     def send(self, name: str, values: Any, text: str) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.arm.fake_io import AXES, PERIOD_NS, ArmHarness, View
-from trocar.procs.arm.arm import Surroundings
+from trocar.procs.arm.arm import ArmContext
 from trocar.procs.arm.loop import LastGood
 from trocar.procs.arm.psm.psm import PsmLogic
 from trocar.procs.node.fault_report import FaultReport
@@ -42,7 +42,7 @@ class TornHarness(ArmHarness):
             view[name][2:] = value
         self.io.record = view
         super().start_arm()
-        self.arm = PsmLogic(self.document, Surroundings(
+        self.arm = PsmLogic(self.document, ArmContext(
             self.seen.field, 1, 2, {}, False, self.io, self.state.field, self.setpoint.field, self.reports,
             lambda code: FaultReport(codes.IO_FAULT, f"fault number {code}")))
 

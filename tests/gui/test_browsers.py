@@ -289,7 +289,7 @@ def test_what_comes_late_is_not_done_unless_it_stops(world: World, message: dict
 
 
 @pytest.mark.parametrize("tick", [{}, {"tick": 0}, {"tick": 1 << 40}])
-def test_a_wish_without_a_tick_that_was_heard_counts_as_old(world: World, tick: dict[str, int]) -> None:
+def test_a_desired_state_without_a_tick_that_was_heard_counts_as_old(world: World, tick: dict[str, int]) -> None:
     async def story(console: Console) -> None:
         browser, page = console.page()
         await console.tick()
@@ -315,7 +315,7 @@ def test_what_was_wished_before_a_fault_is_said_to_be_from_before(world: World) 
         browser.handle(json.dumps({**MOVE, "tick": before + 1}))
         given = []
         for command in console.robot.mailbox.drain():
-            given.append(command.origin.generation >= arm.void)
+            given.append(command.origin.generation >= arm.valid_from)
             console.robot.mailbox.reply(command, 3, "")
         assert given == [False, False, False, True]
 

@@ -34,7 +34,7 @@ class HashedArm:
         self.host, self.arm = host, arm
         self.client, self._hash = host.client(arm), hashlib.sha256()
         self._readers: list[RingReader] = [host.reader(arm), host.reader(arm, "setpoint")]
-        self._origin = self._readers[1].field("wish_origin")  # whose command it was: another one each time
+        self._origin = self._readers[1].field("desired_origin")  # whose command it was: another one each time
         self.outcomes: dict[int, str] = {}
 
     def run(self, seconds: float) -> None:

@@ -25,9 +25,9 @@ from trocar.procs.fpga import blocks, registers
 from trocar.procs.io.bus.port import BoardInfo, Counters
 from trocar.procs.io.cycle import RobotIo
 from trocar.procs.io.record import IoRecord, private
-from trocar.procs.io.setpoint_tracker import SetpointSource, WishFields
+from trocar.procs.io.setpoint_tracker import DesiredFields, SetpointSource
 from trocar.procs.native.progress import BAD, NONE
-from trocar.procs.tables.desired_state import WISHES
+from trocar.procs.tables.desired_state import DESIRED_STATES
 from trocar.shm.mailbox.origins import Origin, SenderId
 from trocar.shm.topics import SETPOINT
 
@@ -229,16 +229,16 @@ class FakeSource:
         self.bias_generation, self.pid_generation = np.array(0), np.array(0)
         self.position, self.velocity, self.effort, self.feed_forward = (np.zeros(8) for _ in range(4))
         self.wished = private(SETPOINT, {})
-        self.wishes = WishFields(self.wished)
+        self.desired = DesiredFields(self.wished)
 
-    def wish(self, origin: Origin | None = None, **wanted: int) -> None:
+    def want(self, origin: Origin | None = None, **wanted: int) -> None:
         """Another generation: 0 none, 1 off, 2 on of the table's names; those not named are none."""
-        for wish in WISHES:
-            self.wished(wish.field)[...] = wanted.get(wish.name, 0)
-        self.wished("wish_generation")[...] += 1
+        for desired in DESIRED_STATES:
+            self.wished(desired.field)[...] = wanted.get(desired.name, 0)
+        self.wished("desired_generation")[...] += 1
         origin = origin or PERSON
-        self.wished("wish_origin")[...], self.wished("wish_since")[...] = origin.id, origin.generation
-        self.wished("wish_program")[...] = origin.program.encode()
+        self.wished("desired_origin")[...], self.wished("desired_since")[...] = origin.id, origin.generation
+        self.wished("desired_program")[...] = origin.program.encode()
 
     def newest(self) -> bool:
         return self.stamp_ns != 0

@@ -24,10 +24,10 @@ def test_a_fault_with_power_on_voids_what_was_asked_for_before() -> None:
     made, cell = harness()
     assert asked(made, "power_on", 0) == "accepted"
     made.run_s(1.0)
-    assert made.record.amps_on[0] and cell.void == 0
+    assert made.record.amps_on[0] and cell.valid_from == 0
     made.core.reports.trip(codes.POWER_LOST, 0)
     made.run()
-    assert cell.void == 1 and not made.record.power_requested[0]
+    assert cell.valid_from == 1 and not made.record.power_requested[0]
     assert asked(made, "power_on", 0) == "refused" and asked(made, "bias_encoders", 0, 10.0) == "refused"
     assert asked(made, "power_off", 0) == "done" and asked(made, "pid_enable", 0, 0.0) == "done"
     assert asked(made, "power_on", 1) == "accepted"
@@ -38,4 +38,4 @@ def test_power_that_does_not_come_may_be_asked_for_once_more() -> None:
     asked(made, "power_on", 0)
     made.core.reports.trip(codes.POWER_TIMEOUT, 0)
     made.run()
-    assert cell.void == 0 and asked(made, "power_on", 0) == "accepted"
+    assert cell.valid_from == 0 and asked(made, "power_on", 0) == "accepted"

@@ -28,7 +28,7 @@ FIELDS = (
     "valid", "robot_valid", "power_requested", "powered", "amps_on", "watchdog", "power_fault", "relay", "biased",
     "biasing", "bias_generation", "brakes_released", "pot_check", "pid_enabled", "pid_generation", "limits_enforced",
     "tracking_check", "use_setpoint_velocity", "holding", "fault", "effort_mode", "at_limit", "setpoint_position",
-    "setpoint_velocity", "setpoint_effort", "position_error", "amp_enabled", "wish_void", "wish_refused",
+    "setpoint_velocity", "setpoint_effort", "position_error", "amp_enabled", "desired_void", "desired_refused",
 )
 ASKED: tuple[tuple[str, tuple[float, ...]], ...] = (
     *((("power_on", ()), ("pid_enable", (1.0,))) * 4), ("power_off", (0.0,)), ("power_off", (1.0,)),
@@ -208,7 +208,7 @@ def test_a_calm_cycle_is_one_call_and_step_by_step_would_do_the_same(monkeypatch
     for _ in range(STEPS):
         play.step()
     assert {DECODED, CHECKED, READY} <= set(ends) and ends.count(READY) > STEPS // 2
-    monkeypatch.setattr(RobotIo, "_is_calm", lambda core: False)
+    monkeypatch.setattr(RobotIo, "_is_steady_state", lambda core: False)
     patient = IoPlay(braked(), "braked")
     for _ in range(STEPS):
         patient.step()

@@ -41,7 +41,7 @@ def test_boards_are_found_with_their_nature():
     assert port.blocks.shape == (3, 32) and port.out.shape == (3, 5)
 
 
-def test_a_bus_can_be_listed_without_wishes(two_nodes):
+def test_a_bus_can_be_listed_without_desired_states(two_nodes):
     boards = [StubBoard(4, 0), StubBoard(9, 1, hardware=DQLA)]
     with StubBus(boards) as bus, port_to(bus, ()) as port:
         assert [(i.board, i.hardware) for i in port.discover()] == [(4, "QLA1"), (9, "DQLA")]

@@ -55,7 +55,7 @@ class BothKinematic(Both):
         """The same in all that the kernel works on, and in what is published."""
         one, other = (stand.record for stand in self.stands)
         super().compare()
-        for name in ("position", "velocity", "setpoint_position", "setpoint_effort", "powered", "wish_generation"):
+        for name in ("position", "velocity", "setpoint_position", "setpoint_effort", "powered", "desired_generation"):
             assert np.array_equal(bits(getattr(one, name)), bits(getattr(other, name))), name
 
 

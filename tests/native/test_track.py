@@ -62,8 +62,8 @@ class Both:
             if odd:
                 field(name)[rng.integers(8)] = rng.choice(ODD)
         if rng.random() < 0.1:
-            field("wish_generation")[...] = rng.integers(0, 4)
-            field("wish_pid")[...] = rng.integers(0, 3)
+            field("desired_generation")[...] = rng.integers(0, 4)
+            field("desired_pid")[...] = rng.integers(0, 3)
         late = int(rng.choice((0, 100_000, 100_000, 100_000, 40_000_000, -1_000_000, -90_000_000)))
         writer.publish(self.stands[0].clock.ns + PERIOD_NS - (late if odd else 100_000))
 

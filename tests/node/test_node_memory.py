@@ -10,7 +10,7 @@ import pytest
 from tests.conftest import World
 from trocar.procs.document.system import Process, SystemConfig
 from trocar.procs.document.user_process import UserField, UserProcess, UserTopic
-from trocar.procs.node.node_memory import OwnMemory
+from trocar.procs.node.node_memory import NodeMemory
 from trocar.procs.supervisor.memory import create_all
 from trocar.shm.time.clock import monotonic_ns
 
@@ -19,26 +19,26 @@ ROWS = (Process("mine", "user", 0.01), Process("asleep", "user", 0.01, start="on
 
 
 @pytest.fixture
-def two(world: World) -> Iterator[tuple[OwnMemory, OwnMemory]]:
+def two(world: World) -> Iterator[tuple[NodeMemory, NodeMemory]]:
     """One that runs, and one on demand."""
     users = (DECLARED, dataclasses.replace(DECLARED, name="asleep"))
     system = SystemConfig(world.name, "a test", "wall", (), (), None, ROWS, users=users)
     create_all(system)
-    made = [OwnMemory(system, name, monotonic_ns) for name in ("mine", "asleep")]
+    made = [NodeMemory(system, name, monotonic_ns) for name in ("mine", "asleep")]
     yield made[0], made[1]
     for each in made:
         each.leave()
     world.remove()
 
 
-def wanted(memory: OwnMemory) -> list[str]:
+def wanted(memory: NodeMemory) -> list[str]:
     """Topics of it that somebody subscribes to."""
     memory.subscriptions.look()
     names = ("depth", "events", "audit")
     return [name for name in names if memory.subscriptions.wanted & memory.subscriptions.bits(name)]
 
 
-def test_who_reads_of_it_is_its_subscriber(two: tuple[OwnMemory, OwnMemory]) -> None:
+def test_who_reads_of_it_is_its_subscriber(two: tuple[NodeMemory, NodeMemory]) -> None:
     mine, asleep = two
     assert mine.input("asleep", "depth").ring.dtype.names == ("sequence", "stamp_ns", "x")
     assert wanted(asleep) == ["depth"]
@@ -50,7 +50,7 @@ def test_who_reads_of_it_is_its_subscriber(two: tuple[OwnMemory, OwnMemory]) -> 
     assert wanted(asleep) == ["depth"]
 
 
-def test_who_only_repeats_its_messages_is_not(two: tuple[OwnMemory, OwnMemory]) -> None:
+def test_who_only_repeats_its_messages_is_not(two: tuple[NodeMemory, NodeMemory]) -> None:
     mine, asleep = two
     mine.reads("asleep", "events", counts=False)
     mine.reads("supervisor", "state")

@@ -8,7 +8,7 @@ import pytest
 
 from tests.rl.running import HostTime, home
 from trocar.procs.host.host import HISTORY, Host
-from trocar.procs.node import node_memory as own_memory
+from trocar.procs.node import node_memory as node_memory
 from trocar.procs.rl import attached
 from trocar.procs.rl.systems import document
 from trocar.shm.mailbox.audit import Audit
@@ -19,7 +19,7 @@ def system(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Host]]:
     """A running system of this file, nothing of it powered; of streams only their beginnings are in its audits."""
     hosts: list[Host] = []
 
-    monkeypatch.setattr(own_memory, "Audit", lambda ring, now_ns, every: Audit(ring, now_ns))
+    monkeypatch.setattr(node_memory, "Audit", lambda ring, now_ns, every: Audit(ring, now_ns))
 
     def up(file: str, backend: str = "kinematic", history: int = HISTORY) -> Host:
         hosts.append(Host(document(file, backend, 0.002, 0.002), history))

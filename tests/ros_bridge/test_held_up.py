@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from trocar.procs.ros_bridge import loop
-from trocar.procs.ros_bridge.carrying_out import RosWish
+from trocar.procs.ros_bridge.carrying_out import PendingCommand
 from trocar.procs.ros_bridge.loop import DEAF_NS, STREAM_NS, RosLoop
 
 MS_NS = 1_000_000
@@ -40,8 +40,9 @@ class StoppedBridge:
         self.now_ns += MS_NS + self.pauses.pop(where, 0)
         return result
 
-    def _take(self) -> list[RosWish]:
-        return self._spend("take", [RosWish(what == GOAL, partial(self._carry_out, what)) for what in (GOAL, MOVE)])
+    def _take(self) -> list[PendingCommand]:
+        came = [PendingCommand(what == GOAL, partial(self._carry_out, what)) for what in (GOAL, MOVE)]
+        return self._spend("take", came)
 
     def _carry_out(self, what: str) -> None:
         self.done.append(what)

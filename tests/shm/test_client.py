@@ -285,7 +285,7 @@ def test_what_is_no_stop_and_what_is_no_command_is_told_as_such(box: Mailbox, op
 
 
 @pytest.mark.parametrize(("words", "called"), [
-    (["/usr/bin/trocar", "send", "PSM1", "hold"], "trocar send"), (["/x/tools/__main__.py", "down"], "trocar down"),
+    (["/usr/bin/trocar", "send", "PSM1", "hold"], "trocar send"), (["/x/trocar/__main__.py", "down"], "trocar down"),
     (["/x/trocar", "--help"], "trocar"), (["/home/me/plan.py", "fast"], "plan.py"), (["-c"], "python"),
     ([""], "python"), ([], "python"),
 ])

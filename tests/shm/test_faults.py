@@ -31,21 +31,21 @@ def page(system: str) -> Iterator[Faults]:
 
 def test_a_fault_voids_what_was_given_before_it_and_nothing_later(page: Faults) -> None:
     cell, before = FaultCell(page, "PSM1"), page.generation()
-    assert before >= cell.void
+    assert before >= cell.valid_from
     cell.fault()
-    assert before < cell.void <= page.generation()
+    assert before < cell.valid_from <= page.generation()
 
 
 def test_a_fault_of_one_component_leaves_the_others_alone(page: Faults) -> None:
     one, other, before = FaultCell(page, "PSM1"), FaultCell(page, "PSM2"), page.generation()
     one.fault()
-    assert before >= other.void and page.void("PSM2") == 0
+    assert before >= other.valid_from and page.void("PSM2") == 0
 
 
 def test_a_successor_goes_on_with_the_cell_of_its_predecessor(page: Faults) -> None:
     FaultCell(page, "PSM1").fault()
     heir = FaultCell(page, "PSM1")
-    assert heir.void == 1 == page.void("PSM1")
+    assert heir.valid_from == 1 == page.void("PSM1")
 
 
 def test_what_is_no_component_is_refused_by_name(page: Faults) -> None:
@@ -58,7 +58,7 @@ def test_counters_that_somebody_has_scribbled_on_go_round(page: Faults) -> None:
     cell = FaultCell(page, "PSM1")
     page.words[page.cell("PSM1")[0]] = 2**64 - 1
     cell.fault()
-    assert cell.void == page.generation() == 0
+    assert cell.valid_from == page.generation() == 0
 
 
 def test_who_works_with_some_sees_their_last_fault_and_no_power_off(page: Faults) -> None:
@@ -66,9 +66,9 @@ def test_who_works_with_some_sees_their_last_fault_and_no_power_off(page: Faults
     cell, alone = FaultCell(page, "PSM1"), FaultCell(page, "IO1/PSM1")
     alone.fault()
     cell.switched_off(77)
-    assert watched.void == 0
+    assert watched.valid_from == 0
     cell.fault()
-    assert watched.void == cell.void == 3
+    assert watched.valid_from == cell.valid_from == 3
 
 
 def test_a_page_that_is_not_there_is_refused(world: World) -> None:

@@ -51,7 +51,7 @@ def test_time_goes_as_far_as_the_holder_says(world: Any, time_: Timekeeper) -> N
             assert held.run_until(EPOCH_NS + until, 20.0)
             time_.let_pass(0.005)
             assert held.now_ns() == EPOCH_NS + stands == time_.now_ns(), until
-            assert held.wish_ns("A") == EPOCH_NS + stands - stands % MS + MS
+            assert held.wake_ns("A") == EPOCH_NS + stands - stands % MS + MS
     world.until(lambda: time_.now_ns() > EPOCH_NS + 60 * MS, "time goes on")
     for child in list(world.children):
         world.kill(child)

@@ -178,8 +178,8 @@ class RandomWalk:
             self._until(lambda name=name: self._runs(name) is True, f"{name} was started and does not run")  # type: ignore[misc]
         self._nobody_wants_it()
         self._until(lambda: self._runs(WANTED) is False, f"{WANTED} runs though nobody wants it")
-        for wish in (lambda: self.clients[0].want(WANTED, "count"), lambda: self.clients[1].connect(self._port)):
-            wish()
+        for desired in (lambda: self.clients[0].want(WANTED, "count"), lambda: self.clients[1].connect(self._port)):
+            desired()
             self._until(lambda: self._runs(WANTED) is True, f"{WANTED} does not run though somebody wants it")
             self._nobody_wants_it()
             self._until(lambda: self._runs(WANTED) is False, f"{WANTED} runs though nobody wants it any more")

@@ -59,7 +59,7 @@ def visit(port: int, path: str) -> None:
         tick = 0
         for message in ASKED:
             link.send(json.dumps({**message, "tick": tick} if message["op"] in ("jog", "call") else message))
-            while message["op"] == "want" and not tick:  # wishes go with the newest one that the page has heard
+            while message["op"] == "want" and not tick:  # desired states go with the newest one that the page has heard
                 heard = json.loads(link.recv(30.0))
                 tick = heard["id"] if heard["op"] == "tick" else 0
         seen = 0

@@ -152,7 +152,7 @@ class CartPlay:
         requests = []
         if self.chance.random() < (0.04 if self.kind == CLASSIC else 0.2):
             name, values, text = self.chance.choice(ASKED)
-            origin = Origin(len(self.trace.lines) * self.chance.randrange(2), self.io.cell.void, "play")
+            origin = Origin(len(self.trace.lines) * self.chance.randrange(2), self.io.cell.valid_from, "play")
             requests.append(FakeRequest(name, values, text, origin=origin))
         if self.kind == CLASSIC and self.joints.machine.state in ("DISABLED", "FAULT") and self.chance.random() < 0.05:
             requests.append(FakeRequest("state_command", (), self.chance.choice(("home", "enable"))))

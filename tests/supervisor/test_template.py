@@ -107,7 +107,7 @@ def test_a_template_that_is_killed_or_stopped_is_replaced(
 def test_changed_sources_are_not_forked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     source = tmp_path / "module.py"
     source.write_text("")
-    monkeypatch.setattr(forked_off, "OURS", str(tmp_path))
+    monkeypatch.setattr(forked_off, "PACKAGE", tmp_path)
     monkeypatch.setitem(sys.modules, "module", type("Module", (), {"__file__": str(source)}))
     before = forked_off._stamps(forked_off._sources())
     assert before == forked_off._stamps(before) != {}

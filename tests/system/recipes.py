@@ -14,9 +14,8 @@ Recipe = Mapping[str, str | tuple[tuple[str, str], ...]]
 
 def tree_with(recipe: Recipe, folder: Path) -> Path:
     """The copy with these files in it; fails when a line that is looked for is not there once."""
-    for name in ("procs", "shm", "tools", "configs"):
-        shutil.copytree(ROOT / name, folder / name)  # with its bytecode, which each of many processes would make anew
-    shutil.copy(ROOT / "trocar.py", folder)
+    for name in ("procs", "shm", "tools", "configs", "trocar"):  # with bytecode, which each process would make again
+        shutil.copytree(ROOT / name, folder / name, symlinks=True)
     for name, written in recipe.items():
         path = folder / name
         if isinstance(written, str):

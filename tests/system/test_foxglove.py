@@ -149,11 +149,11 @@ def test_only_what_somebody_listens_to_is_asked_for(robot: Robot) -> None:
     for text in ("enable", "home"):
         robot.trocar("send", "PSM1", "state_command", text, "--wait")
     page = ControlPage(robot.name, "PSM1")
-    wishes = Subscriptions(page)
+    desired = Subscriptions(page)
 
     def wanted() -> int:
-        wishes.look()
-        return int(wishes.wanted)
+        desired.look()
+        return int(desired.wanted)
 
     assert not wanted()
     client.listen("/PSM1/spatial/jacobian", "/PSM1/operating_state")

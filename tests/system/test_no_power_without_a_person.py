@@ -1,4 +1,4 @@
-"""After a fault nothing powers, homes or moves until a person asks for it again: pedals and standing wishes don't."""
+"""After a fault nothing powers, homes or moves until a person asks again: pedals and desired states don't."""
 
 from __future__ import annotations
 

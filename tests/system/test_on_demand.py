@@ -19,7 +19,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.simulated]
 
 def test_the_first_subscriber_starts_it_and_the_last_one_stops_it(robot: Robot, tmp_path: Path) -> None:
     robot.root = tree_with(METRONOME, tmp_path / "tree")
-    manifest = robot.root / "procs" / "manifest.py"
+    manifest = robot.root / "procs" / "tables" / "manifest.py"
     manifest.write_text(manifest.read_text().replace('priority="least", woken=True, budget_us=100)', "woken=True)"))
     keys = ("start=on-demand", "linger_s=0.5")
     robot.up(ROOT / "configs" / "systems" / "kinematic.yaml",

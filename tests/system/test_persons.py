@@ -1,4 +1,4 @@
-"""After a fault nothing powers, homes or moves until a person asks for it: no pedal, no standing wish, no process."""
+"""After a fault nothing powers, homes or moves until a person asks: no pedal, no desired state, no process."""
 
 from __future__ import annotations
 

@@ -46,9 +46,9 @@ class ScriptedPage:
         self._heard.put(None)
 
     def say(self, op: str, **parts: Any) -> None:
-        """One message; what a person wishes goes with the newest tick that was heard."""
-        wish = {"tick": self.tick} if op in ("beat", "jog", "call") else {}
-        self.link.send(json.dumps({"op": op, **wish, **parts}))
+        """One message; what a person desired states goes with the newest tick that was heard."""
+        desired = {"tick": self.tick} if op in ("beat", "jog", "call") else {}
+        self.link.send(json.dumps({"op": op, **desired, **parts}))
 
     def hear(self, op: str) -> dict[str, Any]:
         """The next message of this kind."""

@@ -79,7 +79,7 @@ class FakeTeleopArm:
         self.origins: list[Origin] = []
         self.origin = NOBODY
         self.alive, self.obeys = True, True
-        self.void = 0
+        self.valid_from = 0
         """Commands of an earlier fault generation count for nothing."""
         self.refuses: dict[str, str] = {}
         self.says: dict[str, str] = {}
@@ -120,7 +120,7 @@ class FakeTeleopArm:
     def send(self, name: str, values: Any = (), text: str = "") -> int:
         self.sent.append((name, tuple(float(v) for v in values), text))
         number = len(self.sent)
-        reason = objection("arm", name, values, text, self.origin, self.void) or self.refuses.get(name, "")
+        reason = objection("arm", name, values, text, self.origin, self.valid_from) or self.refuses.get(name, "")
         if reason:
             self.answers.append(Answer(number, "refused", reason))
             return number

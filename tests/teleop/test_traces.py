@@ -51,7 +51,7 @@ class TeleopPlay:
 
     def __init__(self, harness: TeleopHarness, seed: str) -> None:
         self.harness, self.chance, self.trace = harness, Random(seed), Trace()
-        self.faults = SimpleNamespace(void=0, spared=0)
+        self.faults = SimpleNamespace(valid_from=0, exempt_origin=0)
         harness.faults = self.faults  # type: ignore[assignment]
         harness.start()
         for name, arm in harness.arms.items():
@@ -101,9 +101,9 @@ class TeleopPlay:
 
     def of_others(self) -> list[tuple[Callable[[], object], Callable[[], object]]]:
         def fault() -> None:
-            self.faults.void += 1
+            self.faults.valid_from += 1
             for arm in self.harness.arms.values():
-                arm.void = self.faults.void
+                arm.valid_from = self.faults.valid_from
 
         pairs: list[tuple[Callable[[], object], Callable[[], object]]] = [(fault, lambda: None)]
         harness, console, base = self.harness, self.harness.console, self.harness.base
@@ -138,7 +138,7 @@ class TeleopPlay:
         if self.chance.random() > 0.12:
             return []
         name, values, text = self.chance.choice(PERSONS)
-        origin = Origin(1 + len(self.trace.lines), self.faults.void, "play")
+        origin = Origin(1 + len(self.trace.lines), self.faults.valid_from, "play")
         return [FakeRequest(name, values, text, kind="teleop", origin=origin)]
 
     def step(self) -> None:

@@ -63,8 +63,8 @@ def test_echo_shows_null_where_nobody_computes_it(arm: Playing, monkeypatch: pyt
 
 
 def test_echo_of_other_things_wants_the_topic_alone(arm: Playing) -> None:
-    with open_topic(arm.scripted.name, "PSM1/measured_js") as source, OnDemand(arm.scripted.name, "PSM1") as wishes:
-        wishes.want(source)
+    with open_topic(arm.scripted.name, "PSM1/measured_js") as source, OnDemand(arm.scripted.name, "PSM1") as desired:
+        desired.want(source)
         arm.subscriptions.look()
         assert arm.subscriptions.wanted == arm.subscriptions.bits("state")
 

@@ -17,7 +17,7 @@ from trocar.tools.pages import errors as errors_page
 ROOT = errors_page.PAGE.parent.parent
 NAMES = {name: row for name, row in vars(codes).items() if isinstance(row, codes.Code)}
 # Who tells what is not named in the folder of a kind.
-ELSEWHERE = {"runtime.py": "any", "own_memory.py": "any", "client": "third_party", "faults.py": "arm",
+ELSEWHERE = {"runtime.py": "any", "node_memory.py": "any", "client": "third_party", "faults.py": "arm",
              "user_process.py": "user"}
 
 

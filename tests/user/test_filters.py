@@ -19,7 +19,7 @@ from trocar.procs.document.user_process import UserCommand, UserField, UserProce
 from trocar.procs.filters import hosted
 from trocar.procs.filters.hosted import HostedFilter, filter_in
 from trocar.procs.supervisor.memory import create_all
-from trocar.procs.user.process import OwnProcess
+from trocar.procs.user.process import UserNode
 from trocar.shm.mailbox.client import Client
 from trocar.shm.mailbox.origins import ACTING, NOBODY
 from trocar.shm.ring.ring import RingReader
@@ -38,7 +38,7 @@ ROWS = tuple(Row(name, "user", 0.002, start="elsewhere", restart_limit=2, backof
              for name in ("good", "bad"))
 
 
-class Good(OwnProcess):
+class Good(UserNode):
     count = 0
 
     def update(self) -> None:
@@ -89,7 +89,7 @@ class Lab:
         self.name, self.made = name, list[HostedFilter]()
         self.rings: list[RingReader] = []
 
-    def add(self, name: str, kind: type[OwnProcess], most_s: float = 5.0) -> RingReader:
+    def add(self, name: str, kind: type[UserNode], most_s: float = 5.0) -> RingReader:
         row = next(row for row in ROWS if row.name == name)
         self.made.append(HostedFilter(self.name, row, lambda: kind, most_s))
         self.rings.append(directory.reader(self.name, name, "count"))

@@ -20,7 +20,7 @@ from trocar.procs.document.user_process import Property, UserCommand, UserField,
 from trocar.procs.supervisor.memory import create_all
 from trocar.procs.user.classes import module_named
 from trocar.procs.user.loop import class_in
-from trocar.procs.user.process import OwnProcess
+from trocar.procs.user.process import UserNode
 from trocar.procs.user.subscription import Subscription
 from trocar.shm.mailbox.client import Client, MailboxFull
 from trocar.shm.mailbox.mailbox_map import COMMANDS_DEPTH
@@ -44,7 +44,7 @@ DECLARED = UserProcess(
 OTHER = dataclasses.replace(DECLARED, name="other")
 
 
-class Mine(OwnProcess):
+class Mine(UserNode):
     calls: list[object]
 
     def __init__(self, system: str, name: str) -> None:
@@ -364,7 +364,7 @@ def test_a_value_that_does_not_fit_is_told_with_its_field(make: Callable[..., Mi
 def test_a_module_has_one_class_or_a_function(tmp_path: Path) -> None:
     file = tmp_path / "lab_process_of_a_test.py"
     file.write_text("def main(process): process.calls = 'main'\n")
-    assert issubclass(class_in(module_named(str(file))), OwnProcess)
+    assert issubclass(class_in(module_named(str(file))), UserNode)
     file.write_text("import trocar\n")
     with pytest.raises(ImportError, match="0 subclasses"):
         class_in(module_named(str(file)))

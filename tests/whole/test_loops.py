@@ -189,7 +189,7 @@ def test_a_console_obeys_listens_and_publishes_in_each_cycle() -> None:
     assert any("was started again" in line for line in node.log)
 
 
-def test_a_fault_since_takes_the_wish_of_a_console_away() -> None:
+def test_a_fault_since_takes_the_desired_state_of_a_console_away() -> None:
     node = StubNode(consoles(), "console")
     loop = console_loop.ConsoleLoop(node)  # type: ignore[arg-type]
     node.requests = [FakeRequest("teleop_enable", (1.0,), origin=Origin(1, 3, "test"))]

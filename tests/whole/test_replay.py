@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from tests.arm.fake_io import Record, View
 from tests.arm.fake_requests import FakeReports, FakeRequest
 from tests.arm.test_kinematic_arm import Order, Source, kinematic_system
-from trocar.procs.arm.arm import Surroundings
+from trocar.procs.arm.arm import ArmContext
 from trocar.procs.arm.psm.psm import PsmLogic
 from trocar.procs.io.kinematic import KinematicIo
 from trocar.procs.io.record import IoRecord as IoRecord
@@ -68,7 +68,7 @@ class ArmAlone:
 
     def __init__(self, io: Record) -> None:
         self.setpoint, self.state = Record(SETPOINT), Record(ARM_STATE)
-        self.arm = PsmLogic(kinematic_system().arms[0], Surroundings(
+        self.arm = PsmLogic(kinematic_system().arms[0], ArmContext(
             io.field, 0, 0, {}, False, self, self.state.field, self.setpoint.field, FakeReports(),
             lambda number: FaultReport(codes.IO_FAULT, f"fault number {number}")))
 
@@ -155,7 +155,7 @@ def test_the_arm_gives_what_was_recorded(recorded: dict[str, NDArray[Any]]) -> N
 def test_the_recording_is_worth_it(recorded: dict[str, NDArray[Any]]) -> None:
     states = {state.decode() for state in recorded["sub_state"].tolist()}
     assert {"DISABLED", "ENABLED", "HOMING", "HOMED", "PAUSED", "FAULT"} <= states
-    assert len(np.unique(recorded["setpoint/wish_generation"])) > 10 and recorded["io/wish_void"].any()
+    assert len(np.unique(recorded["setpoint/desired_generation"])) > 10 and recorded["io/desired_void"].any()
     assert recorded["io/effort_mode"].any() and np.ptp(recorded["io/position"], axis=0).min() > 0.01
 
 

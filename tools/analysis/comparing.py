@@ -16,7 +16,8 @@ from trocar.tools.analysis.differences import TopicDifference, compared
 from trocar.tools.analysis.tolerances import AllowedDifference, tolerance_of
 from trocar.tools.output.printing import Say
 
-REAL_TIME: Final = ("monotonic_ns", "local_ns", "write_ns", "since_ns", "pid", "place", "id", "origin", "wish_origin")
+REAL_TIME: Final = ("monotonic_ns", "local_ns", "write_ns", "since_ns", "pid", "place", "id", "origin",
+                    "desired_origin")
 """Fields that are the clock on the wall's, or name a process and what it sent: no two runs have the same."""
 EQUAL, WITHIN, DIFFERENT = "equal", "within", "different"
 

@@ -35,7 +35,7 @@ AMPLITUDE: Final = (0.1, 0.1, 0.01, 0.2, 0.2, 0.2)
 STEPS_A_TURN: Final = 100
 HASHED_S: Final = 2.0
 DIGITS: Final = 16
-OURS: Final = ("wish_origin", "wish_program")  # by which process of which program a goal was given
+OURS: Final = ("desired_origin", "desired_program")  # by which process of which program a goal was given
 _numbers: Final = itertools.count()
 
 

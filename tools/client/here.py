@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import TypeVar
 
 from trocar.procs.tables.arm_types import ARM_TYPES, class_of
-from trocar.procs.user.process import OwnProcess
+from trocar.procs.user.process import UserNode
 from trocar.tools.client.arm import Arm
 from trocar.tools.client.consoles import Operated
 from trocar.tools.client.provider import Handler as Handler
@@ -19,7 +19,7 @@ from trocar.tools.client.system import attached, connected
 from trocar.tools.inspect.watch import arm_document
 from trocar.tools.systems.find import chosen_system
 
-Process = OwnProcess
+Process = UserNode
 Q = TypeVar("Q", bound=Operated)
 
 
@@ -38,7 +38,7 @@ def operated_here(made: type[Q], kind: str, name: str, system: str | None, timeo
     return connected(lambda: attached(kind, made, _chosen(system), name), timeout, name)
 
 
-def provide(name: str | OwnProcess, system: str | None = None, timeout: float = 5.0, *, rate: float = 200.0,
+def provide(name: str | UserNode, system: str | None = None, timeout: float = 5.0, *, rate: float = 200.0,
             commands: Mapping[str, Handler] | None = None, program: str = "") -> Provider:
     """Be the arm `name` of a _GENERIC type, or the buttons of a console, in a running system; see Provider.
 
@@ -47,7 +47,7 @@ def provide(name: str | OwnProcess, system: str | None = None, timeout: float = 
     `rate`: records a second that `tick` keeps to. `commands`: what it carries out, by name. `program`: its name.
     TimeoutError after `timeout` s when there is no such place; Problem at once when another program has it.
     """
-    if isinstance(name, OwnProcess):
+    if isinstance(name, UserNode):
         return Provider(name, commands, program)
     return connected(lambda: taken(_chosen(system), name, rate, commands, program), timeout, name)
 

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from trocar.procs.document.system import SystemConfig, ThirdParty, from_json
 from trocar.procs.kinematics.poses import POSE, check_matrix, compose, matrix_from_pose, normalised, pose_from_matrix
 from trocar.procs.tables import codes
-from trocar.procs.user.process import OwnProcess
+from trocar.procs.user.process import UserNode
 from trocar.shm.commands import COMMANDS
 from trocar.shm.mailbox.mailbox_map import COMMANDS_DEPTH
 from trocar.shm.mailbox.origins import SenderId
@@ -47,7 +47,7 @@ class Provider:
     system is `process`: claims, commands, periods and pauses are those of every process of a user's.
     """
 
-    def __init__(self, process: OwnProcess, commands: Mapping[str, Handler] | None = None, program: str = "") -> None:
+    def __init__(self, process: UserNode, commands: Mapping[str, Handler] | None = None, program: str = "") -> None:
         """In this process, which does not run yet; Problem when it has no such place, ValueError: no such command."""
         document, name = process.own.document, process.name
         self.process, self.name, self.system = process, name, process.system
@@ -242,7 +242,7 @@ def taken(system: str, name: str, rate: float, commands: Mapping[str, Handler] |
         raise Problem(f"system {system}: {error}") from None
     _places(document, name)
     _check_free(system, name)
-    process = OwnProcess(system, name, 1.0 / rate)
+    process = UserNode(system, name, 1.0 / rate)
     try:
         return Provider(process, commands, program)
     except BaseException:

@@ -136,7 +136,7 @@ class _Sender:
 
     def is_due(self, command: RecordedCommand) -> bool:
         """Its owner looks by itself at that instant."""
-        return self._held.wish_ns(command.instance) == command.instant_ns
+        return self._held.wake_ns(command.instance) == command.instant_ns
 
     def send(self, command: RecordedCommand, wake: bool = True) -> None:
         if command.origin not in self._numbers:

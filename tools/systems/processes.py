@@ -12,7 +12,7 @@ from trocar.shm.memory.segment import start_time
 
 SUPERVISOR = "supervisor"
 TERMINATE, KILL, CONTINUE = 15, 9, 18  # signals
-DOOR = re.compile(r"procs\.(\w+)\.loop")
+DOOR = re.compile(r"trocar\.procs\.(\w+)\.loop")
 
 
 @dataclass(frozen=True, slots=True)

@@ -51,7 +51,7 @@ def io_page(robots: Sequence[IoRobot], robot: IoRobot) -> None:
         with box("fault", data_show=f"{source}.fault"):
             live(f"{source}.cause", tag="p")
             live(f"{source}.remedy", tag="p", classes="remedy")
-        live(f"{source}.wish_refused", tag="p", classes="reason", data_show=f"{source}.wish_refused")
+        live(f"{source}.desired_refused", tag="p", classes="reason", data_show=f"{source}.desired_refused")
         _table(robot)
     with box("cards"):
         _power(robot)

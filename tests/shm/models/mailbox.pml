@@ -1,4 +1,4 @@
-/* shm/mailbox.py and shm/client.py: one place; a client and an owner, each of which may be killed at every step and
+/* shm/mailbox/mailbox.py and shm/mailbox/client.py: one place; a client and an owner, each of which may be killed at every step and
  * has a successor. Client and owner may die both, and in the middle of a recovery.
  *
  * A command has two cells, a reply has its id and its body, so that torn ones show. Commands of different lives of the

@@ -1,4 +1,4 @@
-/* shm/ring.py: a writer that may be killed at every step, its successors, and two readers: one of the newest record,
+/* shm/ring/ring.py: a writer that may be killed at every step, its successors, and two readers: one of the newest record,
  * one in order (MIXED: it asks for the newest as well, now and then).
  *
  * A slot has its sequence and two cells of payload, so that a torn record shows. Records of different lives of the
