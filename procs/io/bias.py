@@ -169,14 +169,15 @@ class Bias:
             self._port.write_quadlet(board, address, value)
         self._samples.encoders_were_set()
 
-    def forget(self, robot: int, boards: Flags) -> None:
-        """These boards (by row) had no power: their encoders were not set since."""
-        axes = self._robots.slices[robot]
-        self._record.biased[robot] = False
-        self._record.encoder_set[axes][boards[self._robots.board_row[axes]]] = False
+    def forget(self, lost: Flags) -> None:
+        """These encoders (axes,) are not set any more: their boards had no power."""
+        for robot, axes in enumerate(self._robots.slices):
+            if lost[axes].any():
+                self._record.biased[robot] = False
+                self._record.encoder_set[axes][lost[axes]] = False
 
     def zero(self, robot: int) -> None:
-        """The encoders mean nothing any more (overflow): mid-range, not biased."""
+        """The encoders mean nothing any more (overflow, an Si arm that was not preloaded): mid-range, not biased."""
         self.stop(robot)
         self._record.biased[robot] = False
         axes = self._robots.slices[robot]

@@ -37,6 +37,7 @@ from trocar.procs.io.safety import Safety
 from trocar.procs.io.setpoint_tracker import SetpointSource, SetpointTracker
 from trocar.procs.io.setup_brakes import SetupBrakes
 from trocar.procs.io.stages import stages
+from trocar.procs.io.start import restore
 from trocar.procs.io.tasks import Tasks
 from trocar.procs.io.timing import Timing
 from trocar.procs.native.progress import BAD, CHECKED, CONTROLLED, DECODED, ENCODED, NONE, READY, SENT
@@ -224,6 +225,7 @@ class RobotIo:
         if self._lost:
             self._lost = False
             self.reports.status("the controllers answer again")
+            self._bias.forget(restore(self.robots, self.port, self.digital_outputs, ~self.port.away))
         power, safety = self.power, self.safety
         if _news(self.stages.decode, DECODED, done) or now_ns >= power.wake_ns:
             power.step(now_ns)
@@ -232,10 +234,13 @@ class RobotIo:
             safety.refresh(power.reached)
         if _news(self.stages.check, CHECKED, done) or safety.counting:
             safety.examine(now_ns)
-        if safety.set_encoder_zero:
-            for robot in safety.set_encoder_zero:
+        for robot in safety.set_encoder_zero:
+            self._bias.zero(robot)
+        safety.set_encoder_zero.clear()
+        for robot in power.not_preloaded:
+            if not self.record.pid_enabled[robot]:  # else its amplifiers, which are off now, are a fault first
                 self._bias.zero(robot)
-            safety.set_encoder_zero.clear()
+        power.not_preloaded.clear()
         self._brakes.step((now_ns - self._before_ns) * 1e-9)
         self._bias.step()
 
@@ -272,7 +277,7 @@ class RobotIo:
         self.reports.trip(codes.BOARD_AWAY, robot, boards=tuple(ids[row] for row in np.flatnonzero(lacks).tolist()))
 
     def _who_is_away_changed(self, away: Flags) -> None:
-        """Boards that have left the bus are faults of their robots alone; who is back is as after power-up."""
+        """Boards that have left the bus are faults of their robots alone; who is back may be as after power-up."""
         robots, ids = self.robots, self.robots.board_ids
         left, back = away & ~self._away, self._away & ~away
         self._away[...] = away
@@ -280,8 +285,7 @@ class RobotIo:
         for robot, boards in enumerate(robots.on_board):
             if (boards & left).any():
                 self._trip_away(robot)
-            if (boards & back).any():
-                self._bias.forget(robot, back)
+        self._bias.forget(restore(self.robots, self.port, self.digital_outputs, back))
         for row in np.flatnonzero(back).tolist():
             self.reports.status(f"board {ids[row]} is back", self.io.name)
         for row in np.flatnonzero(left & ~robots.on_board.any(axis=0)).tolist():  # it has inputs and outputs only

@@ -43,6 +43,7 @@ class DigitalOutputs:
 
     def __init__(self, robots: Robots, port: Port, record: IoRecord, reports: IoReports) -> None:
         """Sets up the one-shots; the boards of `port` are discovered."""
+        self._robots = robots
         self._outputs, self._port, self._record = robots.io.digital_outputs, port, record
         self._reports, self._kept = reports, dict[int, Kept]()
         row = {board: k for k, board in enumerate(robots.board_ids)}
@@ -54,9 +55,21 @@ class DigitalOutputs:
         self.written: Flags = np.zeros(len(self._outputs), dtype=bool)
         self._words: NDArray[np.uint32] = np.zeros(len(self._outputs), dtype=np.uint32)
         self.names, self.count = tuple(o.name for o in self._outputs), len(self._outputs)
-        for output in self._outputs:
-            if not output.is_pwm and (output.high_s or output.low_s):
-                self._configure(output, _counts(output.high_s), _counts(output.low_s))
+        for place in range(self.count):
+            self._set_up(place)
+
+    def _set_up(self, place: int) -> None:
+        output = self._outputs[place]
+        if not output.is_pwm and (output.high_s or output.low_s):
+            self._configure(output, _counts(output.high_s), _counts(output.low_s))
+
+    def restore(self, rows: Flags) -> None:
+        """These boards (by row) may be as after power-up: what io keeps there is written again."""
+        for place, output in enumerate(self._outputs):
+            if rows[self._robots.board_ids.index(output.board_id)]:
+                self._set_up(place)
+                if place in self._kept:
+                    self._kept[place].writes = WRITES
 
     def place(self, name: str, command: str, robot: str) -> int | None:
         """The output of this name, where this command to this robot sets it."""

@@ -69,6 +69,8 @@ class Power:
         # only a QLA1 reports a supply fault, and a DQLA does not say whether its relay really closed
         self.mask = np.where(hardware == "QLA1", WATCHED | registers.STATUS_MV_FAULT, WATCHED).astype(np.uint32)
         self.relay_unseen: Flags = hardware == "DQLA"
+        self._preloads: Flags = hardware == "dRA1"
+        self.mask[self._preloads] |= np.uint32(registers.STATUS_PRELOADED)
         self._any_unseen = bool(self.relay_unseen.any())
         self.now: NDArray[np.uint32] = np.zeros(n_boards, dtype=np.uint32)
         self.before: NDArray[np.uint32] = np.zeros(n_boards, dtype=np.uint32)
@@ -79,6 +81,8 @@ class Power:
         self._switched = [(places >= robots.axes) | (not off)  # which drives of a robot power-on switches on
                           for places, off in zip(robots.of_robot, robots.motors_off, strict=True)]
         self.reached: Flags = np.zeros(len(robots.names), dtype=bool)  # all amplifiers have been on
+        self.not_preloaded: list[int] = []  # robots whose dRA1 lets no amplifier on until their encoders are preloaded
+        self._preload_ns = 0
         self.changed = False  # limits that depend on power must be looked at again
 
     def on(self, robot: int, now_ns: int) -> None:
@@ -132,6 +136,7 @@ class Power:
         self.before[...], self.amps_before[...] = self.now, self._samples.amp_on
         self.wake_ns = FOR_EVER_NS
         self.changed = True
+        self._look_for_preloads(now_ns)
         for robot in range(len(self._supplies)):
             self._show(robot)
             if self._record.power_requested[robot]:
@@ -139,6 +144,16 @@ class Power:
                 self._judge(robot, now_ns)
             elif self._supplies[robot].state == ALONE:
                 self._supply_alone(robot, now_ns)
+
+    def _look_for_preloads(self, now_ns: int) -> None:
+        """Name the robots whose encoders are to be preloaded, again every 0.1 s until the boards show that they are."""
+        rows = self._preloads & ((self.now & np.uint32(registers.STATUS_PRELOADED)) == 0)
+        if not rows.any():
+            return
+        if now_ns >= self._preload_ns:
+            self._preload_ns = now_ns + RETRY_NS
+            self.not_preloaded += np.flatnonzero((self._robots.on_board & rows).any(axis=1)).tolist()
+        self._wake_at(self._preload_ns)
 
     def _show(self, robot: int) -> None:
         """Flags of the record: good ones hold on every board, bad ones on any."""

@@ -1,4 +1,6 @@
-"""What io does once before its loop: find and check boards and arms, set watchdogs, see which encoders kept a preload.
+"""What io does before its loop: find and check boards and arms, set watchdogs, see which encoders kept a preload.
+
+The last two again for boards that return: they may have been without power.
 
 The controllers of Si arms (dRA1) let no amplifier on before the arm's encoders were preloaded, and the arm knows its
 own serial number.
@@ -6,6 +8,7 @@ own serial number.
 
 from __future__ import annotations
 
+import contextlib
 from typing import Final
 
 import numpy as np
@@ -13,11 +16,13 @@ import numpy as np
 from trocar.procs.document.system import Actuator, Brake
 from trocar.procs.fpga import blocks, registers
 from trocar.procs.io.bus.port import ALL_BOARDS, BoardInfo, Port, PortError
+from trocar.procs.io.digital_outputs import DigitalOutputs
 from trocar.procs.io.record import Flags
 from trocar.procs.io.robots import Robots
 from trocar.shm.time.clock import pause
 
 POWER_OFF: Final = registers.CONTROL_POWER_OFF | registers.CONTROL_AMPS_OFF
+WATCHDOG_WRITES: Final = 3  # at most, until it is read back
 FLASH_PAUSE_S: Final = 0.01  # for the arm to answer a command to its memory
 FLASH_WORDS: Final = 16
 
@@ -34,6 +39,42 @@ def prepare(robots: Robots, port: Port) -> Flags:
     for robot in range(len(robots.names)):
         _prepare_si(robots, port, robot)
     return _preset(robots, port)
+
+
+def restore(robots: Robots, port: Port, outputs: DigitalOutputs, rows: Flags) -> Flags:
+    """Give boards (by row) that return what they had; which encoders (axes,) on them are not set any more.
+
+    Boards are asked as between two cycles. One that does not answer counts as after power-up.
+    """
+    lost: Flags = robots.has_encoder & rows[robots.board_row[: robots.axes]]
+    with contextlib.suppress(PortError):  # it is away again, and will return
+        for row in np.flatnonzero(rows).tolist():
+            _set_watchdog(port, robots.board_ids[row], registers.watchdog_counts(robots.io.watchdog_s))
+        outputs.restore(rows)
+        for axis in np.flatnonzero(lost).tolist():
+            word = port.peek(robots.board_ids[int(robots.board_row[axis])], _preload_register(robots, axis))
+            if word is None:
+                break
+            lost[axis] = not _is_set(int(word[0]))
+    return lost
+
+
+def _set_watchdog(port: Port, board: int, counts: int) -> None:
+    """Write the watchdog period of a board until it is read back."""
+    for _ in range(WATCHDOG_WRITES):
+        port.write_quadlet(board, registers.WATCHDOG, counts)
+        shown = port.peek(board, registers.WATCHDOG)
+        if shown is not None and int(shown[0]) & 0xFFFF == counts:
+            return
+
+
+def _preload_register(robots: Robots, axis: int) -> int:
+    return registers.axis_register(int(robots.channel[axis]), registers.ENCODER_PRELOAD)
+
+
+def _is_set(preload: int) -> bool:
+    """An encoder was set: it is not at mid-range, where it wakes up."""
+    return preload & registers.ENCODER_MASK != registers.ENCODER_MIDRANGE
 
 
 def check(robots: Robots, boards: tuple[BoardInfo, ...]) -> None:
@@ -73,8 +114,7 @@ def _prepare_si(robots: Robots, port: Port, robot: int) -> None:
         if not port.read_quadlet(board, registers.STATUS) & registers.STATUS_PRELOADED:
             for axis in range(axes.start, axes.stop):
                 if robots.board_row[axis] == row and robots.has_encoder[axis]:
-                    address = registers.axis_register(int(robots.channel[axis]), registers.ENCODER_PRELOAD)
-                    port.write_quadlet(board, address, registers.ENCODER_MIDRANGE)
+                    port.write_quadlet(board, _preload_register(robots, axis), registers.ENCODER_MIDRANGE)
 
 
 def arm_serial(port: Port, board: int) -> str:
@@ -95,10 +135,9 @@ def arm_serial(port: Port, board: int) -> str:
 
 
 def _preset(robots: Robots, port: Port) -> Flags:
-    """Encoders (axes,) that were set by somebody: they are not at mid-range, where they wake up."""
+    """Encoders (axes,) that were set by somebody."""
     preset = robots.has_encoder.copy()
     for axis in np.flatnonzero(robots.has_encoder).tolist():
-        address = registers.axis_register(int(robots.channel[axis]), registers.ENCODER_PRELOAD)
-        preload = port.read_quadlet(robots.board_ids[int(robots.board_row[axis])], address)
-        preset[axis] = preload & registers.ENCODER_MASK != registers.ENCODER_MIDRANGE
+        board = robots.board_ids[int(robots.board_row[axis])]
+        preset[axis] = _is_set(port.read_quadlet(board, _preload_register(robots, axis)))
     return preset

@@ -125,7 +125,8 @@ class FaultRow:
 
 
 ROWS = (
-    FaultRow("bad-packets", lose_packets, 31, "bad-reads", before=("read-missed",)),
+    # the encoders of fake boards are set to exactly mid-range, where they are after power-up, too
+    FaultRow("bad-packets", lose_packets, 31, "bad-reads", before=("read-missed",), needs_bias=True),
     FaultRow("nan-effort", nan_effort, 1, "not-finite", 3, powered=True, after=()),
     FaultRow("over-current", lambda harness: harness.port.current(4, 1.3), 101, "current", 4),
     FaultRow("board-cut-off", cut_amplifier, 1, "safety-amp-disable", 5),

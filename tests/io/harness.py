@@ -124,6 +124,13 @@ class FakePort:
     def read_quadlet(self, board: int, address: int) -> int:
         return self.registers.get((board, address), 0x800000)
 
+    def peek(self, board: int, address: int, quads: int = 1) -> np.ndarray:
+        return np.array([self.read_quadlet(board, address)], np.uint32)
+
+    def power_cycle(self, board: int) -> None:
+        """Registers are as after power-up."""
+        self.registers = {key: value for key, value in self.registers.items() if key[0] != board}
+
     def write_quadlet(self, board: int, address: int, value: int) -> None:
         self.quadlets.append((board, address, value))
         if self.lost_writes:

@@ -68,6 +68,7 @@ def test_a_robot_without_its_board_gets_no_power(harness: IoHarness) -> None:
 
 def test_a_board_that_is_back_has_to_be_biased_anew(harness: IoHarness) -> None:
     leave(harness, 3, 10)
+    harness.port.power_cycle(3)
     harness.port.away[3] = False
     harness.run(2)
     record = harness.record

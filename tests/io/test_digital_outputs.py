@@ -96,3 +96,14 @@ def test_what_cannot_be_is_refused_with_what_is_allowed(harness: IoHarness, name
     done = harness.ask(command, *values, robot=name)
     assert done.outcome == "refused" and words in done.answers[-1][1]
     assert harness.port.quadlets == []
+
+
+def test_a_board_that_returns_gets_its_one_shots_again(harness: IoHarness) -> None:
+    harness.port.good = False
+    harness.run_s(0.1)
+    for board in (0, 1):
+        harness.port.power_cycle(board)
+    harness.port.good = True
+    harness.run(2)
+    counts = harness.port.registers[1, registers.axis_register(0, registers.PWM)]
+    assert counts == round(1e-4 * registers.CLOCK_HZ)

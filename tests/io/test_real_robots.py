@@ -9,8 +9,9 @@ import pytest
 
 from tests import stock
 from tests.io.boards_harness import BoardsHarness
+from trocar.procs.boards.board_faults import BoardFaults
 from trocar.procs.config import load_system
-from trocar.procs.fpga import lookup
+from trocar.procs.fpga import lookup, registers
 from trocar.procs.io.bus.port import PortError
 from trocar.procs.io.start import prepare
 
@@ -119,3 +120,25 @@ def test_a_lost_reply_is_tolerated_by_every_robot(system: str) -> None:
         harness.cycle()
         assert harness.record.valid
     assert harness.errors() == [] and harness.record.powered[0] and harness.record.pid_enabled[0]
+
+
+@pytest.mark.parametrize("system", ["jhu-dVRK/system-PSM1", "jhu-daVinci-Si/system-PSM1"])
+def test_a_board_that_all_others_depend_on_returns_from_power_up_and_is_set_up_as_at_the_start(system: str) -> None:
+    harness = rig_of(system)
+    for name, *values in (("power_on",), ("bias_encoders", 300)):
+        assert harness.do(name, "PSM1", *values).outcome == "done"
+    hub, faults = harness.robots.board_ids[0], BoardFaults(harness.world, harness.plant)
+    counts = registers.watchdog_counts(harness.io.watchdog_s)
+    on_hub = harness.robots.board_row[: harness.robots.axes] == 0
+    faults.take_away(hub, True, harness.io.name)
+    harness.run(0.1)
+    faults.take_away(hub, False, harness.io.name)
+    harness.port.write_quadlet(hub, registers.WATCHDOG, counts + 1)  # as after power-up: another one than the file's
+    harness.run(0.1)
+    assert [code for code, _ in harness.errors()] == ["bad-reads"]
+    assert harness.port.read_quadlet(hub, registers.WATCHDOG) == counts
+    assert not harness.record.biased[0] and not harness.record.encoder_set[on_hub].any()
+    assert harness.record.encoder_set[~on_hub].all(), "the other boards have kept their power, and what was set"
+    harness.bring_up("PSM1")
+    truth = harness.world.position[harness.world.wiring.robots["PSM1"]]
+    assert np.abs(truth - harness.record.position).max() < 0.02
