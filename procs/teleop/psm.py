@@ -15,6 +15,7 @@ from trocar.procs.node.inputs import FOR_EVER_NS
 from trocar.procs.node.requests import CommandRefused, Handler, Reports, Request, switch
 from trocar.procs.tables import codes
 from trocar.procs.tables.manifest import LATE_S
+from trocar.procs.tables.operator_waits import ALIGN_ONLY, CLUTCHED
 from trocar.procs.teleop.arms import BaseFrame, TeleopArm
 from trocar.procs.teleop.presence import Operator
 from trocar.procs.teleop.record import TeleopRecord
@@ -166,10 +167,10 @@ class TeleopPsm(Teleop):
         error = angle_between(master.measured, slave.setpoint)
         self._error_shown[...] = error
         if self.clutched:
-            self.reason = "waiting: the clutch is pressed"
+            self.reason = f"waiting: {CLUTCHED}"
             return
         if self.desired is TeleopState.ALIGNING:
-            self.reason = "waiting: asked to align only, not to follow"
+            self.reason = f"waiting: {ALIGN_ONLY}"
             return
         if self.operator.absence:
             self.wait(f"waiting: {self.operator.absence}")

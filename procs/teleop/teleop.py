@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from trocar.procs.node.requests import STREAM_PAUSE_NS, CommandRefused, Handler, Reports, Request, carry_out
 from trocar.procs.tables import codes
 from trocar.procs.tables.codes import Code
+from trocar.procs.tables.operator_waits import BY_HAND, CLUTCHED
 from trocar.procs.teleop.arms import TeleopArm
 from trocar.procs.teleop.presence import Operator
 from trocar.procs.teleop.record import TeleopRecord
@@ -26,7 +27,6 @@ Fields = Callable[[str], NDArray[Any]]
 MARGIN_NS: Final = 50_000_000  # goals on their way when a stream was ended
 SETTING_NS: Final = 60_000_000_000  # that arms may take to be homed
 REPORT_NS: Final = 2_000_000_000
-CLUTCHED: Final = "the clutch is pressed"
 PRESSED, CLICKED = 1.0, 2.0
 
 
@@ -209,7 +209,7 @@ class Teleop:
         if silent or held:
             names = ", ".join(arm.name for arm in missing)
             be = "is" if len(missing) == 1 else "are"
-            self.reason = f"waiting: {names} {be} {'silent' if silent else 'moved by hand'}"
+            self.reason = f"waiting: {names} {be} {'silent' if silent else BY_HAND}"
             return
         if self._recovering:
             self._miss_arm(missing[0])

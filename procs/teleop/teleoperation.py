@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from trocar.procs.kinematics.poses import conjugate, product, turned
 from trocar.procs.tables.manifest import LATE_S
+from trocar.procs.tables.operator_waits import GRIPPER, MOVING, OFF
 
 Array = NDArray[np.float64]
 Quaternion = tuple[float, float, float, float]
@@ -160,11 +161,11 @@ def waiting_for(master: str, start: Start) -> str:
     """Why following does not start, in plain words; "": it may."""
     reasons = []
     if not start.error <= start.tolerance:
-        reasons.append(f"{master} {math.degrees(start.error):.1f}° off, tolerance {math.degrees(start.tolerance):g}°")
+        reasons.append(f"{master} {math.degrees(start.error):.1f}° {OFF} {math.degrees(start.tolerance):g}°")
     if start.is_moving:
-        reasons.append(f"{master} is still moving")
+        reasons.append(f"{master} {MOVING}")
     if not start.is_active:
-        reasons.append(f"pinch or twist {master}'s gripper a bit")
+        reasons.append(f"pinch or twist {master}'s {GRIPPER}")
     return f"waiting: {'; '.join(reasons)}" if reasons else ""
 
 

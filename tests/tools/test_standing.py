@@ -15,6 +15,7 @@ from typer.testing import CliRunner, Result
 from tests.tools.robot import ScriptedRobot, nothing_ages, robot
 from trocar.procs.document.process import Process
 from trocar.procs.tables import codes
+from trocar.procs.teleop.teleoperation import Start, waiting_for
 from trocar.shm.system import directory
 from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.shm.time.control_page import STATES
@@ -118,6 +119,31 @@ def test_a_teleoperation_that_stopped_says_why_and_what_to_do(monkeypatch: pytes
     monkeypatch.setattr(standing, "_events", lambda *_: None)
     monkeypatch.setattr(standing, "_last_error", lambda *_: error)
     assert standing._teleop("s", process("A_B"), Any).reason == f"PSM1 has no jaw; {codes.NO_JAW.remedy}"
+
+
+@pytest.mark.parametrize(("follows", "reason", "is_first"), [
+    (False, "waiting: the pose of PSM1 in its reference frame is not known", True),
+    (False, "PSM1 is not homed anymore; trocar home PSM1, then enable teleoperation again", True),
+    (False, "waiting: MTML is silent", True),
+    (False, "waiting: MTML, PSM1 are silent", True),
+    (False, waiting_for("MTML", Start(0.3, 0.1, is_active=False, is_moving=True)), False),
+    (False, "waiting: asked to align only, not to follow", False),
+    (True, "out of reach", False),
+])
+def test_a_teleoperation_that_does_not_follow_although_it_is_on_comes_before_all_well(
+    monkeypatch: pytest.MonkeyPatch, follows: bool, reason: str, is_first: bool,
+) -> None:
+    monkeypatch.setattr(standing, "_text", lambda _, field: {"state": "ALIGNING_MTM", "reason": reason}[field])
+    monkeypatch.setattr(standing, "_flag", lambda *_: follows)
+    monkeypatch.setattr(standing, "_events", lambda *_: None)
+    teleop = standing._teleop("s", process("A_B", kind="teleop"), Any)
+    console = Standing("console", "console", "teleoperation on, camera")
+    assert (first_thing([], [console, teleop]) == f"A_B: {reason}") is is_first
+    absent = dataclasses.replace(console, reason="the operator: pedal or head sensor")
+    off = dataclasses.replace(console, state=standing.OFF)
+    for other in (absent, off):
+        assert not first_thing([], [other, teleop]).startswith(f"A_B: {reason}") or teleop.silent
+    assert first_thing([], [console, teleop, fault("PSM1", "amplifier", 1)]).startswith("PSM1: amplifier")
 
 
 @pytest.mark.parametrize(("flags", "state", "reason"), [

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from trocar.procs.machine.verb_lines import REMEDY
 from trocar.procs.tables.codes import IO_TIMEOUT, SHARED_BOARD
+from trocar.procs.tables.operator_waits import OF_THE_OPERATOR
 from trocar.shm.memory.segment import SegmentError
 from trocar.shm.ring.ring import RingReader
 from trocar.shm.system import directory
@@ -32,7 +33,7 @@ from trocar.tools.inspect.segments import GONE
 from trocar.tools.output.printing import plain, span
 from trocar.tools.systems.processes import SUPERVISOR
 
-FAULT, OFF = "FAULT", "teleoperation off"
+FAULT, ON, OFF = "FAULT", "teleoperation on", "teleoperation off"
 FAULT_KEYS = ("code", "component", "axis", "board", "value", "limit", "text", "hint", "monotonic_ns", "local_ns")
 NEVER = "–"  # has shown nothing yet
 COLUMNS = ("name", "state", "homed", "why, or what it waits for")
@@ -56,6 +57,8 @@ class Standing:
     fault: dict[str, Any] | None = None
     since_ns: int = 0
     """In FAULT: since when (monotonic); 0: nobody knows any more."""
+    holds_up: bool = False
+    """A teleoperation that does not follow for a reason that is neither silence nor its operator."""
     age_s: float | None = None
     """Its process is gone: so long ago it was as it says here, s."""
 
@@ -129,18 +132,21 @@ def _third_party(system: str, process: ProcessStatus, reader: RingReader) -> Sta
 
 
 def _teleop(system: str, process: ProcessStatus, reader: RingReader) -> Standing:
-    state = _text(reader, "state") + (", following" if _flag(reader, "following") else "")
+    follows = _flag(reader, "following")
+    state = _text(reader, "state") + (", following" if follows else "")
     reason = in_full(system, process.name, _text(reader, "reason"))
     fault = _last_error(_events(system, process))
     if reason and fault and str(fault["text"]).endswith(reason):
         reason += f"; {fault['hint']}"
-    return Standing(process.name, process.kind, state, None, reason, silent=reason.endswith(" is silent"))
+    silent = reason.endswith((" is silent", " are silent"))
+    holds_up = bool(reason) and not (follows or silent or any(words in reason for words in OF_THE_OPERATOR))
+    return Standing(process.name, process.kind, state, None, reason, silent=silent, holds_up=holds_up)
 
 
 def _console(system: str, process: ProcessStatus, reader: RingReader) -> Standing:
     enabled, present = _flag(reader, "teleop_enabled"), _flag(reader, "operator_present")
     pressed = [word for word in ("clutch", "camera") if _flag(reader, word)]
-    state = ", ".join(["teleoperation on" if enabled else OFF, *pressed])
+    state = ", ".join([ON if enabled else OFF, *pressed])
     silent = not _flag(reader, "valid")
     if silent:
         reason = "one of its inputs is silent: the operator counts as absent"
@@ -211,6 +217,10 @@ def first_thing(processes: Sequence[ProcessStatus], found: Sequence[Standing]) -
     on_its_way = next((one for one in found if one.kind == "arm" and (one.reason or one.is_between)), None)
     if on_its_way is not None:
         return f"wait for {on_its_way.name}: {', '.join(filter(None, (on_its_way.state, on_its_way.reason)))}"
+    follows_none = next((one for one in found if one.holds_up), None)
+    if follows_none is not None and any(one.kind == "console" and one.state.startswith(ON) and not one.reason
+                                        for one in found):
+        return f"{follows_none.name}: {follows_none.reason}"
     silent = next((one for one in found if one.silent), None)
     if silent is not None and not begins:
         missing = [f"; {one.name}: {one.reason}" for one in found if one.kind == "third_party" and one.reason
