@@ -62,7 +62,7 @@ class Proc:
     command wakes it between its cycles. `phase` is where in the period its cycle lies in
     lock-step; it may sleep through `rest` periods. Silent for `late_s` it is reported, for `hung_s` killed, and started
     again by the policy for deaths; held up for `late_s` it restarts as if it had been killed, where `pause_ends` it.
-    `stop_s`: how long it may take to end when asked; `on_exit` is said in words for `trocar status`; `reserved` is the
+    `stop_s`: how long it may take to end when asked; `on_exit`: what happens then, as `trocar stop` says it; `reserved` is the
     share of its period that nobody else may take (SCHED_DEADLINE), where it may ask for priority: that of a section of
     `trocar:`, a little above that of arms, or less than all that move robots; without any it is no `realtime` kind.
     `start` "on-demand": only while somebody wants something of it, unless the system file says otherwise.
@@ -113,67 +113,67 @@ class Proc:
 
 
 PROCS: tuple[Proc, ...] = (
-    Proc("supervisor", 0.02, 1.0, 20.0, "io powers off, every process ends",
+    Proc("supervisor", 0.02, 1.0, 20.0, "io powers off, and every process ends",
          sizes=sizes.of_supervisor, restart=False, budget_us=2000),
-    Proc("third_party", 0.005, LATE_S, 3.0, "who follows it stops; it is started again by who started it",
+    Proc("third_party", 0.005, LATE_S, 3.0, "what follows it stops; its own program starts it again",
          ours=False, instances=_third_parties, sizes=sizes.of_third_party, declared=True),
-    Proc("boards", 0.001, 0.1, 3.0, "restart; emulated robots start afresh, without power",
+    Proc("boards", 0.001, 0.1, 3.0, "the emulated robots have no power; they start afresh",
          instances=lambda system: [ProcessInstance("boards", system.emulation.period_s)] if system.emulation else [],
          sizes=sizes.of_boards, priority="emulation", pause_ends=False, reserved=0.7, budget_us=500),
-    Proc("io", 1 / 1500, LATE_S, 5.0, "boards cut the amplifiers; restart without power",
+    Proc("io", 1 / 1500, LATE_S, 5.0, "its robots lose power; they have none after a restart",
          ("state", "gains", "instruments"), ("button", "tool_type", "operating_state"),
          lambda system: [ProcessInstance(io.name, io.period_s, ("boards",) if io.port else ()) for io in system.ios],
          sizes.of_io, "io", reserved=0.6, budget_us=300),
-    Proc("arm", 1 / 1500, LATE_S, 3.0, "io holds; restart goes on from shared memory",
+    Proc("arm", 1 / 1500, LATE_S, 3.0, "io holds it where it is; a restart takes on its state",
          ("state", "setpoint"), ("operating_state", "goal_reached"),
          lambda system: [ProcessInstance(arm.name, arm.period_s, (arm.io,)) for arm in system.arms],
          sizes.of_arm, "arm", phase=0.5, budget_us=150, rest=3),
-    Proc("suj", 1 / 500, LATE_S, 3.0, "brakes engage, base frames unknown; restart goes on",
+    Proc("suj", 1 / 500, LATE_S, 3.0, "brakes engage and base frames become unknown; a restart takes on its state",
          ("state", "setpoint"), ("operating_state",),
          lambda system: [ProcessInstance(cart.name, cart.period_s, (cart.io,)) for cart in system.carts],
          sizes.of_cart, "arm", phase=0.75, budget_us=150),
-    Proc("focus", 0.01, LATE_S, 3.0, "the lens may move on until the restart, which stops it",
+    Proc("focus", 0.01, LATE_S, 3.0, "the lens may move on; a restart stops it",
          events=("locked", "focusing_in", "focusing_out"),
          instances=lambda system: [ProcessInstance(row.name, row.period_s,
                                                    (row.io, *(pedal.io for pedal in row.pedals)))
                                    for row in system.focuses],
          priority="least", budget_us=300),
-    Proc("teleop", 0.001, LATE_S, 3.0, "the slave holds; restart waits until it is enabled again",
+    Proc("teleop", 0.001, LATE_S, 3.0, "the slave holds where it is; a restart waits until it is enabled again",
          instances=lambda system: [ProcessInstance(row.name, row.period_s, row.arms)
                                    for rows in (system.teleop_ecms, system.teleop_psms) for row in rows],
          priority="arm", woken=True, phase=0.75, budget_us=200, rest=10),
     # Above the arms: it takes little, and an operator who cannot be seen for 30 ms counts as gone.
-    Proc("console", 0.01, LATE_S, 3.0, "operator counts as absent; restart goes on",
+    Proc("console", 0.01, LATE_S, 3.0, "the operator counts as absent; a restart takes on its state",
          instances=lambda system: [
              ProcessInstance(row.name, row.period_s, (*row.teleops, *(wired.io for wired in row.operator_present)))
              for row in system.consoles],
          sizes=sizes.of_console, priority="above arms", woken=True, phase=0.05, budget_us=300),
-    Proc("system", 0.01, LATE_S, 3.0, "nothing moves differently; restart",
+    Proc("system", 0.01, LATE_S, 3.0, "nothing moves differently",
          instances=lambda system: [ProcessInstance("system")],
          sizes=sizes.of_system, priority="least", woken=True, phase=0.06, budget_us=500),
-    Proc("socket_bridge", 0.01, 0.3, 3.0, "its clients are disconnected; restart",
+    Proc("socket_bridge", 0.01, 0.3, 3.0, "its clients are disconnected",
          instances=lambda system: [ProcessInstance("socket_bridge", listen=system.socket.listen)]
          if system.socket else [],
          budget_us=500, hung_s=5.0, in_time=False),
-    Proc("gui", 0.05, 1.0, 3.0, "browsers see nothing until the restart, then connect again",
+    Proc("gui", 0.05, 1.0, 3.0, "browsers see nothing; after a restart they connect again",
          instances=lambda system: [ProcessInstance("gui", listen=system.gui.listen)] if system.gui else [],
          pause_ends=False, budget_us=5000, hung_s=5.0, in_time=False),
-    Proc("user", 0.01, 1.0, 3.0, "nothing else changes; restart", topics=(),
+    Proc("user", 0.01, 1.0, 3.0, "nothing else changes", topics=(),
          instances=lambda system: _users(system, {row.name: (row.period_s, ELSEWHERE if row.host else "")
                                                   for row in system.users if row.name not in
                                                   {place.name for place in system.third_parties}}),
          woken=True, pause_ends=False, budget_us=500, hung_s=5.0, declared=True, in_time=False),
-    Proc("filters", 0.01, 1.0, 3.0, "its filters are silent until the restart", topics=(),
+    Proc("filters", 0.01, 1.0, 3.0, "its filters are silent", topics=(),
          instances=lambda system: _users(system, {row.host: (row.period_s, "") for row in system.users if row.host}),
          woken=True, pause_ends=False, budget_us=500, hung_s=5.0, declared=True, in_time=False),
-    Proc("ros_bridge", 0.01, 1.0, 3.0, "ROS clients hear nothing until the restart", topics=(),
+    Proc("ros_bridge", 0.01, 1.0, 3.0, "ROS clients hear nothing", topics=(),
          instances=lambda system: _users(system, {"ros_bridge": (system.ros.period_s, "")} if system.ros else {}),
          pause_ends=False, budget_us=2500, hung_s=5.0, declared=True, in_time=False),
     # It begins first and ends last: what begins and what ends is recorded, too. The start does not wait for it.
-    Proc("recorder", 0.02, 1.0, 4.0, "nothing is recorded until the restart",
+    Proc("recorder", 0.02, 1.0, 4.0, "nothing is recorded",
          instances=lambda system: [ProcessInstance("recorder")] if system.recorder else [],
          pause_ends=False, budget_us=2000, hung_s=5.0, is_first=True, declared=True, in_time=False),
-    Proc("foxglove", 1 / 30, 1.0, 3.0, "its clients see nothing until the restart", topics=(),
+    Proc("foxglove", 1 / 30, 1.0, 3.0, "its clients see nothing", topics=(),
          instances=lambda system: _users(system, {"foxglove": (1.0 / system.foxglove.rate_hz, "")})
          if system.foxglove else [],
          pause_ends=False, budget_us=5000, hung_s=5.0, declared=True, in_time=False),

@@ -53,7 +53,7 @@ def stop(name: Name, yes: Yes = False, as_json: JsonOption = False, system: Syst
     Example: trocar stop PSM1 --yes
     """
     chosen = chosen_system(system)
-    return _asked("stop", name, as_json, chosen) if _confirmed("stop", name, yes, chosen) else 1
+    return _asked("stop", name, as_json, chosen) if _confirmed("stop", name, yes, system) else 1
 
 
 def restart(name: Name, yes: Yes = False, as_json: JsonOption = False, system: SystemOption = None) -> int:
@@ -62,7 +62,7 @@ def restart(name: Name, yes: Yes = False, as_json: JsonOption = False, system: S
     Example: trocar restart PSM1 --yes
     """
     chosen = chosen_system(system)
-    return _asked("restart", name, as_json, chosen) if _confirmed("restart", name, yes, chosen) else 1
+    return _asked("restart", name, as_json, chosen) if _confirmed("restart", name, yes, system) else 1
 
 
 def _rows(system: str) -> list[Process]:
@@ -90,15 +90,17 @@ def dependents(rows: list[Process], name: str) -> list[Process]:
     return found
 
 
-def _confirmed(what: str, name: str, yes: bool, system: str) -> bool:
+def _confirmed(what: str, name: str, yes: bool, system: str | None) -> bool:
     """Whether to go on; asks where something depends on it, or a robot may. Misuse where nobody can be asked."""
-    row, after = _row(system, name), dependents(_rows(system), name)
+    chosen = chosen_system(system)
+    row, after = _row(chosen, name), dependents(_rows(chosen), name)
     if yes or not (after or proc(row.kind).realtime):
         return True
-    lines = [f"{what} {name}: {proc(row.kind).on_exit.split(';')[0]}"]
+    lines = [f"When {name} ends, {proc(row.kind).on_exit}."]
     lines += [f"depends on it: {each.name} ({each.kind})" for each in after]
     if not sys.stdin.isatty():
-        raise Misuse("\n".join([*lines, "here is no terminal to ask: --yes goes on without"]))
+        typed = f"trocar {what} {name}{f' --system {system}' if system else ''} --yes"
+        raise Misuse("\n".join([*lines, f"nothing was done: there is no terminal to ask on; to do it: {typed}"]))
     note("\n".join(lines))
     if typer.confirm("Go on?", err=True):
         return True
