@@ -106,7 +106,7 @@ def test_a_broken_and_a_hanging_process_change_nothing_else(robot: Robot, tmp_pa
 def test_one_that_ends_by_itself_says_so_and_is_not_said_to_run(robot: Robot, tmp_path: Path) -> None:
     up(robot, tmp_path, ENDING, {"name": "exits", "restart_limit": 1}, {"name": "returns", "restart_limit": 0})
     line = ENDING[:ENDING.index("sys.exit")].count("\n") + 1
-    whys = {"exits": f"exit code 0: sys.exit() in mine.py line {line}", "returns": "exit code 0: its main has returned"}
+    whys = {"exits": f"sys.exit() in mine.py line {line}", "returns": "exit code 0: its main has returned"}
     for name, why in whys.items():
         wait_for(lambda name=name: "given up" in reason(robot, name), 60, "nobody tries any more")  # type: ignore[misc]
         assert problem(robot, name).startswith(f"not running: {why}; given up after")
