@@ -26,22 +26,44 @@ def log_folder(environ: Mapping[str, str], system: str) -> Path:
     return root / "trocar" / system
 
 
+STATE_REMEDY: Final = "set TROCAR_STATE to a folder that you can write"
+
+
 class NoStateFolder(OSError):
-    """Logs and recordings have no place; the message says what to set."""
+    """Logs or recordings have no place; the message says what to set."""
 
 
 def made_log_folder(environ: Mapping[str, str], system: str) -> Path:
     """The same folder for a program that writes into it: it exists and takes files; NoStateFolder where it cannot."""
-    folder = log_folder(environ, system)
-    why = "no permission to write"
+    return _made(log_folder(environ, system), "logs and recordings", STATE_REMEDY)
+
+
+def made_recordings_folder(environ: Mapping[str, str], system: str, chosen: str = "") -> Path:
+    """The folder of recordings for a program that writes into it, likewise."""
+    return _made(recordings_folder(environ, system, chosen), "recordings",
+                 "set recorder.folder to a folder that you can write" if chosen else STATE_REMEDY)
+
+
+def _made(folder: Path, what: str, remedy: str) -> Path:
+    why = why_not_writable(folder)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if os.access(folder, os.W_OK | os.X_OK):
+        if not why:
+            folder.mkdir(parents=True, exist_ok=True)
             return folder
     except OSError as error:
         why = error.strerror or str(error)
-    raise NoStateFolder(f"cannot keep logs and recordings in {folder}: {why}; "
-                        "set TROCAR_STATE to a folder that you can write")
+    raise NoStateFolder(f"cannot keep {what} in {folder}: {why}; {remedy}")
+
+
+def why_not_writable(folder: Path) -> str:
+    """Why files cannot be made in a folder, which may still have to be made itself; empty: they can."""
+    try:
+        there = next(place for place in (folder, *folder.absolute().parents) if place.exists())
+    except OSError as error:
+        return error.strerror or str(error)
+    if not there.is_dir():
+        return f"{there} is no folder"
+    return "" if os.access(there, os.W_OK | os.X_OK) else "no permission to write"
 
 
 def token_file(environ: Mapping[str, str], system: str) -> Path:

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+<<<<<<< HEAD
 from typing import Final
 
+=======
+from trocar.procs.machine.paths import NoStateFolder
+>>>>>>> 76ec4d89 (Refuse a start whose recordings have no place, and have doctor look at the state folder)
 from trocar.shm.memory.segment import SegmentError
 
 STAYS: Final = 5
@@ -25,4 +29,4 @@ def exit_code(error: BaseException, otherwise: int) -> int:
 
 def explains_itself(error: BaseException) -> bool:
     """Whether its message is all that a person needs."""
-    return isinstance(error, (SegmentError, SetupError))
+    return isinstance(error, (NoStateFolder, SegmentError, SetupError))

@@ -14,7 +14,7 @@ from typing import Final
 
 from trocar.procs.document.recorder import COMPRESSIONS, Recorder
 from trocar.procs.document.system import SystemConfig
-from trocar.procs.machine.paths import recordings_folder
+from trocar.procs.machine.paths import made_recordings_folder
 from trocar.procs.node.requests import has_left
 from trocar.procs.recorder.box import BlackBox, BoxLimits
 from trocar.procs.recorder.disk import Disk, DiskFile, no_room_made
@@ -49,7 +49,7 @@ class RecorderLoop(UserNode):
     """See above."""
 
     def setup(self) -> None:
-        """Open every ring there is; whether the disk takes anything is seen when there is something."""
+        """Open every ring there is; whether the disk has room is seen when there is something to write."""
         self._named: NamedRecording | None = None
         self._asked: list[Received] = []
         self._client: tuple[Received, int] | None = None
@@ -60,7 +60,7 @@ class RecorderLoop(UserNode):
         self._shown_ns = self._told_ns = self._dropped = self._dropped_before = 0
         document = self.own.document
         row = document.recorder or Recorder()
-        self._folder = recordings_folder(os.environ, self.system, row.folder)
+        self._folder = made_recordings_folder(os.environ, self.system, row.folder)
         self._times, self._table, self._disk = LocalTimes(self.time), ChannelTable(), Disk()
         self._document = document_of(self.system)
         self._sources = SystemSources(self.system, self._table, self.name)

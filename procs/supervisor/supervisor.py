@@ -14,7 +14,7 @@ from trocar.procs.config.loading.placement import ROBOTS
 from trocar.procs.document.process import ELSEWHERE, ON_DEMAND
 from trocar.procs.document.system import WALL, Process, SystemConfig
 from trocar.procs.machine.log_files import put_run_aside
-from trocar.procs.machine.paths import made_log_folder
+from trocar.procs.machine.paths import made_log_folder, made_recordings_folder
 from trocar.procs.machine.verb_lines import verb_line
 from trocar.procs.node.realtime import in_words, lacking, realtime, step_back
 from trocar.procs.supervisor import memory
@@ -82,6 +82,8 @@ class Supervisor:
         self._systemd = Notifier(os.environ)
         with ExitStack() as held:
             self._folder = made_log_folder(os.environ, system.name)
+            if system.recorder is not None:
+                made_recordings_folder(os.environ, system.name, system.recorder.folder)
             held.enter_context(memory.hold_name(system.name))
             put_run_aside(self._folder, system.logs.keep)
             held.enter_context(gui_token(system))

@@ -62,9 +62,10 @@ class Proc:
     command wakes it between its cycles. `phase` is where in the period its cycle lies in
     lock-step; it may sleep through `rest` periods. Silent for `late_s` it is reported, for `hung_s` killed, and started
     again by the policy for deaths; held up for `late_s` it restarts as if it had been killed, where `pause_ends` it.
-    `stop_s`: how long it may take to end when asked; `on_exit`: what happens then, as `trocar stop` says it; `reserved` is the
-    share of its period that nobody else may take (SCHED_DEADLINE), where it may ask for priority: that of a section of
-    `trocar:`, a little above that of arms, or less than all that move robots; without any it is no `realtime` kind.
+    `stop_s`: how long it may take to end when asked; `on_exit`: what happens then, as `trocar stop` says it; `reserved`
+    is the share of its period that nobody else may take (SCHED_DEADLINE), where it may ask for priority: that of a
+    section of `trocar:`, a little above that of arms, or less than all that move robots; without any it is no
+    `realtime` kind.
     `start` "on-demand": only while somebody wants something of it, unless the system file says otherwise.
     `is_first`: it begins with the first and ends with the last.
     `declared`: the system file says of each instance what it writes and what it can be asked.

@@ -11,8 +11,10 @@ import pytest
 
 from tests.conftest import ROOT, World
 from tests.tools.robot import robot
-from trocar.procs.machine.paths import NoStateFolder, log_folder, made_log_folder
+from trocar.procs.machine.paths import NoStateFolder, log_folder, made_log_folder, made_recordings_folder
+from trocar.procs.node.setup_error import explains_itself
 from trocar.shm.memory.segment import names_of
+from trocar.tools.inspect.machine import BAD, OK, state_folder
 
 
 def trocar(home: Path, folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
@@ -62,3 +64,31 @@ def test_a_folder_of_others_is_no_place_for_logs(tmp_path: Path, monkeypatch: py
     monkeypatch.setattr(os, "access", lambda path, mode: False)  # as where its owner is another user
     with pytest.raises(NoStateFolder, match="TROCAR_STATE"):
         made_log_folder({"TROCAR_STATE": str(tmp_path)}, "lab")
+
+
+@pytest.mark.parametrize("chosen", [True, False])
+def test_recordings_that_have_no_place_say_which_setting_helps(chosen: bool, tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    given = {"TROCAR_STATE": str(tmp_path / "file")}
+    with pytest.raises(NoStateFolder, match="recorder.folder" if chosen else "TROCAR_STATE") as said:
+        made_recordings_folder(given, "lab", str(tmp_path / "file") if chosen else "")
+    assert explains_itself(said.value), "the log of the recorder has no trace of it"
+    assert made_recordings_folder({}, "lab", str(tmp_path / "new")).is_dir()
+
+
+@pytest.mark.slow
+def test_a_system_whose_recordings_have_no_place_does_not_start(tmp_path: Path, world: World) -> None:
+    (tmp_path / "file").touch()
+    done = trocar(tmp_path, tmp_path, "up", "--detach", str(ROOT / "configs/systems/kinematic.yaml"), "--system",
+                  world.name, "--set", f"recorder.folder={tmp_path / 'file'}", "--set", "recorder.on=true")
+    assert done.returncode == 1 and names_of(world.name) == []
+    assert "Traceback" not in done.stderr and "cannot keep recordings" in done.stderr, done.stderr
+    assert "recorder.folder" in done.stderr
+
+
+def test_doctor_looks_whether_logs_have_a_place_and_makes_none(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    wrong = state_folder({"TROCAR_STATE": str(tmp_path / "file")})
+    assert wrong.state == BAD and "TROCAR_STATE" in wrong.mend
+    assert state_folder({"TROCAR_STATE": str(tmp_path / "new" / "one")}).state == OK
+    assert not (tmp_path / "new").exists()

@@ -16,7 +16,7 @@ from typing import Any, Final
 import psutil
 
 from trocar.procs.machine.open_files import raised, shortage
-from trocar.procs.machine.paths import ROOT
+from trocar.procs.machine.paths import ROOT, STATE_REMEDY, log_folder, why_not_writable
 from trocar.procs.machine.port_holders import SocketHolder, holders
 from trocar.procs.native.library import kernel as library
 from trocar.procs.node.realtime import LIMITS_FILE, NO_FIFO, NOT_LOCKED, SYSTEMD, is_urgent, limits_lines, user
@@ -60,6 +60,7 @@ def findings() -> Iterator[MachineFinding]:
     yield cores(len(psutil.Process().cpu_affinity()))
     yield governor()
     yield shared_memory()
+    yield state_folder(os.environ)
     yield open_files(*resource.getrlimit(resource.RLIMIT_NOFILE))
     yield ports(holders(BOARDS_PORT))
     yield network(psutil.net_if_addrs())
@@ -141,6 +142,14 @@ def shared_memory(folder: Path = FOLDER) -> MachineFinding:
         return MachineFinding("shared memory", NOTE, f"{found}; dead systems have left something: {', '.join(left)}",
                               "; ".join(map(_down, left)))
     return MachineFinding("shared memory", OK, found)
+
+
+def state_folder(environ: Mapping[str, str]) -> MachineFinding:
+    """Whether logs and recordings have a place."""
+    folder = log_folder(environ, "").absolute()
+    why = why_not_writable(folder)
+    return MachineFinding("state folder", BAD if why else OK, f"{folder}{f': {why}' if why else ''}",
+                          STATE_REMEDY if why else "")
 
 
 def open_files(soft: int, hard: int) -> MachineFinding:
