@@ -248,3 +248,16 @@ def test_files_of_setup_joints_get_todays_names_and_consoles_find_them(tmp_path:
     assert "converted: arms[0].primary-offsets → primary_offsets (today's name)" in done.stdout
     system = json.loads((to / "system-A.json").read_text())
     assert (system["arms"][0]["arm_file"], done.exit_code) == ("suj-1.json", 0)
+
+
+def test_broken_files_of_a_folder_have_failed_as_they_do_alone(tmp_path: Path) -> None:
+    old, new = tmp_path / "old", tmp_path / "new"
+    old.mkdir()
+    for name, text in (("a.json", '{"a": '), ("b.xml", "<x><y></x>"),
+                       ("pid.xml", pid(joint(0), 1).replace(b' type="PID"', b"")),
+                       ("other.xml", "<notes/>")):
+        written(old, text, name)
+    done = run(old, "--to", new)
+    assert done.exit_code == 1 and "1 copied, 3 failed" in done.stdout, done.stdout
+    assert [path.name for path in new.iterdir()] == ["other.xml"]
+    assert all(run(old / name).exit_code == 1 for name in ("a.json", "b.xml", "pid.xml"))

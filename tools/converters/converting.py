@@ -195,10 +195,10 @@ def _read(file: Path, folder: Path, found: bool) -> Result | None:
         told = replace(problem, text=f"left out: {problem.text}", severity=WARNING) if found else problem
         return Result(file, folder, data, _NOTHING, left_out=found, problems=[told])
     converted = convert_file(str(file), data) if maybe_old else _NOTHING
-    copies = converted.kind == TODAY or (found and converted.kind in (OTHER, UNKNOWN))
+    copies = converted.kind == TODAY or (found and converted.kind == OTHER)
     if found and stays and converted.kind in (OTHER, TODAY):
         return None
-    problems = () if copies and converted.kind != UNKNOWN else converted.problems
+    problems = () if copies else converted.problems
     return Result(file, folder, data, converted, copies, problems=list(problems))
 
 

@@ -21,7 +21,7 @@ from trocar.tools.converters.xmltext import XmlError, XmlNode, parse_xml
 
 Json = dict[str, object]
 
-UNKNOWN = "unknown"
+UNKNOWN = "unknown"  # broken, or of a kind of ours that cannot be read
 OTHER = "other"  # no configuration file, which no run over a folder needs to tell
 TODAY = "today"  # today's format already
 KINDS = "IO XML, PID XML, .rob, console*.json, arm and SUJ files from before 2.4"
@@ -101,7 +101,7 @@ def _xml(path: PurePath, data: bytes, report: ConversionReport) -> tuple[str, li
     if root.tag == "controller" and root.attributes.get("type") == "PID":
         return "pid", [Output(f"{path.stem}.json", convert_pid(root, report))]
     _refuse(root, report)
-    return OTHER, []
+    return UNKNOWN if root.tag == "controller" else OTHER, []
 
 
 def _refuse(root: XmlNode, report: ConversionReport) -> None:
