@@ -13,7 +13,7 @@ from trocar.procs.recordings import names
 from trocar.procs.recordings.reading import RecordingError, open_recording
 from trocar.tools.analysis.places import folder_of
 from trocar.tools.output.errors import Problem
-from trocar.tools.output.printing import emit, table, tell
+from trocar.tools.output.printing import emit, note, table, tell
 from trocar.tools.systems.find import chosen_system
 from trocar.tools.verbs.options import JsonOption, SystemOption
 
@@ -21,8 +21,8 @@ COLUMNS = ("file", "kind", "time", "real s", "MB", "code", "why")
 
 
 def recordings(
-    kinds: Annotated[list[str] | None, typer.Argument(metavar="[KIND]…", help="Only these: fault, dump, named, box.")
-                     ] = None,
+    kinds: Annotated[list[str] | None, typer.Argument(
+        metavar="[KIND]…", help="Only these: fault, dump, died (dumps of dead systems), named, box.")] = None,
     as_json: JsonOption = False,
     system: SystemOption = None,
 ) -> int:
@@ -37,11 +37,14 @@ def recordings(
     Example: trocar recordings fault
     """
     folder = folder_of(system if system and folder_of(system).is_dir() else chosen_system(system))
-    if unknown := [kind for kind in kinds or () if kind not in names.KINDS]:
-        raise Problem(f"kind {unknown[0]}: there are {', '.join(names.KINDS)}")
+    if unknown := [kind for kind in kinds or () if kind not in names.WORDS]:
+        raise Problem(f"kind {unknown[0]}: there are {', '.join(names.WORDS)}")
     if folder.is_dir() and not os.access(folder, os.R_OK | os.X_OK):
         raise Problem(f"{folder}: may not be read")
-    rows = [row for row in described(folder) if not kinds or row["kind"] in kinds]
+    found, unread = described(folder)
+    rows = [row for row in found if not kinds or {row["kind"], row["file"].partition("-")[0]} & {*kinds}]
+    for problem in unread:
+        note(problem)
     if as_json:
         for row in rows:
             emit(row)
@@ -56,9 +59,9 @@ def recordings(
     return 0
 
 
-def described(folder: Path) -> list[dict[str, Any]]:
-    """Each file: what it says of itself; what cannot be read is left out."""
-    found = []
+def described(folder: Path) -> tuple[list[dict[str, Any]], list[str]]:
+    """Each recording: what it says of itself; and what is wrong with those that cannot be read."""
+    found, unread = [], []
     for path in folder.glob("*.mcap"):
         try:
             with open_recording(path) as recording:
@@ -69,6 +72,8 @@ def described(folder: Path) -> list[dict[str, Any]]:
                               "seconds": (recording.end_ns - recording.begin_ns) * 1e-9, "bytes": path.stat().st_size,
                               "code": facts.get(names.CODE, ""), "reason": facts.get("reason", ""),
                               "first": bool(facts.get(names.FIRST)), "path": str(path)})
-        except (RecordingError, OSError):
-            continue
-    return sorted(found, key=lambda row: row["time_ns"], reverse=True)
+        except RecordingError as error:  # with its path
+            unread.append(str(error))
+        except OSError as error:
+            unread.append(f"{path}: {error.strerror or error}")
+    return sorted(found, key=lambda row: row["time_ns"], reverse=True), sorted(unread)
