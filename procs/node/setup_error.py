@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-<<<<<<< HEAD
 from typing import Final
 
-=======
 from trocar.procs.machine.paths import NoStateFolder
->>>>>>> 76ec4d89 (Refuse a start whose recordings have no place, and have doctor look at the state folder)
 from trocar.shm.memory.segment import SegmentError
 
 STAYS: Final = 5

@@ -130,13 +130,9 @@ class OsProcess:
             except ValueError:
                 return f"killed by signal {-code}"
         reported = bytes(self.page.field("error")[()]).rstrip(b"\0").decode(errors="replace")
-<<<<<<< HEAD
-        return reported if reported and code == STAYS else f"exit code {code}" + (f": {reported}" if reported else "")
-=======
-        if reported.startswith("sys.exit("):  # with the code that its author knows; ours says no more
+        if reported and (code == STAYS or reported.startswith("sys.exit(")):  # our code says no more
             return reported
         return f"exit code {code}" + (f": {reported}" if reported else "")
->>>>>>> 5f20633b (Show one exit code for a process that calls sys.exit)
 
     def show_stopped(self, also_failed: bool = False) -> None:
         """It was asked to end, and may have had no time to say that it has; it shows why it failed if it did."""

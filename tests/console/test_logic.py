@@ -302,7 +302,7 @@ def test_tele_operations_run_on_behalf_of_the_person_who_enabled_them_whatever_t
     assert desk.words(RIGHT.name) == [ALIGN, ENABLE, ALIGN] and desk.origins == [PERSON] * 3
 
 
-def test_a_fault_of_an_arm_takes_the_wish_of_before_away_until_a_person_enables_again() -> None:
+def test_a_fault_of_an_arm_takes_what_was_desired_before_away_until_a_person_enables_again() -> None:
     logic, desk = console((RIGHT,))
     logic.press(OPERATOR, PRESSED)
     logic.enable(True, PERSON)

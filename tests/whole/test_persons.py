@@ -56,9 +56,9 @@ class Judge:
         self.powered_by = directory.reader(name, "io", "audit", "io")
         self.wanted = dict.fromkeys(ARMS, False)
         self.states = dict.fromkeys(ARMS, "DISABLED")
-        self.void = dict.fromkeys(ARMS, 0)
+        self.valid_from = dict.fromkeys(ARMS, 0)
         """The generation since which commands count."""
-        self.spared = dict.fromkeys(ARMS, 0)
+        self.exempt_origin = dict.fromkeys(ARMS, 0)
 
     def close(self) -> None:
         for part in (*self.clients.values(), *self.arms.values(), *self.asked.values(), self.io, self.powered_by,
@@ -86,8 +86,8 @@ class Judge:
             row = self._last(self.powered_by, b"power_on", arm)
             self._check(arm, row, "io powers it")
         elif before and not wanted:
-            self.spared[arm] = self._switched_off(arm)
-            self.void[arm] = self.page.generation()
+            self.exempt_origin[arm] = self._switched_off(arm)
+            self.valid_from[arm] = self.page.generation()
 
     def _switched_off(self, arm: str) -> int:
         """The person's command that took the power away: it counts on; a fault: none does."""
@@ -112,8 +112,8 @@ class Judge:
     def _check(self, arm: str, row: Any, what: str) -> None:
         origin = int(row["origin"])
         assert origin in self.given, f"{arm}: {what}, by {row['program']!r}, which is no person"
-        assert self.given[origin] >= self.void[arm] or origin == self.spared[arm], (
-            f"{arm}: {what} by a command of generation {self.given[origin]}, void before {self.void[arm]}")
+        assert self.given[origin] >= self.valid_from[arm] or origin == self.exempt_origin[arm], (
+            f"{arm}: {what} by a command of generation {self.given[origin]}, void before {self.valid_from[arm]}")
 
 
 @contextlib.contextmanager
