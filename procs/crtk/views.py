@@ -1,4 +1,4 @@
-"""Reading a topic by its name, whatever it is: used by bridges, `echo`, `attach` and `trocar.py`.
+"""Reading a topic by its name, whatever it is: used by bridges, `echo`, `attach` and scripts.
 
     with open_topic(system, "PSM1/measured_js") as source:
         if source.newest():

@@ -1,1 +1,1 @@
-"""What scripts see of a running system; `trocar.py` is the door to it."""
+"""What scripts see of a running system; `trocar` gives it."""

@@ -1,4 +1,4 @@
-"""Everything that the inspector shows, as one document or as text: for programs, pipes and mails."""
+"""Everything that the monitor shows, as one document or as text: for programs, pipes and mails."""
 
 from __future__ import annotations
 
