@@ -76,6 +76,11 @@ def test_after_an_io_was_silent_only_what_is_left_to_do_is_named(kinematic: Scri
     kinematic.pages["IO1"].show("STARTING")
     assert status(kinematic).stdout.splitlines()[-1].endswith(
         "io does not answer; wait until IO1 is back, or trocar start IO1; then trocar home PSM1")
+    kinematic.pages["IO1"].show("RUNNING")
+    kinematic.supervisor.field("exit_reason")[0] = b"hung for 5.0 s, killed; where: wall.py line 16 in step"
+    kinematic.supervisor.publish(monotonic_ns())
+    assert status(kinematic).stdout.splitlines()[-1].endswith(
+        "IO1 ended: hung for 5.0 s, killed; where: wall.py line 16 in step; trocar home PSM1")
 
 
 def test_the_file_of_another_fault_is_not_named(world: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

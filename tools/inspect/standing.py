@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from trocar.procs.machine.verb_lines import REMEDY
 from trocar.procs.tables.codes import IO_TIMEOUT, SHARED_BOARD
+from trocar.procs.tables.lifecycle import DONE, is_meant
 from trocar.procs.tables.operator_waits import OF_THE_OPERATOR
 from trocar.shm.memory.segment import SegmentError
 from trocar.shm.ring.ring import RingReader
@@ -100,7 +101,8 @@ def _with_what_is_left(one: Standing, process: ProcessStatus, processes: Sequenc
     ios = [row for row in processes if row.kind == "io" and row.name in process.after]
     away = [row.name for row in ios if row.state != "RUNNING" or row.problem]
     first = f"wait until {away[0]} is back, or trocar start {away[0]}; then " if away else ""
-    return dataclasses.replace(one, fault={**one.fault, "hint": f"{first}trocar home {one.name}"})
+    why = [f"{row.name} ended: {row.exit_reason}; " for row in ios if not is_meant(row.exit_reason or DONE)]
+    return dataclasses.replace(one, fault={**one.fault, "hint": f"{''.join(why)}{first}trocar home {one.name}"})
 
 
 def _untaken(process: ProcessStatus) -> str:
