@@ -7,17 +7,22 @@ import os
 from collections.abc import Iterator
 from functools import partial
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import pytest
 from cyclonedds.core import DDSException
 
+from tests.conftest import World
+from trocar.procs.crtk.stamps import Stamps
 from trocar.procs.ros_bridge import carrying_out
 from trocar.procs.ros_bridge.events import REPEAT_NS, ToldState
+from trocar.procs.ros_bridge.outgoing import FIELD_TOPICS
+from trocar.procs.ros_bridge.publishing import RecordTopics
 from trocar.procs.ros_bridge.refusals import KEPT, SILENT_NS, Refusals
 from trocar.procs.ros_bridge.services import STRANGERS, Services
 from trocar.procs.ros_messages.dds import Participant
 from trocar.procs.ros_messages.messages import JointStates, Joy, OperatingState, Time
+from trocar.shm.system import directory
 
 HOUR_NS = 3600 * 10**9
 
@@ -45,6 +50,24 @@ def test_a_message_that_cannot_be_read_takes_no_other_with_it(participant: Parti
     assert len(told) == 2 and "rt/x" in told[0] and "cannot be read" in told[0]
     writer.write(Spoilt())
     assert reader.take() == []
+
+
+def test_the_buttons_of_a_console_have_the_stamp_of_their_record(world: World) -> None:
+    directory.create_ring(world.name, "console", directory.topic_of("console", "state"), {"teleops": 1}, {})
+    record = directory.writer(world.name, "console", "state", "console")
+    record.field("operator_present")[...] = True
+    record.publish(7_000_000_001)
+    written: dict[str, list[Any]] = {}
+    taker = SimpleNamespace(writer=lambda name, *_: SimpleNamespace(write=written.setdefault(name, []).append))
+    told = [(row, row.topic, -1) for row in FIELD_TOPICS if row.kind == "console"]
+    topics = RecordTopics(cast("Participant", taker), world.name, "console",
+                          directory.reader(world.name, "console", "state", "console"), (), told)
+    topics.step(Stamps(simulated=True))
+    (message,) = written["operator_present"]
+    assert (message.buttons, message.header.stamp) == ([1], Time(7, 1))
+    topics.close()
+    record.close()
+    world.remove()
 
 
 def test_a_message_that_is_too_large_goes_nowhere(participant: Participant) -> None:
