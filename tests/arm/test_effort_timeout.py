@@ -12,7 +12,7 @@ from tests.arm.fake_io import ArmHarness
 from tests.arm.fake_master import MasterHarness, master
 from tests.arm.fake_requests import FakeRequest
 from tests.arm.test_master_efforts import bent, borne, gains, joint_effort
-from tests.lib.test_gravity import parameters
+from tests.kinematics.test_gravity import parameters
 
 DEEP = (0.0, 0.0, 0.12, 0.0, 0.0, 0.0)
 PUSH = (0.0, 0.0, 0.5, 0.0, 0.0, 0.0)

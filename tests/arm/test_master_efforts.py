@@ -10,7 +10,7 @@ import pytest
 
 from tests import stock
 from tests.arm.fake_master import MasterHarness, actuator_of, master
-from tests.lib.test_gravity import parameters
+from tests.kinematics.test_gravity import parameters
 from trocar.procs.kinematics.forward import Kinematics
 from trocar.procs.kinematics.poses import matrix_from_pose
 

@@ -22,7 +22,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from tests.lib import board_side
+from tests.fpga import board_side
 from trocar.procs.fpga import blocks, wire
 from trocar.procs.fpga import registers as reg
 

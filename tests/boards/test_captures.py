@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from tests.boards.captures import Capture, Comparison, Exchange, read_capture
-from tests.lib import board_side
+from tests.fpga import board_side
 from trocar.procs.boards.controllers.bus import EmulatedBus
 from trocar.procs.document.system import Controller
 from trocar.procs.fpga import registers as reg

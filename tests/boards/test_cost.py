@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tests.conftest import World
-from tests.lib import board_side
+from tests.fpga import board_side
 from trocar.procs.boards.cost import BLOCK, CYCLES, MAX_OFF, SWITCH_ON_WINDOWS, WARM_UP, WINDOW_NS, BoardsBench, summary
 from trocar.procs.config import load_system
 from trocar.procs.fpga import blocks, wire

@@ -19,7 +19,7 @@ import pytest
 from tests.boards.fuzzing import MS, SECOND, Rules, Sender, read_quads
 from tests.boards.served import Served
 from tests.conftest import ROOT
-from tests.lib import board_side
+from tests.fpga import board_side
 from trocar.procs.boards.controllers.bus import GROUP
 from trocar.procs.boards.controllers.models import HARDWARE
 from trocar.procs.boards.emulation import Emulation

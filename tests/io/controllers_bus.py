@@ -7,8 +7,8 @@ import socket
 import threading
 import time
 
+from tests.fpga import board_side
 from tests.io.stub_bus import own_address
-from tests.lib import board_side
 from trocar.procs.boards.controllers.bus import EmulatedBus
 from trocar.procs.document.system import Controller
 from trocar.procs.fpga import wire

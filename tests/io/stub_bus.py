@@ -9,7 +9,7 @@ import threading
 import time
 from dataclasses import dataclass, field
 
-from tests.lib import board_side
+from tests.fpga import board_side
 from trocar.procs.fpga import blocks, registers, wire
 from trocar.procs.io.bus.bus_port import BusPort
 from trocar.procs.io.bus.port import BROADCAST_QUERY

@@ -7,9 +7,9 @@ import time
 import numpy as np
 import pytest
 
+from tests.fpga import board_side
 from tests.io.controllers_bus import ControllersBus, controller
 from tests.io.stub_bus import StubBoard, StubBus, udp_port_to
-from tests.lib import board_side
 from trocar.procs.fpga import blocks, registers
 from trocar.procs.io.bus import discovery
 from trocar.procs.io.bus.port import BROADCAST_QUERY, PROTOCOLS, SEQUENTIAL, PortError

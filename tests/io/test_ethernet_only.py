@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from tests.fpga import board_side
 from tests.io.boards_harness import Direct
 from tests.io.test_udp_discovery import recorded_requests, without_address
-from tests.lib import board_side
 from trocar.procs.boards.controllers.bus import EmulatedBus
 from trocar.procs.document.system import Controller
 from trocar.procs.fpga import blocks, registers, wire

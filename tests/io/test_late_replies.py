@@ -16,7 +16,7 @@ from hypothesis import HealthCheck, Phase, given
 from hypothesis import strategies as st
 
 from tests.examples import examples
-from tests.lib import board_side
+from tests.fpga import board_side
 from trocar.procs.boards.controllers.bus import GROUP, EmulatedBus
 from trocar.procs.document.system import Controller
 from trocar.procs.fpga import blocks, registers, wire

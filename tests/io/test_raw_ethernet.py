@@ -7,8 +7,8 @@ import subprocess
 
 import pytest
 
+from tests.fpga import board_side
 from tests.io.emulated_ports import OTHER_END, OUR_END, PortBench, in_namespace
-from tests.lib import board_side
 from trocar.procs.fpga import registers, wire
 from trocar.procs.io.bus import ethernet, owner
 from trocar.procs.io.bus.ethernet import EthernetTransport, interface_of

@@ -6,8 +6,8 @@ import time
 import numpy as np
 import pytest
 
+from tests.fpga import board_side
 from tests.io.stub_bus import bus_of, port_to
-from tests.lib import board_side
 from trocar.procs.fpga import blocks, registers, wire
 from trocar.procs.io.bus import discovery, link
 from trocar.procs.io.bus.port import ALL_BOARDS, PROTOCOLS, SEQUENTIAL, PortError

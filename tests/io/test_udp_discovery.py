@@ -5,8 +5,8 @@ import time
 
 import pytest
 
+from tests.fpga import board_side
 from tests.io.stub_bus import StubBoard, StubBus, bus_of, udp_port_to
-from tests.lib import board_side
 from trocar.procs.fpga import registers, wire
 from trocar.procs.io.bus import discovery
 from trocar.procs.io.bus.port import BROADCAST_QUERY, SEQUENTIAL, SEQUENTIAL_BROADCAST, PortError

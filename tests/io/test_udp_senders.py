@@ -9,9 +9,9 @@ from collections.abc import Iterator
 
 import pytest
 
+from tests.fpga import board_side
 from tests.io.emulated_ports import block_address
 from tests.io.harness import IoHarness
-from tests.lib import board_side
 from trocar.procs.fpga import wire
 from trocar.procs.io.bus.udp import NODES, PORTS, UdpTransport, address_of
 

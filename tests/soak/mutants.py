@@ -45,10 +45,8 @@ SLOWER = 3.0  # times as long as without a mutant, and
 PATIENCE_S = 30.0
 
 TESTS = (
-    "tests/arm", "tests/config", "tests/console", "tests/io", "tests/lib/test_camera.py",
-    "tests/lib/test_given_file.py", "tests/lib/test_pid.py", "tests/lib/test_pid_model.py",
-    "tests/lib/test_teleoperation.py", "tests/lib/test_velocity.py", "tests/soak/test_judge.py", "tests/suj",
-    "tests/teleop", "tests/whole",
+    "tests/arm", "tests/config", "tests/console", "tests/io", "tests/machine/test_given_file.py",
+    "tests/fpga/test_velocity.py", "tests/soak/test_judge.py", "tests/suj", "tests/teleop", "tests/whole",
 )
 
 AT_IMPORT = (("procs/config/models/", "tests/config/test_keys.py"),)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
-from tests.lib import board_side
+from tests.fpga import board_side
 from tests.system.conftest import systems
 from tests.system.robot import Robot, wait_for
 from tests.system.samples import Records, is_well, newest, stop_boards

@@ -14,9 +14,9 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner, Result
 
+from tests.fpga import board_side
 from tests.io.controllers_bus import ControllersBus, controller
 from tests.io.stub_bus import StubBoard, StubBus
-from tests.lib import board_side
 from trocar.procs.document.system import Controller
 from trocar.procs.fpga import registers, wire
 from trocar.procs.io.bus import owner

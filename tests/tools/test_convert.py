@@ -10,8 +10,8 @@ from typing import Any
 from typer.testing import CliRunner, Result
 
 from tests import stock
-from tests.lib.test_convert_rob import TWO
 from tests.old import actuator, config, joint, pid, robot, three
+from tests.tools.converters.test_convert_rob import TWO
 from trocar.procs.config import check_file
 from trocar.tools import cli
 

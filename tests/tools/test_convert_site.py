@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from tests import stock
-from tests.lib.test_convert_back import ROBOTS, Writer
 from tests.old import config, joint, pid, three
+from tests.tools.converters.test_convert_back import ROBOTS, Writer
 from trocar.procs.config.read.jsontext import parse_json
 from trocar.procs.machine.paths import ROOT
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 import json
 from typing import get_args
 
-from tests.lib import board_side
+from tests.fpga import board_side
 from trocar.procs.boards.devices.board import GIT_DESCRIPTIONS
 from trocar.procs.config.models.emulation_section import BoardKeys
 from trocar.procs.document.emulated import MADE_FOR

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.lib import board_side
+from tests.fpga import board_side
 from trocar.procs.fpga import wire
 
 

@@ -11,9 +11,9 @@ from typing import Any
 
 import pytest
 
-from tests.lib.test_convert_console import ARM, EMBEDDED, KEYBOARD, TELEOPS
-from tests.lib.test_convert_rob import FULL
 from tests.old import config, joint, matrix, only, pid, three
+from tests.tools.converters.test_convert_console import ARM, EMBEDDED, KEYBOARD, TELEOPS
+from tests.tools.converters.test_convert_rob import FULL
 from trocar.tools.converters import convert_file, to_json
 
 SITE = "dvrk-site"
