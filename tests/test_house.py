@@ -239,7 +239,6 @@ def test_importing_any_module_does_nothing() -> None:
     assert out.strip() == ""
 
 
-@pytest.mark.slow
 def test_rings_mailboxes_and_time_know_no_robot() -> None:
     out = python("import sys, trocar.shm.mailbox.client, trocar.shm.time.held_time, trocar.shm.ring.stamps\n"
                  "print(*(name for name in sys.modules if name.startswith('trocar.')))")
@@ -247,6 +246,7 @@ def test_rings_mailboxes_and_time_know_no_robot() -> None:
     assert rooms == {"memory", "ring", "time", "mailbox"} and "trocar.procs" not in out
 
 
+@pytest.mark.slow
 def test_io_needs_little_to_start() -> None:
     out = python("import sys, trocar.procs.io.loop\nprint(*{m.split('.')[0] for m in sys.modules})")
     allowed = sys.stdlib_module_names | {"numpy", "posix_ipc", "trocar", "__mp_main__"}

@@ -21,8 +21,8 @@ import typer
 
 from trocar.procs.machine.end_signals import ctrl_c_ends, ctrl_c_raises
 from trocar.procs.machine.paths import ROOT
+from trocar.procs.machine.version import VERSION
 from trocar.tools.output.errors import Misuse, Problem
-from trocar.tools.version import VERSION
 
 FINE, WRONG, MISUSED, INTERRUPTED = 0, 1, 2, 130
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 from trocar.procs.machine.end_signals import ctrl_c_in_a_line
+from trocar.procs.machine.version import VERSION as __version__
 from trocar.procs.tables.arm_types import ARM_TYPES, class_of
 from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.tools.client.arm import Arm
@@ -26,7 +27,6 @@ from trocar.tools.client.setup import SetupArm, Suj
 from trocar.tools.client.values import JointState
 from trocar.tools.client.whole import DistantSystem
 from trocar.tools.output.errors import Clipped, Disconnected, NotThere, Problem, Refused
-from trocar.tools.version import VERSION as __version__
 
 
 def _has_shared_memory() -> bool:

@@ -21,6 +21,7 @@ from typing import Any, Final
 
 from trocar.procs.crtk.plain import plain
 from trocar.procs.machine.paths import ROOT, log_folder, token_file
+from trocar.procs.machine.version import VERSION
 from trocar.procs.recordings.reading import RecordingError, open_recording
 from trocar.shm.memory.segment import SegmentError, names_of
 from trocar.shm.system import directory
@@ -31,7 +32,6 @@ from trocar.tools.inspect.processes import statuses
 from trocar.tools.output.printing import Say
 from trocar.tools.systems.dumping import dump
 from trocar.tools.systems.find import chosen_system, forbidden
-from trocar.tools.version import VERSION
 
 LOG_BYTES: Final = 4 << 20
 """Of each log file, its end."""
