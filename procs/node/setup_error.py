@@ -7,8 +7,8 @@ from typing import Final
 from trocar.procs.machine.paths import NoStateFolder
 from trocar.shm.memory.segment import SegmentError
 
-STAYS: Final = 5
-"""Exit code of a process that is not started again by itself."""
+STAYS: Final = 78
+"""Exit code of a process that is not started again by itself: EX_CONFIG of sysexits.h."""
 
 
 class SetupError(Exception):

@@ -92,7 +92,8 @@ class OsProcess:
     def _announce_trace(self) -> None:
         """What follows in its log is a trace of now: it has no stamps of its own."""
         with contextlib.suppress(OSError), self.log.open("a", encoding="utf-8") as log:
-            log.write(stamped("WARNING", "does not respond; it is here:", local_ns() * 1e-9) + "\n")
+            text = "does not respond; where it is follows, unless it is stopped"
+            log.write(stamped("WARNING", text, local_ns() * 1e-9) + "\n")
         self._log_size = self._size()
 
     def where(self) -> str:

@@ -134,7 +134,7 @@ TASK_OVER_BUDGET: Final = Code(
     "shorten its step or raise its budget_us (docs/in-cycle.md)", 31, NOTHING)
 TASK_FAILED: Final = Code(
     "task-failed", ERROR, "io", "an in-cycle task failed and was detached",
-    "correct its module, then trocar restart NAME --yes loads it (docs/in-cycle.md)", 32, NOTHING)
+    "correct its module, then restart its io process, which loads it (docs/in-cycle.md)", 32, NOTHING)
 
 # any process
 HELD_UP: Final = Code(

@@ -25,6 +25,7 @@ from trocar.tools.inspect import standing
 from trocar.tools.inspect.processes import SENTENCES, ProcessStatus, _problem
 from trocar.tools.inspect.segments import PAGE_GONE
 from trocar.tools.inspect.standing import Standing, first_thing, next_step
+from trocar.tools.systems.processes import ParentProcess
 
 APP = cli.build()
 NAMED = "instrument not named (tool_detection MANUAL): trocar send PSM1 set_tool_type NAME"
@@ -220,7 +221,7 @@ def test_each_problem_of_a_process_is_a_sentence(problem: str, said: str) -> Non
 def test_a_process_that_was_restarted_just_now_is_not_well_yet() -> None:
     again = dataclasses.replace(process("b", kind="user"), restarts=8, restarted_s=3.0, exit_reason="code 4: Refused")
     first = first_thing([again], [])
-    assert first.startswith("b ended by itself") and "8 times" in first and "code 4: Refused" in first
+    assert first.startswith("b was restarted") and "8 times" in first and "code 4: Refused" in first
     assert first_thing([dataclasses.replace(again, restarted_s=None)], []) == ""
 
 
@@ -295,6 +296,24 @@ def test_the_next_step_leads_to_teleoperation() -> None:
     assert next_step([off, console]) == "trocar home" and next_step([off, homed, console]) == ""
     assert next_step([powered, homed, console]) == "trocar home PSM1"
     assert next_step([homed, console]) == "trocar send console teleop_enable 1" and next_step([homed]) == ""
+    paused = dataclasses.replace(homed, state="PAUSED")
+    assert next_step([paused, console]) == f"trocar send {paused.name} state_command resume"
+
+
+def test_a_filter_whose_host_died_is_no_third_party_program() -> None:
+    dead = dataclasses.replace(process("speed", "dead", "user", ""), host="lab", lives=False)
+    assert first_thing([dead], []).startswith("speed is dead: trocar restart lab")
+
+
+def test_a_system_that_a_commissioning_runs_waits_for_what_that_says(
+    kinematic: ScriptedRobot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    parent = ParentProcess(4711, ("python", "-m", "trocar", "commission", "site.json"))
+    monkeypatch.setattr("trocar.tools.systems.processes.parent_of", lambda pid: parent)
+    assert status(kinematic).stdout.splitlines()[-1].startswith("all well; next: as trocar commission (pid 4711) says")
+    for verb in ("home", "power-on"):
+        refused = CliRunner().invoke(APP, [verb, "--system", kinematic.name])
+        assert refused.exit_code == 1 and "trocar commission (pid 4711) drives" in refused.output
 
 
 def test_what_waits_for_a_silent_process_is_not_well() -> None:

@@ -26,7 +26,7 @@ from trocar.tools.commission.subject import subjects_of
 from trocar.tools.output.errors import Misuse, Problem
 from trocar.tools.output.printing import emit, note, table, tell
 from trocar.tools.systems.find import supervisor_of, system_file
-from trocar.tools.systems.processes import parent_of
+from trocar.tools.systems.processes import commissioning
 from trocar.tools.systems.supervising import StartRequest, up_meanwhile
 from trocar.tools.verbs.options import JsonOption
 
@@ -109,11 +109,10 @@ def commission(
 
 
 def _refuse_second(system: str) -> None:
-    """Problem while another commissioning runs: its supervisor is a child of it, one of `trocar up` is not."""
+    """Problem while another commissioning runs."""
     supervisor = supervisor_of(system)
-    parent = parent_of(supervisor.pid) if supervisor is not None else None
-    if parent is not None and NAME in parent.command:
-        raise Problem(f"a commissioning runs already (pid {parent.pid}, system {system}); let it end, or give this one "
+    if supervisor is not None and (pid := commissioning(supervisor.pid)):
+        raise Problem(f"a commissioning runs already (pid {pid}, system {system}); let it end, or give this one "
                       "another name with --system")
 
 

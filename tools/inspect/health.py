@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections import deque
 from typing import Any
 
@@ -76,7 +77,9 @@ class HealthWatch:
         }
 
     def _process(self, process: ProcessStatus) -> dict[str, Any]:
-        begin = self._begin.get(process.name, process)
+        begin = self._begin.get(process.name)
+        if begin is None or begin.pid != process.pid:  # a new process counts from 0
+            begin = dataclasses.replace(process, cycles=0, missed=0, overruns=0)
         cycles, missed = process.cycles - begin.cycles, process.missed - begin.missed
         return {"name": process.name, "cycles": cycles, "missed": missed, "overruns": process.overruns - begin.overruns,
                 "missed_percent": 100.0 * missed / cycles if cycles else None, "restarts": process.restarts,

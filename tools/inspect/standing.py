@@ -32,7 +32,7 @@ from trocar.tools.inspect.processes import (
 )
 from trocar.tools.inspect.segments import GONE
 from trocar.tools.output.printing import plain, span
-from trocar.tools.systems.processes import SUPERVISOR
+from trocar.tools.systems.processes import SUPERVISOR, commissioning
 
 FAULT, ON, OFF = "FAULT", "teleoperation on", "teleoperation off"
 FAULT_KEYS = ("code", "component", "axis", "board", "value", "limit", "text", "hint", "monotonic_ns", "local_ns")
@@ -210,8 +210,8 @@ def first_thing(processes: Sequence[ProcessStatus], found: Sequence[Standing]) -
     again = next((process for process in processes if process.restarted_s is not None), None)
     if again is not None:
         times = f", {again.restarts} times in all" if again.restarts > 1 else ""
-        return (f"{again.name} ended by itself and was restarted {span(again.restarted_s or 0.0)} ago{times}: "
-                f"{again.exit_reason}; trocar logs {again.name} may say why")
+        return (f"{again.name} was restarted {span(again.restarted_s or 0.0)} ago{times}: {again.exit_reason}; "
+                f"trocar logs {again.name} may say why")
     waiting = next((one for one in found if one.person), None)
     if waiting is not None:
         return f"{waiting.name} waits: {waiting.reason}"
@@ -233,8 +233,14 @@ def first_thing(processes: Sequence[ProcessStatus], found: Sequence[Standing]) -
 
 def in_a_line(processes: Sequence[ProcessStatus], found: Sequence[Standing]) -> str:
     """The last line of `status`: all well, and what may come next, or the first thing to do."""
-    first, then = first_thing(processes, found), next_step(found)
+    first, then = first_thing(processes, found), guide_of(processes) or next_step(found)
     return f"first: {first}" if first else f"all well; next: {then}" if then else "all well"
+
+
+def guide_of(processes: Sequence[ProcessStatus]) -> str:
+    """What a person does while `trocar commission` runs the system: what that says; empty: it does not."""
+    pid = next((commissioning(process.pid) for process in processes if process.kind == SUPERVISOR), 0)
+    return f"as trocar commission (pid {pid}) says, and nothing else meanwhile" if pid else ""
 
 
 def _with_help(process: ProcessStatus) -> str:
@@ -250,11 +256,11 @@ def _help(process: ProcessStatus) -> str:
     why = "" if logs in problem else f"; {logs} may say why"
     if process.kind == SUPERVISOR or problem.endswith(GONE):
         return f"{'' if is_dead else 'trocar down; then '}trocar up FILE starts the system again"
+    if process.host:
+        return f"trocar restart {name}{why}" if is_dead else logs
     if problem in (SILENT, DEAD) and not process.lifecycle:
         end = f"end it (kill {process.pid}), then " if problem == SILENT else ""
         return f"it is a third-party program; {end}start it again"
-    if process.host:  # that one goes on
-        return f"trocar restart {name}{why}" if is_dead else logs
     if problem == STOPPED:
         return f"trocar start {name}"
     if is_dead or problem.startswith(NOT_RUNNING):
@@ -273,6 +279,9 @@ def next_step(found: Sequence[Standing]) -> str:
     arms = [one for one in found if one.kind in ("arm", "suj")]
     if arms and all(one.state == "DISABLED" for one in arms):  # with a sub-state it is on its way
         return "trocar home"
+    paused = next((one.name for one in arms if one.state.startswith("PAUSED")), None)
+    if paused is not None:
+        return f"trocar send {paused} state_command resume"
     powered = [one.name for one in arms if one.state == "ENABLED" and one.homed is False]
     if powered:
         return f"trocar home {' '.join(powered)}"

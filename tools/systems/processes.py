@@ -12,6 +12,7 @@ from trocar.shm.memory.segment import start_time
 
 SUPERVISOR = "supervisor"
 TERMINATE, KILL, CONTINUE = 15, 9, 18  # signals
+COMMISSION = "commission"  # the verb
 DOOR = re.compile(r"trocar\.procs\.(\w+)\.loop")
 
 
@@ -63,6 +64,12 @@ def parent_of(pid: int) -> ParentProcess | None:
     except (OSError, ValueError):
         return None
     return ParentProcess(parent, tuple(words))
+
+
+def commissioning(supervisor: int) -> int:
+    """The pid of the `trocar commission` that started this supervisor; 0: another program did."""
+    parent = parent_of(supervisor) if supervisor else None
+    return parent.pid if parent is not None and COMMISSION in parent.command else 0
 
 
 def _parsed(folder: Path, trusted: frozenset[int] | None) -> RunningProcess | None:

@@ -10,7 +10,8 @@ from trocar.tools.client.bring_up import DISABLED, ENABLED, HOMED, bring
 from trocar.tools.inspect.watch import powered_names
 from trocar.tools.output.errors import Problem
 from trocar.tools.output.printing import emit, note, progress, table
-from trocar.tools.systems.find import chosen_system
+from trocar.tools.systems.find import chosen_system, supervisor_of
+from trocar.tools.systems.processes import commissioning
 from trocar.tools.verbs.options import JsonOption, SystemOption
 
 Arms = Annotated[list[str] | None, typer.Argument(metavar="[ARM]...", help="Arms; none: all of the system.")]
@@ -55,6 +56,9 @@ def power_off(
 
 def _verb(goal: str, arms: list[str] | None, timeout: float, as_json: bool, system: str | None) -> int:
     name = chosen_system(system)
+    supervisor = supervisor_of(name) if goal != DISABLED else None
+    if supervisor is not None and (pid := commissioning(supervisor.pid)):  # a person may have a hand on the arm
+        raise Problem(f"trocar commission (pid {pid}) drives {name}; let it end first, or end it with Ctrl-C")
     names = powered_names(name, arms)
     if not names:
         raise Problem(f"system {name} has no arms")
