@@ -18,7 +18,7 @@ from trocar.shm.memory.segment import segment_name, unlink
 from trocar.tools.monitor.app import PAGES, InspectorApp
 from trocar.tools.monitor.pages.page import InspectorPage
 from trocar.tools.monitor.pages.palette import DARK, LIGHT
-from trocar.tools.monitor.pages.table import WIDE
+from trocar.tools.monitor.pages.table import WIDE, Head, TableRow
 from trocar.tools.monitor.pages.values import ValuesPage
 
 pytestmark = pytest.mark.slow
@@ -71,6 +71,15 @@ def test_every_page_shows_itself_and_fits(world: World, size: tuple[int, int]) -
             assert any(line.split() == " ".join(titles).split() for line in shown.splitlines()), shown
 
     play(world, story, size)
+
+
+def test_no_cell_of_a_table_is_cut() -> None:
+    cells = ("MTMR_PSM1/error_state/measured_js", "teleoperation off, clutch", "1234567")
+    texts = TableRow("console", cells).texts((Head("topic", 20), Head("state", 16), Head("Hz", 5, True)),
+                                             {0: 20, 1: 16, 2: 5})
+    assert ["".join(text.plain.split()) for text in texts] == ["".join(cell.split()) for cell in cells]
+    assert all(len(line) <= width for text, width in zip(texts, (20, 16, 5), strict=True)
+               for line in text.plain.split("\n"))
 
 
 def test_a_topic_is_chosen_and_its_values_live(world: World) -> None:

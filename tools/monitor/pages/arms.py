@@ -18,7 +18,7 @@ class ArmsPage(InspectorPage):
 
     TITLE = "arms"
     COLUMNS = (Head("name", 12), Head("state", 16), Head("homed", 5), Head("fault", 16, False, True),
-               Head("why, or waits for what", 0, is_whole=True), Head("remedy", 0, is_wide=True, is_whole=True))
+               Head("why, or waits for what", 0), Head("remedy", 0, is_wide=True))
     EVERY_S = 0.5
     DETAILS = 5
 

@@ -17,7 +17,7 @@ class CommandsPage(InspectorPage):
 
     TITLE = "commands"
     COLUMNS = (Head("at", 12), Head("asked", 9), Head("for", 18), Head("outcome", 9), Head("whose", 0),
-               Head("reason", 0, is_wide=True, is_whole=True))
+               Head("reason", 0, is_wide=True))
     EVERY_S = 0.5
     DETAILS = 2
     _data: CommandsData | None = None

@@ -19,7 +19,7 @@ class ProcessesPage(InspectorPage):
     COLUMNS = (Head("process", 11), Head("state", 14), Head("pid", 7, True, True), Head("Hz", 7, True),
                Head("jitter", 6, True), Head("p99 ms", 7, True, True), Head("work p99", 8, True, True),
                Head("CPU %", 5, True), Head("MB", 4, True), Head("missed", 7, True, True),
-               Head("restarts", 8, True), Head("problem", 0, is_whole=True))
+               Head("restarts", 8, True), Head("problem", 0))
 
     def open(self, system: str) -> None:
         """Begin to measure shares of a core."""

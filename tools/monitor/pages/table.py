@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from textwrap import wrap
 
 from rich.text import Text
 from textual.widgets import DataTable
 
 from trocar.tools.output.printing import printable
-from trocar.tools.output.tables import wrapped
 
 WIDE = 110
 """From so many columns of the terminal on, those columns of a table that are for wide ones are shown."""
@@ -19,14 +19,13 @@ WIDE = 110
 class Head:
     """A column: its title, characters (0: what is left over, shared), flush right, only where the terminal is wide.
 
-    `is_whole`: a text that is too long continues on the next line; in other columns it is cut.
+    A text that is too long continues on the next line.
     """
 
     title: str
     width: int
     is_right: bool = False
     is_wide: bool = False
-    is_whole: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,13 +42,8 @@ class TableRow:
         own, made = dict(self.styles), []
         for k, width in widths.items():
             words = printable(self.cells[k].replace("\n", " "), "")
-            text = Text("\n".join(wrapped(words, width)) if columns[k].is_whole else words, no_wrap=True, end="",
-                        style=own.get(k, self.style))
-            if not columns[k].is_whole:
-                text.truncate(width, overflow="ellipsis")
-            if columns[k].is_right:
-                text.pad_left(width - text.cell_len)
-            made.append(text)
+            lines = [line.rjust(width) if columns[k].is_right else line for line in wrap(words, width) or [""]]
+            made.append(Text("\n".join(lines), no_wrap=True, end="", style=own.get(k, self.style)))
         return made
 
 

@@ -32,7 +32,7 @@ class TopicsPage(InspectorPage):
     TITLE = "topics"
     COLUMNS = (Head("topic", 20), Head("declared", 9, True), Head("Hz", 7, True), Head("longest ms", 10, True),
                Head("age", 7, True), Head("lost", 5, True), Head("records", 12, True, True),
-               Head("problem", 0, is_whole=True))
+               Head("problem", 0))
     DETAILS = 2
     BINDINGS = [Binding("enter", "open_values", "values", priority=True)]  # noqa: RUF012  # as textual wants it
     _data: TopicsData | None = None
