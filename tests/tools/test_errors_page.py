@@ -17,8 +17,7 @@ from trocar.tools.pages import errors as errors_page
 ROOT = errors_page.PAGE.parent.parent
 NAMES = {name: row for name, row in vars(codes).items() if isinstance(row, codes.Code)}
 # Who tells what is not named in the folder of a kind.
-ELSEWHERE = {"runtime.py": "any", "node_memory.py": "any", "client": "third_party", "faults.py": "arm",
-             "user_process.py": "user"}
+ELSEWHERE = {"fault_report.py": "arm", "node": "any", "client": "third_party"}
 
 
 def used() -> dict[str, set[str]]:
@@ -31,7 +30,7 @@ def used() -> dict[str, set[str]]:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             name = node.attr if isinstance(node, ast.Attribute) else node.id if isinstance(node, ast.Name) else ""
             if name in NAMES:
-                found.setdefault(name, set()).add(ELSEWHERE.get(room, room))
+                found.setdefault(name, set()).add(ELSEWHERE.get(path.name, ELSEWHERE.get(room, room)))
     return found
 
 

@@ -119,7 +119,7 @@ def test_a_teleoperation_follows_its_master_in_time_and_tells_how_late_it_is() -
     node.log.clear()
     loop.cycle(node.now_ns, 0)
     assert "follow 8000000 190000" in node.log and "latency 450000" in node.log
-    assert node.voids.void == 9
+    assert node.voids.valid_from == 9
 
 
 def test_a_program_sets_no_pace() -> None:
