@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from tests.conftest import ROOT
 from tests.retries import measured
 from trocar.shm.mailbox.client import MailboxFull
 from trocar.shm.memory.segment import names_of
@@ -87,7 +88,7 @@ def test_the_example_of_help_measures_every_process_and_whoever_follows(
     command = [sys.executable, "-m", "trocar", *shlex.split(example.replace("--seconds 5", "--seconds 1"))[1:]]
 
     def run() -> dict[str, Any]:
-        with subprocess.Popen(command, cwd=bench_system.ROOT, text=True, stdout=subprocess.PIPE,
+        with subprocess.Popen(command, cwd=ROOT, text=True, stdout=subprocess.PIPE,
                               stderr=subprocess.PIPE) as done:
             reported, problem = done.communicate(timeout=180)
         assert not names_of(f"bench-system-{done.pid}")
