@@ -71,6 +71,7 @@ class Power:
         self.relay_unseen: Flags = hardware == "DQLA"
         self._preloads: Flags = hardware == "dRA1"
         self.mask[self._preloads] |= np.uint32(registers.STATUS_PRELOADED)
+        self._were_preloaded: Flags = np.zeros(n_boards, dtype=bool)
         self._any_unseen = bool(self.relay_unseen.any())
         self.now: NDArray[np.uint32] = np.zeros(n_boards, dtype=np.uint32)
         self.before: NDArray[np.uint32] = np.zeros(n_boards, dtype=np.uint32)
@@ -146,8 +147,13 @@ class Power:
                 self._supply_alone(robot, now_ns)
 
     def _look_for_preloads(self, now_ns: int) -> None:
-        """Name the robots whose encoders are to be preloaded, again every 0.1 s until the boards show that they are."""
-        rows = self._preloads & ((self.now & np.uint32(registers.STATUS_PRELOADED)) == 0)
+        """Name the robots whose boards no longer show that the encoders are preloaded, every 0.1 s until they do.
+
+        A board that has never shown it was preloaded at the start of io, once: it may not be able to show it.
+        """
+        shown = self._preloads & ((self.now & np.uint32(registers.STATUS_PRELOADED)) != 0)
+        self._were_preloaded |= shown
+        rows = self._were_preloaded & ~shown
         if not rows.any():
             return
         if now_ns >= self._preload_ns:
