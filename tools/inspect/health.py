@@ -15,7 +15,6 @@ from trocar.tools.inspect.processes import SILENT, STALLED, ProcessStatus, statu
 from trocar.tools.output.printing import plain
 
 KEPT = 300_000  # cycles; more would only cost memory
-SYSTEM = "system"
 FEWER = 0.9  # share of the nominal rate below which io was not on rate
 
 
@@ -33,11 +32,11 @@ class HealthWatch:
         self._last = (0, 0)
         self._events = {
             instance: directory.reader(system, instance, ring)
-            for instance, ring in directory.rings(system) if ring == "events" and instance != SYSTEM  # it repeats
+            for instance, ring in directory.rings(system) if ring == "events"
         }
         self._begin = {process.name: process for process in statuses(system)}
         self.errors: dict[str, str] = {}
-        """Their texts, and who reported each first: an arm reports a fault of its io, too."""
+        """Their texts, and who reported each first: arms and the system repeat those of others."""
 
     def collect(self) -> None:
         """Take in what happened since."""
@@ -50,8 +49,12 @@ class HealthWatch:
         for instance, reader in self._events.items():
             while reader.next():
                 if int(reader.field("severity")) == ERROR:
-                    text = str(plain(reader.field("text").item())).removeprefix(f"{instance}: ")
-                    self.errors.setdefault(text, instance)
+                    self.errors.setdefault(self._bare(str(plain(reader.field("text").item()))), instance)
+
+    def _bare(self, text: str) -> str:
+        """An error without the names of those who report or repeat it."""
+        who, _, rest = text.partition(": ")
+        return self._bare(rest) if who in self._events else text
 
     def summary(self) -> dict[str, Any]:
         """Figures of the run; `problems`: errors and dead processes; `late`: what a busy machine can cause, too."""
