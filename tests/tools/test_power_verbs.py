@@ -12,6 +12,7 @@ from tests.tools.test_verbs import kinematic as kinematic  # a fixture
 from tests.tools.test_verbs import lines, run
 from trocar.procs.tables import codes
 from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.tools.systems.processes import ParentProcess
 
 
 def play_arm(kinematic: ScriptedRobot, script: dict[str, tuple[str, bool]], commands: int) -> threading.Thread:
@@ -90,3 +91,21 @@ def test_home_of_an_unknown_arm_names_those_there_are(kinematic: ScriptedRobot) 
     result = run("home", "PSM7", "--system", kinematic.name)
     assert result.exit_code == 1
     assert "PSM1" in result.stderr
+
+
+@pytest.mark.parametrize(("command", "counts"), [
+    (("python", "-P", "-m", "trocar", "commission", "site.json"), True),
+    (("python", "/x/bin/trocar", "commission", "site.json"), True),
+    (("python", "-m", "trocar", "demo", "--system", "commission"), False), (("bash",), False),
+])
+def test_while_a_commissioning_runs_a_system_others_do_not_power_it(
+    kinematic: ScriptedRobot, monkeypatch: pytest.MonkeyPatch, command: tuple[str, ...], counts: bool
+) -> None:
+    monkeypatch.setattr("trocar.tools.systems.processes.parent_of", lambda pid: ParentProcess(4711, command))
+    kinematic.show_arm(state="ENABLED", homed=True)
+    assert ("as trocar commission (pid 4711) says" in run("status", "--system", kinematic.name).stdout) == counts
+    if counts:
+        for verb in ("home", "power-on"):
+            refused = run(verb, "--system", kinematic.name)
+            assert refused.exit_code == 1 and "trocar commission (pid 4711) drives" in refused.output
+    assert "trocar commission" not in run("power-off", "--timeout", "0.1", "--system", kinematic.name).output

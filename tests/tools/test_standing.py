@@ -25,7 +25,6 @@ from trocar.tools.inspect import standing
 from trocar.tools.inspect.processes import SENTENCES, ProcessStatus, _problem
 from trocar.tools.inspect.segments import PAGE_GONE
 from trocar.tools.inspect.standing import Standing, first_thing, next_step
-from trocar.tools.systems.processes import ParentProcess
 
 APP = cli.build()
 NAMED = "instrument not named (tool_detection MANUAL): trocar send PSM1 set_tool_type NAME"
@@ -304,16 +303,6 @@ def test_a_filter_whose_host_died_is_no_third_party_program() -> None:
     dead = dataclasses.replace(process("speed", "dead", "user", ""), host="lab", lives=False)
     assert first_thing([dead], []).startswith("speed is dead: trocar restart lab")
 
-
-def test_a_system_that_a_commissioning_runs_waits_for_what_that_says(
-    kinematic: ScriptedRobot, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    parent = ParentProcess(4711, ("python", "-m", "trocar", "commission", "site.json"))
-    monkeypatch.setattr("trocar.tools.systems.processes.parent_of", lambda pid: parent)
-    assert status(kinematic).stdout.splitlines()[-1].startswith("all well; next: as trocar commission (pid 4711) says")
-    for verb in ("home", "power-on"):
-        refused = CliRunner().invoke(APP, [verb, "--system", kinematic.name])
-        assert refused.exit_code == 1 and "trocar commission (pid 4711) drives" in refused.output
 
 
 def test_what_waits_for_a_silent_process_is_not_well() -> None:

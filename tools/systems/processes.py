@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 from trocar.shm.memory import owners
@@ -69,7 +70,10 @@ def parent_of(pid: int) -> ParentProcess | None:
 def commissioning(supervisor: int) -> int:
     """The pid of the `trocar commission` that started this supervisor; 0: another program did."""
     parent = parent_of(supervisor) if supervisor else None
-    return parent.pid if parent is not None and COMMISSION in parent.command else 0
+    if parent is None:
+        return 0
+    verbs = (verb for word, verb in pairwise(parent.command) if Path(word).name == "trocar")
+    return parent.pid if next(verbs, "") == COMMISSION else 0
 
 
 def _parsed(folder: Path, trusted: frozenset[int] | None) -> RunningProcess | None:
