@@ -180,7 +180,7 @@ SETPOINT = Topic(
         Field("desired_pots", "u1", "", "compare potentiometers with encoders"),
         Field("desired_pid", "u1", "", "joint controller"),
         Field("desired_brakes", "u1", "", "brakes let go"),
-        Field("desired_origin", "<u8", "", "the person's command that it comes from, 0: nobody's"),
+        Field("desired_origin", "<u8", "", "the operator's command that it comes from, 0: none"),
         Field("desired_since", "<u8", "", "fault generation in which that was given"),
         Field("desired_program", "S16", "", "program it was given with"),
         Field("position", "(8,)<f8", "rad|m", "actuator position to follow, unless in effort"),

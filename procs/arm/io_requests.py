@@ -22,7 +22,7 @@ WRAP = 1 << 32  # generations are 32-bit numbers
 
 
 class Switch:
-    """One thing of io that the arm wants on, off, or has no desired state about."""
+    """One thing of io that the arm wants on or off, or leaves as it is."""
 
     __slots__ = ("_flag", "_is_new", "wanted")
 

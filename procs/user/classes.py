@@ -1,4 +1,4 @@
-"""Users' own modules and classes: imported by the process that runs them, and by nobody else."""
+"""Users' own modules and classes: imported only by the process that runs them."""
 
 from __future__ import annotations
 

@@ -12,12 +12,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.conftest import World
 from tests.examples import examples
 from trocar.shm.commands import COMMANDS
 from trocar.shm.mailbox import mailbox as m
 from trocar.shm.mailbox.client import LoopClient
-from trocar.shm.mailbox.command_row import READ, CommandRow
 from trocar.shm.mailbox.mailbox import Mailbox
 from trocar.shm.mailbox.mailbox_map import CLIENTS, create_mailbox
 from trocar.shm.mailbox.place import MailboxFull, Place, take_place
@@ -400,20 +398,3 @@ def test_in_time_and_without_a_clock_nothing_is_late(box: Mailbox, client: Place
 def test_a_late_state_command_only_stops(text: str, late: bool) -> None:
     row = next(c for c in COMMANDS["arm"] if c.name == "state_command")
     assert row.expires(text, ()) != late
-
-
-def test_an_owner_with_another_command_table_is_refused(system: str) -> None:
-    rows = COMMANDS["io"]
-    with pytest.raises(SegmentError, match="its commands are not those of this program"):
-        Mailbox(system, "IO1", (rows[0], CommandRow("new", READ, "one more"), *rows[1:]))
-
-
-def test_a_sender_goes_by_the_table_that_the_mailbox_lists(world: World) -> None:
-    rows = (CommandRow("new", READ, "one more"), *COMMANDS["io"])
-    create_mailbox(world.name, "IO2", "io", rows)
-    owner, sender = Mailbox(world.name, "IO2", rows), take_place(world.name, "IO2")
-    sender.send("new")
-    assert [command.name for command in owner.drain(time.monotonic_ns())] == ["new"]
-    sender.close()
-    owner.close()
-    world.remove()

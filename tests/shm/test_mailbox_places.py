@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import contextlib
+import time
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
 
+from tests.conftest import World
 from trocar.shm.commands import COMMANDS
 from trocar.shm.mailbox import mailbox as m
+from trocar.shm.mailbox.command_row import READ, CommandRow
 from trocar.shm.mailbox.mailbox import Mailbox
 from trocar.shm.mailbox.mailbox_map import MailboxMap, create_mailbox
 from trocar.shm.mailbox.place import take_place
-from trocar.shm.memory.segment import segment_name, unlink
+from trocar.shm.memory.segment import SegmentError, segment_name, unlink
 
 
 @pytest.fixture
@@ -170,3 +173,20 @@ def test_an_owner_sees_whether_somebody_is_in_the_place_of_a_command(system: str
     with contextlib.closing(take_place(system, "IO1")):
         assert got.has_client and got.pid
     owner.close()
+
+
+def test_an_owner_with_another_command_table_is_refused(system: str) -> None:
+    rows = COMMANDS["io"]
+    with pytest.raises(SegmentError, match="its commands are not those of this program"):
+        Mailbox(system, "IO1", (rows[0], CommandRow("new", READ, "one more"), *rows[1:]))
+
+
+def test_a_sender_goes_by_the_table_that_the_mailbox_lists(world: World) -> None:
+    rows = (CommandRow("new", READ, "one more"), *COMMANDS["io"])
+    create_mailbox(world.name, "IO2", "io", rows)
+    owner, sender = Mailbox(world.name, "IO2", rows), take_place(world.name, "IO2")
+    sender.send("new")
+    assert [command.name for command in owner.drain(time.monotonic_ns())] == ["new"]
+    sender.close()
+    owner.close()
+    world.remove()
