@@ -79,7 +79,7 @@ class IoCommands:
             if robot >= 0 and command.name == "power_off":
                 self._faults[robot].switched_off(command.origin.id)
             if robot >= 0 and command.name in SWITCHING:
-                self._desired.void(robot, f"{command.origin.program or 'somebody'} asked for {command.name} meanwhile")
+                self._desired.void(robot, f"{command.origin.program or 'another program'} asked for {command.name} meanwhile")
         for desired in self._desired.due():
             self._carry_out(desired)
 
@@ -342,7 +342,7 @@ class IoCommands:
         if arm and not self._robots.io.calibration_mode:
             raise CommandRefused(f"{arm} needs it {'off' if on else 'on'}; disable {arm} first")
         if not on:
-            self._reports.status(f"{command.name} is off: {command.origin.program or 'somebody'} switched it off",
+            self._reports.status(f"{command.name} is off: {command.origin.program or 'another program'} switched it off",
                                  self._robots.names[robot])
 
     def _use_velocity(self, robot: int, command: Request) -> None:
