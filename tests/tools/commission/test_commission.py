@@ -196,7 +196,7 @@ def test_a_report_that_cannot_be_written_is_refused_before_anything_starts(kinem
 
 
 def test_a_second_commissioning_names_the_first_one(kinematic, monkeypatch: pytest.MonkeyPatch) -> None:
-    with subprocess.Popen([sys.executable, "-c", WITH_CHILD, "commission"], stdin=subprocess.PIPE,
+    with subprocess.Popen([sys.executable, "-c", WITH_CHILD, "trocar", "commission"], stdin=subprocess.PIPE,
                           stdout=subprocess.PIPE) as first:
         assert first.stdout is not None
         identity = Identity(int(first.stdout.readline()), 0, 0, "supervisor")
