@@ -36,6 +36,7 @@ from trocar.shm.mailbox.guard import unauthorized
 ABOUT: Final = {"set_output": "output", "set_pwm": "output", "trigger_read": "instrument reader"}  # others: a robot
 WITH_MORE: Final = ("set_gains",)  # whose text goes on after the name
 WHO: Final = "@"
+UNKNOWN: Final = "another program"  # a sender without a name
 MAX_SAMPLES: Final = 100_000
 MAX_POWERING: Final = 16  # requests of one robot that wait for power at the same time
 
@@ -79,7 +80,7 @@ class IoCommands:
             if robot >= 0 and command.name == "power_off":
                 self._faults[robot].switched_off(command.origin.id)
             if robot >= 0 and command.name in SWITCHING:
-                self._desired.void(robot, f"{command.origin.program or 'another program'} asked for {command.name} meanwhile")
+                self._desired.void(robot, f"{command.origin.program or UNKNOWN} asked for {command.name} meanwhile")
         for desired in self._desired.due():
             self._carry_out(desired)
 
@@ -342,7 +343,7 @@ class IoCommands:
         if arm and not self._robots.io.calibration_mode:
             raise CommandRefused(f"{arm} needs it {'off' if on else 'on'}; disable {arm} first")
         if not on:
-            self._reports.status(f"{command.name} is off: {command.origin.program or 'another program'} switched it off",
+            self._reports.status(f"{command.name} is off: {command.origin.program or UNKNOWN} switched it off",
                                  self._robots.names[robot])
 
     def _use_velocity(self, robot: int, command: Request) -> None:
