@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 import threading
@@ -119,6 +120,8 @@ def test_what_cannot_be_saved_is_said_and_leaves_nothing(tmp_path: Path, stock_f
     file.unlink()
     with pytest.raises(Problem, match="cannot be read any more"):
         save_as(gains, tmp_path / "new.json", force=False)
+    with pytest.raises(Problem, match="R has no PID file"):
+        save_as(dataclasses.replace(gains, file=""), tmp_path / "new.json", force=False)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -8,7 +8,9 @@ import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
@@ -388,3 +390,15 @@ def test_a_fault_comes_before_what_is_wrong_with_the_recorder_and_after_a_dead_a
 def test_an_arm_on_its_way_is_not_well_yet() -> None:
     one = Standing("PSM1", "arm", "DISABLED POWERING", False, "no motor power (try 1 of 2)")
     assert first_thing([], [one]) == "wait for PSM1: DISABLED POWERING, no motor power (try 1 of 2)"
+
+
+def test_setup_joints_that_are_unknown_are_not_well(monkeypatch: pytest.MonkeyPatch) -> None:
+    record = np.zeros((), [("state", "S16"), ("sub_state", "S16"), ("reason", "S40"), ("is_homed", "?"),
+                           ("setup_valid", "?", 2)])
+    record["state"] = record["sub_state"] = b"ENABLED"
+    record["is_homed"], record["setup_valid"] = True, (True, False)
+    reader = Mock(info={"setups": {"ECM": 4, "PSM1": 6}}, field=record.__getitem__)
+    one = standing._setup_joints("s", process("SUJ", kind="suj"), reader)
+    assert first_thing([], [one]).startswith("wait for SUJ: ENABLED, the joints of PSM1 are unknown")
+    record["setup_valid"] = True
+    assert first_thing([], [standing._setup_joints("s", process("SUJ", kind="suj"), reader)]) == ""

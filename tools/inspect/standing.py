@@ -76,7 +76,7 @@ class Standing:
 
 def standings(system: str, processes: Sequence[ProcessStatus]) -> list[Standing]:
     """All of a system, in the order of its processes."""
-    readers = {"arm": _arm, "suj": _arm, "third_party": _third_party, "teleop": _teleop, "console": _console}
+    readers = {"arm": _arm, "suj": _setup_joints, "third_party": _third_party, "teleop": _teleop, "console": _console}
     found = []
     for process in processes:
         read = readers.get(process.kind)
@@ -124,6 +124,18 @@ def _arm(system: str, process: ProcessStatus, reader: RingReader) -> Standing:
     events = _events(system, process) if state == FAULT else None
     return Standing(process.name, process.kind, shown, _flag(reader, "is_homed"), reason, "trocar send" in reason,
                     fault=_last_error(events), since_ns=_fault_ns(events))
+
+
+def _setup_joints(system: str, process: ProcessStatus, reader: RingReader) -> Standing:
+    """Setup joints that are homed while the position of one of them is not known say which."""
+    one = _arm(system, process, reader)
+    unknown = [name for name, valid in zip(reader.info["setups"], reader.field("setup_valid"), strict=True)
+               if not valid]
+    if not one.homed or one.reason or not unknown:
+        return one
+    return dataclasses.replace(
+        one,
+        reason=f"the joints of {', '.join(unknown)} are unknown: not all read yet, moving, or potentiometers disagree")
 
 
 def _third_party(system: str, process: ProcessStatus, reader: RingReader) -> Standing:
@@ -216,7 +228,7 @@ def first_thing(processes: Sequence[ProcessStatus], found: Sequence[Standing]) -
     if waiting is not None:
         return f"{waiting.name} waits: {waiting.reason}"
     begins = [process.name for process in processes if process.begins]
-    on_its_way = next((one for one in found if one.kind == "arm" and (one.reason or one.is_between)), None)
+    on_its_way = next((one for one in found if one.kind in ("arm", "suj") and (one.reason or one.is_between)), None)
     if on_its_way is not None:
         return f"wait for {on_its_way.name}: {', '.join(filter(None, (on_its_way.state, on_its_way.reason)))}"
     follows_none = next((one for one in found if one.holds_up), None)

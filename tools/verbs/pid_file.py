@@ -58,6 +58,8 @@ def save_as(gains: Present, file: Path, *, force: bool) -> SavedPidFile:
 
 def _origin(gains: Present) -> tuple[dict[str, Any], list[str]]:
     """The content of the file that the gains came from, and what of it the new file cannot have."""
+    if not gains.file:
+        raise Problem(f"{gains.robot} has no PID file, and no gains to save")
     path = Path(gains.file)
     source, problems = read_source(path)
     if source is None:

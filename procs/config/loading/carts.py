@@ -78,7 +78,7 @@ def _with_cart(io: document.IoConfig, one: cart.Cart) -> document.IoConfig:
         document.DigitalInput(name, actuator.board_id, registers.INPUT_ENCODER_A_SHIFT + actuator.axis_id, False, False,
                               False)
         for name, actuator in zip(cart.channel_inputs(one.robot), actuators, strict=True))
-    pid = document.PidConfig(one.robot, one.name, axes, one.source)
+    pid = document.PidConfig(one.robot, one.name, axes)
     sets = dict.fromkeys(cart.MULTIPLEXER_OUTPUTS, "multiplexer")
     if any(arm.lifts for arm in one.arms):
         sets |= dict.fromkeys(cart.LIFT_OUTPUTS, "lift")
