@@ -200,8 +200,13 @@ class RecorderLoop(UserNode):
             return
         why = file.problem or "the disk is too slow"
         is_fault = bool(fault.span_ns[1])  # else only a person wanted it, and is answered
-        self._missing = "" if file.is_complete else why if is_fault else self._missing
-        if not (file.is_ended and file.size):
+        is_kept = file.is_ended and file.size > 0
+        if file.is_complete:
+            self._missing = ""
+        elif is_fault:
+            said = "the recording of the last fault is not complete" if is_kept else "the last fault was not recorded"
+            self._missing = f"{said}: {why}"
+        if not is_kept:
             self.own.events.report(codes.RECORDING_DROPPED, f"{fault.reason}: could not be kept: {why}", who,
                                    value=float(file.dropped))
         else:
@@ -240,7 +245,7 @@ class RecorderLoop(UserNode):
         """What is missing, or will be, is a problem of this process until all is kept again."""
         text = f"not all is recorded: {self._sources.problems[0]}" if self._sources.problems else ""
         if self._missing:
-            text = f"the recording of the last fault is not complete: {self._missing}"
+            text = self._missing
         if loses or self._disk.problem:
             why = self._disk.problem or "the disk is too slow"
             text = f"what happens now is not recorded into {self._folder}: {why}"

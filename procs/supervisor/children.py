@@ -112,6 +112,11 @@ class Child:
         return self.is_up and not self.kill_at_ns and self.now_ns() >= self.up_ns + round(settles_s * 1e9)
 
     @property
+    def shown_state(self) -> str:
+        """Its state for others: one that ended by itself and is to begin again is restarting."""
+        return lifecycle.RESTARTING if self.state == lifecycle.STOPPED and self.restart_at_ns else self.state
+
+    @property
     def is_down(self) -> bool:
         """There is no process, and nobody is going to start one."""
         return self.state == lifecycle.STOPPED and not self.restart_at_ns

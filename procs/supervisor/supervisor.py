@@ -312,7 +312,8 @@ class Supervisor:
 
     def _show(self) -> None:
         """Publish who is in which state, when that has changed."""
-        shown = [(child.state, child.process.pid, child.restarts, child.reason, child.is_up) for child in self.children]
+        shown = [(child.shown_state, child.process.pid, child.restarts, child.reason, child.is_up)
+                 for child in self.children]
         if shown == self._shown:
             return
         self._shown = shown
@@ -321,7 +322,7 @@ class Supervisor:
         room = self._state.field("exit_reason").dtype.itemsize
         for i, child in enumerate(self.children):
             values = {"instance": child.row.name.encode(), "kind": child.row.kind.encode(),
-                      "lifecycle": child.state.encode(), "pid": child.process.pid, "restarts": child.restarts,
+                      "lifecycle": child.shown_state.encode(), "pid": child.process.pid, "restarts": child.restarts,
                       "exit_reason": shorten(child.reason, room)}
             for name, value in values.items():
                 self._state.field(name)[i] = value

@@ -248,7 +248,7 @@ def test_each_state_of_a_process_has_its_words(state: str, lives: bool, kind: st
     ("exit code 0: its main has returned", "stay-down", "STOPPED", ""),
     ("exit code 4", "restart", "RUNNING", ""), ("stopped", "restart", "STOPPED", ""),
     ("stopped: did not end within 3 s, killed", "restart", "STOPPED", ""), ("done", "restart", "STOPPED", ""),
-    ("", "restart", "STOPPED", "")])
+    ("", "restart", "STOPPED", ""), ("exit code 4", "restart", "RESTARTING", "")])
 def test_who_has_ended_by_itself_does_not_run_unless_its_row_lets_it_end(
         reason: str, on_exit: str, lifecycle: str, problem: str) -> None:
     page: Any = SilentPage()

@@ -16,7 +16,7 @@ _TYPES = {"Revolute": REVOLUTE, "Prismatic": PRISMATIC}
 _INTERFACES = {"JointTorqueInterface": True}
 _MAX_JOINTS = 16
 _NO_LIMIT = 1e6  # of the integral state, rad or m times cycles: more than anything reaches
-_ELSEWHERE = "limits of positions are those of the IO file and of the kinematic file"
+_ELSEWHERE = "the IO and kinematic files have the limits of positions; what an IO file lacks of them is reported there"
 _JOINT_SPACE = "gains were for joints, today's are for actuators: compare where the two are coupled (MTM, instruments)"
 
 

@@ -243,6 +243,8 @@ def _problem(row: Process, state: str, lives_on: bool, page: ControlPage, simula
              lifecycle: str) -> str:
     if state == "FAILED":
         return f"{FAILED}: {plain(page.get('error'))}"
+    if not lives_on and lifecycle == "RESTARTING":
+        return ""
     if not lives_on:
         ended_by_itself = lifecycle == "STOPPED" and row.on_exit == "restart" and not is_meant(exit_reason)
         if exit_reason and (state == "CREATED" or (state == "STOPPED" and ended_by_itself)):
