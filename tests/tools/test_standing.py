@@ -212,11 +212,14 @@ def test_the_cause_comes_before_what_follows_from_it(
 def test_each_problem_of_a_process_is_a_sentence(problem: str, said: str) -> None:
     first = first_thing([process("force", problem)], [])
     assert first.startswith(f"{said}: trocar ")
-    ended = dataclasses.replace(process("force", problem), exit_reason="killed by signal 9", lives=False)
+    ended = dataclasses.replace(process("force", problem), exit_reason="killed by signal 9", lives=False,
+                                lifecycle="STOPPED")
     why = "" if problem.startswith(("failed", "not running")) else " (killed by signal 9)"
     assert first_thing([ended], []).startswith(f"{said}{why}: trocar ")
     runs_again = dataclasses.replace(ended, lives=True)
     assert first_thing([runs_again], []).startswith(f"{said}: trocar "), "an older end is no reason of what is new"
+    unseen = dataclasses.replace(ended, lifecycle="RUNNING")
+    assert "signal 9" not in first_thing([unseen], []), "the supervisor has not seen this end"
 
 
 def test_a_process_that_was_restarted_just_now_is_not_well_yet() -> None:

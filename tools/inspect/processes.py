@@ -116,7 +116,8 @@ class ProcessStatus:
         """Its problem in a sentence; empty: it has none."""
         word = self.problem.partition(":")[0]
         said = SENTENCES.get(word, f"{{}}: {word}").format(self.name) + self.problem[len(word):] if word else ""
-        ended = f" ({self.exit_reason})" if self.exit_reason and not self.lives and word not in SAYS_WHY else ""
+        is_of_this_end = not self.lives and self.lifecycle != "RUNNING"  # else of an earlier process
+        ended = f" ({self.exit_reason})" if self.exit_reason and is_of_this_end and word not in SAYS_WHY else ""
         return f"{said}{ended}" if said else ""
 
 
