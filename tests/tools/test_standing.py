@@ -405,3 +405,12 @@ def test_setup_joints_that_are_unknown_are_not_well(monkeypatch: pytest.MonkeyPa
     assert first_thing([], [one]).startswith("wait for SUJ: ENABLED, the joints of PSM1 are unknown")
     record["setup_valid"] = True
     assert first_thing([], [standing._setup_joints("s", process("SUJ", kind="suj"), reader)]) == ""
+
+
+@pytest.mark.parametrize(("kind", "period_s", "problem"), [
+    ("io", 0.00133, ""), ("arm", 0.004, "runs at 250 Hz instead of 1500"), ("user", 0.004, "")])
+def test_on_the_wall_clock_half_of_the_rate_is_not_well(kind: str, period_s: float, problem: str) -> None:
+    page = Mock(get={"error": b"", "period_avg": period_s, "heartbeat_ns": 0}.__getitem__)
+    row = Process("PSM1", kind, 1 / 1500)
+    assert _problem(row, "RUNNING", True, page, simulated=False, exit_reason="", lifecycle="RUNNING") == problem
+    assert not _problem(row, "RUNNING", True, page, simulated=True, exit_reason="", lifecycle="RUNNING")

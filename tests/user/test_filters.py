@@ -206,7 +206,7 @@ def test_the_log_of_a_filter_is_its_lines_in_that_of_its_host(
     assert CliRunner().invoke(cli.build("logs"), ["logs", "nothing", "--system", lab.name]).exit_code == 1
 
 
-@pytest.mark.parametrize(("period_s", "problem"), [(0.003, ""), (0.35, "runs at 2.86 Hz instead of 500")])
+@pytest.mark.parametrize(("period_s", "problem"), [(0.003, ""), (0.35, "runs at 2.857 Hz instead of 500")])
 def test_a_host_that_runs_at_a_fraction_of_its_rate_says_so(lab: Lab, period_s: float, problem: str) -> None:
     page = ControlPage(lab.name, "lab", write=True)
     page.segment.claim("lab")

@@ -28,8 +28,8 @@ DEAD, FAILED, NOT_RUNNING = "dead", "failed", "not running"  # problems
 SILENT, STALLED, STOPPED = "silent", "stalled", "stopped"
 SIMULATED_LATE_S = 2.0
 LOOK_AGAIN_S = 0.02
-FILTERS = "filters"
-SLOW = 2.0  # times its period, on the average: that is a problem
+PACED = (IN_TIME - {SUPERVISOR}) | {"filters"}
+SLOW = 2.0  # times its period, on the average: what these compute is then not what they were made for
 TRIES = 5
 RECENT_S = 10.0  # so long after a restart of its own accord a process is not yet well
 ALL = 1 << 16  # records: more than any ring has
@@ -259,11 +259,11 @@ def _problem(row: Process, state: str, lives_on: bool, page: ControlPage, simula
 
 
 def _slow(row: Process, page: ControlPage) -> str:
-    """Filters get so little of their period that what they compute is not what they were made for."""
-    period_s = float(page.get("period_avg")) if row.kind == FILTERS else 0.0
+    """On the wall clock: it runs at less than half of its rate."""
+    period_s = float(page.get("period_avg")) if row.kind in PACED else 0.0
     if row.period_s <= 0.0 or period_s <= SLOW * row.period_s:
         return ""
-    return f"runs at {1.0 / period_s:.3g} Hz instead of {1.0 / row.period_s:.3g}"
+    return f"runs at {1.0 / period_s:.4g} Hz instead of {1.0 / row.period_s:.4g}"
 
 
 def _stalled(row: Process, page: ControlPage, simulated: bool) -> bool:
