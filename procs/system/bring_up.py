@@ -10,11 +10,11 @@ from collections.abc import Sequence
 from typing import Final
 
 from trocar.procs.system.arms import ArmOnRing
-from trocar.procs.tables.bring_up import DISABLE, ENABLE, HOME, LIMITS_S, reached
+from trocar.procs.tables.bring_up import DISABLE, ENABLE, HOME, LIMITS_S, next_word, reached
 from trocar.shm.mailbox.origins import Origin
 
 POWER_ON, POWER_OFF = "power_on", "power_off"
-WORDS: Final = {POWER_ON: ENABLE, HOME: HOME, POWER_OFF: DISABLE}
+WORDS: Final = {POWER_ON: ENABLE, "home": HOME, POWER_OFF: DISABLE}
 
 
 class Step:
@@ -58,16 +58,10 @@ class Step:
         return reported and reached(WORDS[self.goal], arm.state, arm.is_homed, arm.is_busy)
 
     def _next(self) -> str:
-        arm = self.arm
-        if self.goal == POWER_OFF:
-            return "disable"
-        if arm.state == "FAULT":
-            return "" if "enable" in self._asked else "disable"
-        if arm.state == "DISABLED":  # also one on its way up: from now on by this order
-            return "enable"
-        if arm.state == "ENABLED" and self.goal == HOME:
-            return "home"
-        return ""
+        """An arm that is DISABLED on its way up is asked, too: from now on by this order."""
+        if self.arm.state == "FAULT" and ENABLE in self._asked:
+            return ""
+        return next_word(WORDS[self.goal], self.arm.state)
 
 
 class BringUp:

@@ -21,8 +21,9 @@ from typing import Any, Final
 import numpy as np
 
 from trocar.shm.mailbox.generations import Faults
+from trocar.shm.mailbox.messages import Reply
 from trocar.shm.mailbox.origins import ACTING, NOBODY, Origin, new_id, program_name
-from trocar.shm.mailbox.place import STOP_TRIES, MailboxFull, Place, Reply, StopPlace
+from trocar.shm.mailbox.place import STOP_TRIES, MailboxFull, Place, StopPlace
 from trocar.shm.memory import private
 from trocar.shm.memory.header import SegmentError
 from trocar.shm.memory.segment import path_of, segment_name

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from trocar.shm.memory.rows import Field, Topic
 
 EVENTS = Topic(
@@ -61,6 +63,16 @@ REPLY = Topic(
         Field("text", "S200", "", "reason, or what came of it; longer ones stand in the audit ring"),
     ),
 )
+
+
+@dataclass(frozen=True, slots=True)
+class Reply:
+    """What became of a command: outcome is accepted, refused, done or failed."""
+
+    id: int
+    outcome: str
+    text: str
+
 
 AUDIT = Topic(
     "audit",

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import os
 import struct
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -28,6 +27,7 @@ from trocar.shm.mailbox.mailbox_map import (
     RESERVED,
     MailboxMap,
 )
+from trocar.shm.mailbox.messages import Reply
 from trocar.shm.mailbox.origins import NOBODY, Origin
 from trocar.shm.mailbox.received import OUTCOMES
 from trocar.shm.memory.header import SegmentError
@@ -42,15 +42,6 @@ STOP_TRIES, STOP_PAUSE_S = 200, 0.001  # while somebody else stores a stop, or t
 
 class MailboxFull(Exception):
     """The owner has not taken our last commands; nothing was queued."""
-
-
-@dataclass(frozen=True, slots=True)
-class Reply:
-    """What became of a command: outcome is accepted, refused, done or failed."""
-
-    id: int
-    outcome: str
-    text: str
 
 
 class Place:

@@ -89,7 +89,7 @@ def main(system: str, folder: Path) -> dict[str, Any]:
         filler = recorder.fill()
         full = recorder.until(lambda shown: shown["dropped"] > 20 and shown["problem"])
         with Remote(system, "recorder") as remote:
-            number = remote.post("record", [0.0], "grasp")
+            number = remote.send("record", [0.0], "grasp")
             recorder.until(lambda shown: bool(remote.replies_to(number)))
         recorder.until(lambda shown: shown["messages"] > 0 or recorder.said("No space left"))
         not_kept = recorder.fault(), recorder.said("PSM1 is in FAULT: could not be kept: No space left on device")

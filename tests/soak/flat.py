@@ -27,11 +27,12 @@ import yaml
 
 from tests.soak.system import FILE
 from trocar.procs.machine import log_files
+from trocar.procs.tables.bring_up import HOMED
 from trocar.shm.system import directory
 from trocar.shm.system.subscriptions import Subscriber
 from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.shm.time.system_time import SystemTime
-from trocar.tools.client.bring_up import HOMED, bring, silent
+from trocar.tools.client.bring_up import bring, silent
 from trocar.tools.client.remote import Remote
 from trocar.tools.inspect.processes import statuses
 from trocar.tools.output.errors import Problem

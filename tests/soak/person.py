@@ -14,11 +14,12 @@ import numpy as np
 from tests.soak.diary import Asking, Diary
 from tests.soak.system import System
 from trocar.procs.tables.arm_types import ARM_TYPES
+from trocar.procs.tables.bring_up import DISABLED, HOMED
 from trocar.shm.mailbox.client import MailboxFull
 from trocar.shm.memory.segment import SegmentError
 from trocar.shm.system import directory
 from trocar.shm.time.clock import monotonic_ns, pause
-from trocar.tools.client.bring_up import DISABLED, HOMED, ArmBringUp
+from trocar.tools.client.bring_up import ArmBringUp
 from trocar.tools.client.remote import Remote
 from trocar.tools.examples.hand import Hand, figure_eight
 from trocar.tools.examples.operator_sim import OperatorSim
@@ -44,12 +45,12 @@ class Commands(Remote):
         super().__init__(system, instance)
         self._diary = diary
 
-    def post(self, command: str, values: Sequence[float] = (), text: str = "") -> int:
+    def send(self, command: str, values: Sequence[float] = (), text: str = "") -> int:
         """See Remote."""
         if command == "state_command":
             robots = (self.instance,) if text in POWERING and self.instance in ROBOTS else ()
             self._diary.command(robots, f"{self.instance} {text}")
-        return super().post(command, values, text)
+        return super().send(command, values, text)
 
 
 class StormPerson:

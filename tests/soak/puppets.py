@@ -107,7 +107,7 @@ def _beat(arm: Remote, command: str, values: Callable[[float], Array], chance: r
             asked_for.clear()
             wrong, left = chance.choice(list(WRONG)), chance.randint(1, MAX_WRONG)
             print(f"{left} × {wrong}", flush=True)
-        arm.post(command, WRONG[wrong](goal) if left else goal)
+        arm.send(command, WRONG[wrong](goal) if left else goal)
         left = max(0, left - 1)
         for reply in arm.replies():
             if reply.outcome in ("refused", "failed"):

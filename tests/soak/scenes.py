@@ -25,10 +25,10 @@ from tests.soak.person import CONSOLE, MASTER, ROBOTS, SLAVE, TELEOP, TROUBLES, 
 from tests.soak.system import System, wait_for
 from trocar.procs.machine.paths import ROOT
 from trocar.procs.tables.arm_types import ARM_TYPES
+from trocar.procs.tables.bring_up import HOMED
 from trocar.procs.tables.manifest import proc
 from trocar.procs.teleop.motion_check import STEP_M, STEP_RAD
 from trocar.shm.time.clock import monotonic_ns, pause
-from trocar.tools.client.bring_up import HOMED
 from trocar.tools.client.remote import Remote
 from trocar.tools.examples.operator_sim import SeenRecord
 
@@ -171,7 +171,7 @@ class Others:
             first, begin_ns = _setpoint(self.system), monotonic_ns()
             while (passed_s := (monotonic_ns() - begin_ns) * 1e-9) < INTRUSION_S:
                 off = FAR_RAD if is_far else INTRUSION_RAD_S * passed_s
-                arm.post("servo_jp", first - [off, 0.0, 0.0, 0.0, 0.0, 0.0])
+                arm.send("servo_jp", first - [off, 0.0, 0.0, 0.0, 0.0, 0.0])
                 outcomes.update(reply.outcome for reply in arm.replies())
                 pause(0.01)
         if asking is not None:

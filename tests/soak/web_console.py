@@ -24,10 +24,11 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from tests.soak.flat import Footprint
+from trocar.procs.tables.bring_up import HOMED
 from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.tools.bench.gui import SCENE_PAGE, SYSTEM_PAGE, MovingArms, ScriptedPage
 from trocar.tools.bench.system import FULL
-from trocar.tools.client.bring_up import home
+from trocar.tools.client.bring_up import bring_all
 from trocar.tools.inspect.processes import statuses
 from trocar.tools.systems.free_port import reserved_port
 from trocar.tools.systems.supervising import StartRequest, up_meanwhile
@@ -72,7 +73,7 @@ def soak(seconds: float) -> tuple[dict[str, Footprint], int]:
     name, visits = f"soak-gui-{os.getpid()}", 0
     with reserved_port(18090) as port, up_meanwhile(StartRequest(FULL, name, sets=(
             f"gui.listen=127.0.0.1:{port}", "processes.gui.start=always"))), ExitStack() as stack:
-        home(name)
+        bring_all(name, (), HOMED)
         arms = stack.enter_context(closing(MovingArms(name)))
         for sources in STAYS:
             stack.enter_context(closing(ScriptedPage(port, sources)))

@@ -15,10 +15,9 @@ import trocar
 from tests.system.robot import ROOT, Robot, wait_for
 from trocar.shm.commands import COMMANDS
 from trocar.tools.client.instance import Instance
-from trocar.tools.client.joints import Measured, Setpoint
+from trocar.tools.client.parts import Body, Frame, Local, Measured, Setpoint
 from trocar.tools.client.remote import Remote
 from trocar.tools.client.setup import SetupLocal
-from trocar.tools.client.tip import Body, Frame, Local
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated("hosted")]
 SYSTEMS = ROOT / "configs/systems"
@@ -39,13 +38,13 @@ class Noted:
                 if inspect.isfunction(method) and not name.startswith("_"):
                     self.left.add(f"{kind.__name__}.{name}")
                     monkeypatch.setattr(kind, name, self._noting(method, f"{kind.__name__}.{name}"))
-        post = Remote.post
+        send = Remote.send
 
         def posting(remote: Remote, command: str, *rest: Any) -> int:
             self.sent.add(command)
-            return post(remote, command, *rest)
+            return send(remote, command, *rest)
 
-        monkeypatch.setattr(Remote, "post", posting)
+        monkeypatch.setattr(Remote, "send", posting)
 
     def _noting(self, method: Any, name: str) -> Any:
         @functools.wraps(method)

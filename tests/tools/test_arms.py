@@ -8,9 +8,10 @@ import pytest
 
 from tests.conftest import World
 from tests.tools.robot import ScriptedRobot, nothing_ages, robot
+from trocar.procs.tables.bring_up import HOMED
 from trocar.shm.mailbox.origins import Origin
 from trocar.shm.time.clock import pause
-from trocar.tools.client.bring_up import HOMED, bring, silent
+from trocar.tools.client.bring_up import bring, silent
 
 
 def served(kinematic: ScriptedRobot, origins: list[Origin], over: threading.Event) -> None:

@@ -126,7 +126,7 @@ def test_the_command_line_and_python_are_operators_whose_commands_always_count(
     with Remote(world.name, OWNER) as remote:
         assert isinstance(remote._client, Client)
         for row, text, values in cases(kind):
-            remote.post(row.name, values, text)
+            remote.send(row.name, values, text)
             assert came(box) == [row.name], (row.name, text, values)
             remote._client.poll()
 

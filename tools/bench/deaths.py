@@ -28,10 +28,11 @@ import yaml
 from numpy.typing import NDArray
 
 from trocar.procs.machine.paths import PROJECT_CONFIGS, ROOT
+from trocar.procs.tables.bring_up import HOMED
 from trocar.shm.system import directory
 from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.shm.time.control_page import ControlPage
-from trocar.tools.client.bring_up import HOMED, bring, silent
+from trocar.tools.client.bring_up import bring, silent
 from trocar.tools.client.remote import Remote
 from trocar.tools.inspect.processes import statuses
 from trocar.tools.output.errors import Problem

@@ -27,13 +27,14 @@ import psutil
 import yaml
 
 from trocar.procs.machine.paths import PROJECT_CONFIGS
+from trocar.procs.tables.bring_up import HOMED
 from trocar.shm.ring.ring import RingReader
 from trocar.shm.system import directory
 from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.tools.bench.baseline import Baseline
 from trocar.tools.bench.cpu_time import cpu_s
 from trocar.tools.bench.kernel_switch import without_kernel
-from trocar.tools.client.bring_up import HOMED, bring
+from trocar.tools.client.bring_up import bring
 from trocar.tools.inspect.processes import ProcessStatus, statuses
 from trocar.tools.inspect.watch import arm_names
 from trocar.tools.output.errors import Problem

@@ -20,13 +20,14 @@ from typing import Any, Final
 
 import psutil
 
+from trocar.procs.tables.bring_up import HOMED
 from trocar.shm.commands import became
 from trocar.shm.system import directory
 from trocar.shm.system.subscriptions import Subscriber
 from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.shm.time.control_page import ControlPage
 from trocar.tools.bench.system import FULL
-from trocar.tools.client.bring_up import HOMED, bring, silent
+from trocar.tools.client.bring_up import bring, silent
 from trocar.tools.client.remote import Remote
 from trocar.tools.output.errors import Problem
 from trocar.tools.output.printing import note

@@ -76,7 +76,7 @@ def _named(system: str, arms: MovingArms, seconds: float) -> dict[str, float]:
     with Remote(system, NAME) as remote:
         for topic in TOPICS:
             remote.ask("choose", text=topic)
-        number = remote.post("record", [0.0], "bench")
+        number = remote.send("record", [0.0], "bench")
         beside.wait(min(1.0, seconds), arms.go_on)
         percent = beside.cpu_percent(beside.process_of(system, NAME), seconds, arms.go_on)
         remote.settled("stop", text="bench", timeout=END_S)

@@ -24,6 +24,7 @@ from typing import Any
 import psutil
 
 from trocar.procs.machine.paths import PROJECT_CONFIGS
+from trocar.procs.tables.bring_up import DISABLED, HOMED
 from trocar.shm.mailbox.client import MailboxFull
 from trocar.shm.ring.ring import RingReader
 from trocar.shm.system import directory
@@ -31,7 +32,7 @@ from trocar.shm.system.events import ERROR, WARNING
 from trocar.shm.time.clock import monotonic_ns
 from trocar.shm.time.control_page import ControlPage
 from trocar.tools.bench.cpu_time import cpu_s
-from trocar.tools.client.bring_up import home, power_off
+from trocar.tools.client.bring_up import bring_all
 from trocar.tools.client.following import beats
 from trocar.tools.examples.operator_sim import OperatorSim, SeenRecord, Sway, seats
 from trocar.tools.inspect.processes import statuses
@@ -68,7 +69,7 @@ def run(file: Path = FULL, paths: tuple[Path, ...] = (), boards: str = "", secon
             followed = [teleop for seat in taken for teleop in seat.try_all()]
             found = _measure(name, taken, seconds)
         with contextlib.suppress(Problem):
-            power_off(name)
+            bring_all(name, (), DISABLED)
     finally:
         background.stop(_silent)
     conditions = {
@@ -86,7 +87,7 @@ def home_all(system: str) -> list[str]:
     refusals: list[str] = []
     while len(refusals) < TRIES:
         try:
-            home(system)
+            bring_all(system, (), HOMED)
         except Problem as problem:
             refusals.append(str(problem))
         else:

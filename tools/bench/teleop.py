@@ -27,11 +27,12 @@ import psutil
 from numpy.typing import NDArray
 
 from trocar.procs.machine.paths import PROJECT_CONFIGS
+from trocar.procs.tables.bring_up import DISABLED
 from trocar.shm.system import directory
 from trocar.shm.system.events import ERROR
 from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.tools.bench.system import SystemReport, home_all
-from trocar.tools.client.bring_up import power_off, silent
+from trocar.tools.client.bring_up import bring_all, silent
 from trocar.tools.examples.hand import Hand
 from trocar.tools.examples.operator_sim import OperatorSim, SimTeleop
 from trocar.tools.inspect.processes import statuses
@@ -77,7 +78,7 @@ def run(seconds: float = SECONDS, sets: tuple[str, ...] = ()) -> dict[str, Any]:
                 problems += each.count(ERROR)[1]
                 each.close()
         with contextlib.suppress(Problem):
-            power_off(name)
+            bring_all(name, (), DISABLED)
     finally:
         background.stop(silent)
     conditions = {

@@ -7,12 +7,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from trocar.tools.client.impedance import Impedance
 from trocar.tools.client.instance import Instance
-from trocar.tools.client.joints import Joints, Setpoint
 from trocar.tools.client.moves import CLIPPED, MoveHandle, move, warn
-from trocar.tools.client.tip import Body, Frame, Local, asked, asked_pose
-from trocar.tools.client.values import Array, Stamped, numbers, pose_numbers, six_numbers
+from trocar.tools.client.parts import Body, Frame, Joints, Local, Setpoint, asked, asked_pose
+from trocar.tools.client.values import Array, Impedance, Stamped, numbers, pose_numbers, six_numbers
 from trocar.tools.client.ways import Ways
 from trocar.tools.output.errors import Clipped
 

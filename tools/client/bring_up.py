@@ -9,7 +9,15 @@ import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-from trocar.procs.tables.bring_up import DISABLE, ENABLE, HOME, LIMITS_S, reached
+from trocar.procs.tables.bring_up import (
+    DISABLE,
+    DISABLED,
+    ENABLE,
+    LIMITS_S,
+    WORDS,
+    next_word,
+    reached,
+)
 from trocar.shm.mailbox.client import begin
 from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.tools.client.deadline import Deadline
@@ -21,10 +29,8 @@ from trocar.tools.output.printing import Say
 from trocar.tools.systems.find import is_simulated, orphaned
 
 POLL_S = 0.02
-ENABLED, HOMED, DISABLED = "enabled", "homed", "disabled"
 PATIENCE_NS = 1_000_000_000  # what is waited for for a shorter time is no news
 Report = Callable[[str], None]
-WORDS = {ENABLED: ENABLE, HOMED: HOME, DISABLED: DISABLE}
 
 
 def silent(text: str, fraction: float | None) -> None:
@@ -73,15 +79,10 @@ class ArmBringUp:
                 self._check_time(f"it waits: {waits}" if waits else f"it is {state} ({self.watch.text('sub_state')})")
 
     def _next_word(self, state: str, busy: bool) -> str:
-        if self.goal == DISABLED or state == "FAULT":
-            return "disable"
-        if state == "PAUSED":
+        word = next_word(WORDS[self.goal], state)
+        if state == "PAUSED" and word != DISABLE:
             self._fail(f"it is PAUSED; first: trocar send {self.watch.name} state_command resume")
-        elif state == "DISABLED" and not busy:
-            return "enable"
-        elif state == "ENABLED" and self.goal == HOMED:
-            return "home"
-        return ""
+        return "" if word == ENABLE and busy else word
 
     def _ask(self, word: str) -> None:
         self.asked.append(word)
@@ -161,22 +162,8 @@ def bring(system: str, names: Sequence[str], goal: str, limit_s: float, say: Say
         return {bring_up.watch.name: bring_up.problem for bring_up in bring_ups}
 
 
-def power_on(system: str, names: Sequence[str] = (), timeout: float = 0.0, say: Say = silent) -> None:
-    """Enable arms (none named: all); Problem says which are not and why. `timeout` (s): of each step, 0: usual."""
-    _all(system, names, ENABLED, timeout, say)
-
-
-def home(system: str, names: Sequence[str] = (), timeout: float = 0.0, say: Say = silent) -> None:
-    """Home arms, enabling those that are not."""
-    _all(system, names, HOMED, timeout, say)
-
-
-def power_off(system: str, names: Sequence[str] = (), timeout: float = 0.0, say: Say = silent) -> None:
-    """Disable arms."""
-    _all(system, names, DISABLED, timeout, say)
-
-
-def _all(system: str, names: Sequence[str], goal: str, timeout: float, say: Say) -> None:
+def bring_all(system: str, names: Sequence[str], goal: str, timeout: float = 0.0, say: Say = silent) -> None:
+    """The same (none named: all); Problem says which are not there and why. `timeout` (s): of each step, 0: usual."""
     problems = bring(system, powered_names(system, names), goal, timeout, say)
     reported = [f"{name}: {problem}" for name, problem in problems.items() if problem]
     if reported:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Mapping
-from typing import Any, Final
+from typing import Any, Final, Self
 
 from trocar.procs.crtk.names import none_such
 from trocar.shm.time.clock import monotonic_ns, pause
@@ -85,9 +85,19 @@ class Callbacks:
 
 
 class Reporting:
-    """What has events: arms, setup joints, consoles, teleoperations, systems."""
+    """What has events: arms, setup joints, consoles, teleoperations, systems; a context manager."""
 
     _callbacks: Callbacks
+
+    def close(self) -> None:
+        """Detach; it resumes with what it does."""
+        raise NotImplementedError
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
 
     def on_event(self, event: str, callback: Callback | None) -> None:
         """Have `callback` called with each event of this name from now on, a mapping as `trocar echo --json` has it.

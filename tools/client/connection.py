@@ -11,10 +11,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from trocar.shm.time.clock import monotonic_ns
-from trocar.tools.client.closed import closed
 from trocar.tools.client.deadline import Deadline
 from trocar.tools.client.values import FRESH_S
-from trocar.tools.output.errors import Disconnected, Problem
+from trocar.tools.output.errors import Disconnected, Problem, closed
 
 PORT: Final = 7380
 KEPT: Final = 1000

@@ -2,63 +2,30 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Mapping, Sequence
-from typing import Any, Self
+from typing import Any
 
 from trocar.procs.crtk.names import none_such
 from trocar.shm.operator_topics import TeleopState
-from trocar.tools.client.callbacks import Callbacks, Reporting
-from trocar.tools.client.instance import known_state
-from trocar.tools.client.moves import Waits
+from trocar.tools.client.instance import InstanceHandle, known_state
 from trocar.tools.client.ways import Ways, ways_of
 from trocar.tools.output.errors import Problem
 
 
-class Operated(Reporting):
+class Operated(InstanceHandle):
     """A console or a teleoperation of a running system; a context manager. Each thread has to make its own."""
 
     def __init__(self, system: str | Ways, name: str) -> None:
         """Attach; Problem or SegmentError when it is not there (yet)."""
-        self._ways = ways_of(system)
-        self.name, self.system = name, self._ways.name
-        with contextlib.ExitStack() as stack:
-            self._rows = self._ways.rows(name)
-            stack.callback(self._rows.close)
-            self._remote = self._ways.remote(name)
-            stack.callback(self._remote.close)
-            self._callbacks = Callbacks(self._ways.events(name), self._row)
-            stack.callback(self._callbacks.close)
-            self._open = stack.pop_all()
-        self._waits = Waits(self._rows.stamp_ns if self._ways.is_simulated else None, self._callbacks)
-
-    def connected(self) -> bool:
-        """Whether it shows fresh records."""
-        try:
-            self._row()
-        except (TimeoutError, Problem):
-            return False
-        return True
-
-    def check_connections(self, timeout: float = 5.0) -> None:
-        """TimeoutError unless it shows fresh records within `timeout` s."""
-        self._waits.until(self.connected, timeout, f"{self.name} is not connected")
+        ways = ways_of(system)
+        self._rows = ways.rows(name)
+        super().__init__(ways, name, self._rows, self._row)
 
     def _row(self) -> Mapping[str, Any]:
         return self._rows.row()
 
     def _ask(self, command: str, values: Sequence[float] = (), text: str = "") -> None:
         self._remote.ask(command, values, text)
-
-    def close(self) -> None:
-        """Detach; it resumes with what it does."""
-        self._open.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
 
 
 class ConsoleHandle(Operated):

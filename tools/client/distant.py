@@ -14,6 +14,7 @@ from trocar.procs.crtk.names import none_such
 from trocar.procs.kinematics.poses import matrix_from_pose
 from trocar.procs.tables.arm_types import ARM_TYPES
 from trocar.shm.commands import ENDINGS, became
+from trocar.shm.mailbox.messages import Reply
 from trocar.tools.client.connection import BridgeConnection
 from trocar.tools.client.values import FRESH_S, Array, JointState, Stamped, numbers
 from trocar.tools.output.errors import Disconnected, NotThere, Problem, Refused
@@ -27,19 +28,10 @@ PARTS: Final = {"pose": ("position", "orientation"), "twist": ("linear", "angula
 FLAGS: Final = {"gripper/closed": "closed", "orientation_locked": "locked"}
 
 
-@dataclass(frozen=True, slots=True)
-class DistantReply:
-    """What became of a command: outcome is accepted, refused, done or failed."""
-
-    id: int
-    outcome: str
-    text: str
-
-
-def _reply(number: int, found: dict[str, Any]) -> DistantReply:
+def _reply(number: int, found: dict[str, Any]) -> Reply:
     if found["op"] == "error":
-        return DistantReply(number, "refused", str(found["error"]))
-    return DistantReply(number, str(found["outcome"]), str(found["text"]))
+        return Reply(number, "refused", str(found["error"]))
+    return Reply(number, str(found["outcome"]), str(found["text"]))
 
 
 class DistantRemote:
@@ -59,7 +51,7 @@ class DistantRemote:
         given = [value if math.isfinite(value) else None for value in numbers(values).tolist()]
         return self._connection.say("call", to=self.instance, command=command, values=given, text=text)
 
-    def ask(self, command: str, values: ArrayLike = (), text: str = "", timeout: float = 2.0) -> DistantReply:
+    def ask(self, command: str, values: ArrayLike = (), text: str = "", timeout: float = 2.0) -> Reply:
         """Send and make sure that it was accepted: Refused carries the reason. Returns the first answer."""
         number = self._sent(command, values, text)
         found = self._connection.first(number, timeout)
@@ -70,7 +62,7 @@ class DistantRemote:
             raise Refused(reply.text or f"{self.instance}: {command} {became(reply.outcome)}")
         return reply
 
-    def settled(self, command: str, values: ArrayLike = (), text: str = "", timeout: float = 60.0) -> DistantReply:
+    def settled(self, command: str, values: ArrayLike = (), text: str = "", timeout: float = 60.0) -> Reply:
         """Send and wait for the end: refused, done or failed; Problem when it does not come in time."""
         number = self._sent(command, values, text)
         limit = self._connection.deadline(self.instance, timeout)
@@ -79,7 +71,7 @@ class DistantRemote:
                 raise Problem(f"{self.instance}: {command} {text} is not done after {timeout:g} s")
         return _reply(number, found)
 
-    def replies_to(self, number: int) -> list[DistantReply]:
+    def replies_to(self, number: int) -> list[Reply]:
         """Answers to one command, that came and were not asked for yet."""
         return [_reply(number, found) for found in self._connection.heard(number)]
 
@@ -140,6 +132,10 @@ class DistantRecord:
     def look(self) -> DistantShown:
         """The newest record; TimeoutError when it is too old."""
         return DistantShown(self._read("state"))
+
+    def row(self) -> Mapping[str, Any]:
+        """The newest record as plain values; TimeoutError when it is too old."""
+        return self._read("state")
 
     def stamp_ns(self) -> int:
         """The robot's time, as the newest record shows it, however old; 0: there is none."""
@@ -233,26 +229,6 @@ class DistantEvents:
         """The connection is closed by the record."""
 
 
-class DistantRows:
-    """The state record of any instance, as plain values."""
-
-    def __init__(self, connection: BridgeConnection, name: str) -> None:
-        """Problem when there is no such record."""
-        self._record = DistantRecord(connection, name)
-
-    def row(self) -> Mapping[str, Any]:
-        """The newest one; TimeoutError when it is too old."""
-        return self._record.look().row
-
-    def stamp_ns(self) -> int:
-        """The robot's time, as the newest record shows it, however old; 0: there is none."""
-        return self._record.stamp_ns()
-
-    def close(self) -> None:
-        """Leave."""
-        self._record.close()
-
-
 class DistantWays:
     """Both ways to the instances of one system, by one connection."""
 
@@ -278,9 +254,9 @@ class DistantWays:
         """What it is asked."""
         return DistantRemote(self.connection, name)
 
-    def rows(self, name: str) -> DistantRows:
-        """The state record of an instance that is no arm; the same."""
-        return DistantRows(self.connection, name)
+    def rows(self, name: str) -> DistantRecord:
+        """The same, of an instance that is no arm."""
+        return DistantRecord(self.connection, name)
 
     def events(self, name: str) -> DistantEvents:
         """What an instance reports."""

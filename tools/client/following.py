@@ -75,10 +75,10 @@ class Follower:
             self._values[n:] = velocity
         self._before[:], self._before_ns = self._now, self._now_ns
         self._now[:n] = position
-        self.remote.post("servo_jp", self._values if velocity is not None else self._values[:n])
+        self.remote.send("servo_jp", self._values if velocity is not None else self._values[:n])
         if jaw is not None:
             self._now[n:] = jaw
-            self.remote.post("jaw/servo_jp", (jaw,))
+            self.remote.send("jaw/servo_jp", (jaw,))
         self._now_ns = self._time.now_ns()
 
     def collect(self) -> None:
@@ -142,7 +142,7 @@ class Follower:
         """
         moves = [("move_jp", position)] + ([("jaw/move_jp", np.array([jaw]))] if jaw is not None else [])
         for command, values in moves:
-            number = self.remote.post(command, values)
+            number = self.remote.send(command, values)
             reply = first_reply(self.remote, number, ENDINGS, APPROACH_S, (self, *others), self._time)
             if reply.outcome != "done":
                 raise Problem(f"{self._watch.name}: the move to where it begins {became(reply.outcome)}: {reply.text}")
@@ -179,7 +179,7 @@ def holding_at_end(remotes: Sequence[Remote], what: str) -> Iterator[None]:
 def _hold(remote: Remote) -> None:
     """Stay at the present setpoint: moves under way, and velocities of the last row, end."""
     try:
-        remote.post("hold")
+        remote.send("hold")
     except (SegmentError, MailboxFull) as error:
         note(f"{remote.instance} could not be asked to hold: {error}")
 

@@ -3,39 +3,55 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
-from typing import TypeVar
+from collections.abc import Callable, Mapping
+from typing import Final, TypeVar
 
-from trocar.procs.tables.arm_types import ARM_TYPES, class_of
+from trocar.procs.crtk.names import none_such
+from trocar.procs.machine.end_signals import ctrl_c_in_a_line
 from trocar.procs.user.process import UserNode
-from trocar.tools.client.arm import Arm
-from trocar.tools.client.consoles import Operated
+from trocar.shm.memory.segment import SegmentError
+from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.tools.client.bring_up import bring_all
+from trocar.tools.client.instance import InstanceHandle
 from trocar.tools.client.provider import Handler as Handler
 from trocar.tools.client.provider import Provider as Provider
 from trocar.tools.client.provider import taken
-from trocar.tools.client.setup import Suj
-from trocar.tools.client.system import System as System
-from trocar.tools.client.system import attached, connected
-from trocar.tools.inspect.watch import arm_document
-from trocar.tools.systems.find import chosen_system
+from trocar.tools.client.shared import SharedWays
+from trocar.tools.client.ways import Ways
+from trocar.tools.client.whole import WholeSystem
+from trocar.tools.inspect.processes import ProcessStatus, statuses
+from trocar.tools.inspect.watch import arm_names, document_of
+from trocar.tools.output.errors import NotThere, PlaceTaken, Problem
+from trocar.tools.systems.find import chosen_system, is_up
 
+TRY_AGAIN_S: Final = 0.05
 Process = UserNode
-Q = TypeVar("Q", bound=Operated)
+A = TypeVar("A", bound=InstanceHandle)
+T = TypeVar("T")
 
 
-def arm_here(name: str, system: str | None, timeout: float) -> Arm:
-    """The arm `name`, once it is connected; TimeoutError after `timeout` s."""
-    return connected(lambda: attached("arm", _made, _chosen(system), name), timeout, name)
+class System(WholeSystem):
+    """One running system; a context manager. Made by `system`."""
+
+    def __init__(self, name: str) -> None:
+        """`name` must be up."""
+        super().__init__(SharedWays(name))
+
+    def arms(self) -> list[str]:
+        """Names of its arms."""
+        return arm_names(self.name)
+
+    def _bring(self, goal: str, timeout: float) -> None:
+        bring_all(self.name, (), goal, timeout)
+
+    def status(self) -> list[ProcessStatus]:
+        """Every process: state, rate, missed deadlines, restarts, problem."""
+        return statuses(self.name)
 
 
-def suj_here(name: str, system: str | None, timeout: float) -> Suj:
-    """The setup joints `name`; the same."""
-    return connected(lambda: attached("suj", Suj, _chosen(system), name), timeout, name)
-
-
-def operated_here(made: type[Q], kind: str, name: str, system: str | None, timeout: float) -> Q:
-    """A console or a teleoperation; the same."""
-    return connected(lambda: attached(kind, made, _chosen(system), name), timeout, name)
+def found_here(kind: str, make: Callable[[Ways, str], A], name: str, system: str | None, timeout: float) -> A:
+    """The instance `name` of this kind, once it is connected; TimeoutError after `timeout` s."""
+    return connected(lambda: _attached(kind, make, _chosen(system), name), timeout, name)
 
 
 def provide(name: str | UserNode, system: str | None = None, timeout: float = 5.0, *, rate: float = 200.0,
@@ -61,5 +77,29 @@ def _chosen(system: str | None) -> str:
     return chosen_system(system or os.environ.get("TROCAR_SYSTEM"))
 
 
-def _made(system: str, name: str) -> Arm:
-    return class_of(ARM_TYPES[arm_document(system, name).type].client, Arm)(system, name)
+def _attached(kind: str, make: Callable[[Ways, str], A], system: str, name: str) -> A:
+    """Problem or SegmentError when it is not connected (yet); NotThere where the system is up and has none of the name.
+    """
+    known = [row.name for row in document_of(system).processes if row.kind == kind]
+    if name not in known:
+        raise (NotThere if is_up(system) else Problem)(none_such(kind, name, known))
+    found = make(SharedWays(system), name)
+    if found.connected():
+        return found
+    found.close()
+    raise Problem(f"{name} does not show its state; is it running?")
+
+
+def connected(attach: Callable[[], T], timeout: float, what: str) -> T:
+    """What `attach` gives, once it does; TimeoutError with the last problem after `timeout` s; NotThere, PlaceTaken."""
+    ctrl_c_in_a_line()
+    end = monotonic_ns() + round(timeout * 1e9)
+    while True:
+        try:
+            return attach()
+        except (NotThere, PlaceTaken):
+            raise
+        except (Problem, SegmentError) as error:
+            if monotonic_ns() >= end:
+                raise TimeoutError(f"{what} is not connected after {timeout:g} s: {error}") from None
+            pause(TRY_AGAIN_S)

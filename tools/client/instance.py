@@ -5,18 +5,18 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Iterable
 from functools import partial
-from typing import TYPE_CHECKING, Final, Self
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from trocar.procs.crtk.names import none_such
+from trocar.procs.tables.bring_up import DISABLED, ENABLED, HOMED
 from trocar.shm.mailbox.command_row import of_type
-from trocar.tools.client.callbacks import Callbacks, Reporting
+from trocar.tools.client.callbacks import Callbacks, Event, Reporting
 from trocar.tools.client.moves import Waits
-from trocar.tools.client.ways import Ways, ways_of
+from trocar.tools.client.ways import RecordWay, RowWay, Ways, ways_of
 
-ENABLED, HOMED, DISABLED = "enabled", "homed", "disabled"
 STATES: Final = ("DISABLED", "ENABLED", "PAUSED", "FAULT")
 
 
@@ -26,22 +26,44 @@ def known_state(state: str, states: Iterable[str] = STATES) -> None:
         raise ValueError(f"{state!r} is no state; allowed are {', '.join(states)}")
 
 
-class Instance(Reporting):
+class InstanceHandle(Reporting):
+    """What a script holds of one instance of a running system. Each thread has to make its own."""
+
+    def __init__(self, ways: Ways, name: str, shown: RecordWay | RowWay,
+                 row: Callable[[], Event] | None = None) -> None:
+        """`shown`: its state, closed with us; `row` as `Callbacks` has it."""
+        self._ways, self.name, self.system = ways, name, ways.name
+        self._shown = shown
+        with contextlib.ExitStack() as stack:
+            stack.callback(shown.close)
+            self._remote = ways.remote(name)
+            stack.callback(self._remote.close)
+            self._callbacks = Callbacks(ways.events(name), row)
+            stack.callback(self._callbacks.close)
+            self._open = stack.pop_all()
+        self._waits = Waits(shown.stamp_ns if ways.is_simulated else None, self._callbacks)
+
+    def connected(self) -> bool:
+        """Whether it shows fresh records."""
+        return self._shown.is_fresh()
+
+    def check_connections(self, timeout: float = 5.0) -> None:
+        """TimeoutError unless it shows fresh records within `timeout` s."""
+        self._waits.until(self.connected, timeout, f"{self.name} is not connected")
+
+    def close(self) -> None:
+        """Detach; it resumes with what it does."""
+        self._open.close()
+
+
+class Instance(InstanceHandle):
     """One arm, or set of setup joints, of a running system; a context manager. Each thread has to make its own."""
 
     def __init__(self, system: str | Ways, name: str) -> None:
         """Attach; Problem or SegmentError when it is not there (yet)."""
-        self._ways = ways = ways_of(system)
-        self.name, self.system = name, ways.name
-        with contextlib.ExitStack() as stack:
-            self._record = ways.record(name)
-            stack.callback(self._record.close)
-            self._remote = ways.remote(name)
-            stack.callback(self._remote.close)
-            self._callbacks = Callbacks(ways.events(name))
-            stack.callback(self._callbacks.close)
-            self._open = stack.pop_all()
-        self._waits = Waits(self._record.stamp_ns if ways.is_simulated else None, self._callbacks)
+        ways = ways_of(system)
+        self._record = ways.record(name)
+        super().__init__(ways, name, self._record)
 
     if not TYPE_CHECKING:  # for what is not known before it runs
 
@@ -67,14 +89,6 @@ class Instance(Reporting):
         words = [each for each in arguments if isinstance(each, str)]
         given = [np.ravel(np.asarray(each, float)) for each in arguments if not isinstance(each, str)]
         return self._remote.ask(command, np.concatenate(given) if given else (), " ".join(words)).text
-
-    def connected(self) -> bool:
-        """Whether it shows fresh records."""
-        return self._record.is_fresh()
-
-    def check_connections(self, timeout: float = 5.0) -> None:
-        """TimeoutError unless it shows fresh records within `timeout` s."""
-        self._waits.until(self.connected, timeout, f"{self.name} is not connected")
 
     def operating_state(self) -> tuple[str, int]:
         """DISABLED, ENABLED, PAUSED or FAULT."""
@@ -136,13 +150,3 @@ class Instance(Reporting):
     def period_statistics(self) -> dict[str, dict[str, float]]:
         """avg, std, min, max and p99 (s) of the `period` and the `work` of its loop, in its last full second."""
         return self._ways.statistics(self.name)
-
-    def close(self) -> None:
-        """Detach; it resumes with what it does."""
-        self._open.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()

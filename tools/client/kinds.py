@@ -7,8 +7,8 @@ import math
 from numpy.typing import ArrayLike
 
 from trocar.tools.client.arm import Arm
-from trocar.tools.client.joints import Joints, Measured
 from trocar.tools.client.moves import MoveHandle, Waits, move
+from trocar.tools.client.parts import Joints, Measured
 from trocar.tools.client.values import Array, numbers, rotation_numbers
 from trocar.tools.client.ways import CommandWay, RecordWay, Ways
 

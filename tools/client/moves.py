@@ -10,8 +10,8 @@ from typing import Any, Final
 
 from numpy.typing import ArrayLike
 
-from trocar.procs.node.requests import Answer
 from trocar.shm.commands import ENDINGS, became
+from trocar.shm.mailbox.messages import Reply
 from trocar.shm.time.clock import pause
 from trocar.tools.client.callbacks import Callbacks
 from trocar.tools.client.deadline import Deadline
@@ -47,7 +47,7 @@ class Waits:
 class MoveHandle:
     """A move under way."""
 
-    def __init__(self, waits: Waits, remote: CommandWay, first: Answer, what: str) -> None:
+    def __init__(self, waits: Waits, remote: CommandWay, first: Reply, what: str) -> None:
         """`first` is the first answer to its command."""
         self._waits, self._remote, self._number, self._what = waits, remote, first.id, what
         self._end = first if first.outcome in ENDINGS else None

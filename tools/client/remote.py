@@ -6,21 +6,18 @@ who has none, may answer late in simulated time.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 from trocar.shm.commands import ENDINGS, became
 from trocar.shm.mailbox.client import Client, MailboxFull, Reply
-from trocar.shm.mailbox.origins import Origin
 from trocar.shm.memory.segment import SegmentError
 from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.shm.time.control_page import ControlPage
 from trocar.shm.time.system_time import SystemTime
-from trocar.tools.client.closed import closed
 from trocar.tools.client.deadline import Deadline
 from trocar.tools.inspect.messages import in_full
-from trocar.tools.output.errors import Problem, Refused
+from trocar.tools.output.errors import Problem, Refused, closed
 from trocar.tools.systems.find import alive, orphaned
 
 POLL_S = 0.001
@@ -31,31 +28,15 @@ STARTING = ("CREATED", "STARTING")
 ENDED = {"STOPPED": "is not running", "FAILED": "has failed"}
 
 
-class Remote:
-    """A way to the mailbox of one component; a context manager. All of a process share one place there."""
+class Remote(Client):
+    """A handle to the mailbox of one component that waits for answers; a context manager."""
 
     def __init__(self, system: str, instance: str) -> None:
         """Attach; SegmentError when there is no such component."""
-        self.instance, self._system = instance, system
-        self._client = Client(system, instance)
+        super().__init__(system, instance)
+        self._system = system
         self._time, self._page = SystemTime(system), ControlPage(system, instance)
-        self._inbox: dict[int, list[Reply]] = {}
-
-    @property
-    def commands(self) -> list[dict[str, Any]]:
-        """The component's command table."""
-        return self._client.commands
-
-    def on_behalf(self, origin: Origin) -> None:
-        """What is sent from now on are steps of one command of a person, see trocar.shm.mailbox.client.begin."""
-        self._client.on_behalf(origin)
-
-    def post(self, command: str, values: Sequence[float] | Any = (), text: str = "") -> int:
-        """Queue a command without waiting for an answer; returns its number.
-
-        MailboxFull when the component does not take it, SegmentError when others have all places; both say who.
-        """
-        return self._client.send(command, values, text)
+        self._kept: dict[int, list[Reply]] = {}
 
     def wait_until_it_runs(self) -> None:
         """Wait while it starts, because it refuses what was sent before it ran.
@@ -83,41 +64,41 @@ class Remote:
     def replies(self) -> list[Reply]:
         """Answers to whatever was sent, that came and were not asked for yet."""
         self._fetch()
-        found = [reply for replies in self._inbox.values() for reply in replies]
-        self._inbox.clear()
+        found = [reply for replies in self._kept.values() for reply in replies]
+        self._kept.clear()
         return found
 
     def replies_to(self, number: int) -> list[Reply]:
         """Answers to one command, that came and were not asked for yet."""
         self._fetch()
-        return self._inbox.pop(number, [])
+        return self._kept.pop(number, [])
 
     def _fetch(self) -> None:
-        for reply in self._client.poll():
+        for reply in self.poll():
             whole = replace(reply, text=in_full(self._system, self.instance, reply.text))
-            self._inbox.setdefault(reply.id, []).append(whole)
-        while len(self._inbox) > KEPT:  # answers nobody asks for
-            del self._inbox[next(iter(self._inbox))]
+            self._kept.setdefault(reply.id, []).append(whole)
+        while len(self._kept) > KEPT:  # answers nobody asks for
+            del self._kept[next(iter(self._kept))]
 
-    def answered(self, command: str, values: Sequence[float] | Any = (), text: str = "", timeout: float = 2.0) -> Reply:
+    def answered(self, command: str, values: Any = (), text: str = "", timeout: float = 2.0) -> Reply:
         """Send and wait for the first answer: accepted, refused, done or failed; Problem when none comes."""
         return self._reply_to(self._posted(command, values, text), command, timeout, ())
 
-    def settled(self, command: str, values: Sequence[float] | Any = (), text: str = "", timeout: float = 60.0) -> Reply:
+    def settled(self, command: str, values: Any = (), text: str = "", timeout: float = 60.0) -> Reply:
         """Send and wait for the end: refused, done or failed; Problem when it does not come in time."""
         return self._reply_to(self._posted(command, values, text), command, timeout, ENDINGS)
 
-    def ask(self, command: str, values: Sequence[float] | Any = (), text: str = "", timeout: float = 2.0) -> Reply:
+    def ask(self, command: str, values: Any = (), text: str = "", timeout: float = 2.0) -> Reply:
         """Send and make sure that it was accepted: Refused carries the reason. Returns the first answer."""
         reply = self.answered(command, values, text, timeout)
         if reply.outcome not in ("accepted", "done"):
             raise Refused(reply.text or f"{self.instance}: {command} {became(reply.outcome)}")
         return reply
 
-    def _posted(self, command: str, values: Sequence[float] | Any, text: str) -> int:
+    def _posted(self, command: str, values: Any, text: str) -> int:
         self.wait_until_it_runs()
         try:
-            return self.post(command, values, text)
+            return self.send(command, values, text)
         except (SegmentError, MailboxFull) as error:
             raise Problem(str(error)) from None
         except KeyError:
@@ -133,7 +114,7 @@ class Remote:
             for i, reply in enumerate(replies):
                 last = reply
                 if not wanted or reply.outcome in wanted:
-                    self._inbox[number] = replies[i + 1 :]
+                    self._kept[number] = replies[i + 1 :]
                     return reply
             if not is_over:
                 self._check_supervisor()
@@ -144,9 +125,10 @@ class Remote:
 
     def close(self) -> None:
         """Detach; the last one of a process frees its place."""
-        for each in (self._client, self._time, self._page):
-            each.close()
-        self._client = self._time = self._page = closed(self.instance)
+        super().close()
+        self._time.close()
+        self._page.close()
+        self._desk = self._time = self._page = closed(self.instance)
 
     def __enter__(self) -> Remote:
         return self

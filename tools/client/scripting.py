@@ -9,6 +9,7 @@ import importlib
 import ssl
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 from trocar.procs.machine.end_signals import ctrl_c_in_a_line
@@ -17,16 +18,26 @@ from trocar.procs.tables.arm_types import ARM_TYPES, class_of
 from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.tools.client.arm import Arm
 from trocar.tools.client.connection import BridgeConnection
-from trocar.tools.client.consoles import ConsoleHandle, Operated, TeleopHandle
+from trocar.tools.client.consoles import ConsoleHandle, TeleopHandle
 from trocar.tools.client.distant import DistantWays
-from trocar.tools.client.impedance import Gains, Impedance
-from trocar.tools.client.joints import Joints
+from trocar.tools.client.instance import InstanceHandle
 from trocar.tools.client.kinds import Ecm, Gripper, Jaw, Mtm, Psm
 from trocar.tools.client.moves import MoveHandle
+from trocar.tools.client.parts import Joints
 from trocar.tools.client.setup import SetupArm, Suj
-from trocar.tools.client.values import JointState
+from trocar.tools.client.values import Gains, Impedance, JointState
+from trocar.tools.client.ways import Ways
 from trocar.tools.client.whole import DistantSystem
 from trocar.tools.output.errors import Clipped, Disconnected, NotThere, Problem, Refused
+
+
+class OnlyHere:
+    """Takes the place of what needs the robot's own machine; Problem where that is used."""
+
+    def __init__(self, *given: Any, **named: Any) -> None:
+        """Problem says what there is instead."""
+        raise Problem('this needs the robot\'s own machine (Linux, posix_ipc); from here: '
+                      'trocar.arm(NAME, at="HOST:PORT")')
 
 
 def _has_shared_memory() -> bool:
@@ -43,7 +54,8 @@ if TYPE_CHECKING:
 if TYPE_CHECKING or _has_shared_memory():
     from trocar.tools.client import here
 else:
-    from trocar.tools.client import elsewhere as here
+    here = SimpleNamespace(**dict.fromkeys(
+        ("Handler", "Process", "Provider", "System", "found_here", "provide", "system_here"), OnlyHere))
 
 Handler = here.Handler
 Process = here.Process
@@ -89,8 +101,10 @@ __all__ = [
 ]
 
 A = TypeVar("A", bound=Arm)
-Q = TypeVar("Q", bound=Operated)
+F = TypeVar("F", bound=InstanceHandle)
 T = TypeVar("T")
+Where = tuple[str, str | Path, ssl.SSLContext | None]
+"""`at`, `token` and `tls` as `arm` takes them."""
 TRY_AGAIN_S = 0.2
 
 
@@ -104,13 +118,7 @@ def arm(name: str, system: str | None = None, timeout: float = 5.0, *, at: str =
     socket bridge of a system on another machine, with its `token` (or the Path of a file that has it), and for `tls`
     what ssl.create_default_context() gives.
     """
-    if not at:
-        return here.arm_here(name, system, timeout)
-
-    def made(ways: DistantWays) -> Arm:
-        return class_of(ARM_TYPES[ways.checked("arm", name).instances[name]].client, Arm)(ways, name)
-
-    return _at(at, token, tls, timeout, made)
+    return _found("arm", _arm, name, system, timeout, (at, token, tls))
 
 
 def psm(name: str, system: str | None = None, timeout: float = 5.0, *, at: str = "", token: str | Path = "",
@@ -134,32 +142,19 @@ def mtm(name: str, system: str | None = None, timeout: float = 5.0, *, at: str =
 def suj(name: str = "SUJ", system: str | None = None, timeout: float = 5.0, *, at: str = "", token: str | Path = "",
         tls: ssl.SSLContext | None = None) -> Suj:
     """The setup joints `name`, once they are connected; TimeoutError after `timeout` s."""
-    if not at:
-        return here.suj_here(name, system, timeout)
-    return _at(at, token, tls, timeout, lambda ways: Suj(ways.checked("suj", name), name))
+    return _found("suj", Suj, name, system, timeout, (at, token, tls))
 
 
 def console(name: str = "console", system: str | None = None, timeout: float = 5.0, *, at: str = "",
             token: str | Path = "", tls: ssl.SSLContext | None = None) -> ConsoleHandle:
     """The console `name`, once it is connected; TimeoutError after `timeout` s."""
-    if not at:
-        return here.operated_here(ConsoleHandle, "console", name, system, timeout)
-    return _at(at, token, tls, timeout, lambda ways: _shown(ConsoleHandle(ways.checked("console", name), name)))
+    return _found("console", ConsoleHandle, name, system, timeout, (at, token, tls))
 
 
 def teleop(name: str, system: str | None = None, timeout: float = 5.0, *, at: str = "", token: str | Path = "",
            tls: ssl.SSLContext | None = None) -> TeleopHandle:
     """The teleoperation `name`; the same."""
-    if not at:
-        return here.operated_here(TeleopHandle, "teleop", name, system, timeout)
-    return _at(at, token, tls, timeout, lambda ways: _shown(TeleopHandle(ways.checked("teleop", name), name)))
-
-
-def _shown(found: Q) -> Q:
-    """Problem unless it shows its state."""
-    if not found.connected():
-        raise Problem(f"{found.name} does not show its state; is it running?")
-    return found
+    return _found("teleop", TeleopHandle, name, system, timeout, (at, token, tls))
 
 
 @overload
@@ -170,7 +165,7 @@ def system(name: str | None = None, timeout: float = 5.0, *, at: str, token: str
 def system(name: str | None = None, timeout: float = 5.0, *, at: str = "", token: str | Path = "",
            tls: ssl.SSLContext | None = None) -> System | DistantSystem:
     """A running system, default as of `arm`; TimeoutError when there is none within `timeout` s."""
-    return here.system_here(name, timeout) if not at else _at(at, token, tls, timeout, DistantSystem)
+    return here.system_here(name, timeout) if not at else _at((at, token, tls), timeout, DistantSystem)
 
 
 def aio(make: Callable[..., Any], *given: Any, **named: Any) -> Aio:
@@ -180,9 +175,21 @@ def aio(make: Callable[..., Any], *given: Any, **named: Any) -> Aio:
     return Aio(lambda: make(*given, **named))
 
 
-def _at(at: str, token: str | Path, tls: ssl.SSLContext | None, timeout: float, made: Callable[[DistantWays], T]) -> T:
+def _arm(ways: Ways, name: str) -> Arm:
+    return class_of(ARM_TYPES[ways.type_of(name)].client, Arm)(ways, name)
+
+
+def _found(kind: str, make: Callable[[Ways, str], F], name: str, system: str | None, timeout: float, where: Where) -> F:
+    """An instance of this machine, or `at` another one."""
+    if not where[0]:
+        return here.found_here(kind, make, name, system, timeout)
+    return _at(where, timeout, lambda ways: make(ways.checked(kind, name), name))
+
+
+def _at(where: Where, timeout: float, made: Callable[[DistantWays], T]) -> T:
     """What `made` makes of a connection, tried until it is there."""
     ctrl_c_in_a_line()
+    at, token, tls = where
     end = monotonic_ns() + round(timeout * 1e9)
     while True:
         connection = None

@@ -6,8 +6,8 @@ from numpy.typing import ArrayLike
 
 from trocar.procs.crtk.names import none_such
 from trocar.tools.client.instance import Instance
-from trocar.tools.client.joints import Measured
 from trocar.tools.client.moves import MoveHandle, Waits, move
+from trocar.tools.client.parts import Measured
 from trocar.tools.client.values import Stamped, numbers, pose_numbers
 from trocar.tools.client.ways import CommandWay, RecordWay, Ways
 from trocar.tools.output.errors import Problem

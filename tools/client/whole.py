@@ -1,30 +1,33 @@
-"""A whole system on another machine."""
+"""A whole system: what it is asked and what it reports, and how one on another machine is reached."""
 
 from __future__ import annotations
 
-from typing import Final
+import contextlib
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
 
 from trocar.procs.tables.arm_types import ARM_TYPES
+from trocar.procs.tables.bring_up import DISABLED, ENABLED, HOMED
 from trocar.shm.commands import became
+from trocar.shm.memory.header import SegmentError
+from trocar.tools.client.callbacks import Callbacks, Reporting
 from trocar.tools.client.distant import DistantRemote, DistantWays
-from trocar.tools.client.instance import DISABLED, ENABLED, HOMED
-from trocar.tools.client.sounds import WHOLE, Sounds
+from trocar.tools.client.ways import RowWay, Ways
 from trocar.tools.output.errors import Problem
 
+WHOLE: Final = "system"
+"""The process that brings all arms up, repeats what all report and makes sounds, where there are consoles."""
 WORDS: Final = {ENABLED: "power_on", HOMED: "home", DISABLED: "power_off"}
 
 
-class DistantSystem(Sounds):
-    """A system by its socket bridge; a context manager."""
+class WholeSystem(Reporting):
+    """A running system; a context manager."""
 
-    def __init__(self, ways: DistantWays) -> None:
-        """Closed with us."""
-        super().__init__(ways)
-        self._distant = ways
-
-    def arms(self) -> list[str]:
-        """Names of its arms."""
-        return [name for name, what in self._distant.instances.items() if what in ARM_TYPES]
+    def __init__(self, ways: Ways) -> None:
+        """Nothing is asked yet."""
+        self._ways, self.name = ways, ways.name
+        self._rows: RowWay | None = None
+        self._callbacks = Callbacks(ways.events(WHOLE), self._row)
 
     def power_on(self, timeout: float = 10.0) -> None:
         """Enable every arm, and the setup joints; Problem says which are not and why."""
@@ -37,6 +40,57 @@ class DistantSystem(Sounds):
     def power_off(self, timeout: float = 10.0) -> None:
         """Disable every arm."""
         self._bring(DISABLED, timeout)
+
+    def _bring(self, goal: str, timeout: float) -> None:
+        raise NotImplementedError
+
+    def set_volume(self, volume: float) -> None:
+        """Of beeps and speech, 0 to 1."""
+        self._ask("set_volume", (volume,))
+
+    def volume(self) -> float:
+        """The same."""
+        return float(self._row()["volume"])
+
+    def beep(self, duration: float = 0.3, frequency: float = 3000.0, volume: float | None = None) -> None:
+        """Make a beep: s, Hz, 0 to 1; at the system's volume unless told otherwise."""
+        self._ask("beep", (duration, frequency) if volume is None else (duration, frequency, volume))
+
+    def string_to_speech(self, text: str) -> None:
+        """Say it."""
+        self._ask("string_to_speech", text=text)
+
+    def _ask(self, command: str, values: Sequence[float] = (), text: str = "") -> None:
+        self._row()
+        with contextlib.closing(self._ways.remote(WHOLE)) as remote:
+            remote.ask(command, values, text)
+
+    def _row(self) -> Mapping[str, Any]:
+        try:
+            if self._rows is None:
+                self._rows = self._ways.rows(WHOLE)
+        except (SegmentError, Problem) as error:
+            raise Problem(f"{self.name} has no process {WHOLE}, as systems with a console have: {error}") from None
+        return self._rows.row()
+
+    def close(self) -> None:
+        """Detach."""
+        self._callbacks.close()
+        if self._rows is not None:
+            self._rows.close()
+
+
+class DistantSystem(WholeSystem):
+    """A system by its socket bridge; a context manager."""
+
+    def __init__(self, ways: DistantWays) -> None:
+        """Closed with us."""
+        super().__init__(ways)
+        self._distant = ways
+
+    def arms(self) -> list[str]:
+        """Names of its arms."""
+        return [name for name, what in self._distant.instances.items() if what in ARM_TYPES]
 
     def _bring(self, goal: str, timeout: float) -> None:
         if WHOLE in self._distant.instances:

@@ -9,11 +9,12 @@ from typing import Final, Protocol
 import numpy as np
 
 from trocar.procs.document.system import SystemConfig
+from trocar.procs.tables.bring_up import DISABLED, ENABLED
 from trocar.shm.commands import ENDINGS
 from trocar.shm.ring.ring import RingReader
 from trocar.shm.system import directory
 from trocar.shm.time.system_time import SystemTime
-from trocar.tools.client import bring_up as arms
+from trocar.tools.client.bring_up import bring_all
 from trocar.tools.client.remote import Remote
 from trocar.tools.commission.person import Person
 from trocar.tools.commission.subject import Subject, subjects_of
@@ -96,7 +97,7 @@ class RunningBench:
             tuple[CommandOutcome, Window]:
         """See RobotBench."""
         remote, since, parts = self._remotes[io], self.time.now_ns(), []
-        number, end = remote.post(command, np.array(values), text), since + round(timeout * 1e9)
+        number, end = remote.send(command, np.array(values), text), since + round(timeout * 1e9)
         while True:
             ended = [reply for reply in remote.replies_to(number) if reply.outcome in ENDINGS]
             self.time.pause(0.02)
@@ -109,12 +110,12 @@ class RunningBench:
 
     def enable(self, subject: Subject) -> None:
         """See RobotBench."""
-        arms.power_on(self.system, [subject.arm])
+        bring_all(self.system, [subject.arm], ENABLED)
 
     def disable(self, subject: Subject) -> None:
         """See RobotBench. What the arm says to it is second: io is asked as well, and its amplifiers are looked at."""
         with contextlib.suppress(Problem):
-            arms.power_off(self.system, [subject.arm])
+            bring_all(self.system, [subject.arm], DISABLED)
         self.asked(subject.io, "power_off", (), subject.name, 2.0)
         window = self.sample(subject.io, OFF_S)
         if window.drives("amp_on", subject)[-1].any():

@@ -6,7 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from trocar.tools.client import bring_up as arms
+from trocar.procs.tables.bring_up import HOMED
+from trocar.tools.client.bring_up import bring_all
 from trocar.tools.commission.bench import RunningBench
 from trocar.tools.commission.finding import Finding, Outcome
 from trocar.tools.commission.subject import Subject
@@ -41,7 +42,7 @@ def run(bench: RunningBench) -> Outcome:
 def homed(bench: RunningBench, subject: Subject) -> list[Finding]:
     """Home an arm; what is wrong, where it does not get there."""
     try:
-        arms.home(bench.system, [subject.arm])
+        bring_all(bench.system, [subject.arm], HOMED)
     except Problem as problem:
         return [Finding(subject.whole(), str(problem), "homed", "docs/errors.md has cause and remedy; mend it, then "
                         "repeat this stage")]

@@ -126,7 +126,7 @@ class Hand:
         """False: the boards, which may just be started again, have no room for it; it is tried again a beat later."""
         self._boards.replies()
         try:
-            self._boards.post(command, values, text)
+            self._boards.send(command, values, text)
         except MailboxFull:
             return False
         return True

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any, NoReturn
+
 
 class Problem(Exception):
     """Something is wrong with the robot or its surroundings: exit code 1. The message says what and what to do."""
@@ -33,3 +35,19 @@ class Disconnected(Problem):
 
 class Refused(Problem):
     """The component took the command and refused it, or failed to carry it out; the message is its reason."""
+
+
+def closed(what: str) -> Any:
+    """Takes the place of a closed part of `what`: any use of it but `close` raises Disconnected."""
+    return _Closed(what)
+
+
+class _Closed:
+    def __init__(self, what: str) -> None:
+        self._what = what
+
+    def close(self) -> None:
+        """It is closed already."""
+
+    def __getattr__(self, name: str) -> NoReturn:
+        raise Disconnected(f"{self._what} is closed; make it again")

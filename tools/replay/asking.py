@@ -75,7 +75,7 @@ def send_again(system: str, moves: RecordedMoves, motions: Sequence[RecordedMoti
             due_ns = start_ns + round((command.instant_ns - recorded_ns) / speed)
             waited(partial(_is_due, due_ns, time), followers, time)
             remote = remotes[command.instance]
-            numbers.append(remote.post(command.name, command.values, command.text))
+            numbers.append(remote.send(command.name, command.values, command.text))
             reply = first_reply(remote, numbers[-1], ANSWERS, REPLY_S, followers, time)
             if reply.outcome == "refused":
                 raise Refused(f"{command.instance} refused {command.name}: {reply.text}")

@@ -50,7 +50,7 @@ class _Ending:
     def _ask(self) -> bool:
         try:
             with Remote(self.system, SUPERVISOR) as remote:
-                remote.post("stop")
+                remote.send("stop")
         except (SegmentError, MailboxFull):
             return False
         return True

@@ -12,10 +12,11 @@ from typing import Annotated, Any
 import typer
 
 from trocar.procs.machine.paths import PROJECT_CONFIGS
+from trocar.procs.tables.bring_up import DISABLED, ENABLED, HOMED
 from trocar.shm.memory.segment import SegmentError
 from trocar.shm.time.clock import monotonic_ns
 from trocar.shm.time.system_time import WALL, SystemTime, speed_in_words
-from trocar.tools.client.bring_up import home, power_off, power_on
+from trocar.tools.client.bring_up import bring_all
 from trocar.tools.client.following import beats
 from trocar.tools.examples.hand import Hand, figure_eight
 from trocar.tools.examples.operator_sim import OperatorSim, SimTeleop
@@ -85,7 +86,7 @@ def demo(
             summary["problems"].append(ended if background.state() == "RUNNING" else STOPPED)
         finally:
             with contextlib.suppress(Problem, SegmentError), progress("power off") as say:
-                power_off(system, say=say)
+                bring_all(system, (), DISABLED, say=say)
     summary["supervisor_exit"] = background.popen.returncode
     if background.popen.returncode:
         summary["problems"].append(f"the supervisor ended with {background.popen.returncode}")
@@ -95,9 +96,9 @@ def demo(
 
 def _bring_up(system: str, begin: int, end: int | None) -> None:
     with progress("power on") as say:
-        power_on(system, timeout=_left_s(end), say=say)
+        bring_all(system, (), ENABLED, _left_s(end), say)
         note(f"powered after {_since(begin):.1f} s")
-        home(system, timeout=_left_s(end), say=say)
+        bring_all(system, (), HOMED, _left_s(end), say)
         note(f"homed after {_since(begin):.1f} s")
 
 

@@ -6,7 +6,8 @@ from typing import Annotated
 
 import typer
 
-from trocar.tools.client.bring_up import DISABLED, ENABLED, HOMED, bring
+from trocar.procs.tables.bring_up import DISABLED, ENABLED, HOMED
+from trocar.tools.client.bring_up import bring
 from trocar.tools.inspect.watch import powered_names
 from trocar.tools.output.errors import Problem
 from trocar.tools.output.printing import emit, note, progress, table

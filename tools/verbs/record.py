@@ -75,7 +75,7 @@ def record(
         for topic in topics or ():
             remote.ask("choose", text=topic)
         recorder = RecorderWatch(state, stack.enter_context(SystemTime(chosen)))
-        number = remote.post("record", [seconds, float(not detach)], name)
+        number = remote.send("record", [seconds, float(not detach)], name)
         with _stopped_where_it_fails(remote, name):
             _begun(remote, number)
             if detach:
@@ -96,7 +96,7 @@ def _stopped_where_it_fails(remote: Remote, name: str) -> Iterator[None]:
         raise
     except BaseException:
         with suppress(SegmentError, MailboxFull):
-            remote.post("stop", text=name)
+            remote.send("stop", text=name)
         raise
 
 
@@ -154,7 +154,7 @@ def _watch(remote: Remote, number: int, state: RingReader, name: str, seconds: f
         except KeyboardInterrupt:
             if stop:
                 raise
-            stop = remote.post("stop", text=name)
+            stop = remote.send("stop", text=name)
 
 
 def _seen(state: RingReader) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from tests.conftest import World
 from tests.tools.robot import robot
 from trocar.tools.client.callbacks import Callbacks
 from trocar.tools.client.moves import Waits
-from trocar.tools.client.reported import SharedEvents
+from trocar.tools.client.shared import SharedEvents
 from trocar.tools.output.errors import Problem
 
 

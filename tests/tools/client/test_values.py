@@ -13,8 +13,7 @@ from hypothesis.extra import numpy as hnp
 
 from trocar.procs.arm.impedance import impedance_of
 from trocar.procs.kinematics.poses import matrix_from_pose, rotation_from_vector
-from trocar.tools.client.impedance import Gains, Impedance
-from trocar.tools.client.values import numbers, pose_numbers, rotation_numbers
+from trocar.tools.client.values import Gains, Impedance, numbers, pose_numbers, rotation_numbers
 
 VECTORS = hnp.arrays(np.float64, 3, elements=st.floats(-2.0, 2.0))
 ROWS = hnp.arrays(np.float64, (4, 4, 3), elements=st.floats(-500.0, 500.0))

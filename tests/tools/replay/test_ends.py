@@ -238,7 +238,7 @@ class DeafRemote:
     def __init__(self, instance: str, error: Exception | None = None) -> None:
         self.instance, self.asked, self._error = instance, list[str](), error
 
-    def post(self, command: str) -> int:
+    def send(self, command: str) -> int:
         self.asked.append(command)
         if self._error is not None:
             raise self._error

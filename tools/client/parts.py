@@ -1,4 +1,4 @@
-"""The tip of an arm: its forces and Jacobians in two frames, and its pose in the arm's base."""
+"""Parts of arms: sets of joints, and the tip with its forces, its Jacobians, and its pose in the arm's base."""
 
 from __future__ import annotations
 
@@ -7,9 +7,65 @@ import json
 from numpy.typing import ArrayLike
 
 from trocar.procs.kinematics.poses import matrix_from_pose
-from trocar.tools.client.values import Array, Stamped, numbers, six_numbers
+from trocar.tools.client.values import Array, JointState, Stamped, numbers, six_numbers
 from trocar.tools.client.ways import CommandWay, RecordWay
 from trocar.tools.output.errors import Problem
+
+
+class Measured:
+    """Where joints are."""
+
+    def __init__(self, record: RecordWay, prefix: str) -> None:
+        """`prefix` of the names of their views."""
+        self._record, self._prefix = record, prefix
+
+    def measured_js(self) -> tuple[JointState, int]:
+        """Measured positions, velocities and efforts."""
+        return self._record.joint_state(f"{self._prefix}measured_js")
+
+    def measured_jp(self) -> Stamped:
+        """Measured positions (n,)."""
+        return self._record.part(f"{self._prefix}measured_js", "position")
+
+    def measured_jv(self) -> Stamped:
+        """Measured velocities (n,)."""
+        return self._record.part(f"{self._prefix}measured_js", "velocity")
+
+    def measured_jf(self) -> Stamped:
+        """Measured efforts (n,)."""
+        return self._record.part(f"{self._prefix}measured_js", "effort")
+
+    def joint_names(self) -> list[str]:
+        """Their names, in order."""
+        return self._record.joint_names(f"{self._prefix}measured_js")
+
+
+class Setpoint:
+    """What the joint controller was last given."""
+
+    def __init__(self, record: RecordWay, prefix: str) -> None:
+        """`prefix` of the names of their views."""
+        self._record, self._prefix = record, prefix
+
+    def setpoint_js(self) -> tuple[JointState, int]:
+        """Positions, velocities and efforts that it was given."""
+        return self._record.joint_state(f"{self._prefix}setpoint_js")
+
+    def setpoint_jp(self) -> Stamped:
+        """Positions (n,)."""
+        return self._record.part(f"{self._prefix}setpoint_js", "position")
+
+    def setpoint_jv(self) -> Stamped:
+        """Velocities (n,)."""
+        return self._record.part(f"{self._prefix}setpoint_js", "velocity")
+
+    def setpoint_jf(self) -> Stamped:
+        """Efforts (n,)."""
+        return self._record.part(f"{self._prefix}setpoint_js", "effort")
+
+
+class Joints(Measured, Setpoint):
+    """Both."""
 
 
 class Frame:
