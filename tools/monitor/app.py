@@ -17,13 +17,8 @@ from trocar.shm.ring.ring import RingError
 from trocar.shm.time.clock import local_ns, monotonic_ns
 from trocar.tools.inspect.messages import time_of_day
 from trocar.tools.monitor.overview import Overview, identity_of, overview
-from trocar.tools.monitor.pages.arms import ArmsPage
-from trocar.tools.monitor.pages.commands import CommandsPage
-from trocar.tools.monitor.pages.events import EventsPage
-from trocar.tools.monitor.pages.page import InspectorPage
-from trocar.tools.monitor.pages.palette import palette
-from trocar.tools.monitor.pages.processes import ProcessesPage
-from trocar.tools.monitor.pages.topics import TopicChosen, TopicsPage
+from trocar.tools.monitor.pages.lists import ArmsPage, CommandsPage, EventsPage, ProcessesPage, TopicChosen, TopicsPage
+from trocar.tools.monitor.pages.page import InspectorPage, palette
 from trocar.tools.monitor.pages.values import ValuesPage
 from trocar.tools.output.errors import Problem
 from trocar.tools.output.printing import printable, span

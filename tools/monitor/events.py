@@ -1,21 +1,85 @@
-"""The page of events: what the processes report, the newest last, chosen by severity, process and words."""
+"""The pages of events and commands: what the processes report, and what they are asked for, from their rings."""
 
 from __future__ import annotations
 
+import contextlib
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 from trocar.procs.crtk.plain import plain
 from trocar.procs.crtk.reported import event_rings, message_of
+from trocar.shm.commands import COMMANDS
+from trocar.shm.memory.segment import SegmentError
 from trocar.shm.ring.ring import RingReader
+from trocar.shm.system import directory
 from trocar.shm.system.events import SEVERITIES, STATUS
+from trocar.tools.inspect.asked import AUDIT
 from trocar.tools.inspect.messages import kind_of, text_of, time_of_day
+from trocar.tools.inspect.processes import ProcessStatus
 
-KEPT = 2000
-A_LOOK = 500
-"""Events of one process that one look takes in."""
+STREAMS = frozenset(row.name for rows in COMMANDS.values() for row in rows if row.stream)
+ACCEPTED, UNDER_WAY = "accepted", "under way"
+
+
+class Ordered(Protocol):
+    """A row of several processes."""
+
+    @property
+    def order(self) -> int:
+        """Monotonic time."""
+
+
+R = TypeVar("R", bound=Ordered)
+
+
+class RingRows(Generic[R]):
+    """Rows made of the records of a ring of all processes, those from before too."""
+
+    KEPT: ClassVar[int]
+    A_LOOK: ClassVar[int]
+    """Records of one process that one look takes in."""
+
+    def __init__(self, rings: Iterable[tuple[str, RingReader]]) -> None:
+        self._rings = list(rings)
+        self._rows: deque[R] = deque(maxlen=self.KEPT)
+        for _, reader in self._rings:
+            reader.rewind(self.KEPT)
+        self._take(self.KEPT)
+
+    def made(self, name: str, record: dict[str, Any]) -> R:
+        """The row of a record of one process."""
+        raise NotImplementedError
+
+    @property
+    def names(self) -> list[str]:
+        """The processes that have such a ring."""
+        return sorted(name for name, _ in self._rings)
+
+    @property
+    def lost(self) -> int:
+        """Records that were overwritten before they were read."""
+        return sum(reader.lost for _, reader in self._rings)
+
+    def rows(self) -> list[R]:
+        """All that are known, the oldest first."""
+        self._take(self.A_LOOK)
+        return list(self._rows)
+
+    def _take(self, most: int) -> None:
+        found = []
+        for name, reader in self._rings:
+            for _ in range(most):
+                if not reader.next():
+                    break
+                found.append(self.made(name, {key: reader.field(key)[()] for key in reader.dtype.names or ()}))
+        self._rows.extend(sorted(found, key=lambda row: row.order))
+
+    def close(self) -> None:
+        """Unmap."""
+        for _, reader in self._rings:
+            reader.close()
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,48 +96,20 @@ class EventRow:
     data: dict[str, Any]
 
 
-class EventsData:
-    """The events of all processes, those from before too."""
+class EventsData(RingRows[EventRow]):
+    """The events of all processes."""
+
+    KEPT, A_LOOK = 2000, 500
 
     def __init__(self, system: str) -> None:
-        self._rings = list(event_rings(system))
-        self._rows: deque[EventRow] = deque(maxlen=KEPT)
-        self.lost = 0
-        """Overwritten before they were read."""
-        for _, reader in self._rings:
-            reader.rewind(KEPT)
-        self._take(KEPT)
+        super().__init__(event_rings(system))
 
-    @property
-    def names(self) -> list[str]:
-        """The processes that can report something."""
-        return sorted(name for name, _ in self._rings)
-
-    def rows(self) -> list[EventRow]:
-        """All that are known, the oldest first."""
-        self._take(A_LOOK)
-        return list(self._rows)
-
-    def _take(self, most: int) -> None:
-        found = [_row(name, row) for name, reader in self._rings for row in rows_next(reader, most)]
-        self.lost = sum(reader.lost for _, reader in self._rings)
-        self._rows.extend(sorted(found, key=lambda row: row.order))
-
-    def close(self) -> None:
-        """Unmap."""
-        for _, reader in self._rings:
-            reader.close()
+    def made(self, name: str, record: dict[str, Any]) -> EventRow:
+        """An event."""
+        return _event_row(name, record)
 
 
-def rows_next(reader: RingReader, most: int) -> Iterator[dict[str, Any]]:
-    """So many of the next records of a ring at most, in order."""
-    for _ in range(most):
-        if not reader.next():
-            return
-        yield {key: reader.field(key)[()] for key in reader.dtype.names or ()}
-
-
-def _row(name: str, event: dict[str, Any]) -> EventRow:
+def _event_row(name: str, event: dict[str, Any]) -> EventRow:
     data = {key: plain(value) for key, value in event.items()}
     message = message_of(name, event)
     return EventRow(message["order"], time_of_day(int(data["local_ns"])), name, str(message["severity"]), kind_of(data),
@@ -88,3 +124,67 @@ def chosen(rows: Iterable[EventRow], severity: str = "", who: str = "", words: s
             if (not least or (row.severity in SEVERITIES and SEVERITIES.index(row.severity) >= max(STATUS, least)))
             and who in ("", row.who)
             and sought in f"{row.who} {row.what} {row.text} {row.hint}".casefold()]
+
+
+@dataclass(frozen=True, slots=True)
+class AskedRow:
+    """One command and what became of it, as it was last heard. `key`: its process, place and number."""
+
+    key: tuple[str, int, int]
+    stamp_ns: int
+    order: int
+    at: str
+    who: str
+    command: str
+    outcome: str
+    reason: str
+    whose: str
+    is_stream: bool
+
+    @property
+    def cells(self) -> list[str]:
+        """In the order of the page's columns."""
+        return [self.at, self.who, self.command, self.outcome, self.whose, self.reason]
+
+
+class CommandsData(RingRows[AskedRow]):
+    """What all processes were asked for, from their audit rings."""
+
+    KEPT = A_LOOK = 1000
+
+    def __init__(self, system: str) -> None:
+        super().__init__(_audit_rings(system))
+
+    def made(self, name: str, record: dict[str, Any]) -> AskedRow:
+        """A command."""
+        return _asked_row(name, record)
+
+
+def _audit_rings(system: str) -> Iterator[tuple[str, RingReader]]:
+    for name, topic in directory.rings(system):
+        if topic == AUDIT:
+            with contextlib.suppress(SegmentError):
+                yield name, directory.reader(system, name, AUDIT, often=False)
+
+
+def _asked_row(name: str, record: dict[str, Any]) -> AskedRow:
+    row = {key: plain(value) for key, value in record.items()}
+    whose = str(row["program"]) or "a program" if row["origin"] else "nobody"
+    through = f", pid {row['pid']}" if row["pid"] else ""
+    return AskedRow((name, int(row["place"]), int(row["id"])), int(row["stamp_ns"]), int(row["monotonic_ns"]),
+                    time_of_day(int(row["local_ns"])), name, f"{row['command']} {row['text']}".rstrip(),
+                    str(row["outcome"]), str(row["reason"]), f"{whose}{through}", row["command"] in STREAMS)
+
+
+def under_way(rows: Sequence[AskedRow], processes: Iterable[ProcessStatus]) -> list[AskedRow]:
+    """What was accepted and is neither done, refused nor failed, by a process that lives and is still the same one.
+
+    Of a stream of goals only the first is recorded: it counts until the process is asked for something else.
+    """
+    since = {one.name: max((past.stamp_ns for past in one.endings), default=0) for one in processes
+             if one.problem != "dead" and one.state == "RUNNING"}
+    last = {row.key: row for row in rows}
+    newest = {row.who: row.key for row in rows}
+    return [row for row in last.values()
+            if row.outcome == ACCEPTED and row.stamp_ns > since.get(row.who, row.stamp_ns)
+            and (not row.is_stream or newest[row.who] == row.key)]

@@ -1,4 +1,4 @@
-"""The page of processes: state, rate and jitter, what each uses, how often it was started again, and how it ended."""
+"""The pages of processes and arms: what each does and uses, why it is in FAULT or what it waits for."""
 
 from __future__ import annotations
 
@@ -6,7 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from trocar.procs.machine.usage import Usage
-from trocar.tools.inspect.processes import ProcessStatus, remarks
+from trocar.tools.inspect.messages import time_of_day
+from trocar.tools.inspect.processes import ProcessStatus, cells, remarks
+from trocar.tools.inspect.standing import Standing
 from trocar.tools.output.printing import number, span
 
 
@@ -56,8 +58,11 @@ class ProcessRow:
 class ProcessesData:
     """All processes of a system, with what they use since the last look."""
 
-    def __init__(self) -> None:
+    def __init__(self, system: str = "") -> None:
         self._usage = Usage()
+
+    def close(self) -> None:
+        """Nothing is mapped."""
 
     def rows(self, processes: Sequence[ProcessStatus]) -> list[ProcessRow]:
         """As the overview found them."""
@@ -67,13 +72,35 @@ class ProcessesData:
         return found
 
 
-def cells(row: ProcessRow) -> list[str]:
+def process_cells(row: ProcessRow) -> list[str]:
     """In the order of the page's columns."""
-    status = row.status
-    p99 = None if status.period_p99_s is None else status.period_p99_s * 1e3
-    work = None if status.work_p99_s is None else status.work_p99_s * 1e3
-    return [f"{status.name} {status.simulation}".rstrip(), row.state, str(status.pid or "–"), number(status.rate_hz),
-            number(row.jitter_ms, ".3f"), number(p99, ".3f"), number(work, ".3f"), number(row.cpu_percent, ".1f"),
-            number(row.memory_mb, ".0f"), str(status.missed), str(status.restarts),
-            status.problem if status.problem not in ("dead", "stalled", "silent") and status.problem
-            else status.exit_reason]
+    name, _, pid, rate, p99, work, missed, restarts, problem = cells(row.status)
+    return [name, row.state, pid, rate, number(row.jitter_ms, ".3f"), p99, work, number(row.cpu_percent, ".1f"),
+            number(row.memory_mb, ".0f"), missed, restarts,
+            problem if problem not in ("dead", "stalled", "silent", "") else row.status.exit_reason]
+
+
+def standing_cells(one: Standing) -> list[str]:
+    """In the order of the page's columns."""
+    fault = one.fault or {}
+    homed = "–" if one.homed is None else "yes" if one.homed else "no"
+    return [one.name, one.state, homed, str(fault.get("code") or ""), one.reason, str(fault.get("hint") or "")]
+
+
+def standing_details(one: Standing) -> list[str]:
+    """The error that led to a FAULT as it was reported, and what to do."""
+    lines = [f"{one.name} ({one.kind}): {one.state}"]
+    if one.reason:
+        lines.append(f"{'why' if one.is_fault else 'waiting'}: {one.reason.removeprefix('waiting: ')}")
+    fault = one.fault
+    if fault is not None:
+        where = [f"axis {fault['axis']}" if int(fault["axis"]) >= 0 else "",
+                 f"board {fault['board']}" if int(fault["board"]) >= 0 else ""]
+        measured = "" if fault["value"] is None else f"measured {number(float(fault['value']), '.5g')}"
+        allowed = "" if fault["limit"] is None else f"allowed {number(float(fault['limit']), '.5g')}"
+        known = ", ".join(part for part in (str(fault["component"]), *where, measured, allowed) if part)
+        lines.append(f"{fault['code']} at {time_of_day(int(fault['local_ns']))}: {known}")
+        lines.append(f"reported: {fault['text']}")
+        if fault["hint"]:
+            lines.append(f"remedy: {fault['hint']}; then: trocar home {one.name}")
+    return lines

@@ -7,16 +7,19 @@ from typing import Any
 
 from trocar.procs.crtk.topics import RECORD
 from trocar.shm.time.clock import monotonic_ns, pause
-from trocar.tools.monitor.commands import CommandsData, under_way
-from trocar.tools.monitor.events import EventsData
+from trocar.tools.inspect import standing
+from trocar.tools.inspect.processes import COLUMNS, RIGHT, cells
+from trocar.tools.monitor.events import UNDER_WAY, CommandsData, EventRow, EventsData, under_way
 from trocar.tools.monitor.overview import Overview, overview
 from trocar.tools.monitor.processes import ProcessesData
 from trocar.tools.monitor.topics import TopicsData
 from trocar.tools.monitor.values import open_values
+from trocar.tools.output.printing import number, span, table, tell
 
 WINDOW_S = 0.4
 """Rates and shares of a core are of so long."""
 EVENTS, COMMANDS = 200, 100
+EVENTS_SHOWN, COMMANDS_SHOWN = 8, 8
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -78,3 +81,30 @@ def document(system: str) -> dict[str, Any]:
         "under_way": [dataclasses.asdict(row) for row in shot.under_way],
         "commands": [dataclasses.asdict(row) for row in shot.commands],
     }
+
+
+def print_once(system: str) -> None:
+    """All of a system."""
+    shot = snapshot(system)
+    seen = shot.overview
+    rates = [(row.name, number(row.nominal_hz, "g") if row.nominal_hz else "on events", number(row.hz, ".1f"),
+              number(row.max_ms, ".2f"), span(row.age_s), row.problem) for row in shot.topics]
+    asked = [tuple(dataclasses.replace(row, outcome=UNDER_WAY).cells) for row in reversed(shot.under_way)]
+    asked += [tuple(row.cells) for row in list(reversed(shot.commands))[:COMMANDS_SHOWN]]
+    table(f"system {seen.system}, {seen.words}, clock {seen.clock}", standing.COLUMNS,
+          [standing.cells(one) for one in seen.standings])
+    tell(seen.first)
+    table("events, newest first", ("at", "from", "event", "text"),
+          [(row.at, row.who, row.what, row.text) for row in _once_each(shot.events)])
+    table("", (*COLUMNS[:-1], "CPU %", "MB", COLUMNS[-1]),
+          [(*cells(row.status)[:-1], number(row.cpu_percent), number(row.memory_mb, ".0f"), row.status.problem)
+           for row in shot.processes], (*RIGHT, "CPU %", "MB"))
+    table("topics", ("topic", "declared", "Hz", "longest ms", "age", "problem"), rates,
+          ("declared", "Hz", "longest ms", "age"))
+    table("commands, newest first", ("at", "asked", "for", "outcome", "whose", "reason"), asked)
+
+
+def _once_each(events: list[EventRow]) -> list[EventRow]:
+    """The newest events, the newest first; what was reported several times stands there once."""
+    newest = {(row.who, row.what, row.text): row for row in events}
+    return sorted(newest.values(), key=lambda row: row.order, reverse=True)[:EVENTS_SHOWN]

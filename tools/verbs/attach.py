@@ -39,7 +39,7 @@ def attach(
 
         emit(document(name))
     elif once or not all(stream.isatty() for stream in (sys.stdin, sys.stdout, sys.stderr)):  # it draws on the last
-        from trocar.tools.monitor.printed import print_once
+        from trocar.tools.monitor.snapshot import print_once
 
         print_once(name)
     else:

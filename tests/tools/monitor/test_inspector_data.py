@@ -22,8 +22,8 @@ from trocar.shm.system.subscriptions import Subscriptions
 from trocar.shm.time.clock import monotonic_ns
 from trocar.tools import cli
 from trocar.tools.inspect.processes import ProcessStatus, statuses
-from trocar.tools.monitor import arms, commands, events, overview, processes
-from trocar.tools.monitor.commands import AskedRow, under_way
+from trocar.tools.monitor import events, overview, processes
+from trocar.tools.monitor.events import AskedRow, under_way
 from trocar.tools.monitor.overview import identity_of
 from trocar.tools.monitor.topics import TopicsData
 from trocar.tools.monitor.values import ValuesData, shown_value
@@ -84,7 +84,7 @@ def test_processes_show_what_they_use_and_how_long_they_are_silent(played: Scrip
     rows = {row.status.name: row for row in data.rows(statuses(played.name))}
     assert rows["PSM1"].memory_mb is not None and rows["PSM1"].memory_mb > 10.0 and not rows["PSM1"].is_gone
     played.restarted(3, "killed by signal 9")
-    assert "killed by signal 9" in processes.cells(data.rows(statuses(played.name))[2])
+    assert "killed by signal 9" in processes.process_cells(data.rows(statuses(played.name))[2])
     dead = dataclasses.replace(rows["PSM1"].status, problem="dead", silent_s=12.3)
     row = data.rows([dead])[0]
     assert row.state == "dead 12 s" and row.is_gone and row.cpu_percent is None and "problem: dead" in row.details()
@@ -203,7 +203,8 @@ def once(made: Callable[..., Any], meanwhile: Callable[[], object]) -> Callable[
 
 def test_events_that_come_while_it_opens_are_kept(played: ScriptedRobot, monkeypatch: pytest.MonkeyPatch) -> None:
     played.events.status("PSM1: HOMED", "PSM1")
-    monkeypatch.setattr(events, "_row", once(events._row, lambda: played.events.status("PSM1: meanwhile", "PSM1")))
+    meanwhile = once(events._event_row, lambda: played.events.status("PSM1: meanwhile", "PSM1"))
+    monkeypatch.setattr(events, "_event_row", meanwhile)
     data = events.EventsData(played.name)
     try:
         assert [row.text for row in data.rows()] == ["PSM1: HOMED", "PSM1: meanwhile"] and data.lost == 0
@@ -215,8 +216,8 @@ def test_commands_that_come_while_it_opens_are_kept(played: ScriptedRobot, monke
     ring = directory.writer(played.name, "PSM1", "audit", "arm")
     ring.field("command")[...], ring.field("outcome")[...] = b"hold", b"accepted"
     ring.publish(monotonic_ns())
-    monkeypatch.setattr(commands, "_row", once(commands._row, lambda: ring.publish(monotonic_ns())))
-    data = commands.CommandsData(played.name)
+    monkeypatch.setattr(events, "_asked_row", once(events._asked_row, lambda: ring.publish(monotonic_ns())))
+    data = events.CommandsData(played.name)
     try:
         assert [row.command for row in data.rows()] == ["hold", "hold"] and len(data.rows()) == 2
     finally:
@@ -229,8 +230,8 @@ def test_a_fault_has_reason_and_remedy(played: ScriptedRobot) -> None:
     played.arm.field("reason")[...] = b"cannot follow"
     played.show_arm(0.1, "FAULT")
     (one,) = overview.overview(played.name).standings
-    assert one.is_fault and arms.cells(one)[3] == "tracking" and arms.sought([one], "tracking") == [one]
-    told = "\n".join(arms.details(one))
+    assert one.is_fault and processes.standing_cells(one)[3] == "tracking"
+    told = "\n".join(processes.standing_details(one))
     assert "why: cannot follow" in told and "axis 2, board 6, measured 0.06, allowed 0.05" in told
     assert f"remedy: {codes.TRACKING.remedy}; then: trocar home PSM1" in told
 
@@ -249,7 +250,6 @@ def test_commands_are_under_way_until_they_are_answered(played: ScriptedRobot) -
     assert under_way([*done, stream], living) == [stream]
     assert under_way([stream, asked(("PSM1", 1, 4), "refused", 14)], living) == []
     assert under_way([now], [dataclasses.replace(one, problem="dead") for one in living]) == []
-    assert commands.sought([now], "MOVE") == [now] and commands.sought([now], "home") == []
 
 
 # the verb where there is no terminal

@@ -16,8 +16,7 @@ from tests.tools.robot import ScriptedRobot, robot
 from trocar.procs.tables import codes
 from trocar.shm.memory.segment import segment_name, unlink
 from trocar.tools.monitor.app import PAGES, InspectorApp
-from trocar.tools.monitor.pages.page import InspectorPage
-from trocar.tools.monitor.pages.palette import DARK, LIGHT
+from trocar.tools.monitor.pages.page import DARK, LIGHT, InspectorPage
 from trocar.tools.monitor.pages.table import WIDE, Head, TableRow
 from trocar.tools.monitor.pages.values import ValuesPage
 

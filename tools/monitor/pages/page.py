@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, ClassVar
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 from rich.text import Text
 from textual.app import ComposeResult
 from textual.containers import Vertical
 from textual.widgets import Static
 
-from trocar.tools.monitor.pages.palette import Palette, palette
 from trocar.tools.monitor.pages.table import Head, LiveTable, TableRow
 from trocar.tools.output.printing import printable
 
@@ -18,14 +18,37 @@ if TYPE_CHECKING:
     from trocar.tools.monitor.overview import Overview
 
 
+@dataclass(frozen=True, slots=True)
+class Palette:
+    """Styles of rich, by what they say."""
+
+    past: str
+    bad: str
+    warning: str
+    good: str
+    accent: str
+
+
+DARK = Palette("#8b949e", "#ff7b72", "#e3b341", "#7ee787", "#79c0ff")
+LIGHT = Palette("#6a737d", "#b31d28", "#7a4b00", "#176f2c", "#0349b4")
+
+
+def palette(is_dark: bool) -> Palette:
+    """The colours for a background."""
+    return DARK if is_dark else LIGHT
+
+
 class InspectorPage(Vertical):
-    """One page. `read` is called away from the screen's own thread, `render_rows` and `details` in it."""
+    """One page. `read` is called away from the screen's own thread, `rows`, `made` and `about` in it."""
 
     TITLE: ClassVar[str]
     COLUMNS: ClassVar[Sequence[Head]]
     EVERY_S: ClassVar[float] = 1.0
     AT_END: ClassVar[bool] = False
     DETAILS: ClassVar[int] = 3
+    DATA: ClassVar[tuple[Callable[[str], Any], ...]] = ()
+    """Makes what has `rows` of a system and is closed with the page; none: the page sees to that itself."""
+    data: Any = None
     can_focus = False
 
     def __init__(self, name: str) -> None:
@@ -35,6 +58,7 @@ class InspectorPage(Vertical):
         self._told = ""
         self.read_once: Any = None
         """What was read last."""
+        self._shown: dict[str, tuple[Any, TableRow]] = {}
 
     def compose(self) -> ComposeResult:
         """The table and the lines below it."""
@@ -53,19 +77,26 @@ class InspectorPage(Vertical):
 
     def open(self, system: str) -> None:
         """Attach to what the page shows."""
+        self.data = self.DATA[0](system) if self.DATA else None
 
     def close(self) -> None:
         """Unmap."""
+        if self.data is not None:
+            self.data.close()
 
     def read(self, seen: Overview) -> Any:
-        """What there is now."""
+        """What there is now: rows, unless the page has its own `rows`."""
+        return self.data.rows() if self.data is not None else []
+
+    def rows(self, read: Any) -> Iterable[Any]:
+        """The rows of what was read, in order."""
+        return cast(Iterable[Any], read)
+
+    def made(self, row: Any) -> TableRow:
+        """A row of the table."""
         raise NotImplementedError
 
-    def table_rows(self, read: Any) -> list[TableRow]:
-        """Rows of what was read, but for those that are not searched for."""
-        raise NotImplementedError
-
-    def details(self, read: Any, key: str) -> list[str]:
+    def about(self, row: Any) -> list[str]:
         """What is known of a row."""
         raise NotImplementedError
 
@@ -77,7 +108,8 @@ class InspectorPage(Vertical):
     def show(self, read: Any) -> None:
         """Put what was read on the screen."""
         self.read_once = read
-        self.table.show(self.table_rows(read), at_end=self.AT_END)
+        self._shown = {made.key: (row, made) for row in self.rows(read) if self.has(*(made := self.made(row)).searched)}
+        self.table.show([made for _, made in self._shown.values()], at_end=self.AT_END)
         self.show_details()
 
     def clear(self) -> None:
@@ -97,7 +129,8 @@ class InspectorPage(Vertical):
         if self.read_once is None:
             return
         wide = self.app.size.height >= 40
-        lines = self.details(self.read_once, self.table.key)[: self.DETAILS * (3 if wide else 1)]
+        shown = self._shown.get(self.table.key)
+        lines = self.about(shown[0])[: self.DETAILS * (3 if wide else 1)] if shown is not None else []
         self._tell("\n".join(lines))
 
     def again(self) -> None:

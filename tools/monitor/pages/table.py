@@ -30,12 +30,21 @@ class Head:
 
 @dataclass(frozen=True, slots=True)
 class TableRow:
-    """A row: who it is, its cells in the order of all columns, and a style for all, or for one, of them."""
+    """A row: who it is, its cells in the order of all columns, and a style for all, or for one, of them.
+
+    `more`: what is searched where that is not the cells.
+    """
 
     key: str
     cells: Sequence[str]
     style: str = ""
     styles: tuple[tuple[int, str], ...] = ()
+    more: Sequence[str] = ()
+
+    @property
+    def searched(self) -> Sequence[str]:
+        """The texts that are searched."""
+        return self.more or self.cells
 
     def texts(self, columns: Sequence[Head], widths: Mapping[int, int]) -> list[Text]:
         """The cells that are shown, by their places, in so many characters each."""

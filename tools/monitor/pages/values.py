@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -36,7 +37,7 @@ class ValuesPage(InspectorPage):
         Binding("w", "want", "want"), Binding("enter", "open_field", "cells", priority=True),
     ]
     _system = ""
-    _data: ValuesData | None = None
+    data: ValuesData | None = None
     _problem = ""
     _is_new = _is_asked = False
 
@@ -67,15 +68,14 @@ class ValuesPage(InspectorPage):
         self._is_new = self._is_asked = False
         entry = next((entry for entry in self._entries if entry.name == self._topic), None)
         opened = open_values(self._system, entry) if entry is not None else "there is no such topic"
-        self._data, self._problem = (None, opened) if isinstance(opened, str) else (opened, "")
+        self.data, self._problem = (None, opened) if isinstance(opened, str) else (opened, "")
         if entry is not None and entry.view is not None:
             self._opened.setdefault(self._topic, {*(part for part, _ in entry.view.fields), *USUAL})
 
     def close(self) -> None:
         """Unmap."""
-        if self._data is not None:
-            self._data.close()
-        self._data = None
+        super().close()
+        self.data = None
 
     @property
     def remark(self) -> str:
@@ -91,7 +91,7 @@ class ValuesPage(InspectorPage):
         """Its newest record."""
         if self._is_new:
             self._open_topic()
-        data = self._data
+        data = self.data
         if data is None:
             return None
         if self._is_asked and not data.is_wanted:
@@ -101,27 +101,21 @@ class ValuesPage(InspectorPage):
                 self._problem, self._is_asked = str(error), False
         return data.look(self._opened.get(self._topic, ()), seen.silences.get(data.entry.instance, 0.0))
 
-    def table_rows(self, read: Values | None) -> list[TableRow]:
-        """A row a field, or a cell; what is old is grey and has no course."""
-        if read is None:
-            return []
-        return [TableRow(row.key, self._cells(row, read.is_old), self._style(row, read.is_old)) for row in read.rows
-                if self.has(row.key)]
+    def rows(self, read: Values | None) -> Sequence[ValueRow]:
+        """A row a field, or a cell."""
+        return read.rows if read is not None else ()
 
-    def _cells(self, row: ValueRow, is_old: bool) -> list[str]:
+    def made(self, row: ValueRow) -> TableRow:
+        """What is old is grey and has no course; names alone are searched."""
+        is_old = bool(self.read_once.is_old)
         shown = f"{row.value} ({row.state})" if row.state and row.value.strip("– ") else row.state or row.value
         course = sparkline(np.array(row.course, np.float64), SPARK) if row.course and not is_old else ""
-        return [row.name, shown, row.unit, course, row.text]
+        return TableRow(row.key, [row.name, shown, row.unit, course, row.text],
+                        self.palette.past if is_old or row.state else "", (), (row.key,))
 
-    def _style(self, row: ValueRow, is_old: bool) -> str:
-        return self.palette.past if is_old or row.state else ""
-
-    def details(self, read: Values | None, key: str) -> list[str]:
+    def about(self, row: ValueRow) -> list[str]:
         """What the field means, and how a person writes it."""
-        row = next((row for row in read.rows if row.key == key), None) if read is not None else None
-        if row is None or read is None:
-            return []
-        path = key if "." in key else f"{read.topic}.{key}"
+        path = row.key if "." in row.key else f"{self.read_once.topic}.{row.key}"
         lines = [f"{path}: {row.text}" if row.text else path]
         if row.state == "not computed":
             return [*lines, "nobody wants it, so it is not computed: w has it computed for us"]
