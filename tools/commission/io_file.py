@@ -5,8 +5,6 @@ from __future__ import annotations
 import copy
 import difflib
 import math
-import os
-import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,6 +14,7 @@ from trocar.procs.config import check_file
 from trocar.procs.config.read.source import read_source
 from trocar.tools.converters import to_json
 from trocar.tools.output.errors import Problem
+from trocar.tools.output.new_file import put
 
 Values = Mapping[str, Mapping[int, tuple[float, float]]]  # by robot and axis: scale and offset
 DIGITS: Final = 9  # of what is written
@@ -46,10 +45,8 @@ def save(source: Path, values: Values, folder: Path, *, write: bool, rehearsed: 
     path = source if write else folder / f"{source.stem}-calibrated.json"
     diff = "".join(difflib.unified_diff(old.splitlines(True), new.splitlines(True), str(source), str(path), n=0))
     saved = SavedIoFile(path, diff)
-    try:
-        _write(path, new, saved)
-    except OSError as bad:
-        raise Problem(f"{path} cannot be written: {bad.strerror or bad}") from None
+    if (kept := put(path, new, lambda fresh: _check(path, fresh))) is not None:
+        saved.notes.append(f"{path} was there; it is {kept} now")
     use = "" if write else f"; put it in the place of {source.name} (IO_file of the system file)"
     saved.notes.append(f"{path} has values of the emulated robot; yours has others: do not use it" if rehearsed
                        else f"{path} has the calibrated values{use}")
@@ -73,27 +70,8 @@ def _rounded(value: float) -> float:
     return float(f"{value:.{DIGITS}g}")
 
 
-def _write(path: Path, text: str, saved: SavedIoFile) -> None:
-    """Whole or not at all, and only what the check accepts; what was there is kept."""
-    fresh = path.with_name(f".{path.stem}.{os.getpid()}.json")
-    try:
-        with fresh.open("x", encoding="utf-8") as out:
-            out.write(text)
-            out.flush()
-            os.fsync(out.fileno())
-        errors = [problem for problem in check_file(fresh).problems if problem.severity == "error"]
-        if errors:
-            raise Problem(f"{path} would not be valid: {errors[0]}")
-        if path.exists():
-            saved.notes.append(f"{path} was there; it is {_backup(path)} now")
-        fresh.replace(path)
-    finally:
-        fresh.unlink(missing_ok=True)
-
-
-def _backup(path: Path) -> Path:
-    number = 1
-    while (kept := path.with_name(f"{path.name}.bak{number}")).exists():
-        number += 1
-    shutil.copy2(path, kept)
-    return kept
+def _check(path: Path, fresh: Path) -> None:
+    """Problem where what is going to be `path` has errors."""
+    errors = [problem for problem in check_file(fresh).problems if problem.severity == "error"]
+    if errors:
+        raise Problem(f"{path} would not be valid: {errors[0]}")

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import copy
 import json
-import os
-import shutil
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,6 +16,7 @@ from trocar.procs.document.gains import GAINS, value_of
 from trocar.tools.converters import to_json
 from trocar.tools.inspect.gains import Present
 from trocar.tools.output.errors import Misuse, Problem
+from trocar.tools.output.new_file import put
 
 
 @dataclass(slots=True)
@@ -38,21 +37,9 @@ def save_as(gains: Present, file: Path, *, force: bool) -> SavedPidFile:
         raise Problem(f"{file} is there already; --force overwrites it and keeps what it held")
     data, notes = _origin(gains)
     saved = SavedPidFile(_put(gains, data), notes=notes)
-    fresh = file.with_name(f".{file.name}.{os.getpid()}.json")
-    try:
-        with fresh.open("x", encoding="utf-8") as out:
-            out.write(to_json(data))
-            out.flush()
-            os.fsync(out.fileno())
-        _check(gains, fresh)
-        if file.exists():
-            saved.backup = _backup(file)
-            saved.notes.append(f"{file} was there; it is {saved.backup} now")
-        fresh.replace(file)
-    except OSError as bad:
-        raise Problem(f"{file} cannot be written: {bad.strerror or bad}") from None
-    finally:
-        fresh.unlink(missing_ok=True)
+    saved.backup = put(file, to_json(data), lambda fresh: _check(gains, fresh))
+    if saved.backup is not None:
+        saved.notes.append(f"{file} was there; it is {saved.backup} now")
     return saved
 
 
@@ -114,12 +101,3 @@ def _check(gains: Present, file: Path) -> None:
         value_of(row, gain.key) == gains.values[gain.key][axis] for axis, row in enumerate(rows) for gain in GAINS)
     if not same:
         raise Problem(f"the gains of {gains.robot} cannot be said in a PID file: {problems[0] if problems else file}")
-
-
-def _backup(file: Path) -> Path:
-    """A copy of `file` under a name that nothing has."""
-    number = 1
-    while (kept := file.with_name(f"{file.name}.bak{number}")).exists():
-        number += 1
-    shutil.copy2(file, kept)
-    return kept
