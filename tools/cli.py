@@ -84,7 +84,7 @@ VERBS: tuple[Verb, ...] = (
              moves=True),
     )),
     Verb("commission", "commission.verb:commission", "The first day on a robot, stage by stage.", moves=True),
-    Verb("check", "verbs.check_files:check", "Validate configuration files."),
+    Verb("check", "verbs.check:check", "Validate configuration files."),
     Verb("kinematics", "", "Kinematics and gravity of files, without a robot: JSON lines in and out.", parts=(
         Verb("fk", "verbs.kinematics:fk", "Pose of the tip."),
         Verb("jacobian", "verbs.kinematics:jacobian", "Body and spatial Jacobian."),

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from trocar.procs.config import PROJECT_CONFIGS
+from trocar.procs.config import PROJECT_CONFIGS, check_file
 from trocar.procs.machine.paths import ROOT
 from trocar.tools.output.errors import Problem
 from trocar.tools.systems.find import system_file
@@ -23,7 +23,7 @@ DEMO = PROJECT_CONFIGS / "systems/demo.yaml"
 @pytest.mark.slow
 def test_fine_files_exit_zero(capsys: pytest.CaptureFixture[str]) -> None:
     files = sorted(PROJECT_CONFIGS.rglob("*.yaml"))
-    assert check.run(files, [], False) == 0
+    assert check.check(files, as_json=False) == 0
     lines = capsys.readouterr().out.splitlines()
     assert f"{DEMO}: system file, fine" in lines
     assert sum(line.endswith("fine") for line in lines) == len(files)
@@ -32,7 +32,7 @@ def test_fine_files_exit_zero(capsys: pytest.CaptureFixture[str]) -> None:
 def test_mistake_exits_one_and_is_printed_on_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     wrong = tmp_path / "pid.yaml"
     wrong.write_text((PROJECT_CONFIGS / "pid/PSM.yaml").read_text().replace('"1"', "2"))
-    assert check.run([wrong, DEMO], [], False) == 1
+    assert check.check([wrong, DEMO], as_json=False) == 1
     out = capsys.readouterr().out
     assert f'{wrong}:4: error: $version = 2: unknown word; allowed: the text "1"' in out
     assert f"{wrong}: pid file, 1 error" in out
@@ -41,7 +41,7 @@ def test_mistake_exits_one_and_is_printed_on_one_line(tmp_path: Path, capsys: py
 def test_json_output_is_one_object_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     broken = tmp_path / "broken.json"
     broken.write_text('{"$id": 1,\n}')
-    assert check.run([broken, DEMO], [], True) == 1
+    assert check.check([broken, DEMO], as_json=True) == 1
     first, second = map(json.loads, capsys.readouterr().out.splitlines())
     assert (first["file"], first["ok"], second["ok"], second["kind"]) == (str(broken), False, True, "system")
     (problem,) = first["problems"]
@@ -53,11 +53,11 @@ def test_check_says_all_that_up_with_emulated_boards_would(
 ) -> None:
     file = tmp_path / "system.yaml"
     file.write_text(DEMO.read_text().replace("boards: emulated", "emulation: {robots: {PSM9: {payload: 1}}}"))
-    assert check.run([file], [], False) == 0
+    assert check.check([file], as_json=False) == 0
     assert "warning: trocar.emulation.robots.PSM9" in (out := capsys.readouterr().out) and "--boards emulated" in out
-    assert check.run([file], [], False, boards="emulated") == 1
+    assert check.check([file], as_json=False, boards="emulated") == 1
     assert "error: trocar.emulation.robots.PSM9" in capsys.readouterr().out
-    assert check.run([file], [], False, sets=["clock=lockstep"]) == 1, "real boards don't wait"
+    assert check.check([file], as_json=False, sets=["clock=lockstep"]) == 1, "real boards don't wait"
 
 
 @pytest.mark.parametrize(
@@ -78,18 +78,18 @@ def test_check_says_all_that_up_with_emulated_boards_would(
 def test_kind_is_told_from_id_or_keys(tmp_path: Path, text: str, kind: str, code: int) -> None:
     file = tmp_path / "file.json"
     file.write_text(text)
-    (result,) = check.check([file])
+    result = check_file(file)
     assert result.kind == kind
-    assert check.run([file], [], True) == code
+    assert check.check([file], as_json=True) == code
 
 
 def test_missing_file_exits_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert check.run([tmp_path / "nowhere.json"], [], False) == 1
+    assert check.check([tmp_path / "nowhere.json"], as_json=False) == 1
     assert "no such file" in capsys.readouterr().out
 
 
 def test_a_file_that_is_not_found_names_the_option_that_adds_a_folder_once(capsys: pytest.CaptureFixture[str]) -> None:
-    assert check.run([Path("nosuch.json")], [], False) == 1
+    assert check.check([Path("nosuch.json")], as_json=False) == 1
     assert capsys.readouterr().out.splitlines()[0].count("--path") == 1
     with pytest.raises(Problem) as caught:
         system_file(Path("nosuch.json"))
@@ -98,7 +98,7 @@ def test_a_file_that_is_not_found_names_the_option_that_adds_a_folder_once(capsy
 
 def test_a_folder_is_answered_with_a_command_for_its_files(tmp_path: Path, capsys: Any) -> None:
     (tmp_path / "a.yaml").write_text("")
-    assert check.run([tmp_path], [], as_json=False) == 1
+    assert check.check([tmp_path], as_json=False) == 1
     assert f"trocar check {tmp_path}/*.yaml" in " ".join(capsys.readouterr().out.split())
 
 

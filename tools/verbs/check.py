@@ -3,29 +3,33 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
+
+import typer
 
 from trocar.procs.config import Checked, check_file
 from trocar.procs.config.read.problem import WARNING, count
 from trocar.procs.machine.paths import is_folder
 from trocar.tools.output.printing import emit, tell
+from trocar.tools.verbs.options import JsonOption
 
 FINE, WRONG = 0, 1
 SUFFIXES = (".json", ".yaml")
 
 
 def check(
-    files: Sequence[Path], path: Sequence[Path] = (), boards: str | None = None, sets: Sequence[str] = ()
-) -> tuple[Checked, ...]:
-    """Every file with its kind and what was found; `path`, `boards`, `sets` as `trocar up` has them."""
-    return tuple(check_file(file, search=path, boards=boards, sets=sets) for file in files)
+    files: Annotated[list[Path], typer.Argument(metavar="FILES...", help="System files, or any file a system names.")],
+    path: Annotated[list[Path] | None, typer.Option("--path", help="Also look for named files here.")] = None,
+    boards: Annotated[str | None, typer.Option("--boards", help="`emulated`, `real`: as `up` would start it.")] = None,
+    sets: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Set a Trocar value.")] = None,
+    as_json: JsonOption = False,
+) -> int:
+    """Validate configuration files: each mistake with file, line, key, value and what is allowed.
 
-
-def run(files: Sequence[Path], path: Sequence[Path], as_json: bool, boards: str | None = None,
-        sets: Sequence[str] = ()) -> int:
-    """Print what was found in `files` and return the exit code: 1 when there is an error, 0 otherwise."""
-    results = check(files, path, boards, sets)
+    Example: trocar check configs/systems/demo.yaml
+    """
+    results = [check_file(file, search=path or (), boards=boards, sets=sets or ()) for file in files]
     for result in results:
         if as_json:
             emit(_row(result))
