@@ -23,8 +23,7 @@ from trocar.tools.client.bring_up import ArmBringUp
 from trocar.tools.client.remote import Remote
 from trocar.tools.examples.hand import Hand, figure_eight
 from trocar.tools.examples.operator_sim import OperatorSim
-from trocar.tools.inspect.amplifiers import Amplifiers
-from trocar.tools.inspect.watch import Watch
+from trocar.tools.inspect.watch import Amplifiers, Watch
 from trocar.tools.output.errors import Problem, Refused
 
 TROUBLES = (Problem, Refused, SegmentError, MailboxFull, KeyError)

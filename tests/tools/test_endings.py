@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from trocar.tools.inspect.endings import KEPT, PastProcess, endings
+from trocar.tools.inspect.processes import KEPT, PastProcess, endings
 
 IO = ("IO1", 10, "")
 

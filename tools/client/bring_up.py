@@ -22,8 +22,7 @@ from trocar.shm.mailbox.client import begin
 from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.tools.client.deadline import Deadline
 from trocar.tools.client.remote import Remote
-from trocar.tools.inspect.amplifiers import Amplifiers
-from trocar.tools.inspect.watch import Watch, powered_names
+from trocar.tools.inspect.watch import Amplifiers, Watch, powered_names
 from trocar.tools.output.errors import Problem, Refused
 from trocar.tools.output.printing import Say
 from trocar.tools.systems.find import is_simulated, orphaned

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Mapping
-from typing import Any, Final, Self
+from typing import Any, Final
 
 from trocar.procs.crtk.names import none_such
 from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.tools.client.ways import EventWay
+from trocar.tools.output.closable import Closable
 from trocar.tools.output.errors import Problem
 
 POLL_S: Final = 0.002
@@ -84,20 +85,10 @@ class Callbacks:
         self._events.close()
 
 
-class Reporting:
+class Reporting(Closable):
     """What has events: arms, setup joints, consoles, teleoperations, systems; a context manager."""
 
     _callbacks: Callbacks
-
-    def close(self) -> None:
-        """Detach; it resumes with what it does."""
-        raise NotImplementedError
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
 
     def on_event(self, event: str, callback: Callback | None) -> None:
         """Have `callback` called with each event of this name from now on, a mapping as `trocar echo --json` has it.

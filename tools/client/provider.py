@@ -7,12 +7,12 @@ import os
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Final, Self
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.procs.document.system import SystemConfig, ThirdParty, from_json
+from trocar.procs.document.system import SystemConfig, ThirdParty
 from trocar.procs.kinematics.poses import POSE, check_matrix, compose, matrix_from_pose, normalised, pose_from_matrix
 from trocar.procs.tables import codes
 from trocar.procs.user.process import UserNode
@@ -25,7 +25,9 @@ from trocar.shm.time.clock import monotonic_ns
 from trocar.shm.time.control_page import ControlPage
 from trocar.tools.client.instance import known_state
 from trocar.tools.client.values import Array, numbers, six_numbers
-from trocar.tools.output.errors import PlaceTaken, Problem, Refused
+from trocar.tools.inspect.watch import document_of
+from trocar.tools.output.closable import Closable
+from trocar.tools.output.errors import PlaceTaken, Refused
 from trocar.tools.systems.find import unknown
 
 KIND: Final = "third_party"
@@ -40,7 +42,7 @@ Handler = Callable[[Array, str], object]
 """Carries out a command, given its numbers and its text; raises Refused or ValueError with the reason when it won't."""
 
 
-class Provider:
+class Provider(Closable):
     """One arm of a `_GENERIC` type, or the buttons of a console; a context manager, for one thread. Made by `provide`.
 
     A record goes out with every `write`; what is not written again stays as it was, but the pose. The place in the
@@ -224,23 +226,13 @@ class Provider:
             self.process.own.page.show("STOPPED")
             self.process.close()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
-
 
 def taken(system: str, name: str, rate: float, commands: Mapping[str, Handler] | None, program: str) -> Provider:
     """A place for this program; Problem when there is none of this name, PlaceTaken when another program has it."""
     _checked(name, commands or {})
     if not SLOWEST <= rate <= FASTEST:
         raise ValueError(f"{name}: {rate:g} records a second; allowed are {SLOWEST:g} to {FASTEST:g}")
-    try:
-        document = from_json(directory.document(system))
-    except ValueError as error:
-        raise Problem(f"system {system}: {error}") from None
-    _places(document, name)
+    _places(document_of(system), name)
     _check_free(system, name)
     process = UserNode(system, name, 1.0 / rate)
     try:

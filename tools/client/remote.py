@@ -17,6 +17,7 @@ from trocar.shm.time.control_page import ControlPage
 from trocar.shm.time.system_time import SystemTime
 from trocar.tools.client.deadline import Deadline
 from trocar.tools.inspect.messages import in_full
+from trocar.tools.output.closable import Closable
 from trocar.tools.output.errors import Problem, Refused, closed
 from trocar.tools.systems.find import alive, orphaned
 
@@ -28,7 +29,7 @@ STARTING = ("CREATED", "STARTING")
 ENDED = {"STOPPED": "is not running", "FAILED": "has failed"}
 
 
-class Remote(Client):
+class Remote(Client, Closable):
     """A handle to the mailbox of one component that waits for answers; a context manager."""
 
     def __init__(self, system: str, instance: str) -> None:
@@ -129,9 +130,3 @@ class Remote(Client):
         self._time.close()
         self._page.close()
         self._desk = self._time = self._page = closed(self.instance)
-
-    def __enter__(self) -> Remote:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()

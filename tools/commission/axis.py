@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from trocar.shm.commands import became
-from trocar.tools.commission.bench import CommandOutcome, RobotBench
+from trocar.tools.commission.bench import CommandOutcome, RunningBench
 from trocar.tools.commission.finding import Finding, Outcome
 from trocar.tools.commission.subject import Subject
 from trocar.tools.commission.window import Floats, Window
@@ -55,7 +55,7 @@ def _gain(request: Floats, current: Floats) -> float:
     return float(asked @ seen) / power if power > 0.0 else float("nan")
 
 
-def run(bench: RobotBench) -> Outcome:
+def run(bench: RunningBench) -> Outcome:
     """One arm after the other; the first problem stops."""
     outcome = Outcome()
     for subject in bench.subjects:
@@ -82,7 +82,7 @@ def travel_text() -> str:
     return f"{np.degrees(TRAVEL_RAD):.0f}° or {TRAVEL_M * 1e3:.0f} mm"
 
 
-def _one(bench: RobotBench, subject: Subject, axis: int, figures: dict[str, object]) -> list[Finding]:
+def _one(bench: RunningBench, subject: Subject, axis: int, figures: dict[str, object]) -> list[Finding]:
     found = []
     if subject.has_brake(axis):
         held = _drive(bench, subject, axis, 1.0, release=False)
@@ -100,7 +100,7 @@ def _one(bench: RobotBench, subject: Subject, axis: int, figures: dict[str, obje
     return found
 
 
-def _drive(bench: RobotBench, subject: Subject, axis: int, sign: float, *, release: bool) -> Drive:
+def _drive(bench: RunningBench, subject: Subject, axis: int, sign: float, *, release: bool) -> Drive:
     bench.sample(subject.io, REST_S)
     current = sign * share_of(subject, axis) * subject.actuator(axis).maximum_current
     values = (float(axis), current, RISE_S, travel_of(subject, axis), float(release))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from trocar.tools.client.remote import Remote
 from trocar.tools.commission.person import Person
 from trocar.tools.commission.subject import Subject, subjects_of
 from trocar.tools.commission.window import Window
+from trocar.tools.output.closable import Closable
 from trocar.tools.output.errors import Problem
 
 SLICE_S: Final = 0.5  # the ring keeps 3 s
@@ -38,28 +39,7 @@ class CommandOutcome:
         return self.outcome == "done"
 
 
-class RobotBench(Protocol):
-    """See the module."""
-
-    document: SystemConfig
-    subjects: tuple[Subject, ...]
-    person: Person
-
-    def sample(self, io: str, seconds: float) -> Window:
-        """So much of the time to come, of one io."""
-
-    def asked(self, io: str, command: str, values: tuple[float, ...], text: str, timeout: float) -> \
-            tuple[CommandOutcome, Window]:
-        """Ask an io for something, and what its record showed until it answered for good."""
-
-    def enable(self, subject: Subject) -> None:
-        """Power and amplifiers of an arm on, nothing driven; Problem when they are not."""
-
-    def disable(self, subject: Subject) -> None:
-        """All of it off."""
-
-
-class RunningBench:
+class RunningBench(Closable):
     """A running system; a context manager."""
 
     def __init__(self, document: SystemConfig, person: Person, chosen: list[str] | None = None) -> None:
@@ -78,7 +58,7 @@ class RunningBench:
             self._remotes[io] = self._open.enter_context(Remote(self.system, io))
 
     def sample(self, io: str, seconds: float) -> Window:
-        """See RobotBench; Problem when nothing comes."""
+        """So much of the time to come, of one io; Problem when nothing comes."""
         since = self.time.now_ns()
         end, parts = since + round(seconds * 1e9), []
         while self.time.now_ns() < end:
@@ -95,7 +75,7 @@ class RunningBench:
 
     def asked(self, io: str, command: str, values: tuple[float, ...], text: str, timeout: float) -> \
             tuple[CommandOutcome, Window]:
-        """See RobotBench."""
+        """Ask an io for something, and what its record showed until it answered for good."""
         remote, since, parts = self._remotes[io], self.time.now_ns(), []
         number, end = remote.send(command, np.array(values), text), since + round(timeout * 1e9)
         while True:
@@ -109,11 +89,11 @@ class RunningBench:
                 return CommandOutcome("failed", f"no answer within {timeout:g} s"), Window.joined(parts)
 
     def enable(self, subject: Subject) -> None:
-        """See RobotBench."""
+        """Power and amplifiers of an arm on, nothing driven; Problem when they are not."""
         bring_all(self.system, [subject.arm], ENABLED)
 
     def disable(self, subject: Subject) -> None:
-        """See RobotBench. What the arm says to it is second: io is asked as well, and its amplifiers are looked at."""
+        """All of it off. What the arm says to it is second: io is asked as well, and its amplifiers are looked at."""
         with contextlib.suppress(Problem):
             bring_all(self.system, [subject.arm], DISABLED)
         self.asked(subject.io, "power_off", (), subject.name, 2.0)
@@ -124,9 +104,3 @@ class RunningBench:
     def close(self) -> None:
         """Detach."""
         self._open.close()
-
-    def __enter__(self) -> RunningBench:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()

@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 
 from trocar.tools.commission import io_file
-from trocar.tools.commission.bench import RobotBench
+from trocar.tools.commission.bench import RunningBench
 from trocar.tools.commission.finding import Finding, Outcome
 from trocar.tools.commission.person import Put, Squeeze
 from trocar.tools.commission.read import carried
@@ -42,7 +42,7 @@ class FittedLine:
     residual: float
 
 
-def run(bench: RobotBench, folder: Path, *, write: bool = False) -> Outcome:
+def run(bench: RunningBench, folder: Path, *, write: bool = False) -> Outcome:
     """Robot after robot; files that change are written at the end, when nothing has stopped it."""
     outcome = Outcome()
     changes: dict[str, dict[str, dict[int, FittedLine]]] = {}
@@ -75,7 +75,7 @@ def _old(subject: Subject, axis: int) -> tuple[float, float]:
     return pot.voltage_to_position.scale, pot.voltage_to_position.offset
 
 
-def _robot(bench: RobotBench, subject: Subject, outcome: Outcome) -> dict[int, FittedLine]:
+def _robot(bench: RunningBench, subject: Subject, outcome: Outcome) -> dict[int, FittedLine]:
     """Scales by carrying each axis, offsets in the zero position."""
     axes = [axis for axis in range(len(subject.robot.actuators))
             if subject.has_pot(axis) and not subject.has_brake(axis)]
@@ -100,7 +100,7 @@ def _robot(bench: RobotBench, subject: Subject, outcome: Outcome) -> dict[int, F
             for axis, line in lines.items()}
 
 
-def _held(bench: RobotBench, subject: Subject, act: Put | Squeeze, text: str) -> Floats:
+def _held(bench: RunningBench, subject: Subject, act: Put | Squeeze, text: str) -> Floats:
     """Mean voltages (n,) while a person holds it."""
     parts: list[Window] = []
     for _ in bench.person.doing(act, text):
@@ -145,7 +145,7 @@ def judge(line: FittedLine, subject: Subject, axis: int, by: float) -> list[Find
     return []
 
 
-def _gripper(bench: RobotBench, subject: Subject, outcome: Outcome) -> dict[int, FittedLine]:
+def _gripper(bench: RunningBench, subject: Subject, outcome: Outcome) -> dict[int, FittedLine]:
     """0 closed, 60° open."""
     closed = _held(bench, subject, Squeeze(subject, True),
                    f"Close {subject.name} lightly, until you feel its second spring and no further, and hold it.")

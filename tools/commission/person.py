@@ -8,12 +8,15 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import TYPE_CHECKING, Final, TypeAlias
 
 from trocar.shm.time.clock import monotonic_ns
 from trocar.tools.commission.subject import Subject
 from trocar.tools.output.errors import Misuse, Problem
 from trocar.tools.output.printing import printable, tell
+
+if TYPE_CHECKING:
+    from trocar.tools.commission.person_sim import PersonSim
 
 PATIENCE_S: Final = 120.0
 
@@ -65,29 +68,7 @@ class Squeeze:
 Act = Carry | Put | Press | Stop | Squeeze
 
 
-class Person(Protocol):
-    """At a terminal, or simulated on emulated boards."""
-
-    def confirm(self, danger: str, word: str) -> None:
-        """Say what is going to happen and have the word typed; Declined when it is not."""
-
-    def supporting(self, subject: Subject) -> AbstractContextManager[object]:
-        """Hold by hand what can fall, as was asked for in `confirm`."""
-
-    def agrees(self, question: str) -> bool:
-        """A question whose answer only eyes can give."""
-
-    def chosen(self, question: str, axes: Sequence[int]) -> tuple[int, ...]:
-        """Some of these axes."""
-
-    def doing(self, act: Act, text: str) -> Iterator[None]:
-        """Have something done by hand: yields as long as the person is at it."""
-
-    def show(self, line: str) -> None:
-        """What is measured meanwhile."""
-
-    def report(self, line: str) -> None:
-        """Something to know."""
+Person: TypeAlias = "AtTerminal | PersonSim"
 
 
 class AtTerminal:
@@ -99,25 +80,25 @@ class AtTerminal:
             raise Misuse("commissioning asks a person, and here is no terminal; --yes is for emulated boards")
 
     def confirm(self, danger: str, word: str) -> None:
-        """See Person."""
+        """Say what is going to happen and have the word typed; Declined when it is not."""
         tell(f"\n{danger}", flush=True)
         reported = input(f"Type {word} to go on, anything else stops: ").strip()
         if reported != word:
             raise Declined(f"not confirmed: {reported or 'nothing'!r} was typed, not {word!r}; nothing was switched on")
 
     def supporting(self, subject: Subject) -> AbstractContextManager[object]:
-        """See Person."""
+        """Hold by hand what can fall, as was asked for in `confirm`."""
         return contextlib.nullcontext()
 
     def agrees(self, question: str) -> bool:
-        """See Person."""
+        """A question whose answer only eyes can give."""
         while True:
             reported = input(f"{question} [y/n] ").strip().lower()
             if reported in ("y", "yes", "n", "no"):
                 return reported.startswith("y")
 
     def chosen(self, question: str, axes: Sequence[int]) -> tuple[int, ...]:
-        """See Person."""
+        """Some of these axes."""
         while True:
             words = input(f"{question} [all, none, or numbers of {' '.join(map(str, axes))}] ").split()
             if words in (["all"], ["none"]):
@@ -126,7 +107,7 @@ class AtTerminal:
                 return tuple(int(word) for word in words)
 
     def doing(self, act: Act, text: str) -> Iterator[None]:
-        """Until Enter, or for two minutes."""
+        """Have something done by hand: yields as long as the person is at it, until Enter, or for two minutes."""
         tell(f"\n{text}\n(Enter when it is done)", flush=True)
         end = monotonic_ns() + round(PATIENCE_S * 1e9)
         with contextlib.suppress(GeneratorExit):
@@ -138,9 +119,9 @@ class AtTerminal:
         print("\r\033[K", end="", flush=True)
 
     def show(self, line: str) -> None:
-        """See Person."""
+        """What is measured meanwhile."""
         print(f"\r\033[K{printable(line, '')}", end="", flush=True)
 
     def report(self, line: str) -> None:
-        """See Person."""
+        """Something to know."""
         tell(line, flush=True)

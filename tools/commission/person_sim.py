@@ -15,6 +15,7 @@ from trocar.shm.system import directory
 from trocar.tools.client.remote import Remote
 from trocar.tools.commission.person import Act, Carry, Press, Put, Squeeze, Stop
 from trocar.tools.commission.subject import Subject
+from trocar.tools.output.closable import Closable
 from trocar.tools.output.printing import note
 
 STEPS: Final = 8  # of a motion by hand, each way
@@ -27,17 +28,18 @@ Truth = Callable[[Subject], NDArray[np.float64]]
 
 
 class PersonSim:
-    """`order(command, numbers, text)` does something to the boards, `truth(subject)` is where its actuators are."""
+    """Has the methods of AtTerminal. `order(command, numbers, text)` does something to the boards, and
+    `truth(subject)` is where its actuators are.
+    """
 
     def __init__(self, order: Order, truth: Truth) -> None:
         self._order, self._truth = order, truth
 
     def confirm(self, danger: str, word: str) -> None:
-        """See Person."""
+        """Nothing is asked."""
 
     @contextlib.contextmanager
     def supporting(self, subject: Subject) -> Iterator[None]:
-        """See Person."""
         self._order("support", (1.0,), subject.name)
         try:
             yield
@@ -45,22 +47,18 @@ class PersonSim:
             self._order("support", (0.0,), subject.name)
 
     def agrees(self, question: str) -> bool:
-        """See Person."""
         return True
 
     def chosen(self, question: str, axes: Sequence[int]) -> tuple[int, ...]:
-        """See Person."""
         return tuple(axes)
 
     def show(self, line: str) -> None:
-        """See Person."""
+        """Not shown."""
 
     def report(self, line: str) -> None:
-        """See Person."""
         note(line)
 
     def doing(self, act: Act, text: str) -> Iterator[None]:
-        """See Person."""
         match act:
             case Carry(subject, axis, by):
                 yield from self._carry(subject, axis, by)
@@ -92,7 +90,7 @@ class PersonSim:
             yield
 
 
-class AtBoards(PersonSim):
+class AtBoards(PersonSim, Closable):
     """Of a running system; a context manager."""
 
     def __init__(self, document: SystemConfig) -> None:
@@ -119,9 +117,3 @@ class AtBoards(PersonSim):
         """Detach."""
         self._remote.close()
         self._reader.close()
-
-    def __enter__(self) -> AtBoards:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from trocar.tools.commission.bench import RobotBench
+from trocar.tools.commission.bench import RunningBench
 from trocar.tools.commission.finding import Finding, Outcome
 from trocar.tools.commission.subject import Subject
 from trocar.tools.commission.window import Window
@@ -17,7 +17,7 @@ LOOK_S: Final = 1.0
 IDLE_A: Final = 0.1
 
 
-def run(bench: RobotBench) -> Outcome:
+def run(bench: RunningBench) -> Outcome:
     """One arm after the other."""
     outcome = Outcome()
     for subject in bench.subjects:
@@ -31,7 +31,7 @@ def run(bench: RobotBench) -> Outcome:
     return outcome
 
 
-def _one(bench: RobotBench, subject: Subject, outcome: Outcome) -> list[Finding]:
+def _one(bench: RunningBench, subject: Subject, outcome: Outcome) -> list[Finding]:
     answer, window = bench.asked(subject.io, "supply_on", (SUPPLY_S,), subject.name, 2.0)
     if not answer.is_done:
         return [Finding(subject.whole(), f"io: {answer.text}", "done", "what keeps it from that?")]

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from trocar.tools.commission.bench import RobotBench
+from trocar.tools.commission.bench import RunningBench
 from trocar.tools.commission.finding import Finding, Outcome
 from trocar.tools.commission.person import Carry, Press
 from trocar.tools.commission.subject import Subject
@@ -28,7 +28,7 @@ SLOPE_WITHIN: Final = 0.15  # potentiometer against encoder
 LEAST = 0.3  # of what a hand should move: less is no motion
 
 
-def run(bench: RobotBench) -> Outcome:
+def run(bench: RunningBench) -> Outcome:
     """See the module."""
     outcome = Outcome()
     for name in dict.fromkeys(subject.io for subject in bench.subjects):
@@ -51,7 +51,7 @@ def run(bench: RobotBench) -> Outcome:
     return outcome
 
 
-def _at_rest(bench: RobotBench, name: str) -> tuple[Window, list[Finding]]:
+def _at_rest(bench: RunningBench, name: str) -> tuple[Window, list[Finding]]:
     """A while without power, and what is wrong with its samples. Emulated boards share the machine with us, and may be
     held up with it: one good look of several is enough there.
     """
@@ -144,7 +144,7 @@ def _temperature(window: Window, subject: Subject) -> list[Finding]:
                     f"{CELSIUS[0]:g} to {CELSIUS[1]:g} °C at rest", "let it cool down, look at its fan and its sensor")]
 
 
-def _by_hand(bench: RobotBench, subject: Subject, outcome: Outcome) -> None:
+def _by_hand(bench: RunningBench, subject: Subject, outcome: Outcome) -> None:
     """Every axis that a hand can move, one after the other."""
     for axis in range(len(subject.robot.actuators)):
         if subject.actuator(axis).encoder is None:
@@ -163,7 +163,7 @@ def _by_hand(bench: RobotBench, subject: Subject, outcome: Outcome) -> None:
                 "the signs of bits_to_position and voltage_to_position are those of another arm, or plugs are swapped"))
 
 
-def carried(bench: RobotBench, subject: Subject, axis: int, by: float) -> Window:
+def carried(bench: RunningBench, subject: Subject, axis: int, by: float) -> Window:
     """What the sensors see while a person moves an axis to and fro; ends when it has gone far enough."""
     far = f"{by * 1e3:.0f} mm" if subject.slides(axis) else f"{np.degrees(by):.0f}°"
     text = (f"Move {subject.title(axis)} by hand, first in its positive direction, by {far} or more, "
@@ -220,7 +220,7 @@ def _first_way(window: Window, subject: Subject, axis: int) -> str:
     return "in its positive direction" if far >= position[0] else "in its negative direction"
 
 
-def _buttons(bench: RobotBench, outcome: Outcome) -> None:
+def _buttons(bench: RunningBench, outcome: Outcome) -> None:
     """Digital inputs, one after the other; what nobody presses is a remark."""
     tried, left = {}, []
     for name in dict.fromkeys(subject.io for subject in bench.subjects):

@@ -8,10 +8,11 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Self
+from typing import Any, Final
 
 from trocar.procs.machine.paths import ROOT
 from trocar.tools.inspect.watch import document_of
+from trocar.tools.output.closable import Closable
 from trocar.tools.output.errors import Misuse, Problem
 from trocar.tools.systems.cleanup import await_end
 from trocar.tools.systems.find import all_up
@@ -51,7 +52,7 @@ def _emulated_elsewhere(port: str) -> str:
     return "".join(f"; emulated boards of system {name}: trocar bus scan {where}" for name, where in found)
 
 
-class BusClient:
+class BusClient(Closable):
     """A bus, its boards found; a context manager. Problem says what is wrong with it."""
 
     def __init__(self, port: str) -> None:
@@ -137,9 +138,3 @@ class BusClient:
                 with contextlib.suppress(BrokenPipeError):
                     pipe.close()
         await_end(self._child, FAREWELL_S)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.procs.document.gains import GAINS, value_of
-from trocar.procs.document.system import IoConfig, PidAxis, from_json
+from trocar.procs.document.system import IoConfig, PidAxis
 from trocar.shm.system import directory
 from trocar.shm.topics import IO_GAINS
+from trocar.tools.inspect.watch import document_of
 from trocar.tools.output.errors import Problem
 from trocar.tools.systems.find import unknown
 
@@ -52,10 +53,7 @@ class Present:
 
 def present(system: str, wanted: Sequence[str]) -> list[Present]:
     """The gains of some robots (or arms), in their order; of all where none is wanted. Problem names what there is."""
-    try:
-        ios = from_json(directory.document(system)).ios
-    except ValueError as error:
-        raise Problem(f"system {system}: {error}") from None
+    ios = document_of(system).ios
     known = {pid.robot: io for io in ios for pid in io.pids}
     by_arm = {pid.arm: pid.robot for io in ios for pid in io.pids}
     robots = [name if name in known else by_arm.get(name, "") for name in wanted] or list(known)

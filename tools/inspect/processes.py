@@ -5,8 +5,10 @@ from __future__ import annotations
 import dataclasses
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
+
+from numpy.typing import NDArray
 
 from trocar.procs.document.process import ALWAYS, ELSEWHERE, Process, processes_of
 from trocar.procs.node.realtime import NO_FIFO, NOT_LOCKED, ORDINARY
@@ -16,7 +18,6 @@ from trocar.shm.memory.segment import Segment, SegmentError, names_of, segment_n
 from trocar.shm.system import directory
 from trocar.shm.time.clock import boottime_ns, monotonic_ns, pause
 from trocar.shm.time.control_page import ControlPage
-from trocar.tools.inspect.endings import PastProcess, endings
 from trocar.tools.inspect.replayed import recorded_clock
 from trocar.tools.inspect.segments import PAGE_GONE, lost_of
 from trocar.tools.inspect.slow_time import waited_for
@@ -32,6 +33,7 @@ PACED = (IN_TIME - {SUPERVISOR}) | {"filters"}
 SLOW = 2.0  # times its period, on the average: what these compute is then not what they were made for
 TRIES = 5
 RECENT_S = 10.0  # so long after a restart of its own accord a process is not yet well
+KEPT = 20  # endings of one instance; the supervisor keeps its last 256 changes of all
 ALL = 1 << 16  # records: more than any ring has
 NOT_ATTACHED, DETACHED = "NOT ATTACHED", "DETACHED"
 SHOWN_OF_OTHERS = {"CREATED": NOT_ATTACHED, "RUNNING": "ATTACHED", "STOPPED": DETACHED}
@@ -50,6 +52,15 @@ PARTS = ("avg", "std", "min", "max", "p99")
 
 
 @dataclass(frozen=True, slots=True)
+class PastProcess:
+    """One that has ended: its number, when that was seen by the system's clock, and how, in words."""
+
+    pid: int
+    stamp_ns: int
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
 class ProcessStatus:
     """One process: figures are of its last full second, counts since its start; `problem` is empty when all is well.
 
@@ -62,20 +73,20 @@ class ProcessStatus:
     name: str
     kind: str
     state: str
-    pid: int
-    rate_hz: float | None
-    period_p99_s: float | None
-    work_p99_s: float | None
-    cycles: int
-    missed: int
-    overruns: int
-    pauses: int
-    restarts: int
-    exit_reason: str
-    scheduling: str
-    silent_s: float | None
-    problem: str
-    statistics: dict[str, dict[str, float]]
+    pid: int = 0
+    rate_hz: float | None = None
+    period_p99_s: float | None = None
+    work_p99_s: float | None = None
+    cycles: int = 0
+    missed: int = 0
+    overruns: int = 0
+    pauses: int = 0
+    restarts: int = 0
+    exit_reason: str = ""
+    scheduling: str = ""
+    silent_s: float | None = None
+    problem: str = ""
+    statistics: dict[str, dict[str, float]] = field(default_factory=dict)
     simulation: str = ""
     lifecycle: str = ""
     """STOPPED, RUNNING, STOPPING or RESTARTING: what the supervisor has in mind for it (procs/tables/lifecycle.py)."""
@@ -158,11 +169,9 @@ def _is_stopped(one: ProcessStatus, rows: Mapping[str, Process]) -> bool:
 
 
 def _without_page(name: str, known: dict[str, Any], lost: str) -> ProcessStatus:
-    return ProcessStatus(
-        name=name, kind=SUPERVISOR if name == SUPERVISOR else str(known["kind"]), state="UNKNOWN", pid=0, rate_hz=None,
-        period_p99_s=None, work_p99_s=None, cycles=0, missed=0, overruns=0, pauses=0,
-        restarts=int(known.get("restarts", 0)), exit_reason=str(known.get("exit_reason", "")), scheduling="",
-        silent_s=None, problem=lost, statistics={}, lives=False, endings=known.get("endings", ()))
+    return ProcessStatus(name, SUPERVISOR if name == SUPERVISOR else str(known["kind"]), "UNKNOWN", problem=lost,
+                         restarts=int(known.get("restarts", 0)), exit_reason=str(known.get("exit_reason", "")),
+                         lives=False, endings=known.get("endings", ()))
 
 
 def _rows(system: str) -> dict[str, Process]:
@@ -199,6 +208,24 @@ def _ledger(system: str) -> dict[str, dict[str, Any]]:
     rows = [dict(zip(names, values, strict=True)) for values in zip(*columns.values(), strict=True)]
     return {str(row["instance"]): {**row, "endings": ended.get(str(row["instance"]), ())} for row in rows
             if row["instance"]}
+
+
+def endings(records: NDArray[Any]) -> dict[str, tuple[PastProcess, ...]]:
+    """Of each instance, oldest first, at most KEPT.
+
+    `records` are those of the supervisor's topic `state`, oldest first. A process has ended where the next record has
+    another process for its instance, or none.
+    """
+    found: dict[str, list[PastProcess]] = {}
+    pids: dict[str, int] = {}
+    for record in records:
+        stamp_ns = int(record["stamp_ns"])
+        columns = (plain(record[field]) for field in ("instance", "pid", "exit_reason"))
+        for name, pid, text in zip(*columns, strict=True):
+            before, pids[name] = pids.get(name, 0), int(pid)
+            if before and before != pid:
+                found.setdefault(name, []).append(PastProcess(before, stamp_ns, text))
+    return {name: tuple(rows[-KEPT:]) for name, rows in found.items()}
 
 
 def _life(name: str, page: ControlPage, ledger: dict[str, Any], simulated: bool, row: Process | None, lost: str

@@ -1,4 +1,4 @@
-"""An arm as others see it: its state record and its last words."""
+"""An arm as others see it: its state record, its last words, and its amplifiers."""
 
 from __future__ import annotations
 
@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 
 from trocar.procs.crtk.topics import writer_gone
 from trocar.procs.document.system import ArmConfig, SystemConfig, Tool, from_json
+from trocar.shm.memory.segment import SegmentError
 from trocar.shm.ring.ring import RingReader
 from trocar.shm.system import directory
 from trocar.shm.time.clock import monotonic_ns
 from trocar.tools.inspect.messages import text_of
+from trocar.tools.output.closable import Closable
 from trocar.tools.output.errors import Problem
 from trocar.tools.output.printing import plain
 from trocar.tools.systems.find import instances_of_kind, is_simulated, unknown
@@ -23,16 +25,15 @@ FRESH_S = 0.2  # an older record tells nothing of what is now
 
 def arm_names(system: str, wanted: Sequence[str] | None = None) -> list[str]:
     """The arms of a system, or those wanted of them; Problem when one is not there."""
-    known = instances_of_kind(system, "arm")
-    for name in wanted or []:
-        if name not in known:
-            raise unknown("arm", name, known)
-    return list(wanted or known)
+    return _among(instances_of_kind(system, "arm"), wanted)
 
 
 def powered_names(system: str, wanted: Sequence[str] | None = None) -> list[str]:
     """All that is powered and homed, arms and setup joints, or those wanted of them."""
-    known = [*instances_of_kind(system, "arm"), *instances_of_kind(system, "suj")]
+    return _among([*instances_of_kind(system, "arm"), *instances_of_kind(system, "suj")], wanted)
+
+
+def _among(known: list[str], wanted: Sequence[str] | None) -> list[str]:
     for name in wanted or []:
         if name not in known:
             raise unknown("arm", name, known)
@@ -67,7 +68,7 @@ def tool_on(system: str, watch: Watch) -> Tool | None:
     return next((tool for tool in known if name and tool.name == name), None)
 
 
-class Watch:
+class Watch(Closable):
     """The newest state of one arm; a context manager. Fields are those of the record last read."""
 
     def __init__(self, system: str, name: str) -> None:
@@ -152,12 +153,50 @@ class Watch:
         self.reader.close()
         self._events.close()
 
-    def __enter__(self) -> Watch:
-        return self
 
-    def __exit__(self, *exception: object) -> None:
-        self.close()
+class Amplifiers(Closable):
+    """The amplifiers of an arm, or of setup joints, as io sees them: only io can tell that they are off."""
 
+    def __init__(self, system: str, name: str) -> None:
+        """Attach to the record of its io, whatever that is like: who wants power off must not be kept from asking."""
+        self._io, self._why = "io", ""
+        self._simulated = is_simulated(system)
+        self._reader: RingReader | None = None
+        try:
+            self._attach(system, name)
+        except (Problem, SegmentError) as error:
+            self._why = str(error)
+
+    def _attach(self, system: str, name: str) -> None:
+        document = document_of(system)
+        places = [(row.io, row.robot) for row in document.arms if row.name == name]
+        places += [(row.io, row.robot) for row in document.carts if row.name == name]
+        for io, wanted in places:
+            robots = document.io(io).robots if io else ()
+            first = 0
+            for row, robot in enumerate(robots):
+                end = first + len(robot.actuators)
+                if robot.name == wanted:  # setup joints may have none, and then no amplifiers
+                    self._io, self._row, self._drives = io, row, slice(first, end)
+                    self._reader = directory.reader(system, io, "state", "io")
+                first = end
+
+    def why_not_off(self) -> str:
+        """Why it cannot be said that all are off; empty when they are."""
+        reader = self._reader
+        if reader is None:
+            return self._why
+        if not reader.newest():
+            return f"{self._io} has not shown its state"
+        if problem := problem_of(reader, self._simulated):
+            return f"{self._io}: {problem}"
+        on = reader.field("amps_on")[self._row] or reader.field("amp_on")[self._drives].any()
+        return f"{self._io} sees amplifiers that are on" if on else ""
+
+    def close(self) -> None:
+        """Unmap."""
+        if self._reader is not None:
+            self._reader.close()
 
 
 def age_of(reader: RingReader, simulated: bool) -> float:

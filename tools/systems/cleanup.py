@@ -14,10 +14,11 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Final, Self
+from typing import Final
 
 from trocar.procs.machine.paths import ROOT
 from trocar.shm.memory.segment import FOLDER, names_of, segment_name, unlink
+from trocar.tools.output.closable import Closable
 from trocar.tools.output.errors import Problem
 from trocar.tools.systems.ending import stop_system
 from trocar.tools.systems.find import environment
@@ -35,7 +36,7 @@ def await_end(child: subprocess.Popen[bytes] | subprocess.Popen[str], patience_s
         child.wait()
 
 
-class Keeper:
+class Keeper(Closable):
     """The process beside us, for one system and maybe a folder; a context manager."""
 
     def __init__(self, system: str, folder: Path | None = None) -> None:
@@ -52,12 +53,6 @@ class Keeper:
             self._child.stdin.write(FINE)
             self._child.stdin.close()
         await_end(self._child, PATIENCE_S)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 @contextlib.contextmanager
