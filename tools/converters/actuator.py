@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from trocar.tools.converters.element import Element
-from trocar.tools.converters.format_version import FormatVersion
-from trocar.tools.converters.units import PRISMATIC, REVOLUTE, Unit
+from trocar.tools.converters.units import PRISMATIC, REVOLUTE, FormatVersion, Unit
 
 Json = dict[str, object]
 

@@ -10,12 +10,11 @@ from dataclasses import dataclass
 
 from trocar.procs.config import HEADS
 from trocar.tools.converters.actuator import Actuators
-from trocar.tools.converters.digital import dallas_chip, digital_input, digital_output, name_of
 from trocar.tools.converters.element import Element
-from trocar.tools.converters.format_version import FormatVersion, format_version_of
-from trocar.tools.converters.names import plain
+from trocar.tools.converters.names import plain, today
 from trocar.tools.converters.pots import potentiometers
-from trocar.tools.converters.report import ConversionReport
+from trocar.tools.converters.report import ConversionReport, number_text
+from trocar.tools.converters.units import FormatVersion, format_version_of
 from trocar.tools.converters.xmltext import XmlNode
 
 Json = dict[str, object]
@@ -24,6 +23,10 @@ _MAX_ACTUATORS = 16
 _GRIPPER_AXIS = 7  # of the MTMs of versions 1 to 4: today the gripper is a robot of its own
 _TYPES = {"io-only": True, "robot": False}
 _FLAGS = {"True": True, "False": False}
+_MAX_BOARDS, _MAX_BITS = 16, 32
+_TRIGGERS = {"all": (True, True), "press": (True, False), "release": (False, True), "none": (False, False)}
+_BITS = {"0": False, "1": True}
+_CLICK = 0.2  # of the debounce time, where an old file did not say
 _NO_JOINTS = "joints are those of the kinematic file"
 
 
@@ -48,9 +51,9 @@ def convert_io(root: XmlNode, report: ConversionReport) -> IoFiles:
         grippers += [gripper] if gripper else []
     main = _file(
         robots=robots,
-        digital_inputs=[digital_input(element) for element in top.children("DigitalIn")],
-        digital_outputs=[digital_output(element) for element in top.children("DigitalOut")],
-        dallas_chips=[dallas_chip(element) for element in top.children("DallasChip")],
+        digital_inputs=[_digital_input(element) for element in top.children("DigitalIn")],
+        digital_outputs=[_digital_output(element) for element in top.children("DigitalOut")],
+        dallas_chips=[_dallas_chip(element) for element in top.children("DallasChip")],
     )
     if len(main) == len(_file()):
         report.error(root.line, "Config", "", "nothing in it", "Robot, DigitalIn, DigitalOut or DallasChip")
@@ -68,7 +71,7 @@ def _file(**lists: list[Json]) -> Json:
 
 def _robot(element: Element, format_version: FormatVersion) -> tuple[Json, Json | None]:
     report = element.report
-    name = name_of(element)
+    name = _name_of(element)
     only_io = element.word(_TYPES, "Type") or False
     preload = element.word(_FLAGS, "HasEncoderPreload")
     element.drop("NumOfJoint", _NO_JOINTS)
@@ -118,3 +121,77 @@ def _gripper(robot: Json, actuator: Json, element: Element) -> Json:
         "potentiometers": {"potentiometers_type": "ANALOG" if "potentiometer" in actuator else "NONE"},
         "only_IO": True,
     }
+
+
+def _digital_input(element: Element) -> Json:
+    """One `DigitalIn`."""
+    row = _place(element)
+    report = element.report
+    if element.has("Pressed"):
+        row["pressed_value"] = bool(element.word(_BITS, "Pressed"))
+    else:
+        row["pressed_value"] = False
+        report.defaulted(element.line, element.key("Pressed"), "false", "as in the original software")
+    if not element.has("Trigger"):
+        element.missing("Trigger", ", ".join(_TRIGGERS))
+    pressed, released = element.word(_TRIGGERS, "Trigger") or (False, False)
+    row |= {"trigger_when_pressed": pressed, "trigger_when_released": released}
+    if element.has("SkipFirstRun"):
+        row["skip_first_run"] = bool(element.word(_BITS, "SkipFirstRun"))
+    debounce = _duration(element, "Debounce")
+    row["debounce_time"] = debounce
+    if element.has("DebounceClick"):
+        click = _duration(element, "DebounceClick")
+        if click > debounce:
+            allowed = f"up to Debounce ({number_text(debounce)})"
+            report.error(element.line, element.key("DebounceClick"), number_text(click), "out of range", allowed)
+        row["debounce_time_click"] = click
+    elif debounce:
+        row["debounce_time_click"] = round(_CLICK * debounce, 9)
+        why = f"{_CLICK} of Debounce, as in the original software; left out it would be 0 today"
+        new = number_text(_CLICK * debounce, "s")
+        report.defaulted(element.line, element.key("DebounceClick"), new, why)
+    return row
+
+
+def _digital_output(element: Element) -> Json:
+    """One `DigitalOut`."""
+    row = _place(element)
+    for old, new in (("HighDuration", "high_duration"), ("LowDuration", "low_duration")):
+        if element.has(old):
+            row[new] = _duration(element, old)
+    frequency = element.has("Frequency")
+    row["is_PWM"] = frequency
+    if frequency:
+        row["PWM_frequency"] = _duration(element, "Frequency")
+    return row
+
+
+def _dallas_chip(element: Element) -> Json:
+    """One `DallasChip`."""
+    return {"name": _name_of(element), "board_id": _board(element)}
+
+
+def _place(element: Element) -> Json:
+    bit = element.integer("BitId", "BitID", most=_MAX_BITS - 1)
+    return {"name": _name_of(element), "board_id": _board(element), "bit_id": bit}
+
+
+def _board(element: Element) -> int:
+    return element.integer("BoardId", "BoardID", most=_MAX_BOARDS - 1)
+
+
+def _name_of(element: Element) -> str:
+    """Its name, as it is called today."""
+    old = element.text("Name")
+    name = today(old)
+    if name != old:
+        element.report.converted(element.line, element.key("Name"), old, name, "today's name")
+    return name
+
+
+def _duration(element: Element, name: str) -> float:
+    value = element.number(name, default=0.0)
+    if value < 0.0:
+        element.report.error(element.line, element.key(name), number_text(value), "out of range", "a number from 0")
+    return value

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from trocar.tools.converters.element import Element
-from trocar.tools.converters.format_version import FormatVersion
 from trocar.tools.converters.report import number_text
-from trocar.tools.converters.units import Unit
+from trocar.tools.converters.units import FormatVersion, Unit
 
 Json = dict[str, object]
 Matrix = list[list[float]]

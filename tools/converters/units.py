@@ -1,12 +1,17 @@
-"""Units of old files to SI: what an attribute `Unit` says, or what was meant where there is none."""
+"""Units of old IO files to SI: what `Unit` says, or what was meant without it in the format that the file is in.
+
+The format shows by its version, and by its spelling where the two disagree.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from trocar.tools.converters.element import Element
 from trocar.tools.converters.report import number_text
+from trocar.tools.converters.xmltext import XmlNode
 
 REVOLUTE, PRISMATIC = "REVOLUTE", "PRISMATIC"
 SI = {REVOLUTE: "rad", PRISMATIC: "m"}
@@ -19,6 +24,9 @@ _TO_SI: dict[str, tuple[Callable[[float], float], str]] = {
     "cm": (lambda value: value / 100.0, PRISMATIC),
     "m": (float, PRISMATIC),
 }
+_NEWEST = 5
+_OLD_WORDS = {"BoardID", "AxisID", "BitID", "ActuatorID", "SN"}
+_NEW_WORDS = {"BoardId", "AxisId", "BitId", "SerialNumber"}
 
 
 class Unit:
@@ -48,3 +56,42 @@ class Unit:
             old, new = number_text(value, self.name + per), number_text(converted, self.si + per)
             element.report.converted(element.line, element.key(attribute), old, new, self._assumed)
         return converted
+
+
+@dataclass(frozen=True, slots=True)
+class FormatVersion:
+    """`old`: spelled BoardID, in degrees and mm where no Unit says otherwise."""
+
+    version: int
+    old: bool
+
+    def unit(self, joint_type: str) -> str:
+        """The unit of positions where there is no attribute `Unit`."""
+        return (OLD if self.old else SI)[joint_type]
+
+
+def format_version_of(root: XmlNode, top: Element) -> FormatVersion:
+    """The format of a file; an unknown version is an error."""
+    report = top.report
+    version = 1
+    if top.has("Version"):
+        version = top.integer("Version", least=1, most=_NEWEST)
+    else:
+        report.defaulted(root.line, "Config@Version", "1", "the first versions had no number")
+    words = _words(root)
+    if words & _OLD_WORDS and words & _NEW_WORDS:
+        text = f"both spellings in one file: {', '.join(sorted(words & (_OLD_WORDS | _NEW_WORDS)))}"
+        allowed = "BoardID, AxisID, BitID, SN or BoardId, AxisId, BitId, SerialNumber"
+        report.error(root.line, "Config", "", text, allowed)
+    old = bool(words & _OLD_WORDS) or (version < _NEWEST and not words & _NEW_WORDS)
+    if old and version == _NEWEST:
+        reason = "spelled as version 4: without Unit it is read in degrees and mm"
+        report.converted(root.line, "Config@Version", "5", "version 4", reason)
+    return FormatVersion(version, old)
+
+
+def _words(node: XmlNode) -> set[str]:
+    found = set(node.attributes)
+    for child in node.children:
+        found |= _words(child)
+    return found
