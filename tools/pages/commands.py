@@ -82,7 +82,7 @@ def _ros(row: CommandRow) -> str:
 
 def main(words: list[str]) -> int:
     """Write the page, or with --check compare it."""
-    return keep(PAGE, page(), "trocar.tools.pages.commands", words)
+    return keep(PAGE, page(), words)
 
 
 if __name__ == "__main__":

@@ -55,7 +55,7 @@ def _row(row: Code) -> str:
 
 def main(words: list[str]) -> int:
     """Write the page, or with --check compare it."""
-    return keep(PAGE, page(), "trocar.tools.pages.errors", words)
+    return keep(PAGE, page(), words)
 
 
 if __name__ == "__main__":

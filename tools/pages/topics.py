@@ -59,7 +59,7 @@ def _escaped(text: str) -> str:
 
 def main(words: list[str]) -> int:
     """Write the page, or with --check compare it."""
-    return keep(PAGE, page(), "trocar.tools.pages.topics", words)
+    return keep(PAGE, page(), words)
 
 
 if __name__ == "__main__":

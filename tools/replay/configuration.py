@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Final
 
-from trocar.procs.document.system import LOCKSTEP, WALL, SystemConfig, from_json, to_json
+from trocar.procs.document.system import LOCKSTEP, WALL, IoConfig, SystemConfig, from_json, to_json
 from trocar.procs.recordings.reading import RecordingReader
 from trocar.tools.analysis.choosing import TIMED
 from trocar.tools.output.errors import Problem
@@ -24,6 +24,11 @@ def recorded_system(recording: RecordingReader) -> SystemConfig:
         raise Problem(f"{name}: {error}; it was recorded by another version") from None
 
 
+def is_real(system: SystemConfig, io: IoConfig) -> bool:
+    """Whether a bus leads to boards that are not emulated."""
+    return bool(io.port) and not (system.emulation is not None and io.port.startswith(LOOPBACK))
+
+
 def startable(system: SystemConfig) -> tuple[bytes, tuple[str, ...]]:
     """The document to start, and which processes are left out of it; Problem where it is about a real robot.
 
@@ -32,7 +37,7 @@ def startable(system: SystemConfig) -> tuple[bytes, tuple[str, ...]]:
     if system.clock == WALL:
         raise Problem("it was recorded on real time, which no run repeats; what ran in simulated time (paced, "
                       "lockstep) can be repeated, other recordings can be sent to a running system")
-    real = [io.name for io in system.ios if io.port and not (system.emulation and io.port.startswith(LOOPBACK))]
+    real = [io.name for io in system.ios if is_real(system, io)]
     if real or system.third_parties:
         names = ", ".join((*real, *(row.name for row in system.third_parties)))
         raise Problem(f"{names}: not emulated; only emulated and KINEMATIC robots are started again")

@@ -24,7 +24,7 @@ from trocar.tools.client.remote import Remote
 from trocar.tools.inspect.watch import Watch, document_of
 from trocar.tools.output.errors import Problem
 from trocar.tools.output.printing import Say
-from trocar.tools.replay.configuration import LOOPBACK
+from trocar.tools.replay.configuration import is_real
 
 RATE_HZ: Final = 200.0
 SHOWN_EVERY: Final = 20
@@ -90,14 +90,8 @@ def motions_of(recording: RecordingReader, arms: Sequence[str],
 
 def real_robots(system: SystemConfig, arms: Sequence[str]) -> list[str]:
     """Those of the arms that are neither KINEMATIC nor on emulated boards."""
-    found = []
-    for name in arms:
-        arm = system.arm(name)
-        with contextlib.suppress(KeyError):
-            io = system.io(arm.io)
-            if io.port and not (system.emulation is not None and io.port.startswith(LOOPBACK)):
-                found.append(name)
-    return found
+    buses = {io.name for io in system.ios if is_real(system, io)}
+    return [name for name in arms if system.arm(name).io in buses]
 
 
 def refuse_real(system: str, arms: Sequence[str], allowed: bool) -> None:
