@@ -26,8 +26,9 @@ from websockets.sync.client import connect
 from tests.soak.flat import Footprint
 from trocar.procs.tables.bring_up import HOMED
 from trocar.shm.time.clock import monotonic_ns, pause
-from trocar.tools.bench.gui import SCENE_PAGE, SYSTEM_PAGE, MovingArms, ScriptedPage
-from trocar.tools.bench.system import FULL
+from trocar.tools.bench.beside import MovingArms
+from trocar.tools.bench.gui import SCENE_PAGE, SYSTEM_PAGE, ScriptedPage
+from trocar.tools.bench.measuring import FULL
 from trocar.tools.client.bring_up import bring_all
 from trocar.tools.inspect.processes import statuses
 from trocar.tools.systems.free_port import reserved_port

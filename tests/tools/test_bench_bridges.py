@@ -10,7 +10,7 @@ import pytest
 from tests.retries import measured
 from trocar.procs.config import PROJECT_CONFIGS
 from trocar.shm.memory.segment import names_of
-from trocar.tools.bench import bridges
+from trocar.tools.bench import beside, bridges
 
 TWO_ARMS = PROJECT_CONFIGS / "systems" / "kinematic-teleop.yaml"
 
@@ -18,7 +18,7 @@ TWO_ARMS = PROJECT_CONFIGS / "systems" / "kinematic-teleop.yaml"
 @pytest.mark.slow
 @pytest.mark.alone
 def test_bridges_are_measured_and_nothing_is_left(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(bridges, "FULL", TWO_ARMS)
+    monkeypatch.setattr(beside, "FULL", TWO_ARMS)
     monkeypatch.setattr(bridges, "ARMS", ("PSM1", "MTMR"))
     figures = measured(monkeypatch, tmp_path, lambda: bridges.run(seconds=1.0, pairs=1)["figures"],
                        lambda figures: figures["ros_messages_per_s"] > 30.0)

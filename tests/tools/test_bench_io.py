@@ -13,7 +13,7 @@ from tests.retries import measured
 from trocar.procs.native.library import SWITCH
 from trocar.shm.memory.segment import names_of
 from trocar.tools.bench import io_loop as bench_io
-from trocar.tools.bench.baseline import Baseline, BaselineRun
+from trocar.tools.bench.io_loop import Baseline, BaselineRun
 from trocar.tools.output.errors import Problem
 
 

@@ -18,7 +18,7 @@ TWO_ARMS = PROJECT_CONFIGS / "systems" / "kinematic-teleop.yaml"
 @pytest.mark.slow
 @pytest.mark.alone
 def test_the_recorder_is_measured_and_nothing_is_left(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(recorder, "FULL", TWO_ARMS)
+    monkeypatch.setattr(beside, "FULL", TWO_ARMS)
     monkeypatch.setattr(beside, "ARMS", ("PSM1", "MTMR"))
     figures = measured(monkeypatch, tmp_path, lambda: recorder.run(seconds=1.5, pairs=1)["figures"],
                        lambda figures: figures["mb_per_minute"] > 0.0 and figures["sequence_gaps"] == 0)

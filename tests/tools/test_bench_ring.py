@@ -23,7 +23,7 @@ from trocar.shm.topics import PROBE, PROBE_4K
 from trocar.tools.bench import parts as bench_parts
 from trocar.tools.bench import peers as bench_peers
 from trocar.tools.bench import ring as bench_ring
-from trocar.tools.bench.ring import FIGURES, PEERS, SOURCE, RingResult
+from trocar.tools.bench.ring import FIGURES, PEERS, SOURCE, RingTurns
 from trocar.tools.output.errors import Problem
 
 Left = Callable[[], list[str]]
@@ -40,34 +40,34 @@ def others() -> dict[str, dict[str, int]]:
 
 
 def test_ratios_are_formed_of_turns_side_by_side() -> None:
-    found = RingResult()
+    found = RingTurns()
     near, far, farther = trip(1000), trip(2000), trip(8000)  # three moods of the machine
     for ours in (near, near, far, far, farther, farther):
         found.keep(ours)
     found.keep(others())
     for ours, theirs in ((near, 8000), (far, 12000), (farther, 40000)):
         found.keep_peer("iceoryx2", ours, trip(theirs), ours)
-    figures = found.figures()
+    figures = found.all_figures()
     assert figures["ratio_vs_iceoryx2"] == 6.0  # of 8, 6 and 5
     assert figures["iceoryx2_us_p50"] == 12.0
     assert figures["round_trip_us_p50"] == 2.0 and figures["round_trip_us_p99"] == 4.0
 
 
 def test_both_neighbours_of_a_turn_count() -> None:
-    found = RingResult()
+    found = RingTurns()
     found.keep(trip(1000) | others())
     found.keep_peer("pipe", trip(1000), trip(12000), trip(2000))
     found.keep_peer("c", trip(1000), trip(500), trip(2000))
-    assert found.figures()["ratio_vs_pipe"] == 9.0  # half way between 12 and 6
-    assert found.figures()["ratio_vs_c"] == 3.0  # ours by theirs: 2 and 4
+    assert found.all_figures()["ratio_vs_pipe"] == 9.0  # half way between 12 and 6
+    assert found.all_figures()["ratio_vs_c"] == 3.0  # ours by theirs: 2 and 4
 
 
 def test_a_peer_that_was_dropped_has_no_figure() -> None:
-    found = RingResult()
+    found = RingTurns()
     found.keep(trip(1000) | others())
     found.keep_peer("queue", trip(1000), trip(50000), trip(1000))
     found.drop("queue")
-    assert set(found.figures()) == set(FIGURES)
+    assert set(found.all_figures()) == set(FIGURES)
 
 
 def test_a_missing_module_is_told_with_its_cure(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -142,7 +142,6 @@ def left(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Left:
 def test_a_short_bench_gives_every_figure(left: Left) -> None:
     result = bench_ring.run(rounds=1, turn_s=0.01)
     figures, conditions = result["figures"], result["conditions"]
-    assert result["bench"] == "ring"
     there = {name for name in PEERS if not conditions[name].startswith(("not installed", "gcc is not there"))}
     assert {"pipe", "queue"} <= there
     wanted = set(FIGURES) | {f"{name}_us_p50" for name in there} | {f"ratio_vs_{name}" for name in there}

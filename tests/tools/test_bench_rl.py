@@ -14,7 +14,7 @@ RATIOS = ("kinematic_500_realtime_ratio", "boards_500_realtime_ratio", "boards_4
 def test_a_short_bench_gives_every_figure_and_the_same_hashes() -> None:
     result = bench_rl.run(seconds=0.1, windows=2, resets=3, processes=False)
     figures, conditions = result["figures"], result["conditions"]
-    assert result["bench"] == "rl" and not result["problems"]
+    assert not result["problems"]
     assert all(figures[name] >= figures[f"{name}_p05"] > 0.0 for name in RATIOS)
     assert figures["reset_ms_p99"] >= figures["reset_ms_p50"] > 0.0
     assert figures["hashes_equal"] == 1 and figures["ray_scaling_4"] is None

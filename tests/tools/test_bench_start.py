@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 import os
+from functools import partial
 
 import pytest
 
 from trocar.shm.memory.segment import names_of
 from trocar.tools.bench import start
+from trocar.tools.bench.measuring import by_turns
 
 
-def test_each_command_is_tried_by_turns_and_its_median_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_command_is_tried_by_turns_and_its_median_counts() -> None:
     tried: list[str] = []
 
-    def once(*words: str) -> tuple[float, float]:
-        tried.append(words[0])
-        return float(len(tried)), 0.5
+    def once(name: str) -> dict[str, float]:
+        tried.append(name)
+        return {"s": float(len(tried)), "cpu_s": 0.5}
 
-    monkeypatch.setattr(start, "_once", once)
-    found = start._by_turns({"help": ("help",), "status": ("status",)})
-    assert tried[:4] == ["help", "status", "help", "status"] and len(tried) == 2 * start.TRIES
-    assert found == {"help_s": start.TRIES, "help_cpu_s": 0.5, "status_s": start.TRIES + 1, "status_cpu_s": 0.5}
+    found = by_turns(3, {name: partial(once, name) for name in ("help", "status")})
+    assert tried == ["help", "status"] * 3
+    assert found == {"help": {"s": 3.0, "cpu_s": 0.5}, "status": {"s": 4.0, "cpu_s": 0.5}}
 
 
 @pytest.mark.slow

@@ -20,11 +20,11 @@ def test_what_is_set_comes_on_top_of_the_usual_periods(
 ) -> None:
     asked: list[StartRequest] = []
 
-    def start(request: StartRequest, **_: bool) -> None:
+    def start(request: StartRequest) -> None:
         asked.append(request)
         raise Problem("not here")
 
-    monkeypatch.setattr(teleop, "Background", start)
+    monkeypatch.setattr(teleop, "up_meanwhile", start)
     with pytest.raises(Problem, match="not here"):
         teleop.run(sets=sets)
     system = load_system(asked[0].file, boards="emulated", sets=asked[0].sets).system

@@ -6,7 +6,7 @@ import subprocess
 import sys
 
 from trocar.shm.time.clock import monotonic_ns
-from trocar.tools.bench.cpu_time import cpu_s
+from trocar.tools.bench.measuring import cpu_s
 
 PROGRAM = "import sys\nfor line in sys.stdin: sum(range(100_000)); print(flush=True)"
 TICK_S = 0.01

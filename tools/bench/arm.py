@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import platform
 import time
 from collections.abc import Callable
 from typing import Any
@@ -30,7 +29,7 @@ from trocar.procs.node import runtime
 from trocar.procs.supervisor import memory
 from trocar.shm.mailbox.client import Client
 from trocar.shm.system.subscriptions import Subscriber
-from trocar.tools.bench.kernel_switch import without_kernel
+from trocar.tools.bench.measuring import without_kernel
 from trocar.tools.output.errors import Problem
 from trocar.tools.systems.cleanup import Keeper
 
@@ -48,7 +47,7 @@ NEAR = 0.002  # rad and m from one pose to the next: a master moved fast
 
 
 def run(cycles: int = CYCLES, poses: int = POSES) -> dict[str, Any]:
-    """Measure; returns the object that `--json` prints."""
+    """Measure."""
     figures: dict[str, float] = {}
     for suffix, file in FILES.items():
         figures |= _figures(file, suffix, cycles, poses)
@@ -58,13 +57,9 @@ def run(cycles: int = CYCLES, poses: int = POSES) -> dict[str, Any]:
             figures |= {f"{key}_numpy": value for key, value in slow.items()}
     if kernel().library is not None:
         figures["kernel_ratio"] = figures["cycle_following_cpu_us_p50_numpy"] / figures["cycle_following_cpu_us_p50"]
-    conditions = {
-        "computed_by": "the kernel" if kernel().library is not None else f"numpy: {kernel().why}",
-        "cycles": cycles, "poses": poses, "arms": {suffix or "(none)": file for suffix, file in FILES.items()},
-        "time": "thread CPU time", "kernel": platform.release(), "python": platform.python_version(),
-        "numpy": np.__version__,
-    }
-    return {"bench": "arm", "figures": figures, "conditions": conditions}
+    conditions = {"cycles": cycles, "poses": poses, "time": "thread CPU time",
+                  "arms": {suffix or "(none)": file for suffix, file in FILES.items()}}
+    return {"figures": figures, "conditions": conditions}
 
 
 def _figures(file: str, suffix: str, cycles: int, poses: int) -> dict[str, float]:

@@ -1,10 +1,11 @@
-"""What benchmarks of processes beside the robot share: moving arms, CPU time, io's period with one and without it."""
+"""What benchmarks of processes beside the robot share: a robot at work, CPU time, io's period with and without one."""
 
 from __future__ import annotations
 
 import statistics
-from collections.abc import Callable
-from contextlib import AbstractContextManager, closing
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, closing, contextmanager
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -15,17 +16,24 @@ from trocar.shm.mailbox.client import Client
 from trocar.shm.system import directory
 from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.shm.time.control_page import ControlPage
-from trocar.tools.bench.cpu_time import cpu_s
+from trocar.tools.bench.measuring import FULL, PATIENCE_S, cpu_s, home_all, seconds_since
 from trocar.tools.client.remote import Remote
 from trocar.tools.output.errors import Problem
+from trocar.tools.systems.supervising import StartRequest, up_meanwhile
 
 ARMS: Final = ("PSM1", "PSM2", "PSM3", "ECM", "MTML", "MTMR")
 """Of the full system."""
 PAIRS: Final = 5
 TAKE_S: Final = 0.02
 TURN_NS: Final = 1_000_000_000
-PATIENCE_S: Final = 30.0
-Meanwhile = Callable[[], object]
+
+
+@contextmanager
+def full_robot(system: str, *sets: str) -> Iterator[None]:
+    """The full KINEMATIC system on the wall clock, homed."""
+    with up_meanwhile(StartRequest(FULL, system, sets=("clock=wall", *sets))):
+        home_all(system)
+        yield
 
 
 class MovingArms:
@@ -54,59 +62,62 @@ class MovingArms:
             client.close()
 
 
-def wait(seconds: float, meanwhile: Meanwhile) -> None:
-    """So long, and often do something meanwhile."""
-    end = monotonic_ns() + round(seconds * 1e9)
-    while monotonic_ns() < end:
-        pause(TAKE_S)
-        meanwhile()
+@dataclass(frozen=True, slots=True)
+class RobotAtWork:
+    """A system, and what is done often while it is measured."""
 
+    system: str
+    meanwhile: Callable[[], object]
 
-def process_of(system: str, instance: str) -> list[psutil.Process]:
-    """The process of an instance."""
-    with closing(ControlPage(system, instance)) as page:
-        return [psutil.Process(int(page.get("pid")))]
+    def wait(self, seconds: float) -> None:
+        """Wait this long."""
+        end = monotonic_ns() + round(seconds * 1e9)
+        while monotonic_ns() < end:
+            pause(TAKE_S)
+            self.meanwhile()
 
+    def process(self, instance: str) -> psutil.Process:
+        """The process of an instance."""
+        with closing(ControlPage(self.system, instance)) as page:
+            return psutil.Process(int(page.get("pid")))
 
-def cpu_percent(processes: list[psutil.Process], seconds: float, meanwhile: Meanwhile) -> float:
-    """CPU time that they take in a while, 100 is one core."""
-    before, begin = sum(cpu_s(process.pid) for process in processes), monotonic_ns()
-    wait(seconds, meanwhile)
-    used = sum(cpu_s(process.pid) for process in processes) - before
-    return used / ((monotonic_ns() - begin) * 1e-9) * 100.0
+    def cpu_percent(self, seconds: float, *processes: psutil.Process) -> float:
+        """CPU time that processes take in a while, 100 is one core."""
+        before, begin = sum(cpu_s(process.pid) for process in processes), monotonic_ns()
+        self.wait(seconds)
+        used = sum(cpu_s(process.pid) for process in processes) - before
+        return used / seconds_since(begin) * 100.0
 
+    def period_ratio(self, instance: str, seconds: float, pairs: int, used: Callable[[], AbstractContextManager[Any]],
+                     settle_s: float) -> float:
+        """io's period (99 %) while an instance is `used`, to that while it is stopped; median of pairs by turns."""
+        ratios = []
+        with Remote(self.system, "supervisor") as remote:
+            for _ in range(pairs):
+                with used():
+                    self.wait(min(settle_s, seconds))
+                    with_it = self._period_p99(seconds)
+                ask(remote, "stop", instance)
+                ratios.append(with_it / self._period_p99(seconds))
+                ask(remote, "start", instance)
+        return statistics.median(ratios)
 
-def ratio(system: str, instance: str, seconds: float, pairs: int, meanwhile: Meanwhile,
-          used: Callable[[], AbstractContextManager[Any]], settle_s: float) -> float:
-    """io's period (99 %) while an instance is `used`, to that while it is stopped; median of pairs by turns."""
-    ratios = []
-    with Remote(system, "supervisor") as remote:
-        for _ in range(pairs):
-            with used():
-                wait(min(settle_s, seconds), meanwhile)
-                with_it = period_p99(system, seconds, meanwhile)
-            ask(remote, "stop", instance)
-            ratios.append(with_it / period_p99(system, seconds, meanwhile))
-            ask(remote, "start", instance)
-    return statistics.median(ratios)
+    def _period_p99(self, seconds: float) -> float:
+        """99 % of io's periods in a while, s."""
+        with closing(directory.reader(self.system, "io", "state")) as ring:
+            ring.newest()
+            seen, stamps, end = ring.stamp_ns, [], monotonic_ns() + round(seconds * 1e9)
+            while monotonic_ns() < end:
+                pause(TAKE_S)
+                self.meanwhile()
+                rows = ring.since(seen + 1)
+                seen = int(rows[-1]["stamp_ns"]) if len(rows) else seen
+                stamps.append(rows["stamp_ns"])
+        return float(np.percentile(np.diff(np.unique(np.concatenate(stamps))), 99)) * 1e-9
 
 
 def ask(remote: Remote, command: str, instance: str) -> None:
-    """The supervisor starts or stops an instance; Problem when it does not."""
+    """The supervisor starts, restarts or stops an instance; Problem when it does not."""
     reply = remote.settled(command, text=instance, timeout=PATIENCE_S)
     if reply.outcome != "done":
         raise Problem(f"{command} {instance} {became(reply.outcome)}: {reply.text}")
-
-
-def period_p99(system: str, seconds: float, meanwhile: Meanwhile) -> float:
-    """99 % of io's periods in a while, s."""
-    with closing(directory.reader(system, "io", "state")) as ring:
-        ring.newest()
-        seen, stamps, end = ring.stamp_ns, [], monotonic_ns() + round(seconds * 1e9)
-        while monotonic_ns() < end:
-            pause(TAKE_S)
-            meanwhile()
-            rows = ring.since(seen + 1)
-            seen = int(rows[-1]["stamp_ns"]) if len(rows) else seen
-            stamps.append(rows["stamp_ns"])
-    return float(np.percentile(np.diff(np.unique(np.concatenate(stamps))), 99)) * 1e-9

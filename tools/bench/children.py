@@ -17,6 +17,8 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from statistics import median
 from time import monotonic_ns
 from typing import IO, Self
 
@@ -35,6 +37,10 @@ KEPT = 1_000_000  # times a child keeps
 
 Times = Mapping[str, list[int]]
 Turn = Callable[[float], Times]
+Percentiles = Mapping[str, int]
+Report = Mapping[str, Percentiles]
+Figure = tuple[str, str, float]
+"""What was measured, its percentile, how many ns the unit has."""
 
 
 def summary(times: list[int]) -> dict[str, int]:
@@ -55,8 +61,19 @@ def pin(core: int) -> None:
         resource.setrlimit(resource.RLIMIT_CPU, (CPU_S, CPU_S))
 
 
+def run_child(words: Sequence[str], roles: Mapping[str, Callable[..., Turn]], count: int) -> int:
+    """The life of a child that is started with a role, `count` words about it and its core; returns its exit code."""
+    if len(words) != count + 2 or words[0] not in roles:
+        print("started by: trocar bench ring", file=sys.stderr)
+        return 2
+    role, *about, core = words
+    pin(int(core))
+    serve(roles[role](*about))
+    return 0
+
+
 def serve(turn: Turn) -> None:
-    """The life of a child: a turn for every line, until the other side closes."""
+    """A turn for every line, until the other side closes."""
     print("{}", flush=True)
     for line in sys.stdin:
         try:
@@ -64,6 +81,33 @@ def serve(turn: Turn) -> None:
         except Problem as problem:
             sys.exit(str(problem))
         print(json.dumps(reported), flush=True)
+
+
+@dataclass
+class Turns:
+    """What turns gave, by what was measured, and ratios of turns side by side, by their names."""
+
+    turns: dict[str, list[Percentiles]] = field(default_factory=dict)
+    ratios: dict[str, list[float]] = field(default_factory=dict)
+
+    def keep(self, reported: Report, prefix: str = "") -> None:
+        """Add a turn."""
+        for name, turn in reported.items():
+            self.turns.setdefault(prefix + name, []).append(turn)
+
+    def keep_ratios(self, name: str, *pairs: tuple[Percentiles, Percentiles]) -> None:
+        """Add ratios of medians, the first of a pair to the second."""
+        self.ratios.setdefault(name, []).extend(first["p50"] / second["p50"] for first, second in pairs)
+
+    def figures(self, table: Mapping[str, Figure]) -> dict[str, float]:
+        """Medians over the turns of the figures of a table that were measured."""
+        return {key: median(turn[percentile] for turn in self.turns[name]) / unit
+                for key, (name, percentile, unit) in table.items() if name in self.turns}
+
+    def span(self, name: str) -> tuple[float, float]:
+        """The quickest and the slowest turn, µs: far apart when something else was at work, too."""
+        medians = [turn["p50"] / 1e3 for turn in self.turns[name]]
+        return min(medians), max(medians)
 
 
 class Team:

@@ -13,7 +13,6 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import platform
 import statistics
 import subprocess
 import sys
@@ -28,23 +27,22 @@ import yaml
 from numpy.typing import NDArray
 
 from trocar.procs.machine.paths import PROJECT_CONFIGS, ROOT
-from trocar.procs.tables.bring_up import HOMED
 from trocar.shm.system import directory
-from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.shm.time.clock import monotonic_ns
 from trocar.shm.time.control_page import ControlPage
-from trocar.tools.client.bring_up import bring, silent
+from trocar.tools.bench.measuring import PATIENCE_S, home_all, seconds_since, wait_until
 from trocar.tools.client.remote import Remote
 from trocar.tools.inspect.processes import statuses
 from trocar.tools.output.errors import Problem
-from trocar.tools.output.printing import note, table
+from trocar.tools.output.printing import table
 from trocar.tools.systems.cleanup import own_folder
 from trocar.tools.systems.find import environment
 from trocar.tools.systems.processes import CONTINUE, KILL
-from trocar.tools.systems.supervising import Background, StartRequest, up_meanwhile
+from trocar.tools.systems.supervising import StartRequest, up_meanwhile
 
 STOP: Final = 19
 SIGNALS: Final = {"kill": KILL, "stop": STOP}
-TRIES, PATIENCE_S, POLL_S, EFFORT = 3, 40.0, 0.001, 3
+TRIES, EFFORT = 3, 3
 REST_NS: Final = 10_500_000_000  # then the next death counts as the first (procs/supervisor/children.py)
 CONFIGS: Final = PROJECT_CONFIGS
 OUTPUTS: Final = ("endoscope_focus_in", "endoscope_focus_out")
@@ -57,6 +55,7 @@ with trocar.arm("PSM1", system=sys.argv[1]) as arm:
         arm.servo_jf([0.0, 0.0, 0.1, 0.0, 0.0, 0.0])
         time.sleep(0.01)
 """
+STRIKES: Final = tuple(how for how in SIGNALS for _ in range(TRIES))
 Records = NDArray[Any]
 Shows = Callable[[Records], Any]
 
@@ -72,7 +71,7 @@ class DeathEffect:
     def since(self, system: str, begin_ns: int) -> float:
         """When it showed for the first time, s after `begin_ns`."""
         with contextlib.closing(directory.reader(system, self.instance, "state")) as ring:
-            return float(_wait(lambda: self._found(ring.since(begin_ns), begin_ns), self.words))
+            return wait_until(lambda: self._found(ring.since(begin_ns), begin_ns), self.words)
 
     def _found(self, records: Records, begin_ns: int) -> float:
         """0: not yet."""
@@ -118,7 +117,7 @@ NOT_FOLLOWING = DeathEffect("following ends", TELEOP, lambda records: ~records["
 
 
 def run() -> dict[str, Any]:
-    """Measure; returns the object that `--json` prints."""
+    """Measure."""
     with own_folder(f"bench-deaths-{os.getpid()}") as folder:
         timed = [*_on_boards(folder), *_following(folder), *_third_party(), *_supervisor(folder)]
     figures: dict[str, float] = {}
@@ -129,11 +128,7 @@ def run() -> dict[str, Any]:
             figures[f"{key}_noticed_ms"] = statistics.median(noticed) * 1e3
         if over := [row.over_s for row in rows if row.over_s is not None]:
             figures[f"{key}_{rows[0].over}_s"] = statistics.median(over)
-    return {
-        "bench": "deaths", "figures": figures, "effects": {row.who: row.words for row in timed},
-        "conditions": {"tries": TRIES, "cores": len(psutil.Process().cpu_affinity() or []), "load": os.getloadavg()[0],
-                       "kernel": platform.release(), "python": platform.python_version()},
-    }
+    return {"figures": figures, "effects": {row.who: row.words for row in timed}, "conditions": {"tries": TRIES}}
 
 
 def _key(who: str, how: str) -> str:
@@ -157,12 +152,9 @@ def show(result: dict[str, Any]) -> None:
 
 def _on_boards(folder: Path) -> Iterator[Timed]:
     with up_meanwhile(_boards_request(folder)) as up:
-        def homed(system: str) -> None:
-            _home(system, "PSM1")
-
         def focusing(system: str) -> None:
             with Remote(system, "lens") as lens:
-                _wait(lambda: lens.answered("focus_in", (1.0,)).outcome == "done", "the lens moves")
+                wait_until(lambda: lens.answered("focus_in", (1.0,)).outcome == "done", "the lens moves")
             _until(system, "IO1", lambda record: not record["output"][places].all(), "its output is on")
 
         with contextlib.closing(directory.reader(up.system, "IO1", "state")) as ring:
@@ -170,16 +162,14 @@ def _on_boards(folder: Path) -> Iterator[Timed]:
         rests = DeathEffect("the lens rests", "IO1", lambda records: records["output"][:, places].all(axis=1))
         holds = DeathEffect("io holds the robot", "IO1", lambda records: records["holding"].any(axis=1))
         yield from _each(up.system, (
-            Death("an arm", "PSM1", homed, holds), Death("the focus controller", "lens", focusing, rests),
-            Death("io", "IO1", homed, FAULT), Death("boards", "boards", homed, FAULT)))
-        for how in SIGNALS:
-            for _ in range(TRIES):
-                homed(up.system)
-                with _program([sys.executable, "-c", PUSHER, up.system]) as pusher:
-                    _until(up.system, "PSM1", lambda record: record["control_mode"] == EFFORT, "the arm is pushed")
-                    begin = _strike(pusher.pid, how)
-                    ends = DeathEffect("its effort ends", "PSM1", lambda records: records["control_mode"] != EFFORT)
-                    yield Timed("a script", how, ends.words, ends.since(up.system, begin), None)
+            Death("an arm", "PSM1", _home, holds), Death("the focus controller", "lens", focusing, rests),
+            Death("io", "IO1", _home, FAULT), Death("boards", "boards", _home, FAULT)))
+        ends = DeathEffect("its effort ends", "PSM1", lambda records: records["control_mode"] != EFFORT)
+        for how in STRIKES:
+            _home(up.system)
+            with _program([sys.executable, "-c", PUSHER, up.system]) as pusher:
+                _until(up.system, "PSM1", lambda record: record["control_mode"] == EFFORT, "the arm is pushed")
+                yield Timed("a script", how, ends.words, ends.since(up.system, _strike(pusher.pid, how)), None)
 
 
 def _following(folder: Path) -> Iterator[Timed]:
@@ -200,7 +190,7 @@ def _following(folder: Path) -> Iterator[Timed]:
         to_and_fro[0] += 1
         with Remote(system, "MTMR") as master, contextlib.closing(directory.reader(system, "MTMR", "state")) as ring:
             master.answered("trajectory_j/set_ratio", (0.02,))
-            _wait(ring.newest, "the master's record")
+            wait_until(ring.newest, "the master's record")
             goal = ring.field("setpoint_position")[:7].copy()
             goal[0] += 0.3 * (-1) ** to_and_fro[0]
             master.ask("move_jp", goal)
@@ -228,36 +218,28 @@ def _third_party() -> Iterator[Timed]:
             remote.settled("home", timeout=PATIENCE_S)
         with Remote(up.system, "console") as console:
             console.answered("teleop_enable", (1.0,))
-        for how in SIGNALS:
-            for _ in range(TRIES):
-                with _program([*words, up.system]) as program:
-                    _until(up.system, TELEOP, lambda record: bool(record["following"]), "following")
-                    begin = _strike(program.pid, how)
-                    noticed_s = NOT_FOLLOWING.since(up.system, begin)
-                yield Timed("a program of yours", how, NOT_FOLLOWING.words, noticed_s, None)
+        for how in STRIKES:
+            with _program([*words, up.system]) as program:
+                _until(up.system, TELEOP, lambda record: bool(record["following"]), "following")
+                noticed_s = NOT_FOLLOWING.since(up.system, _strike(program.pid, how))
+            yield Timed("a program of yours", how, NOT_FOLLOWING.words, noticed_s, None)
 
 
 def _supervisor(folder: Path) -> Iterator[Timed]:
-    for how in SIGNALS:
-        for _ in range(TRIES):
-            with up_meanwhile(_boards_request(folder)) as up:
-                _home(up.system, "PSM1")
-                others = [row.pid for row in statuses(up.system) if row.pid and row.kind != "supervisor"]
-                with contextlib.closing(ControlPage(up.system, "IO1")) as io:
-                    begin = _strike(up.popen.pid, how)
-                    _wait(lambda io=io: io.state == "STOPPED", "io has ended")  # type: ignore[misc]
-                    noticed_s = (monotonic_ns() - begin) * 1e-9
-                _wait(lambda others=others: not any(map(_lives, others)), "all have ended")  # type: ignore[misc]
-                ended_s = (monotonic_ns() - begin) * 1e-9
-                _end(up)
-            yield Timed("the supervisor", how, "io has powered off, and ended", noticed_s, ended_s, "ended")
-
-
-def _end(up: Background) -> None:
-    """One that was stopped goes on, finds its processes gone, and ends."""
-    with contextlib.suppress(ProcessLookupError):
-        os.kill(up.popen.pid, CONTINUE)
-    up.popen.wait(PATIENCE_S)
+    for how in STRIKES:
+        with up_meanwhile(_boards_request(folder)) as up:
+            _home(up.system)
+            others = [row.pid for row in statuses(up.system) if row.pid and row.kind != "supervisor"]
+            with contextlib.closing(ControlPage(up.system, "IO1")) as io:
+                begin = _strike(up.popen.pid, how)
+                wait_until(lambda io=io: io.state == "STOPPED", "io has ended")  # type: ignore[misc]
+                noticed_s = seconds_since(begin)
+            wait_until(lambda others=others: not any(map(_lives, others)), "all have ended")  # type: ignore[misc]
+            ended_s = seconds_since(begin)
+            with contextlib.suppress(ProcessLookupError):  # one that was stopped finds its processes gone, and ends
+                os.kill(up.popen.pid, CONTINUE)
+            up.popen.wait(PATIENCE_S)
+        yield Timed("the supervisor", how, "io has powered off, and ended", noticed_s, ended_s, "ended")
 
 
 def _boards_request(folder: Path) -> StartRequest:
@@ -275,17 +257,15 @@ def _each(system: str, deaths: tuple[Death, ...]) -> Iterator[Timed]:
     rested = dict.fromkeys((death.instance for death in deaths), monotonic_ns() + REST_NS)
     for how in SIGNALS:
         for death in deaths * TRIES:
-            _wait(lambda at=rested[death.instance]: monotonic_ns() >= at, "rest")  # type: ignore[misc]
+            wait_until(lambda at=rested[death.instance]: monotonic_ns() >= at, "rest")  # type: ignore[misc]
             death.ready(system)
             begin = _strike(old := _pid(system, death.instance), how)
-            _wait(lambda death=death, old=old: _pid(system, death.instance, "RUNNING") not in (0, old),  # type: ignore[misc]
+            wait_until(lambda death=death, old=old: _pid(system, death.instance, "RUNNING") not in (0, old),  # type: ignore[misc]
                   f"{death.who} is back")
-            now = monotonic_ns()
-            rested[death.instance] = now + REST_NS
-            effect = death.effect
+            over_s, effect = seconds_since(begin), death.effect
+            rested[death.instance] = monotonic_ns() + REST_NS
             noticed_s = effect.since(system, begin) if effect is not None else None
-            yield Timed(death.who, how, effect.words if effect is not None else "nothing", noticed_s,
-                        (now - begin) * 1e-9)
+            yield Timed(death.who, how, effect.words if effect is not None else "nothing", noticed_s, over_s)
 
 
 def _pid(system: str, instance: str, state: str = "") -> int:
@@ -294,11 +274,9 @@ def _pid(system: str, instance: str, state: str = "") -> int:
         return int(page.get("pid")) if state in ("", page.state) else 0
 
 
-def _home(system: str, arm: str) -> None:
-    for _ in range(3):  # it may have been held up, or be just back
-        if not (problem := bring(system, [arm], HOMED, 0.0, silent, note)[arm]):
-            return
-    raise Problem(f"{arm} is not homed: {problem}")
+def _home(system: str) -> None:
+    """PSM1, which may be just back."""
+    home_all(system, "PSM1")
 
 
 def _follow(system: str) -> None:
@@ -336,13 +314,4 @@ def _lives(pid: int) -> bool:
 
 def _until(system: str, instance: str, true: Callable[[Any], bool], what: str) -> None:
     with contextlib.closing(directory.reader(system, instance, "state")) as ring:
-        _wait(lambda: len(last := ring.last(1)) and true(last[0]), what)
-
-
-def _wait(done: Callable[[], Any], what: str) -> Any:
-    end = monotonic_ns() + round(PATIENCE_S * 1e9)
-    while not (found := done()):
-        if monotonic_ns() >= end:
-            raise Problem(f"not within {PATIENCE_S:g} s: {what}")
-        pause(POLL_S)
-    return found
+        wait_until(lambda: len(last := ring.last(1)) and true(last[0]), what)

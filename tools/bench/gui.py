@@ -14,13 +14,12 @@ from __future__ import annotations
 
 import json
 import os
-import platform
 import shutil
 import subprocess
 import tempfile
 import threading
-from collections.abc import Callable
-from contextlib import AbstractContextManager, ExitStack, closing, suppress
+from contextlib import ExitStack, closing, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -28,13 +27,12 @@ import psutil
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from trocar.shm.time.clock import monotonic_ns, pause
-from trocar.tools.bench.beside import ARMS, PAIRS, PATIENCE_S, TAKE_S, MovingArms, cpu_percent, process_of, ratio, wait
-from trocar.tools.bench.system import FULL, home_all
+from trocar.shm.time.clock import pause
+from trocar.tools.bench.beside import ARMS, PAIRS, TAKE_S, MovingArms, RobotAtWork, full_robot
+from trocar.tools.bench.measuring import PATIENCE_S, wait_until
 from trocar.tools.output.errors import Problem
 from trocar.tools.systems.cleanup import own_folder
 from trocar.tools.systems.free_port import reserved_port
-from trocar.tools.systems.supervising import StartRequest, up_meanwhile
 
 GUI: Final = "gui"
 OTHERS: Final = ("SUJ", "console", "system", "MTMR_PSM1", "MTML_PSM2", "MTML_PSM3", "MTML_MTMR_ECM")
@@ -47,30 +45,23 @@ LOADS_S: Final = 5.0
 
 
 def run(seconds: float = 30.0, pairs: int = PAIRS, browser: bool = False) -> dict[str, Any]:
-    """Measure; returns the object that `--json` prints. `seconds`: of each part of a pair."""
+    """Measure. `seconds`: of each part of a pair."""
     name, short_s = f"bench-gui-{os.getpid()}", min(seconds, 10.0)
     if browser and shutil.which("chromium") is None:
         raise Problem("--browser needs Chromium: apt-get install chromium")
-    with own_folder(name) as folder, reserved_port(18080) as port, up_meanwhile(StartRequest(FULL, name, sets=(
-            "clock=wall", f"gui.listen=127.0.0.1:{port}", "processes.gui.start=always"))):
-        home_all(name)
-        with closing(MovingArms(name)) as arms:
-            figures = {}
-            for key, pages in (("no_browser", ()), ("system", (SYSTEM_PAGE,)), ("3d", (SCENE_PAGE,))):
-                with ExitStack() as stack:
-                    for sources in pages:
-                        stack.enter_context(closing(ScriptedPage(port, sources))).wait()
-                    wait(min(SETTLE_S, seconds), arms.go_on)
-                    figures[f"gui_cpu_percent_{key}"] = cpu_percent(process_of(name, GUI), short_s, arms.go_on)
-            figures["io_period_p99_ratio"] = _ratio(name, arms, seconds, pairs, lambda: _scripted(port))
-            if browser:
-                figures |= _in_browser(folder, name, port, arms, seconds, pairs)
-    return {
-        "bench": GUI, "figures": figures,
-        "conditions": {"seconds": seconds, "pairs": pairs, "arms": len(ARMS), "rate_hz": 20,
-                       "cores": len(psutil.Process().cpu_affinity() or []), "load": os.getloadavg()[0],
-                       "kernel": platform.release(), "python": platform.python_version()},
-    }
+    with (own_folder(name) as folder, reserved_port(18080) as port,
+          full_robot(name, f"gui.listen=127.0.0.1:{port}", "processes.gui.start=always"),
+          closing(MovingArms(name)) as arms):
+        robot, figures = RobotAtWork(name, arms.go_on), {}
+        for key, pages in (("no_browser", ()), ("system", (SYSTEM_PAGE,)), ("3d", (SCENE_PAGE,))):
+            with _scripted(port, *pages):
+                robot.wait(min(SETTLE_S, seconds))
+                figures[f"gui_cpu_percent_{key}"] = robot.cpu_percent(short_s, robot.process(GUI))
+        figures["io_period_p99_ratio"] = robot.period_ratio(
+            GUI, seconds, pairs, partial(_scripted, port, SYSTEM_PAGE, SCENE_PAGE), SETTLE_S)
+        if browser:
+            figures |= _in_browser(folder, robot, f"http://127.0.0.1:{port}", seconds, pairs)
+    return {"figures": figures, "conditions": {"seconds": seconds, "pairs": pairs, "arms": len(ARMS), "rate_hz": 20}}
 
 
 class ScriptedPage:
@@ -94,11 +85,7 @@ class ScriptedPage:
 
     def wait(self) -> None:
         """Until something has come; Problem where nothing comes."""
-        end = monotonic_ns() + round(PATIENCE_S * 1e9)
-        while not self.received:
-            if monotonic_ns() > end:
-                raise Problem("the web console has sent nothing")
-            pause(TAKE_S)
+        wait_until(lambda: self.received, "something from the web console")
 
     def close(self) -> None:
         """It has gone."""
@@ -128,26 +115,21 @@ class RealBrowser:
         self._popen.wait()
 
 
-def _in_browser(folder: Path, name: str, port: int, arms: MovingArms, seconds: float, pairs: int) -> dict[str, float]:
-    figures, here = {}, f"http://127.0.0.1:{port}"
+def _in_browser(folder: Path, robot: RobotAtWork, here: str, seconds: float, pairs: int) -> dict[str, float]:
+    figures, short_s = {}, min(seconds, 10.0)
     for key, path in (("system", "/"), ("3d", "/3d")):
         with closing(RealBrowser(folder, here + path)) as chromium:
-            wait(LOADS_S, arms.go_on)
-            for what, found in (("browser_gui", process_of(name, GUI)), ("browser", chromium.processes())):
-                figures[f"{what}_cpu_percent_{key}"] = cpu_percent(found, min(seconds, 10.0), arms.go_on)
-    figures["browser_io_period_p99_ratio"] = _ratio(name, arms, seconds, pairs,
-                                                    lambda: closing(RealBrowser(folder, here, f"{here}/3d")), LOADS_S)
+            robot.wait(LOADS_S)
+            figures[f"browser_gui_cpu_percent_{key}"] = robot.cpu_percent(short_s, robot.process(GUI))
+            figures[f"browser_cpu_percent_{key}"] = robot.cpu_percent(short_s, *chromium.processes())
+    figures["browser_io_period_p99_ratio"] = robot.period_ratio(
+        GUI, seconds, pairs, lambda: closing(RealBrowser(folder, here, f"{here}/3d")), LOADS_S)
     return figures
 
 
-def _scripted(port: int) -> AbstractContextManager[Any]:
-    """A page System and a page 3D."""
-    stack = ExitStack()
-    for sources in (SYSTEM_PAGE, SCENE_PAGE):
-        stack.enter_context(closing(ScriptedPage(port, sources)))
-    return stack
-
-
-def _ratio(system: str, arms: MovingArms, seconds: float, pairs: int,
-           pages: Callable[[], AbstractContextManager[Any]], settle_s: float = SETTLE_S) -> float:
-    return ratio(system, GUI, seconds, pairs, arms.go_on, pages, settle_s)
+def _scripted(port: int, *pages: tuple[str, ...]) -> ExitStack:
+    """Pages, scripted; each has got something."""
+    with ExitStack() as stack:
+        for sources in pages:
+            stack.enter_context(closing(ScriptedPage(port, sources))).wait()
+        return stack.pop_all()

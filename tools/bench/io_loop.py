@@ -16,9 +16,11 @@ from __future__ import annotations
 
 import copy
 import os
-import platform
-from collections.abc import Callable
-from functools import cache
+import subprocess
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -27,19 +29,14 @@ import psutil
 import yaml
 
 from trocar.procs.machine.paths import PROJECT_CONFIGS
-from trocar.procs.tables.bring_up import HOMED
 from trocar.shm.ring.ring import RingReader
 from trocar.shm.system import directory
 from trocar.shm.time.clock import monotonic_ns, pause
-from trocar.tools.bench.baseline import Baseline
-from trocar.tools.bench.cpu_time import cpu_s
-from trocar.tools.bench.kernel_switch import without_kernel
-from trocar.tools.client.bring_up import bring
+from trocar.tools.bench.measuring import by_turns, cpu_model, cpu_s, home_all, without_kernel
 from trocar.tools.inspect.processes import ProcessStatus, statuses
-from trocar.tools.inspect.watch import arm_names
 from trocar.tools.output.errors import Problem
 from trocar.tools.systems.cleanup import own_folder
-from trocar.tools.systems.supervising import Background, StartRequest
+from trocar.tools.systems.supervising import StartRequest, up_meanwhile
 
 PSMS = 4
 SIZES = (1, 2, 4, 5)  # PSMs, of two boards each
@@ -57,15 +54,17 @@ SLOW_ARMS = "arm.period_s=0.005"  # they hold; the rate to find is that of io
 FIRST_BOARD = 6  # of the demo's PSM; copies begin at board 0
 SOURCE = PROJECT_CONFIGS
 LOOPBACK = Path("/proc/net/dev")
-HOMING_TRIES, AGAIN_S = 3, 1.0
 CPU = "cpu_us_without_wait"
 WAIT_US = 50.0  # from query to read, without sleeping; what eight boards get by the rule
+BASELINE = Path(__file__).with_name("baseline.c")
+REPLY_BYTES, WRITE_BYTES = 1092, 218  # of eight QLA1 of Rev 8
+WAIT_NS, SPIN_NS = 50_000, 50_000
 AWAKE = ("io.spin_us=0", f"io.query_wait_us={WAIT_US}", "arm.period_s=0.002")
 """So that CPU time is work, but for that wait, and arms on numpy have time enough."""
 
 
 def run(seconds: float = SECONDS, sustained_s: float = SUSTAINED_S, sizes: tuple[int, ...] = SIZES) -> dict[str, Any]:
-    """Measure; returns the object that `--json` prints."""
+    """Measure."""
     figures: dict[str, Any] = {}
     cores = sorted(psutil.Process().cpu_affinity() or [])
     placed = (f"io.cpu={cores[0]}", f"emulation.cpu={cores[1]}") if len(cores) > 1 else ()
@@ -109,34 +108,69 @@ def run(seconds: float = SECONDS, sustained_s: float = SUSTAINED_S, sizes: tuple
         "baseline": baseline.why_not or "tools/bench/baseline.c", "turns": TURNS,
         "beyond_this_machine_hz": beyond, "windows": WINDOWS,
         "state": "every arm homed and holding; for max_rate_hz arms at 200 Hz",
-        "cores": len(cores), "placed": list(placed), "cpu": _cpu(), "kernel": platform.release(),
-        "python": platform.python_version(), "numpy": np.__version__, "bus": "emulated boards on loopback UDP",
+        "placed": list(placed), "cpu": cpu_model(), "bus": "emulated boards on loopback UDP",
     }
-    return {"bench": "io", "figures": figures, "conditions": conditions}
+    return {"figures": figures, "conditions": conditions}
+
+
+@dataclass(frozen=True, slots=True)
+class BaselineRun:
+    """Share of the deadlines missed, time from a reply to the write behind it, CPU time of a cycle but for WAIT_NS."""
+
+    missed: float
+    reply_to_write_us_p50: float
+    reply_to_write_us_p99: float
+    cpu_us: float
+
+
+class Baseline:
+    """The compiled program; `why_not` says why there is none."""
+
+    def __init__(self, folder: Path) -> None:
+        """Compiles into `folder`."""
+        self._program = folder / "baseline"
+        command = [os.environ.get("CC", "cc"), "-O2", "-Wall", "-Wextra", str(BASELINE), "-o", str(self._program)]
+        try:
+            done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+            self.why_not = done.stderr.strip() if done.returncode else ""
+        except (OSError, subprocess.TimeoutExpired) as error:
+            self.why_not = str(error)
+
+    def run(self, hz: float, seconds: float, client_core: int, server_core: int, spin_ns: int = SPIN_NS) -> BaselineRun:
+        """At `hz`, on these cores (-1: any)."""
+        given = [round(hz), max(1, round(seconds)), client_core, server_core, REPLY_BYTES, WRITE_BYTES, WAIT_NS,
+                 spin_ns]
+        done = subprocess.run([self._program, *map(str, given)], capture_output=True, text=True, timeout=seconds + 60,
+                              check=True)
+        cycles, missed, p50, p99, cpu_ns = map(int, done.stdout.split())
+        return BaselineRun(missed / max(1, missed + cycles), p50 * 1e-3, p99 * 1e-3, cpu_ns * 1e-3)
 
 
 def _by_turns(file: Path, seconds: float, *placed: str) -> dict[str, float]:
     """Medians of the kernel and of numpy, and what io costs but for waiting."""
-    found: dict[str, list[dict[str, Any]]] = {"": [], "numpy_": []}
-    for _ in range(TURNS):
-        found[""].append(_measure(file, seconds, *AWAKE, *placed))
+    def measure() -> dict[str, float]:
+        return _measure(file, seconds, *AWAKE, *placed)
+
+    def measure_numpy() -> dict[str, float]:
         with without_kernel():
-            found["numpy_"].append(_measure(file, seconds, *AWAKE, *placed))
-    middle = {name + key: float(np.median([one[key] for one in rows]))
-              for name, rows in found.items() for key in ("read_to_write_us_p50", "read_to_write_us_p99", CPU)}
-    return {"kernel_ratio": middle["numpy_read_to_write_us_p50"] / middle["read_to_write_us_p50"],
-            CPU: middle[CPU], **{key: value for key, value in middle.items() if key.startswith("numpy_")}}
+            return measure()
+
+    found = by_turns(TURNS, {"": measure, "numpy_": measure_numpy})
+    numpy = {f"numpy_{key}": found["numpy_"][key] for key in ("read_to_write_us_p50", "read_to_write_us_p99", CPU)}
+    return {"kernel_ratio": numpy["numpy_read_to_write_us_p50"] / found[""]["read_to_write_us_p50"],
+            CPU: found[""][CPU], **numpy}
 
 
 def _of_sizes(folder: Path, sizes: tuple[int, ...], seconds: float, *placed: str) -> dict[str, float]:
     """What the largest robot takes from reply to write, of what the smallest does."""
     largest, smallest = max(sizes), min(sizes)
-    found: dict[int, list[float]] = {largest: [], smallest: []}
-    for _ in range(TURNS):
-        for psms, latencies in found.items():
-            measured = _measure(write_system(folder, psms), seconds, *AWAKE, *placed)
-            latencies.append(measured["read_to_write_us_p50"])
-    return {f"ratio_{2 * largest}_vs_{2 * smallest}": float(np.median(found[largest]) / np.median(found[smallest]))}
+
+    def measure(psms: int) -> dict[str, float]:
+        return _measure(write_system(folder, psms), seconds, *AWAKE, *placed)
+
+    found = by_turns(TURNS, {str(psms): partial(measure, psms) for psms in (largest, smallest)})
+    return {f"ratio_{2 * largest}_vs_{2 * smallest}": found[str(largest)]["read_to_write_us_p50"]
+            / found[str(smallest)]["read_to_write_us_p50"]}
 
 
 def sustained(measure: Callable[[float], tuple[float, float]]) -> dict[int, tuple[float, float]]:
@@ -184,41 +218,37 @@ def write_system(folder: Path, psms: int) -> Path:
     return file
 
 
-def _measure(file: Path, seconds: float, *sets: str) -> dict[str, Any]:
-    background = Background(StartRequest(file, f"bench-io-{os.getpid()}", "emulated", sets=(*sets, "clock=wall")),
-                            tied=True)
-    try:
-        background.wait_until_up(_silent)
-        _home_all(background.system)
-        return _watch(background.system, seconds)
-    finally:
-        background.stop(_silent)
+@contextmanager
+def _homed(file: Path, *sets: str) -> Iterator[str]:
+    """The name of a system that is up and homed."""
+    request = StartRequest(file, f"bench-io-{os.getpid()}", "emulated", sets=(*sets, "clock=wall"))
+    with up_meanwhile(request) as background:
+        home_all(background.system)
+        yield background.system
+
+
+def _measure(file: Path, seconds: float, *sets: str) -> dict[str, float]:
+    with _homed(file, *sets) as system:
+        return _watch(system, seconds)
 
 
 def _part_missed(file: Path, seconds: float, *sets: str) -> float:
     """Part of the deadlines that io misses, in the first window in which it keeps nearly all, else the best one."""
-    background = Background(StartRequest(file, f"bench-io-{os.getpid()}", "emulated", sets=(*sets, "clock=wall")),
-                            tied=True)
     least = 1.0
-    try:
-        background.wait_until_up(_silent)
-        _home_all(background.system)
+    with _homed(file, *sets) as system:
         for _ in range(WINDOWS):
-            before = _io(background.system)
+            before = _io(system)
             pause(seconds)  # without looking at its records: copying them on the other core costs io time, too
-            after = _io(background.system)
+            after = _io(system)
             missed, cycles = after.missed - before.missed, after.cycles - before.cycles
             least = min(least, missed / max(1, missed + cycles))
             if least < MORE_MISSED:
                 break
         return least
-    finally:
-        background.stop(_silent)
 
 
-def _watch(system: str, seconds: float) -> dict[str, Any]:
-    reader = directory.reader(system, "IO1", "state")
-    try:
+def _watch(system: str, seconds: float) -> dict[str, float]:
+    with closing(directory.reader(system, "IO1", "state")) as reader:
         _look(reader)
         first, begin, missed, life = int(reader.field("cycle")), reader.stamp_ns, _io(system).missed, reader.epoch
         packets, pid = _packets(), _io(system).pid
@@ -255,25 +285,11 @@ def _watch(system: str, seconds: float) -> dict[str, Any]:
             "boards": len(reader.info["robots"]) * 2,
             "axes": int(reader.field("position").size),
         }
-    finally:
-        reader.close()
 
 
 def _look(reader: RingReader) -> None:
     if not reader.newest():
         raise Problem(f"io's state cannot be read: {reader.problem or 'it has shown none'}; see trocar logs")
-
-
-def _home_all(system: str) -> None:
-    """Once more where a busy machine has held an arm up, which ends its homing."""
-    problems: list[str] = []
-    for again in range(HOMING_TRIES):
-        pause(again * AGAIN_S)
-        reported = bring(system, arm_names(system), HOMED, 0.0, _silent)
-        problems = [f"{name}: {why}" for name, why in reported.items() if why]
-        if not problems:
-            return
-    raise Problem(f"the arms did not home: {'; '.join(problems)}")
 
 
 def _packets() -> int:
@@ -287,14 +303,3 @@ def _packets() -> int:
 
 def _io(system: str) -> ProcessStatus:
     return next(process for process in statuses(system) if process.name == "IO1")
-
-
-def _cpu() -> str:
-    for line in Path("/proc/cpuinfo").read_text().splitlines():
-        if line.startswith("model name"):
-            return line.split(":", 1)[1].strip()
-    return platform.processor()
-
-
-def _silent(text: str, part: float | None) -> None:
-    """No progress line: a bench prints its result only."""

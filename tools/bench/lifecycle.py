@@ -13,28 +13,25 @@ from __future__ import annotations
 
 import json
 import os
-import platform
-import statistics
-from collections.abc import Callable
+from contextlib import closing
+from functools import partial
 from typing import Any, Final
 
 import psutil
 
 from trocar.procs.tables.bring_up import HOMED
-from trocar.shm.commands import became
 from trocar.shm.system import directory
 from trocar.shm.system.subscriptions import Subscriber
-from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.shm.time.clock import monotonic_ns
 from trocar.shm.time.control_page import ControlPage
-from trocar.tools.bench.system import FULL
-from trocar.tools.client.bring_up import bring, silent
+from trocar.tools.bench.beside import ask
+from trocar.tools.bench.measuring import FULL, medians, seconds_since, wait_until
+from trocar.tools.client.bring_up import bring_all
 from trocar.tools.client.remote import Remote
-from trocar.tools.output.errors import Problem
-from trocar.tools.output.printing import note
 from trocar.tools.systems.cleanup import own_folder
 from trocar.tools.systems.supervising import StartRequest, up_meanwhile
 
-ARM, PROCESS, TOPIC, TRIES, PATIENCE_S, POLL_S = "PSM1", "counter", "count", 5, 30.0, 0.001
+ARM, PROCESS, TOPIC, TRIES = "PSM1", "counter", "count", 5
 COUNTER: Final = """
 def main(process):
     while process.tick():
@@ -51,7 +48,7 @@ SYSTEM: Final = {
 
 
 def run() -> dict[str, Any]:
-    """Measure; returns the object that `--json` prints."""
+    """Measure."""
     name = f"bench-lifecycle-{os.getpid()}"
     with own_folder(name) as folder:
         file = folder / "system.json"
@@ -59,76 +56,43 @@ def run() -> dict[str, Any]:
         (folder / f"{PROCESS}.py").write_text(COUNTER)
         begin = monotonic_ns()
         with up_meanwhile(StartRequest(file, name, "emulated")):
-            up_s = _seconds(begin)
-            if problem := bring(name, [ARM], HOMED, 0.0, silent, note)[ARM]:
-                raise Problem(f"{ARM} is not homed: {problem}")
-            figures = {"up_s": up_s, "up_to_homed_s": _seconds(begin), **_on_demand(name), "restart_s": _restarts(name)}
+            up_s = seconds_since(begin)
+            bring_all(name, (), HOMED)
+            figures = {"up_s": up_s, "up_to_homed_s": seconds_since(begin)}
+            figures |= medians(TRIES, partial(_on_demand, name)) | medians(TRIES, partial(_restart, name))
             begin = monotonic_ns()
-        figures["down_s"] = _seconds(begin)
+        figures["down_s"] = seconds_since(begin)
     figures |= _full_robot(f"{name}-full")
-    return {
-        "bench": "lifecycle", "figures": figures,
-        "conditions": {"tries": TRIES, "cores": len(psutil.Process().cpu_affinity() or []), "load": os.getloadavg()[0],
-                       "kernel": platform.release(), "python": platform.python_version()},
-    }
+    return {"figures": figures, "conditions": {"tries": TRIES}}
 
 
 def _full_robot(system: str) -> dict[str, float]:
     """Start and stop it, nothing moves."""
     begin = monotonic_ns()
     with up_meanwhile(StartRequest(FULL, system)) as background:
-        up_s = _seconds(begin)
+        up_s = seconds_since(begin)
         supervisor = psutil.Process(background.popen.pid)
         pss = sum(each.memory_full_info().pss for each in (supervisor, *supervisor.children(recursive=True)))
         begin = monotonic_ns()
-    return {"full_up_s": up_s, "full_down_s": _seconds(begin), "full_pss_mb": pss * 1e-6}
+    return {"full_up_s": up_s, "full_down_s": seconds_since(begin), "full_pss_mb": pss * 1e-6}
 
 
 def _on_demand(system: str) -> dict[str, float]:
-    """Subscribe and leave by turns."""
-    came, left = [], []
-    page, reader = ControlPage(system, PROCESS), directory.reader(system, PROCESS, TOPIC)
-    try:
-        for _ in range(TRIES):
-            before, begin = reader.head, monotonic_ns()
-            subscriber = Subscriber(system, PROCESS)
-            try:
-                subscriber.want(TOPIC)
-                _wait(lambda before=before: reader.head > before, f"{PROCESS} publishes")  # type: ignore[misc]
-                came.append(_seconds(begin))
-                pid = int(page.get("pid"))
-            finally:
-                subscriber.close()
-            begin = monotonic_ns()
-            _wait(lambda pid=pid: not psutil.pid_exists(pid), f"{PROCESS} has ended")  # type: ignore[misc]
-            left.append(_seconds(begin))
-    finally:
-        reader.close()
-        page.close()
-    return {"first_subscription_to_running_s": statistics.median(came),
-            "last_left_to_stopped_s": statistics.median(left)}
+    """Subscribe and leave."""
+    with closing(ControlPage(system, PROCESS)) as page, closing(directory.reader(system, PROCESS, TOPIC)) as reader:
+        before, begin = reader.head, monotonic_ns()
+        with closing(Subscriber(system, PROCESS)) as subscriber:
+            subscriber.want(TOPIC)
+            wait_until(lambda: reader.head > before, f"{PROCESS} publishes")
+            came_s, pid = seconds_since(begin), int(page.get("pid"))
+        begin = monotonic_ns()
+        wait_until(lambda: not psutil.pid_exists(pid), f"{PROCESS} has ended")
+    return {"first_subscription_to_running_s": came_s, "last_left_to_stopped_s": seconds_since(begin)}
 
 
-def _restarts(system: str) -> float:
+def _restart(system: str) -> dict[str, float]:
     """Restart the arm, which goes on from shared memory."""
-    seen = []
     with Remote(system, "supervisor") as remote:
-        for _ in range(TRIES):
-            begin = monotonic_ns()
-            reply = remote.settled("restart", text=ARM, timeout=PATIENCE_S)
-            if reply.outcome != "done":
-                raise Problem(f"restart of {ARM} {became(reply.outcome)}: {reply.text}")
-            seen.append(_seconds(begin))
-    return statistics.median(seen)
-
-
-def _seconds(begin_ns: int) -> float:
-    return (monotonic_ns() - begin_ns) * 1e-9
-
-
-def _wait(done: Callable[[], bool], what: str) -> None:
-    end = monotonic_ns() + round(PATIENCE_S * 1e9)
-    while not done():
-        if monotonic_ns() >= end:
-            raise Problem(f"not within {PATIENCE_S:g} s: {what}")
-        pause(POLL_S)
+        begin = monotonic_ns()
+        ask(remote, "restart", ARM)
+        return {"restart_s": seconds_since(begin)}

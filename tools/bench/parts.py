@@ -21,7 +21,7 @@ from trocar.shm.system.directory import create_ring
 from trocar.shm.time.clock import pause
 from trocar.shm.time.control_page import ControlPage, create_control
 from trocar.shm.topics import PROBE, PROBE_4K, Topic
-from trocar.tools.bench.children import KEPT, Turn, pin, serve
+from trocar.tools.bench.children import KEPT, Times, Turn, run_child
 from trocar.tools.output.errors import Problem
 
 BATCH = 50  # of what is too short for the clock; fewer than the ring keeps
@@ -55,7 +55,7 @@ def ping(system: str, topic: Topic = PROBE, what: str = "trip") -> Turn:
     publish, payload = writer.publish, writer.field("payload")
     arrived, stamp = answers.next, answers.field("stamp_ns").item
 
-    def turn(seconds: float) -> dict[str, list[int]]:
+    def turn(seconds: float) -> Times:
         times: list[int] = []
         end = monotonic_ns() + int(seconds * 1e9)
         while True:
@@ -86,7 +86,7 @@ def pong(system: str, topic: Topic = PROBE) -> Turn:
     publish, arrived = writer.publish, asked.next
     stamp, payload = asked.field("stamp_ns").item, asked.field("payload")
 
-    def turn(seconds: float) -> dict[str, list[int]]:
+    def turn(seconds: float) -> Times:
         while True:
             while not arrived():
                 pass
@@ -119,7 +119,7 @@ def local(system: str) -> Turn:
         t4 = monotonic_ns()
         return t1 - t0, t2 - t1, t3 - t2, t4 - t3
 
-    def turn(seconds: float) -> dict[str, list[int]]:
+    def turn(seconds: float) -> Times:
         times: dict[str, list[int]] = {name: [] for name in names}
         end = monotonic_ns() + int(seconds * 1e9)
         while not times["newest"] or monotonic_ns() < end:
@@ -138,7 +138,7 @@ def crowd(system: str) -> Turn:
     publish, payload = writer.publish, writer.field("payload")
     turns = 0
 
-    def turn(seconds: float) -> dict[str, list[int]]:
+    def turn(seconds: float) -> Times:
         nonlocal turns
         turns += 1
         times: list[int] = []
@@ -158,34 +158,32 @@ def crowd(system: str) -> Turn:
 
 
 def poller(system: str) -> Turn:
-    """Read every record that can be had, polling; not one function with `looker`, which would slow the polling."""
+    """Read every record that can be had, polling."""
     reader = _reader(system, "crowd")
-    arrived, payload = reader.next, reader.field("payload")
-    turns = 0
-
-    def turn(seconds: float) -> dict[str, list[int]]:
-        nonlocal turns
-        turns += 1
-        while not arrived() or payload[0] != turns * LAST:
-            pass
-        if reader.problem:
-            raise Problem(reader.problem)
-        return {}
-
-    return turn
+    return _look_until_last(reader, reader.next)
 
 
 def looker(system: str) -> Turn:
     """Look at the newest record now and then, as most processes do."""
     reader = _reader(system, "crowd")
+
+    def look() -> bool:
+        pause(LOOK_S)
+        return reader.newest()
+
+    return _look_until_last(reader, look)
+
+
+def _look_until_last(reader: RingReader, look: Callable[[], bool]) -> Turn:
+    """`look` again and again, until the last record of a turn is there."""
     payload = reader.field("payload")
     turns = 0
 
-    def turn(seconds: float) -> dict[str, list[int]]:
+    def turn(seconds: float) -> Times:
         nonlocal turns
         turns += 1
-        while not reader.newest() or payload[0] != turns * LAST:
-            pause(LOOK_S)
+        while not look() or payload[0] != turns * LAST:
+            pass
         if reader.problem:
             raise Problem(reader.problem)
         return {}
@@ -197,7 +195,7 @@ def owner(system: str) -> Turn:
     """Times from just before a client's send to the command in the polling owner's hands, its numbers read."""
     box = Mailbox(system, "owner", COMMANDS["arm"])
 
-    def turn(seconds: float) -> dict[str, list[int]]:
+    def turn(seconds: float) -> Times:
         times: list[int] = []
         while True:
             for command in box.drain():
@@ -216,7 +214,7 @@ def client(system: str) -> Turn:
     sender = LoopClient(system, "owner")
     values = [0.0] * 7
 
-    def turn(seconds: float) -> dict[str, list[int]]:
+    def turn(seconds: float) -> Times:
         end = monotonic_ns() + int(seconds * 1e9)
         now = 0
         while now < end:
@@ -243,7 +241,7 @@ def sleeper(system: str) -> Turn:
     def news() -> bool:
         return int(sent_out) != seen
 
-    def turn(seconds: float) -> dict[str, list[int]]:
+    def turn(seconds: float) -> Times:
         nonlocal seen
         times: list[int] = []
         patience = monotonic_ns() + int(seconds * 1e9) + PATIENCE_NS
@@ -276,7 +274,7 @@ def waker(system: str) -> Turn:
         pause(2e-4)  # the word is 1 just before the sleep
         return True
 
-    def turn(seconds: float) -> dict[str, list[int]]:
+    def turn(seconds: float) -> Times:
         nonlocal count
         end = monotonic_ns() + int(seconds * 1e9)
         patience = end + PATIENCE_NS
@@ -304,13 +302,7 @@ ROLES: dict[str, Callable[[str], Turn]] = {
 
 def main(words: list[str]) -> int:
     """A child of the benchmark."""
-    if len(words) != 3 or words[0] not in ROLES:
-        print("started by: trocar bench ring", file=sys.stderr)
-        return 2
-    role, system, core = words
-    pin(int(core))
-    serve(ROLES[role](system))
-    return 0
+    return run_child(words, ROLES, 1)
 
 
 if __name__ == "__main__":

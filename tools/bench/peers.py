@@ -1,6 +1,6 @@
 """The peers of `trocar bench ring`: what others offer for the same job, each at its best.
 
-Started as `python -m trocar.tools.bench.peers ROLE PLACE CORE OTHER` (see tools/bench/children.py); PLACE is a folder
+Started as `python -m trocar.tools.bench.peers ROLE PLACE OTHER CORE` (see tools/bench/children.py); PLACE is a folder
 of the bench, OTHER the core of the partner. All send 216 bytes to and fro and poll for them. Those that carry bytes
 send the same bytes back without looking into them; with iceoryx2 both sides read a number of the record, as with ours.
 
@@ -21,7 +21,7 @@ from queue import Empty
 from time import monotonic_ns
 from typing import Any
 
-from trocar.tools.bench.children import KEPT, PATIENCE_S, Times, Turn, pin, serve
+from trocar.tools.bench.children import KEPT, PATIENCE_S, Times, Turn, pin, run_child
 from trocar.tools.output.errors import Problem
 
 PAYLOAD = 216
@@ -290,27 +290,21 @@ def _with_partner(kind: str, other: int) -> Turn:
     return turn
 
 
-ROLES: dict[str, Callable[[str, int], Turn]] = {
+ROLES: dict[str, Callable[[str, str], Turn]] = {
     "iceoryx2_ping": lambda place, other: iceoryx2_ping(place),
     "iceoryx2_pong": lambda place, other: iceoryx2_pong(place),
     "iceoryx2_tuned_ping": lambda place, other: iceoryx2_tuned_ping(place),
     "iceoryx2_tuned_pong": lambda place, other: iceoryx2_tuned_pong(place),
     "pyzmq_ping": lambda place, other: _ask(*_zmq(place, True)),
     "pyzmq_pong": lambda place, other: _answer(*_zmq(place, False)),
-    "pipe": lambda place, other: _with_partner("pipe", other),
-    "queue": lambda place, other: _with_partner("queue", other),
+    "pipe": lambda place, other: _with_partner("pipe", int(other)),
+    "queue": lambda place, other: _with_partner("queue", int(other)),
 }
 
 
 def main(words: list[str]) -> int:
     """A child of the bench."""
-    if len(words) != 4 or words[0] not in ROLES:
-        print("started by: trocar bench ring", file=sys.stderr)
-        return 2
-    role, place, core, other = words
-    pin(int(core))
-    serve(ROLES[role](place, int(other)))
-    return 0
+    return run_child(words, ROLES, 2)
 
 
 if __name__ == "__main__":

@@ -10,24 +10,19 @@ from __future__ import annotations
 
 import contextlib
 import os
-import platform
 from contextlib import closing
 from pathlib import Path
 from typing import Any, Final
-
-import psutil
 
 from trocar.procs.document.recorder import NAME
 from trocar.procs.recordings.reading import open_recording
 from trocar.shm.system import directory
 from trocar.tools.bench import beside
-from trocar.tools.bench.beside import PAIRS, MovingArms
-from trocar.tools.bench.system import FULL, home_all
+from trocar.tools.bench.beside import PAIRS, MovingArms, RobotAtWork, full_robot
 from trocar.tools.client.remote import Remote
 from trocar.tools.output.errors import Problem
 from trocar.tools.output.printing import plain
 from trocar.tools.systems.cleanup import own_folder
-from trocar.tools.systems.supervising import StartRequest, up_meanwhile
 
 TOPICS: Final = ("PSM1", "io")
 SETTLE_S: Final = 3.0
@@ -35,24 +30,18 @@ END_S: Final = 30.0
 
 
 def run(seconds: float = 30.0, pairs: int = PAIRS) -> dict[str, Any]:
-    """Measure; returns the object that `--json` prints. `seconds`: of each part of a pair, and of the recordings."""
+    """Measure. `seconds`: of each part of a pair, and of the recordings."""
     name = f"bench-recorder-{os.getpid()}"
-    with own_folder(name) as folder, up_meanwhile(StartRequest(FULL, name, sets=(
-            "clock=wall", "recorder.on=true", f"recorder.folder={folder}"))):
-        home_all(name)
-        with closing(MovingArms(name)) as arms:
-            beside.wait(min(SETTLE_S, seconds), arms.go_on)
-            figures: dict[str, Any] = {}
-            figures["recorder_cpu_percent"], figures["mb_per_minute"] = _black_box(name, arms, seconds)
-            figures |= _named(name, arms, seconds)
-            figures["io_period_p99_ratio"] = beside.ratio(name, NAME, seconds, pairs, arms.go_on,
-                                                          contextlib.nullcontext, SETTLE_S)
-    return {
-        "bench": "recorder", "figures": figures,
-        "conditions": {"seconds": seconds, "pairs": pairs, "arms": len(beside.ARMS), "topics": " ".join(TOPICS),
-                       "cores": len(psutil.Process().cpu_affinity() or []), "load": os.getloadavg()[0],
-                       "kernel": platform.release(), "python": platform.python_version()},
-    }
+    with (own_folder(name) as folder, full_robot(name, "recorder.on=true", f"recorder.folder={folder}"),
+          closing(MovingArms(name)) as arms):
+        robot = RobotAtWork(name, arms.go_on)
+        robot.wait(min(SETTLE_S, seconds))
+        figures: dict[str, Any] = {}
+        figures["recorder_cpu_percent"], figures["mb_per_minute"] = _black_box(robot, seconds)
+        figures |= _named(robot, seconds)
+        figures["io_period_p99_ratio"] = robot.period_ratio(NAME, seconds, pairs, contextlib.nullcontext, SETTLE_S)
+    return {"figures": figures, "conditions": {"seconds": seconds, "pairs": pairs, "arms": len(beside.ARMS),
+                                               "topics": " ".join(TOPICS)}}
 
 
 def _state(system: str, *fields: str) -> list[float]:
@@ -63,27 +52,26 @@ def _state(system: str, *fields: str) -> list[float]:
         return [float(state.field(field)[()]) for field in fields]
 
 
-def _black_box(system: str, arms: MovingArms, seconds: float) -> tuple[float, float]:
-    processes = beside.process_of(system, NAME)
-    before, begin_ns = _state(system, "box_bytes", "monotonic_ns")
-    percent = beside.cpu_percent(processes, seconds, arms.go_on)
-    after, end_ns = _state(system, "box_bytes", "monotonic_ns")
+def _black_box(robot: RobotAtWork, seconds: float) -> tuple[float, float]:
+    before, begin_ns = _state(robot.system, "box_bytes", "monotonic_ns")
+    percent = robot.cpu_percent(seconds, robot.process(NAME))
+    after, end_ns = _state(robot.system, "box_bytes", "monotonic_ns")
     return percent, (after - before) / 1e6 / (max(end_ns - begin_ns, 1.0) * 1e-9 / 60.0)
 
 
-def _named(system: str, arms: MovingArms, seconds: float) -> dict[str, float]:
+def _named(robot: RobotAtWork, seconds: float) -> dict[str, float]:
     """A recording of every record of TOPICS."""
-    with Remote(system, NAME) as remote:
+    with Remote(robot.system, NAME) as remote:
         for topic in TOPICS:
             remote.ask("choose", text=topic)
         number = remote.send("record", [0.0], "bench")
-        beside.wait(min(1.0, seconds), arms.go_on)
-        percent = beside.cpu_percent(beside.process_of(system, NAME), seconds, arms.go_on)
+        robot.wait(min(1.0, seconds))
+        percent = robot.cpu_percent(seconds, robot.process(NAME))
         remote.settled("stop", text="bench", timeout=END_S)
         replies = remote.replies_to(number)
     if not replies or replies[-1].outcome != "done":
         raise Problem(f"the recording did not end: {replies}")
-    with closing(directory.reader(system, NAME, "state", often=False)) as state:
+    with closing(directory.reader(robot.system, NAME, "state", often=False)) as state:
         path = Path(plain(state.field("path").item()) if state.newest() else "")
     with open_recording(path) as recording:
         topics = [topic for topic in recording.record_topics if topic.partition("/")[0] in TOPICS]

@@ -15,20 +15,19 @@ import platform
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator
 from itertools import count
 from pathlib import Path
 from statistics import median
 from typing import Any
 
-import numpy as np
 import psutil
 
 from trocar.procs.machine.paths import ROOT
 from trocar.shm.memory.layout import schema_of
 from trocar.shm.topics import PROBE, PROBE_4K
-from trocar.tools.bench.children import Team
+from trocar.tools.bench.children import Figure, Report, Team, Turns
+from trocar.tools.bench.measuring import cpu_model
 from trocar.tools.bench.parts import BATCH, LOOK_S, LOOKERS, POLLERS, make_segments
 from trocar.tools.bench.peers import MODULES, SETTINGS
 from trocar.tools.output.errors import Problem
@@ -42,8 +41,7 @@ FLAGS = ("-O2", "-std=c11")
 PEERS = ("c", *SETTINGS)
 INSTALL = "not installed; pip install -e .[bench]"
 
-# figure: what was measured, its percentile, how many ns the unit has
-FIGURES = {
+FIGURES: dict[str, Figure] = {
     "round_trip_us_p50": ("trip", "p50", 1e3),
     "round_trip_us_p99": ("trip", "p99", 1e3),
     "publish_ns_p50": ("publish", "p50", 1),
@@ -58,55 +56,35 @@ FIGURES = {
     "wakeup_us_p99": ("wakeup", "p99", 1e3),
 }
 
-BoardsReport = Mapping[str, Mapping[str, int]]
 Commands = dict[str, list[str]]  # of a team: role and command line
 
 
-@dataclass
-class RingResult:
-    """What the turns gave, by what was measured; of a peer also its time by ours, from turns side by side."""
+class RingTurns(Turns):
+    """What the turns gave; the ratios are of a peer's time and ours, with C of ours and C's."""
 
-    turns: dict[str, list[Mapping[str, int]]] = field(default_factory=dict)
-    by_ours: dict[str, list[float]] = field(default_factory=dict)
-
-    def keep(self, reported: BoardsReport) -> None:
-        """Add a turn."""
-        for name, turn in reported.items():
-            self.turns.setdefault(name, []).append(turn)
-
-    def keep_peer(self, name: str, before: BoardsReport, theirs: BoardsReport, after: BoardsReport) -> None:
+    def keep_peer(self, name: str, before: Report, theirs: Report, after: Report) -> None:
         """Add a turn of a peer, between two of ours."""
         self.keep({name: theirs["trip"]})
-        pairs = self.by_ours.setdefault(name, [])
-        pairs.extend(theirs["trip"]["p50"] / ours["trip"]["p50"] for ours in (before, after))
+        pairs = [(theirs["trip"], ours["trip"]) for ours in (before, after)]
+        self.keep_ratios(name, *(pair[::-1] if name == "c" else pair for pair in pairs))
 
     def drop(self, name: str) -> None:
         """Forget a peer."""
         self.turns.pop(name, None)
-        self.by_ours.pop(name, None)
+        self.ratios.pop(name, None)
 
-    def figures(self) -> dict[str, float]:
-        """All figures, flat: medians over the turns; ratios are theirs by ours, with C ours by C's."""
-        found = {key: median(turn[quantile] for turn in self.turns[name]) / unit
-                 for key, (name, quantile, unit) in FIGURES.items()}
-        for name in filter(self.by_ours.__contains__, PEERS):
-            found[f"{name}_us_p50"] = median(turn["p50"] for turn in self.turns[name]) / 1e3
-        for name in filter(self.by_ours.__contains__, PEERS):
-            ratios = self.by_ours[name]
-            found[f"ratio_vs_{name}"] = median(1 / ratio for ratio in ratios) if name == "c" else median(ratios)
-        return found
-
-    def span(self) -> str:
-        """The quickest and the slowest turn of ours: far apart when the machine has several moods."""
-        trips = [turn["p50"] / 1e3 for turn in self.turns["trip"]]
-        return f"{min(trips):.2f} to {max(trips):.2f}"
+    def all_figures(self) -> dict[str, float]:
+        """All figures, flat."""
+        peers = [name for name in PEERS if name in self.ratios]
+        return (self.figures(FIGURES) | self.figures({f"{name}_us_p50": (name, "p50", 1e3) for name in peers})
+                | {f"ratio_vs_{name}": median(self.ratios[name]) for name in peers})
 
 
 def run(rounds: int = ROUNDS, turn_s: float = TURN_S) -> dict[str, Any]:
-    """Measure; one object with `bench`, `figures` and `conditions`."""
+    """Measure."""
     cores = _pair(psutil.Process().cpu_affinity() or [0])
     about: dict[str, str] = {}  # the peers: settings, or why one was left out
-    found = RingResult()
+    found = RingTurns()
     with _world() as (system, folder), contextlib.ExitStack() as stack, progress("bench ring") as say:
         say("starting", None)
         own = {name: stack.enter_context(Team("ring", commands)) for name, commands in _own(system, cores).items()}
@@ -127,13 +105,14 @@ def run(rounds: int = ROUNDS, turn_s: float = TURN_S) -> dict[str, Any]:
             say(f"round {i + 1} of {rounds}", i / rounds)
             _round(turn_s, own, peers, about, found)
     turns = {"turns": f"{rounds} rounds of turns of {turn_s:g} s, a turn of ours before and behind each peer's",
-             "round_trips": sum(turn["n"] for turn in found.turns["trip"]), "round_trip_us_p50_of_turns": found.span()}
+             "round_trips": sum(turn["n"] for turn in found.turns["trip"]),
+             "round_trip_us_p50_of_turns": "{:.2f} to {:.2f}".format(*found.span("trip"))}
     conditions = {**_machine(cores), **turns, **_settings(), **about}
-    return {"bench": "ring", "figures": found.figures(), "conditions": conditions}
+    return {"figures": found.all_figures(), "conditions": conditions}
 
 
 def _round(turn_s: float, own: dict[str, Team], peers: dict[str, Team], about: dict[str, str],
-           found: RingResult) -> None:
+           found: RingTurns) -> None:
     """A turn of ours before and behind each peer's, then one of every other part."""
     before = own["trip"].measure(turn_s)
     found.keep(before)
@@ -195,10 +174,10 @@ def _peer(name: str, folder: str, cores: tuple[int, int]) -> tuple[Commands, str
         version = importlib.metadata.version({"zmq": "pyzmq"}.get(module, module))
     start = [sys.executable, "-m", "trocar.tools.bench.peers"]
     if module is None:
-        team = {name: [*start, name, folder, first, second]}
+        team = {name: [*start, name, folder, second, first]}
     else:
-        team = {f"{name}_pong": [*start, f"{name}_pong", folder, second, first],
-                f"{name}_ping": [*start, f"{name}_ping", folder, first, second]}
+        team = {f"{name}_pong": [*start, f"{name}_pong", folder, first, second],
+                f"{name}_ping": [*start, f"{name}_ping", folder, second, first]}
     return team, f"{version}; {SETTINGS[name]}"
 
 
@@ -223,17 +202,7 @@ def _pair(cores: list[int]) -> tuple[int, int]:
 def _machine(cores: tuple[int, int]) -> dict[str, Any]:
     first, second = cores
     pinned = f"{first} and {second}" if first != second else f"{first}, the only core: polling processes alternate"
-    model = next((line.split(":", 1)[1].strip() for line in Path("/proc/cpuinfo").read_text().splitlines()
-                  if line.startswith("model name")), platform.machine())
-    return {
-        "cpu": model,
-        "cores": os.cpu_count(),
-        "pinned": pinned,
-        "load_1min": os.getloadavg()[0],
-        "kernel": platform.release(),
-        "python": platform.python_version(),
-        "numpy": np.__version__,
-    }
+    return {"cpu": cpu_model(), "cores": os.cpu_count(), "pinned": pinned, "load_1min": os.getloadavg()[0]}
 
 
 def _settings() -> dict[str, Any]:

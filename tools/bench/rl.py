@@ -5,16 +5,23 @@ physics at 500 Hz and goals at 50 Hz. Ratios are seconds of the system's time a 
 CPU (`…_per_cpu_s`), medians (and p05) of windows of some seconds; of four PSMs the arms' seconds are added up. Times to
 go back are CPU time of one PSM on boards. Hashes are of every record of io, boards and arms: twice in this process, in
 another host, in another process; and a homing in processes in lock-step is compared with a host, record by record.
-Where Ray is installed, episodes of PsmReach on boards run on actors of it: tools/bench/ray_scaling.py.
+
+Where Ray is installed, episodes of PsmReach on boards run on actors of it, and do the same there. `ray_scaling_4` is
+the steps a second of four actors by four times those of one, the median of some rounds, each with both; None where the
+machine has fewer than five cores free, as the driver and Ray need one. `ray_cpu_scaling_4` is the same of simulated
+seconds a second of CPU time: what cores lose by sharing memory and caches, without what others do on them.
 """
 
 from __future__ import annotations
 
+import hashlib
+import importlib.util
 import os
-import platform
+import statistics
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -22,8 +29,6 @@ import psutil
 
 from trocar.procs.config import PROJECT_CONFIGS
 from trocar.procs.machine.paths import ROOT
-from trocar.procs.native.library import kernel
-from trocar.tools.bench import ray_scaling
 from trocar.tools.bench.host_run import BOARDS, FOUR_PSMS, KINEMATIC, SETS, START, HostRun
 from trocar.tools.bench.same_run import LockstepRun
 from trocar.tools.output.printing import Say, progress
@@ -36,11 +41,19 @@ RESETS: Final = 200
 EPISODE_S: Final = 0.2
 PATIENCE_S: Final = 120.0
 HASHED: Final = (KINEMATIC, BOARDS)
+ACTORS: Final = 4
+FREE_CORES: Final = 5
+ROUNDS: Final = 3
+EPISODES: Final = 4
+"""Of an actor in a round."""
+OPTIONS: Final = {"backend": "boards", "horizon": 100}
+NO_RAY: Final[dict[str, float | None]] = dict.fromkeys(
+    ("ray_scaling_4", "ray_cpu_scaling_4", "ray_steps_per_s_1", "ray_steps_per_s_4"))
 
 
 def run(seconds: float = WINDOW_S, windows: int = WINDOWS, resets: int = RESETS, processes: bool = True
         ) -> dict[str, Any]:
-    """Measure; returns the object that `--json` prints. `processes`: also compare with other processes."""
+    """Measure. `processes`: also compare with other processes."""
     load = [round(x, 2) for x in os.getloadavg()]
     figures: dict[str, float | int | None] = {}
     with progress("bench rl") as say:
@@ -57,21 +70,17 @@ def run(seconds: float = WINDOW_S, windows: int = WINDOWS, resets: int = RESETS,
                     figures |= _resets(host, resets)
         hashes = {kind: _hashes(kind, say, processes) for kind in HASHED}
         found = _against_processes(say) if processes else None
-        on_ray = ray_scaling.run(say) if processes else None
-    if on_ray is not None:
-        hashes["ray"] = on_ray.hashes
-    figures |= ray_scaling.NOT_MEASURED if on_ray is None else on_ray.figures
+        figures |= NO_RAY
+        if processes and all(map(importlib.util.find_spec, ("ray", "gymnasium"))):
+            say("actors of Ray", None)
+            on_ray, hashes["ray"] = _ray()
+            figures |= on_ray
     is_equal = all(len(set(rows.values())) == 1 for rows in hashes.values()) and not found
     figures["hashes_equal"] = int(is_equal)
-    conditions = {
-        "computed_by": "the kernel" if kernel().library is not None else f"numpy: {kernel().why}",
-        "windows": windows, "window_s": seconds, "resets": resets, "sets": list(SETS), "hashes": hashes,
-        "lockstep_differences": found, "load_before": load, "load_after": [round(x, 2) for x in os.getloadavg()],
-        "cores": len(psutil.Process().cpu_affinity() or []), "kernel": platform.release(),
-        "python": platform.python_version(), "numpy": np.__version__,
-    }
     problems = [] if is_equal else [f"not all hashes are equal: {hashes}; fields that differ in lock-step: {found}"]
-    return {"bench": "rl", "figures": figures, "conditions": conditions, "problems": problems}
+    return {"figures": figures, "problems": problems, "conditions": {
+        "windows": windows, "window_s": seconds, "resets": resets, "sets": list(SETS), "hashes": hashes,
+        "lockstep_differences": found, "load_before": load, "load_after": [round(x, 2) for x in os.getloadavg()]}}
 
 
 def _ratios(host: HostRun, seconds: float, windows: int) -> tuple[list[float], list[float]]:
@@ -127,3 +136,41 @@ def _against_processes(say: Say) -> list[str]:
 
 def _at(values: list[float], percent: float) -> float:
     return float(np.percentile(values, percent))
+
+
+def _ray() -> tuple[dict[str, float | None], dict[str, str]]:
+    """Figures, and hashes of the same episodes by where they ran."""
+    from trocar.procs.rl import ray_actors, rollouts
+
+    task = rollouts.RolloutTask("trocar/PsmReach-v0", OPTIONS)
+    free = len(psutil.Process().cpu_affinity() or []) - os.getloadavg()[0]
+    seeds = range(ACTORS)
+    with ray_actors.running_ray(ACTORS) as ray:
+        runners = ray_actors.actors_of(ray, task, ACTORS)
+        there = list(ray_actors.shared(ray, runners, seeds))  # they home here, and find their starts
+        for _ in range(2):
+            _round(ray, runners)
+        pairs = [(_round(ray, runners[:1]), _round(ray, runners)) for _ in range(ROUNDS)]
+    median = [[statistics.median(pair[which][what] for pair in pairs) for what in (0, 1)] for which in (0, 1)]
+    scaling = statistics.median(four[0] / (ACTORS * one[0]) for one, four in pairs)
+    figures: dict[str, float | None] = {
+        "ray_scaling_4": scaling if free >= FREE_CORES else None,
+        "ray_cpu_scaling_4": statistics.median(four[1] / one[1] for one, four in pairs),
+        "ray_steps_per_s_1": median[0][0], "ray_steps_per_s_4": median[1][0]}
+    return figures, {"here": _hash(list(rollouts.run(task, seeds))), "actors": _hash(there)}
+
+
+def _round(ray: Any, runners: Sequence[Any]) -> tuple[float, float]:
+    """Steps a second, and simulated seconds a CPU second, of as many episodes for each actor."""
+    from trocar.procs.rl import ray_actors
+
+    begin = time.monotonic()
+    done = list(ray_actors.shared(ray, runners, range(EPISODES * len(runners))))
+    wall_s = time.monotonic() - begin
+    cpu_s = sum(row.cpu_s for row in done)
+    return sum(row.steps for row in done) / wall_s, sum(row.simulated_s for row in done) / cpu_s
+
+
+def _hash(episodes: Sequence[Any]) -> str:
+    rows = sorted((row.seed, row.hash) for row in episodes)
+    return hashlib.sha256(repr(rows).encode()).hexdigest()[:16]

@@ -15,37 +15,31 @@ from __future__ import annotations
 
 import contextlib
 import os
-import platform
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import psutil
-
-from trocar.procs.machine.paths import PROJECT_CONFIGS
-from trocar.procs.tables.bring_up import DISABLED, HOMED
+from trocar.procs.tables.bring_up import DISABLED
 from trocar.shm.mailbox.client import MailboxFull
 from trocar.shm.ring.ring import RingReader
 from trocar.shm.system import directory
 from trocar.shm.system.events import ERROR, WARNING
 from trocar.shm.time.clock import monotonic_ns
 from trocar.shm.time.control_page import ControlPage
-from trocar.tools.bench.cpu_time import cpu_s
+from trocar.tools.bench.measuring import FULL, cpu_s, home_all, seconds_since
 from trocar.tools.client.bring_up import bring_all
 from trocar.tools.client.following import beats
-from trocar.tools.examples.operator_sim import OperatorSim, SeenRecord, Sway, seats
+from trocar.tools.examples.operator_sim import OperatorSim, Sway, seats
 from trocar.tools.inspect.processes import statuses
 from trocar.tools.inspect.watch import Watch, powered_names
 from trocar.tools.output.errors import Problem
 from trocar.tools.output.printing import number, plain, table
 from trocar.tools.systems.find import instances_of_kind, system_file
-from trocar.tools.systems.supervising import Background, StartRequest
+from trocar.tools.systems.supervising import StartRequest, up_meanwhile
 
-FULL = PROJECT_CONFIGS / "systems" / "kinematic-full.yaml"
 SECONDS = 60.0
 MOVES_HZ = 200.0
-TRIES = 3
 REPORTED = 1024  # newest events of a process that are looked at
 KEPT_TEXTS = 5
 FIFO_SHARE = Path("/proc/sys/kernel/sched_rt_runtime_us")
@@ -53,15 +47,12 @@ FIFO_SHARE = Path("/proc/sys/kernel/sched_rt_runtime_us")
 
 def run(file: Path = FULL, paths: tuple[Path, ...] = (), boards: str = "", seconds: float = SECONDS,
         sets: tuple[str, ...] = ()) -> dict[str, Any]:
-    """Measure; returns the object that `--json` prints."""
+    """Measure."""
     name = f"bench-system-{os.getpid()}"
-    background = Background(StartRequest(system_file(file, paths), name, boards, paths, (*sets, "clock=wall")),
-                            tied=True)
-    try:
-        background.wait_until_up(_silent)
+    with up_meanwhile(StartRequest(system_file(file, paths), name, boards, paths, (*sets, "clock=wall"))):
         begin = monotonic_ns()
         refusals = home_all(name)
-        homed_s = (monotonic_ns() - begin) * 1e-9
+        homed_s = seconds_since(begin)
         with seats(name) as taken:
             for seat in taken:
                 seat.begin()
@@ -70,29 +61,10 @@ def run(file: Path = FULL, paths: tuple[Path, ...] = (), boards: str = "", secon
             found = _measure(name, taken, seconds)
         with contextlib.suppress(Problem):
             bring_all(name, (), DISABLED)
-    finally:
-        background.stop(_silent)
-    conditions = {
+    return {**found, "conditions": {
         "system": str(file), "boards": boards or "as the file says", "seconds": seconds, "homed_after_s": homed_s,
-        "homing_failed_before": refusals, "teleops_tried": followed,
-        "sets": list(sets), "cores": len(psutil.Process().cpu_affinity() or []),
-        "fifo_share_us": FIFO_SHARE.read_text().strip() if FIFO_SHARE.exists() else "",
-        "kernel": platform.release(), "python": platform.python_version(),
-    }
-    return {"bench": "system", **found, "conditions": conditions}
-
-
-def home_all(system: str) -> list[str]:
-    """Home all arms; what went wrong in tries before: a machine that still loads a dozen programs may stall them."""
-    refusals: list[str] = []
-    while len(refusals) < TRIES:
-        try:
-            bring_all(system, (), HOMED)
-        except Problem as problem:
-            refusals.append(str(problem))
-        else:
-            return refusals
-    raise Problem("; then ".join(refusals))
+        "homing_failed_before": refusals, "teleops_tried": followed, "sets": list(sets),
+        "fifo_share_us": FIFO_SHARE.read_text().strip() if FIFO_SHARE.exists() else ""}}
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,7 +119,7 @@ def _measure(system: str, taken: list[OperatorSim], seconds: float) -> dict[str,
         missing = [teleop.reported for teleop in chosen if not teleop.is_following]
         errors = {name: each.count(ERROR) for name, each in reported.items()}
         warnings = {name: each.count(WARNING) for name, each in reported.items()}
-        homed = [name for name in powered_names(system) if _is_homed(system, name)]
+        homed = [name for name in powered_names(system) if _shows(system, name, "is_homed")]
     return {
         "figures": {**figures(rows), "arms": len(homed), "teleops": len(following),
                     "errors": sum(count for count, _ in errors.values()),
@@ -229,8 +201,6 @@ def show(result: dict[str, Any]) -> None:
     for name, texts in result["reported"].items():
         for text in texts:
             print(f"{name} reported: {text}")
-    for problem in result["problems"]:
-        print(f"PROBLEM: {problem}")
 
 
 def _problems(system: str, homed: list[str], missing: list[str], errors: dict[str, tuple[int, list[str]]],
@@ -244,20 +214,12 @@ def _problems(system: str, homed: list[str], missing: list[str], errors: dict[st
 def _kinematic(system: str, masters: list[str]) -> list[str]:
     """Of some masters those without a robot, each once."""
     arms = set(instances_of_kind(system, "arm"))
-    return [name for name in dict.fromkeys(masters) if name in arms and _flag(system, name, "simulated")]
+    return [name for name in dict.fromkeys(masters) if name in arms and _shows(system, name, "simulated")]
 
 
-def _is_homed(system: str, name: str) -> bool:
+def _shows(system: str, name: str, flag: str) -> bool:
     with Watch(system, name) as watch:
-        return watch.look() and watch.homed
-
-
-def _flag(system: str, name: str, field: str) -> bool:
-    seen = SeenRecord(system, name, "arm")
-    try:
-        return bool(seen.value(field))
-    finally:
-        seen.ring.close()
+        return watch.look() and watch.flag(flag)
 
 
 def _locked_mb(pid: int) -> float:
@@ -267,7 +229,3 @@ def _locked_mb(pid: int) -> float:
     except OSError:
         return 0.0
     return next((int(line.split()[1]) * 1024e-6 for line in lines if line.startswith("VmLck:")), 0.0)
-
-
-def _silent(text: str, part: float | None) -> None:
-    """No progress line: a bench prints its result only."""

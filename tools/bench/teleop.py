@@ -18,12 +18,10 @@ from __future__ import annotations
 
 import contextlib
 import os
-import platform
 import random
 from typing import Any
 
 import numpy as np
-import psutil
 from numpy.typing import NDArray
 
 from trocar.procs.machine.paths import PROJECT_CONFIGS
@@ -31,15 +29,16 @@ from trocar.procs.tables.bring_up import DISABLED
 from trocar.shm.system import directory
 from trocar.shm.system.events import ERROR
 from trocar.shm.time.clock import monotonic_ns, pause
-from trocar.tools.bench.system import SystemReport, home_all
-from trocar.tools.client.bring_up import bring_all, silent
+from trocar.tools.bench.measuring import home_all
+from trocar.tools.bench.system import SystemReport
+from trocar.tools.client.bring_up import bring_all
 from trocar.tools.examples.hand import Hand
 from trocar.tools.examples.operator_sim import OperatorSim, SimTeleop
 from trocar.tools.inspect.processes import statuses
 from trocar.tools.inspect.tracing import Column, Trace
 from trocar.tools.inspect.watch import arm_document
 from trocar.tools.output.errors import Problem
-from trocar.tools.systems.supervising import Background, StartRequest
+from trocar.tools.systems.supervising import StartRequest, up_meanwhile
 
 SYSTEM = PROJECT_CONFIGS / "systems" / "demo-teleop.yaml"
 SETS = ("io.period_s=0.000666667", "arm.period_s=0.000666667")  # the usual ones; the demo's are longer
@@ -59,16 +58,13 @@ Stamps = NDArray[np.int64]
 
 
 def run(seconds: float = SECONDS, sets: tuple[str, ...] = ()) -> dict[str, Any]:
-    """Measure, at the usual periods where `sets` give no others; returns the object that `--json` prints."""
+    """Measure, at the usual periods where `sets` give no others."""
     name, sets = f"bench-teleop-{os.getpid()}", (*SETS, *sets)
-    background = Background(StartRequest(SYSTEM, name, "emulated", sets=(*sets, "clock=wall")), tied=True)
-    try:
-        background.wait_until_up(silent)
+    with up_meanwhile(StartRequest(SYSTEM, name, "emulated", sets=(*sets, "clock=wall"))):
         home_all(name)
         with OperatorSim(name, "console") as seat:
-            reported = [SystemReport(name,
-                                     process.name) for process in statuses(name) if process.kind not in ("supervisor",
-                                                                                                   "system")]
+            reported = [SystemReport(name, process.name) for process in statuses(name)
+                        if process.kind not in ("supervisor", "system")]
             try:
                 found, problems = _measure(name, seat, seconds), []
             except Problem as problem:
@@ -79,20 +75,9 @@ def run(seconds: float = SECONDS, sets: tuple[str, ...] = ()) -> dict[str, Any]:
                 each.close()
         with contextlib.suppress(Problem):
             bring_all(name, (), DISABLED)
-    finally:
-        background.stop(silent)
-    conditions = {
+    return {"figures": found, "problems": problems, "conditions": {
         "system": SYSTEM.name, "sets": list(sets), "seconds": seconds, "nudge_rad": NUDGE_RAD, "part": PART,
-        "cores": len(psutil.Process().cpu_affinity() or []), "kernel": platform.release(),
-        "python": platform.python_version(), "bus": "emulated boards on loopback UDP",
-    }
-    return {"bench": "teleop", "figures": found, "problems": problems, "conditions": conditions}
-
-
-def show(result: dict[str, Any]) -> None:
-    """For eyes, what is more than figures and conditions."""
-    for problem in result["problems"]:
-        print(f"PROBLEM: {problem}")
+        "bus": "emulated boards on loopback UDP"}}
 
 
 def _missing(seat: OperatorSim) -> list[str]:
@@ -186,20 +171,17 @@ def fault_handler(nudges: Stamps, stamps: Stamps, setpoints: Array) -> Stamps:
 
 def _axes(system: str, instance: str, robot: str) -> slice:
     """Where a robot's actuators lie in a state record."""
-    reader = directory.reader(system, instance, "state")
-    row = reader.info["robots"][robot]
-    reader.close()
+    with contextlib.closing(directory.reader(system, instance, "state")) as reader:
+        row = reader.info["robots"][robot]
     return slice(row["first"], row["first"] + row["count"])
 
 
 def _place(system: str, at: slice) -> Array:
     """Where actuators are, as the boards know it."""
-    reader = directory.reader(system, "boards", "state")
-    if not reader.newest():
-        raise Problem(f"the boards' state cannot be read: {reader.problem or 'they have shown none'}")
-    place: Array = reader.field("position")[at].copy()
-    reader.close()
-    return place
+    with contextlib.closing(directory.reader(system, "boards", "state")) as reader:
+        if not reader.newest():
+            raise Problem(f"the boards' state cannot be read: {reader.problem or 'they have shown none'}")
+        return np.array(reader.field("position")[at])
 
 
 def _percentiles(name: str, values: NDArray[Any]) -> dict[str, float]:

@@ -3,34 +3,23 @@
 from __future__ import annotations
 
 import importlib
-from dataclasses import dataclass
+import inspect
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 import typer
 
 from trocar.tools.output.errors import Misuse, Problem
-from trocar.tools.output.printing import emit, table
+from trocar.tools.output.printing import emit, table, tell
 from trocar.tools.verbs.options import JsonOption
 
-
-@dataclass(frozen=True, slots=True)
-class Measurement:
-    """One measurement: its module, and which options of the verb its `run` takes, by their names there."""
-
-    module: str
-    takes: tuple[str, ...] = ()
-
-
-BENCHES = {
-    "ring": Measurement("ring"), "io": Measurement("io_loop"), "boards": Measurement("boards"),
-    "arm": Measurement("arm"), "teleop": Measurement("teleop", ("seconds", "sets")),
-    "start": Measurement("start"), "lifecycle": Measurement("lifecycle"),
-    "deaths": Measurement("deaths"), "bridges": Measurement("bridges", ("seconds",)),
-    "recorder": Measurement("recorder", ("seconds",)), "rl": Measurement("rl", ("seconds",)),
-    "gui": Measurement("gui", ("seconds", "browser")),
-    "system": Measurement("system", ("file", "paths", "boards", "seconds", "sets")),
+BENCHES: Final = {
+    "ring": "ring", "io": "io_loop", "boards": "boards", "arm": "arm", "teleop": "teleop", "start": "start",
+    "lifecycle": "lifecycle", "deaths": "deaths", "bridges": "bridges", "recorder": "recorder", "rl": "rl",
+    "gui": "gui", "system": "system",
 }
+"""By name: the module in tools/bench. Its `run` takes options of the verb by their names, and returns `figures` and
+`conditions`, perhaps `problems` and more; `show`, where there is one, prints what is more."""
 
 
 def bench(
@@ -55,18 +44,21 @@ def bench(
         raise Misuse(f"no bench {name}; there are: {', '.join(BENCHES)}")
     if boards not in ("", "emulated"):
         raise Misuse(f"--boards {boards}: allowed is emulated")
-    row = BENCHES[name]
+    try:
+        module = importlib.import_module(f"trocar.tools.bench.{BENCHES[name]}")
+    except ModuleNotFoundError as error:
+        raise Problem(f"bench {name} cannot run: {error}") from None
+    from trocar.tools.bench.measuring import machine  # with numpy, which only a bench asks for
+
     given = {"file": file, "paths": tuple(path or ()), "boards": boards, "seconds": seconds,
              "browser": browser, "sets": tuple(sets or ())}
     options = {key: value for key, value in given.items() if value}
-    if left := [key for key in options if key not in row.takes]:
+    if left := [key for key in options if key not in inspect.signature(module.run).parameters]:
         raise Misuse(f"bench {name} takes no {' and no '.join(left)}")
-    try:
-        module = importlib.import_module(f"trocar.tools.bench.{row.module}")
-    except ModuleNotFoundError as error:
-        raise Problem(f"bench {name} cannot run: {error}") from None
-    result: dict[str, Any] = module.run(**options)
-    problems = result.get("problems", [])
+    found: dict[str, Any] = module.run(**options)
+    own = found["conditions"]
+    result = {"bench": name, **found, "conditions": own | machine() | own}  # its own come first, and count
+    problems = found.get("problems", [])
     if as_json:
         emit(result)
         return int(bool(problems))
@@ -75,4 +67,6 @@ def bench(
         table(f"bench {name}: {part}", (part, "value"), rows, right=("value",) if part == "figures" else ())
     if hasattr(module, "show"):
         module.show(result)
+    for problem in problems:
+        tell(f"PROBLEM: {problem}")
     return int(bool(problems))
