@@ -125,18 +125,3 @@ class AxisDrive:
         self._pid.effort[self._robots.slices[robot].start + test.axis] = 0.0
         if test.free:
             self._brakes.engage(robot)
-
-
-class NoAxisDrive:
-    """Of KINEMATIC robots: there is nothing to find out."""
-
-    def objection(self, robot: int, axis: int, current_a: float, rise_s: float, travel: float) -> str:
-        """Why not."""
-        return "it is KINEMATIC: it has no motors"
-
-    def begin(self, robot: int, axis: int, current_a: float, rise_s: float, travel: float, release: bool,
-              asker: Request, now_ns: int) -> None:
-        """Never called."""
-
-    def stop(self, robot: int, why: str) -> None:
-        """None runs."""

@@ -2,30 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from typing import Final
 
 import numpy as np
 
-from trocar.procs.io.arm_requests import ArmRequests, DesiredCommand
-from trocar.procs.io.brakes import Brakes
+from trocar.procs.io.arm_requests import DesiredCommand
 from trocar.procs.io.bus.port import PortError
-from trocar.procs.io.devices import (
-    AxisDriveDevice,
-    BiasDevice,
-    CartDevice,
-    DigitalOutputsDevice,
-    GainsDevice,
-    InstrumentsDevice,
-    PowerDevice,
-    SafetyDevice,
-    SetupBrakesDevice,
-)
-from trocar.procs.io.pid import Pid
-from trocar.procs.io.record import Flags, IoRecord
-from trocar.procs.io.reports import IoReports
-from trocar.procs.io.robots import Robots
-from trocar.procs.io.setpoint_tracker import SetpointTracker
+from trocar.procs.io.devices import BoardDevices, Devices
+from trocar.procs.io.digital_outputs import DigitalOutputs
+from trocar.procs.io.record import Flags
 from trocar.procs.node.fault_report import fault_of
 from trocar.procs.node.requests import CommandRefused, Request, switch
 from trocar.procs.tables import codes
@@ -37,6 +23,7 @@ ABOUT: Final = {"set_output": "output", "set_pwm": "output", "trigger_read": "in
 WITH_MORE: Final = ("set_gains",)  # whose text goes on after the name
 WHO: Final = "@"
 UNKNOWN: Final = "another program"  # a sender without a name
+EXACT: Final = "its positions are exact, and there are no encoders to set"
 MAX_SAMPLES: Final = 100_000
 MAX_POWERING: Final = 16  # requests of one robot that wait for power at the same time
 
@@ -44,18 +31,13 @@ MAX_POWERING: Final = 16  # requests of one robot that wait for power at the sam
 class IoCommands:
     """Carries out commands; power and bias answer again when they are finished."""
 
-    def __init__(self, robots: Robots, record: IoRecord, power: PowerDevice, bias: BiasDevice, follow: SetpointTracker,
-                 pid: Pid, safety: SafetyDevice, brakes: Brakes, outputs: DigitalOutputsDevice, gains: GainsDevice,
-                 instruments: InstrumentsDevice, axis_drive: AxisDriveDevice, cart: CartDevice,
-                 setup_brakes: SetupBrakesDevice, faults: Sequence[OwnCell], desired: ArmRequests,
-                 reports: IoReports) -> None:
-        """`faults` of every robot: what was asked of it before the last one is void. `desired`: what arms want."""
-        self._robots, self._record, self._power, self._bias = robots, record, power, bias
-        self._follow, self._pid, self._safety, self._brakes = follow, pid, safety, brakes
-        self._outputs, self._gains, self._instruments = outputs, gains, instruments
-        self._axis_drive, self._cart, self._setup_brakes, self._reports = axis_drive, cart, setup_brakes, reports
-        self._names = {"robot": robots.names, "output": outputs.names, "instrument reader": instruments.names}
-        self._faults, self._desired = faults, desired
+    def __init__(self, devices: Devices) -> None:
+        self._robots, self._record, self._reports = devices.robots, devices.record, devices.reports
+        self._follow, self._pid, self._power, self._brakes = devices.follow, devices.pid, devices.power, devices.brakes
+        self._faults, self._desired = devices.faults, devices.desired
+        self._boards = boards = devices.boards
+        self._names = {"robot": devices.robots.names, "output": boards.outputs.names if boards else (),
+                       "instrument reader": boards.instruments.names if boards else ()}
         self._powering: list[tuple[int, Request]] = []
         self._biasing: list[tuple[int, Flags, Request]] = []  # robot, what shows that it has been done
         self._now_ns = 0
@@ -92,9 +74,8 @@ class IoCommands:
                 raise CommandRefused(f"io has no command {command.name}; it has: {', '.join(self._table)}")
             place = self._place(command)
             row, values = command.command, command.values
-            if why := row.objection(values) or unauthorized(row, command.text, values, command.origin,
-                                                            self._cell_of(place, command)):
-                raise CommandRefused(why)
+            _refuse_if(row.objection(values) or unauthorized(row, command.text, values, command.origin,
+                                                             self._cell_of(place, command)))
             action(place, command)
         except (CommandRefused, PortError) as reason:
             command.refuse(str(reason))
@@ -146,33 +127,38 @@ class IoCommands:
             raise CommandRefused(f"no {kind} {name!r} here; there are: {', '.join(names) or 'none'}")
         return names.index(name)
 
+    def _on_boards(self, else_why: str) -> BoardDevices:
+        """What only robots on boards have; `else_why` KINEMATIC ones refuse it."""
+        if self._boards is None:
+            raise CommandRefused(f"it is KINEMATIC: {else_why}")
+        return self._boards
+
     def _set_output(self, output: int, command: Request) -> None:
-        self._need_free(output)
-        self._outputs.set(output, switch(command))
+        self._free_outputs(output).set(output, switch(command))
         command.done()
 
     def _set_pwm(self, output: int, command: Request) -> None:
-        self._need_free(output)
-        self._finish(command, self._outputs.set_pwm(output, float(command.values[0])))
+        _finish(command, self._free_outputs(output).set_pwm(output, float(command.values[0])))
 
-    def _need_free(self, output: int) -> None:
-        owner = self._outputs.owner(output)
+    def _free_outputs(self, output: int) -> DigitalOutputs:
+        """The outputs, where this one is not set by io itself."""
+        outputs = self._on_boards("there are no outputs").outputs
+        owner = outputs.owner(output)
         if owner and not self._robots.io.calibration_mode:
             raise CommandRefused(f"only io sets it: use {owner}, or start in calibration mode")
+        return outputs
 
     def _lift(self, robot: int, command: Request) -> None:
-        self._finish(command, self._cart.lift(robot, float(command.values[0]), self._now_ns))
+        cart = self._on_boards("it has no lift").cart
+        _finish(command, cart.lift(robot, float(command.values[0]), self._now_ns))
 
     def _setup_brake(self, robot: int, command: Request) -> None:
-        self._finish(command, self._setup_brakes.set(robot, switch(command), self._now_ns))
+        brakes = self._on_boards("it has no brakes").setup_brakes
+        _finish(command, brakes.set(robot, switch(command), self._now_ns))
 
     def _multiplexer(self, robot: int, command: Request) -> None:
-        self._finish(command, self._cart.multiplexer(robot, switch(command)))
-
-    def _finish(self, command: Request, reason: str) -> None:
-        if reason:
-            raise CommandRefused(reason)
-        command.done()
+        cart = self._on_boards("it has no multiplexer").cart
+        _finish(command, cart.multiplexer(robot, switch(command)))
 
     def _power_on(self, robot: int, command: Request) -> None:
         if sum(waiting == robot for waiting, _ in self._powering) >= MAX_POWERING:
@@ -184,10 +170,10 @@ class IoCommands:
         self._powering.append((robot, command))
 
     def _supply_on(self, robot: int, command: Request) -> None:
-        self._finish(command, self._power.supply(robot, self._now_ns, float(command.values[0])))
+        _finish(command, self._power.supply(robot, self._now_ns, float(command.values[0])))
 
     def _power_off(self, robot: int, command: Request) -> None:
-        self._axis_drive.stop(robot, "power was switched off")
+        self._stop_axis_drive(robot, "power was switched off")
         self._follow.enable(robot, False, self._now_ns)
         self._power.off(robot, bool(len(command.values) and command.values[0]))
         command.done()
@@ -200,25 +186,23 @@ class IoCommands:
         left_out = np.zeros(axes.stop - axes.start, dtype=bool)
         for value in command.values[1:]:
             left_out[self._axis(robot, float(value))] = True
-        reason = self._bias.objection(robot, int(samples), left_out)
-        if reason:
-            raise CommandRefused(reason)
+        bias = self._on_boards(EXACT).bias
+        _refuse_if(bias.objection(robot, int(samples), left_out))
         self._need_off(robot)
         self._need_rest(robot)
-        self._bias.begin(robot, int(samples), left_out)
+        bias.begin(robot, int(samples), left_out)
         command.accept()
         self._biasing.append((robot, self._record.biased[robot : robot + 1], command))
 
     def _set_encoder(self, robot: int, command: Request) -> None:
         axis, position = self._axis(robot, float(command.values[0])), float(command.values[1])
-        reason = self._bias.set_objection(robot, axis, position)
-        if reason:
-            raise CommandRefused(reason)
+        bias = self._on_boards(EXACT).bias
+        _refuse_if(bias.set_objection(robot, axis, position))
         place = self._robots.slices[robot].start + axis
         if not self._record.effort_mode[place]:  # nobody acts on its position then, and the others go on holding
             self._need_off(robot)
         self._need_rest(robot)
-        self._bias.set_one(robot, axis, position)
+        bias.set_one(robot, axis, position)
         command.accept()
         self._biasing.append((robot, self._record.encoder_set[place : place + 1], command))
 
@@ -246,9 +230,8 @@ class IoCommands:
         record = self._record
         axis = self._axis(robot, float(command.values[0]))
         current_a, rise_s, travel, release = (float(value) for value in command.values[1:])
-        reason = self._axis_drive.objection(robot, axis, current_a, rise_s, travel)
-        if reason:
-            raise CommandRefused(reason)
+        axis_drive = self._on_boards("it has no motors").axis_drive
+        _refuse_if(axis_drive.objection(robot, axis, current_a, rise_s, travel))
         self._need_off(robot)
         self._need_rest(robot)
         if not (record.powered[robot] and record.amps_on[robot]):
@@ -256,7 +239,11 @@ class IoCommands:
         if release:
             self._need_brakes(robot)
         command.accept()
-        self._axis_drive.begin(robot, axis, current_a, rise_s, travel, bool(release), command, self._now_ns)
+        axis_drive.begin(robot, axis, current_a, rise_s, travel, bool(release), command, self._now_ns)
+
+    def _stop_axis_drive(self, robot: int, why: str) -> None:
+        if self._boards is not None:
+            self._boards.axis_drive.stop(robot, why)
 
     def _brake_release(self, robot: int, command: Request) -> None:
         self._need_brakes(robot)
@@ -270,7 +257,7 @@ class IoCommands:
 
     def _brake_engage(self, robot: int, command: Request) -> None:
         self._need_brakes(robot)
-        self._axis_drive.stop(robot, "the brakes were engaged")
+        self._stop_axis_drive(robot, "the brakes were engaged")
         self._brakes.engage(robot)
         command.done()
 
@@ -279,7 +266,7 @@ class IoCommands:
             raise CommandRefused("it has no brakes")
 
     def _pid_enable(self, robot: int, command: Request) -> None:
-        record, on = self._record, switch(command)
+        record, on, boards = self._record, switch(command), self._boards
         if on and not record.pid_enabled[robot]:
             if not self._follow.controlled(robot):
                 raise CommandRefused("it has no joint controller")
@@ -296,16 +283,17 @@ class IoCommands:
                 raise CommandRefused(self._why(robot, "a fault is latched"))
             if not record.robot_valid[robot]:
                 raise CommandRefused("there is no good sample of its controllers")
-            if why := self._gains.objection(robot):
-                raise CommandRefused(why)
+            if boards is not None:
+                _refuse_if(boards.gains.objection(robot))
             self._follow.enable(robot, True, self._now_ns)
-            self._gains.switched_on(robot)
+            if boards is not None:
+                boards.gains.switched_on(robot)
         elif not on and record.pid_enabled[robot]:
             self._let_off(robot)
         command.done()
 
     def _servo_zero(self, robot: int, command: Request) -> None:
-        self._axis_drive.stop(robot, "servo_zero")
+        self._stop_axis_drive(robot, "servo_zero")
         self._let_off(robot)
         command.done()
 
@@ -316,7 +304,7 @@ class IoCommands:
 
     def _enforce_limits(self, robot: int, command: Request) -> None:
         self._need_agreement(robot, command)
-        self._finish(command, self._follow.enforce_limits(robot, switch(command)))
+        _finish(command, self._follow.enforce_limits(robot, switch(command)))
 
     def _tracking_check(self, robot: int, command: Request) -> None:
         self._need_agreement(robot, command)
@@ -329,7 +317,8 @@ class IoCommands:
         self._need_agreement(robot, command)
         calibrating = on and self._robots.io.calibration_mode
         self._record.pot_check[robot] = on and not calibrating
-        self._safety.forget_pots(self._robots.slices[robot])
+        if self._boards is not None:
+            self._boards.safety.forget_pots(self._robots.slices[robot])
         self._power.changed = True
         command.done(codes.CALIBRATION_MODE.cause if calibrating else "")
 
@@ -355,16 +344,23 @@ class IoCommands:
         who = [word[1:] for word in words if word.startswith(WHO)]
         keys = [word for word in words if not word.startswith(WHO)]
         values = [float(value) for value in command.values]
-        reason = self._gains.change(robot, int(values[0]), keys, values[1:], who[0] if who else "somebody")
-        if reason:
-            raise CommandRefused(reason)
-        command.done(self._gains.objection(robot))
+        gains = self._on_boards("it is where its setpoints are, and no gain would change that").gains
+        _refuse_if(gains.change(robot, int(values[0]), keys, values[1:], who[0] if who else "somebody"))
+        command.done(gains.objection(robot))
 
     def _trigger_read(self, reader: int, command: Request) -> None:
-        reason = self._instruments.begin(reader, command, self._now_ns)
-        if reason:
-            raise CommandRefused(reason)
+        _refuse_if(self._on_boards("there are no readers").instruments.begin(reader, command, self._now_ns))
 
     def _clear_fault(self, robot: int, command: Request) -> None:
         self._record.fault[robot] = 0
         command.done()
+
+
+def _refuse_if(reason: str) -> None:
+    if reason:
+        raise CommandRefused(reason)
+
+
+def _finish(command: Request, reason: str) -> None:
+    _refuse_if(reason)
+    command.done()

@@ -23,6 +23,7 @@ from trocar.procs.io.bus.port import ExchangeSettings, Port
 from trocar.procs.io.buttons import Buttons
 from trocar.procs.io.cart_outputs import CartOutputs
 from trocar.procs.io.commands import IoCommands
+from trocar.procs.io.devices import BoardDevices, Devices
 from trocar.procs.io.digital_outputs import DigitalOutputs
 from trocar.procs.io.fault_handler import FaultHandler
 from trocar.procs.io.gains import JointGains, configured_gains
@@ -108,13 +109,12 @@ class RobotIo:
         self.buttons = Buttons(robots, port, record, self.reports)
         self._axis_drive = AxisDrive(robots, samples, record, self.pid, self._brakes)
         cells = cells or [NoFaults() for _ in robots.names]
-        self.desired = desired = ArmRequests(robots, record, self.follow, report)
-        self._commands = IoCommands(robots, record, self.power, self._bias, self.follow, self.pid, self.safety,
-                                    self._brakes, self.digital_outputs, self.gains, self.instruments, self._axis_drive,
-                                    self._cart, self._setup_brakes, cells, desired, self.reports)
+        self.desired = ArmRequests(robots, record, self.follow, report)
+        devices = Devices(robots, record, self.reports, self.follow, self.pid, self.power, self._brakes, self.desired,
+                          cells, BoardDevices(self._bias, self.safety, self.digital_outputs, self.gains,
+                                              self.instruments, self._axis_drive, self._cart, self._setup_brakes))
+        self._commands, self._fault_handler = IoCommands(devices), FaultHandler(devices)
         self.stages = stages(self)
-        self._fault_handler = FaultHandler(robots, record, self.reports, self.follow, self.power, self._bias,
-                                           self._brakes, cells, desired)
         self._oldest_ns = round(io.watchdog_s * 1e9) or DEFAULT_AGE_NS
         self._good_ns = now_ns()
         self.stamp_ns = self._good_ns

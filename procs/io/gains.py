@@ -7,11 +7,10 @@ from typing import Final
 
 from trocar.procs.document.gains import GAINS, changed, leap, value_of
 from trocar.procs.document.system import IoConfig, PidAxis
-from trocar.procs.io.devices import MeasuredDevice
 from trocar.procs.io.pid import Pid
-from trocar.procs.io.record import Field, private
+from trocar.procs.io.record import Field, IoRecord, private
 from trocar.procs.io.reports import IoReports
-from trocar.procs.io.robots import Robots
+from trocar.procs.io.robots import Robots, Samples
 from trocar.shm.topics import IO_GAINS
 
 ALL: Final = -1  # in place of an axis
@@ -20,7 +19,7 @@ ALL: Final = -1  # in place of an axis
 class JointGains:
     """The gains of all axes; `record` is what everybody sees."""
 
-    def __init__(self, robots: Robots, samples: MeasuredDevice, pid: Pid, reports: IoReports,
+    def __init__(self, robots: Robots, samples: Samples | IoRecord, pid: Pid, reports: IoReports,
                  field: Field | None = None) -> None:
         """Shows what the files say. `field` gives the arrays of the record by name; None: nobody looks."""
         self._robots, self._samples, self._pid, self._reports = robots, samples, pid, reports

@@ -19,12 +19,13 @@ import numpy as np
 
 from trocar.procs.document.system import IoConfig
 from trocar.procs.io.arm_requests import ArmRequests, DesiredCommand
-from trocar.procs.io.axis_drive import NoAxisDrive
 from trocar.procs.io.brakes import Brakes
 from trocar.procs.io.commands import IoCommands
+from trocar.procs.io.devices import Devices
 from trocar.procs.io.fault_handler import FaultHandler
 from trocar.procs.io.gains import JointGains, configured_gains
 from trocar.procs.io.pid import Pid
+from trocar.procs.io.power import KinematicPower
 from trocar.procs.io.record import Field, Flags, Floats, IoRecord
 from trocar.procs.io.reports import IoReports
 from trocar.procs.io.robots import Robots
@@ -34,136 +35,6 @@ from trocar.procs.node.requests import Request
 from trocar.shm.mailbox.generations import NoFaults, OwnCell
 
 MOVING_NS: Final = 20_000_000  # without a newer setpoint for this long, nothing moves
-
-
-class KinematicPower:
-    """Power of robots that need none: a flag, and the joint controller with it."""
-
-    def __init__(self, robots: Robots, record: IoRecord, reports: IoReports, follow: SetpointTracker, pid: Pid) -> None:
-        self._robots, self._record, self._reports = robots, record, reports
-        self._follow, self._pid = follow, pid
-        self.changed = False
-        self.reached = record.amps_on
-
-    def on(self, robot: int, now_ns: int) -> None:
-        """On at once, held at position 0."""
-        record, axes = self._record, self._robots.slices[robot]
-        if record.power_requested[robot]:
-            return
-        self._show(robot, True)
-        record.position[axes] = 0.0
-        record.tracking_check[robot] = False
-        self._pid.check_tracking(axes, False)
-        self._follow.enable(robot, True, now_ns)
-        self._reports.status("power on (KINEMATIC)", self._robots.names[robot])
-
-    def supply(self, robot: int, now_ns: int, for_s: float) -> str:
-        """Why not."""
-        return "it is KINEMATIC: it has no supply"
-
-    def off(self, robot: int, open_relays: bool = False) -> None:
-        """Off at once; there are no relays."""
-        if self._record.power_requested[robot]:
-            self._reports.status("power off", self._robots.names[robot])
-        self._show(robot, False)
-
-    def _show(self, robot: int, on: bool) -> None:
-        record = self._record
-        record.power_requested[robot] = record.powered[robot] = record.amps_on[robot] = on
-
-
-class ExactPositions:
-    """In the place of the encoder bias: nothing is measured, so nothing is to be set right."""
-
-    def objection(self, robot: int, samples: int, left_out: Flags) -> str:
-        """Why not."""
-        return "it is KINEMATIC: its positions are exact, and there are no encoders to set"
-
-    def begin(self, robot: int, samples: int, left_out: Flags) -> None:
-        """Never called."""
-
-    def set_objection(self, robot: int, axis: int, position: float) -> str:
-        """Why not."""
-        return self.objection(robot, 0, np.zeros(0, dtype=bool))
-
-    def set_one(self, robot: int, axis: int, position: float) -> None:
-        """Never called."""
-
-    def stop(self, robot: int) -> None:
-        """Nothing is under way."""
-
-
-class NoChecks:
-    """In the place of the checks of what boards measure."""
-
-    def forget_pots(self, axes: slice) -> None:
-        """There are none."""
-
-
-class NoGains:
-    """In the place of gains that can be changed: they all are 0, and stay so."""
-
-    def change(self, robot: int, axis: int, keys: Sequence[str], values: Sequence[float], who: str) -> str:
-        """Why not."""
-        return "it is KINEMATIC: it is where its setpoints are, and no gain would change that"
-
-    def objection(self, robot: int) -> str:
-        """There is none."""
-        return ""
-
-    def switched_on(self, robot: int) -> None:
-        """They are the same as ever."""
-
-
-class NoReaders:
-    """In the place of the readers of instruments: nobody can ask for one that has no name."""
-
-    names: tuple[str, ...] = ()
-
-    def begin(self, reader: int, asker: Request, now_ns: int) -> str:
-        """Never called."""
-        return "there are no readers"
-
-
-class NoOutputs:
-    """In the place of pins, in the same way."""
-
-    names: tuple[str, ...] = ()
-
-    def owner(self, place: int) -> str:
-        """Never called."""
-        return ""
-
-    def set(self, place: int, high: bool) -> None:
-        """Never called."""
-
-    def set_pwm(self, place: int, duty: float) -> str:
-        """Never called."""
-        return "there are no outputs"
-
-
-class NoCart:
-    """In the place of the interface board of a patient cart, and of brakes of setup joints."""
-
-    def lift(self, robot: int, velocity: float, now_ns: int) -> str:
-        """Why not."""
-        return "it is KINEMATIC: it has no lift"
-
-    def multiplexer(self, robot: int, on: bool) -> str:
-        """Why not."""
-        return "it is KINEMATIC: it has no multiplexer"
-
-    def set(self, robot: int, on: bool, now_ns: int) -> str:
-        """Why not."""
-        return "it is KINEMATIC: it has no brakes"
-
-
-class Here:
-    """Where the actuators are and how fast: in the record itself."""
-
-    def __init__(self, record: IoRecord) -> None:
-        self.position: Floats = record.position
-        self.velocity: Floats = record.velocity
 
 
 class KinematicIo:
@@ -184,22 +55,17 @@ class KinematicIo:
         record.restart()
         record.position[...] = before
         _show_what_is_not_there(record)
-        here = Here(record)
         self.pid = Pid(configured_gains(io, robots), robots.maximum_effort, io.period_s, arrays=(
             record.setpoint_position, record.setpoint_velocity, record.setpoint_effort, record.position_error,
             record.disturbance, record.effort_mode))
-        self.gains = JointGains(robots, here, self.pid, self.reports, gains)
-        self.follow = SetpointTracker(io, robots, here, self.pid, record, self.reports, sources)
-        power, bias, brakes = (KinematicPower(robots, record, self.reports, self.follow, self.pid), ExactPositions(),
-                               Brakes(robots, record))
-        self._power, cells = power, cells or [NoFaults() for _ in robots.names]
-        self.desired = desired = ArmRequests(robots, record, self.follow, report)
-        self._track, cart = track(self), NoCart()
-        self._commands = IoCommands(robots, record, power, bias, self.follow, self.pid, NoChecks(), brakes,
-                                    NoOutputs(), NoGains(), NoReaders(), NoAxisDrive(), cart, cart, cells, desired,
-                                    self.reports)
-        self._fault_handler = FaultHandler(robots, record, self.reports, self.follow, power, bias, brakes, cells,
-                                           desired)
+        self.gains = JointGains(robots, record, self.pid, self.reports, gains)
+        self.follow = SetpointTracker(io, robots, record, self.pid, record, self.reports, sources)
+        self._power = KinematicPower(robots, record, self.reports, self.follow, self.pid)
+        self.desired = ArmRequests(robots, record, self.follow, report)
+        self._track = track(self)
+        devices = Devices(robots, record, self.reports, self.follow, self.pid, self._power, Brakes(robots, record),
+                          self.desired, cells or [NoFaults() for _ in robots.names])
+        self._commands, self._fault_handler = IoCommands(devices), FaultHandler(devices)
         places = {follower.robot: follower.place for follower in self.follow.followers}
         self._followed = [(place, robot, robots.slices[robot]) for robot, place in sorted(places.items())]
         self._stamps_ns, self._moves = [0] * len(robots.names), [False] * len(robots.names)

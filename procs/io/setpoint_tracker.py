@@ -19,11 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.procs.document.system import IoConfig
-from trocar.procs.io.devices import MeasuredDevice
 from trocar.procs.io.pid import Pid
 from trocar.procs.io.record import Field, Flags, Floats, IoRecord
 from trocar.procs.io.reports import IoReports, also
-from trocar.procs.io.robots import Robots
+from trocar.procs.io.robots import Robots, Samples
 from trocar.procs.io.setpoint_rings import rings_of
 from trocar.procs.tables import codes
 from trocar.procs.tables.desired_state import DESIRED_STATES
@@ -88,7 +87,7 @@ class TrackedRobot:
 class SetpointTracker:
     """Feeds the joint controller from the arms' rings."""
 
-    def __init__(self, io: IoConfig, robots: Robots, samples: MeasuredDevice, pid: Pid, record: IoRecord,
+    def __init__(self, io: IoConfig, robots: Robots, samples: Samples | IoRecord, pid: Pid, record: IoRecord,
                  reports: IoReports,
                  sources: Sequence[SetpointSource]) -> None:
         """`sources` in the order of `io.pids`."""
