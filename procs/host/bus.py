@@ -9,31 +9,24 @@ from typing import Final
 from trocar.procs.boards.controllers.bus import GROUP
 from trocar.procs.boards.emulation import Emulation
 from trocar.procs.fpga import registers, wire
+from trocar.procs.io.bus.transport import Transport
 from trocar.procs.io.bus.udp import OWN_ADDRESS, address_of
 
 NODES: Final = 16
 TCODE_AT: Final = 5  # byte of a request with what is asked, in its upper half
 
 
-class DirectTransport:
-    """A `Transport` (procs/io/bus/transport.py): a request has been answered when `send` returns."""
-
-    on_firewire = False
-    pause_ms = 0
-    most_read = most_write = wire.MAX_DATA
-    stranger = ""
-    fd = -1
+class DirectTransport(Transport):
+    """A request has been answered when `send` returns."""
 
     def __init__(self, world: Emulation, bus: int, address: str, now_ns: Callable[[], int]) -> None:
         """To bus number `bus` of the emulated ones, whose address would be this one."""
         self._world, self._bus, self._address, self._now_ns = world, bus, address, now_ns
         self.where = f"bus {bus} of this process"
-        self.gives_address: int | None = registers.ip_quadlet(address)
+        self.gives_address = registers.ip_quadlet(address)
         self._replies: deque[bytes] = deque()
         self._by_board = False
-        self.send: Callable[[wire.Buffer], object] = self._send
-        self.poll: Callable[[int], object] = self._poll
-        self.recv_into: Callable[[memoryview], int] = self._receive
+        self.send, self.poll, self.recv_into = self._send, self._poll, self._receive
 
     def open(self) -> None:
         """See Transport."""

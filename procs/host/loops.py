@@ -9,7 +9,7 @@ from trocar.procs.boards.loop import BoardsLoop
 from trocar.procs.console.loop import ConsoleLoop
 from trocar.procs.document.system import IoConfig
 from trocar.procs.focus.loop import FocusLoop
-from trocar.procs.fpga.ports import PortName
+from trocar.procs.fpga.port_name import PortName
 from trocar.procs.host.bus import DirectTransport
 from trocar.procs.host.node import HostedNode
 from trocar.procs.io.bus.bus_port import BusPort

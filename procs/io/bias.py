@@ -17,7 +17,8 @@ from typing import Final
 import numpy as np
 
 from trocar.procs.fpga import conversion, registers
-from trocar.procs.io.bus.port import Port, PortError
+from trocar.procs.io.bus.bus_port import BusPort
+from trocar.procs.io.bus.transport import PortError
 from trocar.procs.io.record import Flags, Floats, IoRecord
 from trocar.procs.io.reports import IoReports
 from trocar.procs.io.robots import Robots, Samples
@@ -49,7 +50,7 @@ class EncoderSetting:
 class Bias:
     """Biases of all robots; the record's `encoder_set` tells which encoders kept a preload from before."""
 
-    def __init__(self, robots: Robots, port: Port, samples: Samples, record: IoRecord, reports: IoReports,
+    def __init__(self, robots: Robots, port: BusPort, samples: Samples, record: IoRecord, reports: IoReports,
                  encoders_set: Callable[[int, Flags], None]) -> None:
         """`encoders_set` is called with every sample in which encoders of a robot may come to read something else."""
         self._robots, self._port, self._samples, self._record = robots, port, samples, record

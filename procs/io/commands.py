@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from trocar.procs.io.arm_requests import DesiredCommand
-from trocar.procs.io.bus.port import PortError
+from trocar.procs.io.bus.transport import PortError
 from trocar.procs.io.devices import BoardDevices, Devices
 from trocar.procs.io.digital_outputs import DigitalOutputs
 from trocar.procs.io.record import Flags

@@ -19,7 +19,8 @@ from trocar.procs.io.arm_requests import ArmRequests, DesiredCommand
 from trocar.procs.io.axis_drive import AxisDrive
 from trocar.procs.io.bias import Bias
 from trocar.procs.io.brakes import Brakes
-from trocar.procs.io.bus.port import ExchangeSettings, Port
+from trocar.procs.io.bus.bus_port import BusPort
+from trocar.procs.io.bus.exchange import ExchangeSettings
 from trocar.procs.io.buttons import Buttons
 from trocar.procs.io.cart_outputs import CartOutputs
 from trocar.procs.io.commands import IoCommands
@@ -70,7 +71,7 @@ def _news(stage: Callable[[], int], place: int, done: int) -> bool:
 class RobotIo:
     """Everything io does but talk to shared memory. `reports.events` is the caller's to empty after each cycle."""
 
-    def __init__(self, io: IoConfig, port: Port, now_ns: Callable[[], int], record: IoRecord,
+    def __init__(self, io: IoConfig, port: BusPort, now_ns: Callable[[], int], record: IoRecord,
                  sources: Sequence[SetpointSource], preset: Flags | None = None, *,
                  gains: Field | None = None, instruments: Field | None = None,
                  cells: Sequence[OwnCell] = (), is_over: Callable[[], bool] = bool,

@@ -9,9 +9,8 @@ from typing import Final
 import numpy as np
 
 from trocar.procs.document.system import IoConfig
-from trocar.procs.io.bus import owner
 from trocar.procs.io.bus.bus_port import BusPort
-from trocar.procs.io.bus.ports import port_of
+from trocar.procs.io.bus.named_port import hold, port_of
 from trocar.procs.io.cycle import RobotIo
 from trocar.procs.io.kinematic import KinematicIo
 from trocar.procs.io.record import IoRecord
@@ -90,7 +89,7 @@ class IoLoop(runtime.Loop):
         port = port_of(io.port, robots.board_ids, node.clock.now_ns, io.protocol, real_time=not node.clock.simulated,
                        first_control=POWER_OFF, spin_ns=node.clock.spin_ns,
                        query_wait_ns=round(io.query_wait_us * 1e3) or None)
-        self._held.enter_context(owner.hold(io.port))
+        self._held.enter_context(hold(io.port))
         self._held.callback(port.close)
         return port
 

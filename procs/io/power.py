@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from trocar.procs.fpga import blocks, registers
 from trocar.procs.io.brakes import Brakes
-from trocar.procs.io.bus.port import Port
+from trocar.procs.io.bus.bus_port import BusPort
 from trocar.procs.io.outputs import Outputs
 from trocar.procs.io.pid import Pid
 from trocar.procs.io.record import Flags, Floats, IoRecord
@@ -59,7 +59,7 @@ class Supply:
 class Power:
     """Power state machines of all robots; works only when a status changed or a time ran out."""
 
-    def __init__(self, robots: Robots, port: Port, record: IoRecord, outputs: Outputs, reports: IoReports,
+    def __init__(self, robots: Robots, port: BusPort, record: IoRecord, outputs: Outputs, reports: IoReports,
                  samples: Samples, brakes: Brakes) -> None:
         """Looks at the status words that the port leaves in its `blocks`; its boards are discovered."""
         self._brakes = brakes

@@ -17,7 +17,7 @@ from trocar.procs.document.system import Actuator, Brake, Encoder, IoConfig, Lin
 from trocar.procs.fpga import blocks, conversion, lookup, registers
 from trocar.procs.fpga.blocks import Columns
 from trocar.procs.fpga.velocity import FirmwareVelocity, SoftwareVelocity
-from trocar.procs.io.bus.port import Port
+from trocar.procs.io.bus.bus_port import BusPort
 from trocar.procs.io.record import Flags, Floats, IoRecord
 from trocar.procs.node.fault_report import axis_titles
 
@@ -148,7 +148,7 @@ class Pots:
 class Samples:
     """The newest good sample, decoded. `values` (ROWS, n) keeps its memory; the named rows are views on it."""
 
-    def __init__(self, robots: Robots, port: Port, record: IoRecord) -> None:
+    def __init__(self, robots: Robots, port: BusPort, record: IoRecord) -> None:
         """Decodes what the port leaves in its `blocks`; its boards are discovered."""
         n, hardware = robots.axes, np.array(port.hardware)[robots.board_row]
         self._robots, self._record, self._flat = robots, record, port.blocks.reshape(-1)

@@ -15,7 +15,9 @@ import numpy as np
 
 from trocar.procs.document.system import Actuator, Brake
 from trocar.procs.fpga import blocks, registers
-from trocar.procs.io.bus.port import ALL_BOARDS, BoardInfo, Port, PortError
+from trocar.procs.io.bus.bus_port import ALL_BOARDS, BusPort
+from trocar.procs.io.bus.discovery import BoardInfo
+from trocar.procs.io.bus.transport import PortError
 from trocar.procs.io.digital_outputs import DigitalOutputs
 from trocar.procs.io.record import Flags
 from trocar.procs.io.robots import Robots
@@ -27,7 +29,7 @@ FLASH_PAUSE_S: Final = 0.01  # for the arm to answer a command to its memory
 FLASH_WORDS: Final = 16
 
 
-def prepare(robots: Robots, port: Port) -> Flags:
+def prepare(robots: Robots, port: BusPort) -> Flags:
     """Open the port and make every board safe; returns of every actuator whether its encoder is preset.
 
     PortError names the board that is missing, of the wrong hardware or of an unknown firmware.
@@ -41,7 +43,7 @@ def prepare(robots: Robots, port: Port) -> Flags:
     return _preset(robots, port)
 
 
-def restore(robots: Robots, port: Port, outputs: DigitalOutputs, rows: Flags) -> Flags:
+def restore(robots: Robots, port: BusPort, outputs: DigitalOutputs, rows: Flags) -> Flags:
     """Give boards (by row) that return what they had; which encoders (axes,) on them are not set any more.
 
     Boards are asked as between two cycles. One that does not answer counts as after power-up.
@@ -59,7 +61,7 @@ def restore(robots: Robots, port: Port, outputs: DigitalOutputs, rows: Flags) ->
     return lost
 
 
-def _set_watchdog(port: Port, board: int, counts: int) -> None:
+def _set_watchdog(port: BusPort, board: int, counts: int) -> None:
     """Write the watchdog period of a board until it is read back."""
     for _ in range(WATCHDOG_WRITES):
         port.write_quadlet(board, registers.WATCHDOG, counts)
@@ -101,7 +103,7 @@ def check(robots: Robots, boards: tuple[BoardInfo, ...]) -> None:
                                 robot.source or robot.name, f"it has axes 0 to {axes - 1}")
 
 
-def _prepare_si(robots: Robots, port: Port, robot: int) -> None:
+def _prepare_si(robots: Robots, port: BusPort, robot: int) -> None:
     """It is the arm that the file is about, and its encoders are preloaded (to 0 where nobody has yet)."""
     keys, axes = robots.io.robots[robot], robots.slices[robot]
     rows = [row for row in np.flatnonzero(robots.on_board[robot]).tolist() if port.hardware[row] == "dRA1"]
@@ -117,7 +119,7 @@ def _prepare_si(robots: Robots, port: Port, robot: int) -> None:
                     port.write_quadlet(board, _preload_register(robots, axis), registers.ENCODER_MIDRANGE)
 
 
-def arm_serial(port: Port, board: int) -> str:
+def arm_serial(port: BusPort, board: int) -> str:
     """What the memory of an Si arm says it is, e.g. p123456.cal; empty where it says nothing.
 
     The memory is read word by word: the address is given twice, the second time with the read enabled.
@@ -134,7 +136,7 @@ def arm_serial(port: Port, board: int) -> str:
     return bytes(data).split(b"\0")[0].decode("ascii", "replace")
 
 
-def _preset(robots: Robots, port: Port) -> Flags:
+def _preset(robots: Robots, port: BusPort) -> Flags:
     """Encoders (axes,) that were set by somebody."""
     preset = robots.has_encoder.copy()
     for axis in np.flatnonzero(robots.has_encoder).tolist():

@@ -18,7 +18,7 @@ from trocar.procs.boards.endpoints import ANY, Endpoints
 from trocar.procs.document import system as document
 from trocar.procs.document.system import Controller
 from trocar.procs.fpga import wire
-from trocar.procs.fpga.ports import DEFAULT_ADDRESS
+from trocar.procs.fpga.port_name import DEFAULT_ADDRESS
 from trocar.procs.io.bus.udp import address_of
 
 TICKS_PER_NS = 49.152e-3

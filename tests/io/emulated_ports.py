@@ -19,8 +19,8 @@ from trocar.procs.document import system as document
 from trocar.procs.document.system import Controller
 from trocar.procs.fpga import wire
 from trocar.procs.io.bus.bus_port import BusPort
-from trocar.procs.io.bus.port import BROADCAST_QUERY
-from trocar.procs.io.bus.ports import named, transport_of
+from trocar.procs.io.bus.named_port import named, transport_of
+from trocar.procs.io.bus.protocols import BROADCAST_QUERY
 from trocar.procs.io.bus.transport import Transport
 
 ROOT = Path(__file__).resolve().parents[2]

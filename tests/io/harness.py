@@ -22,7 +22,8 @@ from trocar.procs.document.system import (
     Tolerance,
 )
 from trocar.procs.fpga import blocks, registers
-from trocar.procs.io.bus.port import BoardInfo, Counters
+from trocar.procs.io.bus.discovery import BoardInfo
+from trocar.procs.io.bus.link import Counters
 from trocar.procs.io.cycle import RobotIo
 from trocar.procs.io.record import IoRecord, private
 from trocar.procs.io.setpoint_tracker import DesiredFields, SetpointSource

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 from tests.fpga import board_side
 from trocar.procs.fpga import blocks, registers, wire
 from trocar.procs.io.bus.bus_port import BusPort
-from trocar.procs.io.bus.port import BROADCAST_QUERY
-from trocar.procs.io.bus.ports import named
+from trocar.procs.io.bus.named_port import named
+from trocar.procs.io.bus.protocols import BROADCAST_QUERY
 from trocar.procs.io.bus.udp import UdpTransport
 
 _COUNTER = iter(range(1, 1 << 16))

@@ -12,7 +12,8 @@ from tests.io.controllers_bus import ControllersBus, controller
 from tests.io.stub_bus import StubBoard, StubBus, udp_port_to
 from trocar.procs.fpga import blocks, registers
 from trocar.procs.io.bus import discovery
-from trocar.procs.io.bus.port import BROADCAST_QUERY, PROTOCOLS, SEQUENTIAL, PortError
+from trocar.procs.io.bus.protocols import BROADCAST_QUERY, PROTOCOLS, SEQUENTIAL
+from trocar.procs.io.bus.transport import PortError
 
 MIXED = "all together"
 BUSES = {

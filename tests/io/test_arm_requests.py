@@ -105,7 +105,7 @@ def test_a_desired_state_in_the_cycle_of_a_fault_is_void() -> None:
 
 def test_a_desired_state_older_than_the_last_fault_counts_for_nothing() -> None:
     harness, cell = held(IoHarness()), FakeCell()
-    harness.core._commands._faults = harness.core._fault_handler._cells = [cell]
+    harness.core._commands._faults[:] = [cell]
     harness.core.reports.trip(codes.POWER_LOST, 0)
     harness.run(1)
     assert cell.valid_from == 1
@@ -169,7 +169,7 @@ def test_a_check_that_no_arm_needs_is_taken_away_by_an_operator_alone_who_is_nam
     harness.run(1, nobody)
     assert nobody.answers == [("refused", UNAUTHORIZED)]
     for cell, outcome in ((FakeCell(), "done"), (FakeCell(valid_from=1), "refused")):
-        harness.core._commands._faults = [cell]
+        harness.core._commands._faults[:] = [cell]
         harness.ask(name, 1)
         off = FakeCommand(name, "PSM1", 0.0, origin=Origin(5, 0, "tune.py"))
         harness.run(1, off)
@@ -203,7 +203,7 @@ def test_a_persons_command_wins_over_a_desired_state_of_the_same_cycle() -> None
 def test_a_desired_state_that_came_of_an_older_command_than_a_persons_power_off_gives_no_power() -> None:
     """An arm held up between what it decided and what it published: its desired state comes after the power-off."""
     harness, cell = held(IoHarness()), FakeCell()
-    harness.core._commands._faults = harness.core._fault_handler._cells = [cell]
+    harness.core._commands._faults[:] = [cell]
     assert harness.ask("power_off").outcome == "done"
     harness.arms[0].want(OLD, power=ON)
     harness.run(10)

@@ -10,7 +10,7 @@ from tests.guarded import FakeCell
 from tests.io.harness import PERIOD_NS, FakeCommand, IoHarness
 from trocar.procs.document.system import DigitalOutput
 from trocar.procs.fpga import registers
-from trocar.procs.io.bus.port import PortError
+from trocar.procs.io.bus.transport import PortError
 from trocar.procs.tables import codes
 from trocar.shm.mailbox.origins import NOBODY, Origin
 
@@ -69,7 +69,7 @@ def test_nobody_has_to_be_asked_to_stop_it_but_somebody_to_move_it(harness: IoHa
 
 def test_after_a_fault_what_was_asked_for_before_does_not_move_it(harness: IoHarness) -> None:
     cell = FakeCell()
-    harness.core._commands._faults = harness.core._fault_handler._cells = [cell]
+    harness.core._commands._faults[:] = [cell]
     assert lift(harness, 1.0, Origin(77, 0, "SUJ")).outcome == "done" and not is_off(harness)
     harness.core.reports.trip(codes.TRACKING, 0)
     harness.run(3)

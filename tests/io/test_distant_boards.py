@@ -15,8 +15,8 @@ import pytest
 from tests.io.emulated_ports import ROOT, in_namespace
 from trocar.procs.fpga import blocks, registers
 from trocar.procs.io.bus import discovery, link
-from trocar.procs.io.bus.port import PROTOCOLS
-from trocar.procs.io.bus.ports import port_of
+from trocar.procs.io.bus.named_port import port_of
+from trocar.procs.io.bus.protocols import PROTOCOLS
 
 pytestmark = pytest.mark.skipif(not in_namespace(), reason="runs in the namespace of the conformance test")
 

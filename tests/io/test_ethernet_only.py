@@ -11,7 +11,8 @@ from trocar.procs.boards.controllers.bus import EmulatedBus
 from trocar.procs.document.system import Controller
 from trocar.procs.fpga import blocks, registers, wire
 from trocar.procs.io.bus.bus_port import BusPort
-from trocar.procs.io.bus.port import BROADCAST_QUERY, SEQUENTIAL, SEQUENTIAL_BROADCAST, PortError
+from trocar.procs.io.bus.protocols import BROADCAST_QUERY, SEQUENTIAL, SEQUENTIAL_BROADCAST
+from trocar.procs.io.bus.transport import PortError
 from trocar.procs.io.bus.udp import address_of
 
 

@@ -8,8 +8,10 @@ import pytest
 
 from tests.io.fake_firewire import CARD, DISK, OTHER_CARD, FakeFirewire
 from trocar.procs.fpga import registers, wire
+from trocar.procs.io.bus.bus_port import ALL_BOARDS
 from trocar.procs.io.bus.firewire import FirewireTransport
-from trocar.procs.io.bus.port import ALL_BOARDS, SEQUENTIAL, PortError
+from trocar.procs.io.bus.protocols import SEQUENTIAL
+from trocar.procs.io.bus.transport import PortError
 
 
 def eventually_reads(port, tries=50):

@@ -4,7 +4,7 @@ import pytest
 from tests.io.harness import FakePort, IoHarness, document, robot, with_actuators
 from trocar.procs.document.system import Linear, Potentiometer
 from trocar.procs.fpga import blocks, registers
-from trocar.procs.io.bus.port import PortError
+from trocar.procs.io.bus.transport import PortError
 from trocar.procs.io.robots import Robots
 from trocar.procs.io.start import prepare
 

@@ -19,7 +19,7 @@ from trocar.procs.config import load_system
 from trocar.procs.document.system import InstrumentReader
 from trocar.procs.fpga import instrument, registers
 from trocar.procs.fpga.instrument import CHUNK_BYTES, RECORD_AT, Instrument, instrument_of
-from trocar.procs.io.bus.port import PortError
+from trocar.procs.io.bus.transport import PortError
 from trocar.procs.io.instruments import MAX_NS, InstrumentReaders
 from trocar.procs.io.reports import IoReports
 from trocar.procs.io.robots import Robots

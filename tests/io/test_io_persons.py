@@ -10,7 +10,7 @@ from trocar.shm.mailbox.origins import Origin
 
 def harness() -> tuple[IoHarness, FakeCell]:
     made, cell = IoHarness(), FakeCell()
-    made.core._commands._faults = made.core._fault_handler._cells = [cell]
+    made.core._commands._faults[:] = [cell]
     return made, cell
 
 

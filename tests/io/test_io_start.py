@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tests.io.harness import FakePort, actuator, document, robot
-from trocar.procs.io.bus.port import PortError
+from trocar.procs.io.bus.transport import PortError
 from trocar.procs.io.robots import Robots
 from trocar.procs.io.start import check
 

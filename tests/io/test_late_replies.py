@@ -22,7 +22,7 @@ from trocar.procs.document.system import Controller
 from trocar.procs.fpga import blocks, registers, wire
 from trocar.procs.io.bus import discovery
 from trocar.procs.io.bus.bus_port import BusPort
-from trocar.procs.io.bus.port import BROADCAST_QUERY, SEQUENTIAL, SEQUENTIAL_BROADCAST
+from trocar.procs.io.bus.protocols import BROADCAST_QUERY, SEQUENTIAL, SEQUENTIAL_BROADCAST
 
 PERIOD_NS = 666_667
 WAY_NS, WORK_NS = 20_000, 30_000  # of a datagram, either way; of the boards, for each

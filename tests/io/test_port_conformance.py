@@ -11,7 +11,9 @@ from tests.io.emulated_ports import ROOT, WITHOUT, PortBench, in_namespace, noth
 from tests.io.fake_firewire import FakeFirewire
 from trocar.procs.fpga import blocks, registers, wire
 from trocar.procs.io.bus import discovery
-from trocar.procs.io.bus.port import ALL_BOARDS, BROADCAST_QUERY, PROTOCOLS, PortError
+from trocar.procs.io.bus.bus_port import ALL_BOARDS
+from trocar.procs.io.bus.protocols import BROADCAST_QUERY, PROTOCOLS
+from trocar.procs.io.bus.transport import PortError
 
 pytestmark = pytest.mark.slow
 

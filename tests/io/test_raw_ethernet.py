@@ -12,7 +12,7 @@ from tests.io.emulated_ports import OTHER_END, OUR_END, PortBench, in_namespace
 from trocar.procs.fpga import registers, wire
 from trocar.procs.io.bus import ethernet, owner
 from trocar.procs.io.bus.ethernet import EthernetTransport, interface_of
-from trocar.procs.io.bus.port import PortError
+from trocar.procs.io.bus.transport import PortError
 
 on_cable = pytest.mark.skipif(not in_namespace(), reason="runs in the namespace of the conformance test")
 

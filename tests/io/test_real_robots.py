@@ -12,7 +12,7 @@ from tests.io.boards_harness import BoardsHarness
 from trocar.procs.boards.board_faults import BoardFaults
 from trocar.procs.config import load_system
 from trocar.procs.fpga import lookup, registers
-from trocar.procs.io.bus.port import PortError
+from trocar.procs.io.bus.transport import PortError
 from trocar.procs.io.start import prepare
 
 

@@ -10,7 +10,9 @@ from tests.fpga import board_side
 from tests.io.stub_bus import bus_of, port_to
 from trocar.procs.fpga import blocks, registers, wire
 from trocar.procs.io.bus import discovery, link
-from trocar.procs.io.bus.port import ALL_BOARDS, PROTOCOLS, SEQUENTIAL, PortError
+from trocar.procs.io.bus.bus_port import ALL_BOARDS
+from trocar.procs.io.bus.protocols import PROTOCOLS, SEQUENTIAL
+from trocar.procs.io.bus.transport import PortError
 
 
 @pytest.fixture(autouse=True)

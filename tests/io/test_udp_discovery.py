@@ -9,7 +9,8 @@ from tests.fpga import board_side
 from tests.io.stub_bus import StubBoard, StubBus, bus_of, udp_port_to
 from trocar.procs.fpga import registers, wire
 from trocar.procs.io.bus import discovery
-from trocar.procs.io.bus.port import BROADCAST_QUERY, SEQUENTIAL, SEQUENTIAL_BROADCAST, PortError
+from trocar.procs.io.bus.protocols import BROADCAST_QUERY, SEQUENTIAL, SEQUENTIAL_BROADCAST
+from trocar.procs.io.bus.transport import PortError
 from trocar.procs.io.bus.udp import discovery_address
 from trocar.procs.io.start import POWER_OFF
 

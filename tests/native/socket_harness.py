@@ -14,8 +14,7 @@ import numpy as np
 from tests.io.boards_harness import BoardsHarness, Direct
 from trocar.procs.boards.board_faults import BoardFaults
 from trocar.procs.config import PROJECT_CONFIGS, load_system
-from trocar.procs.io.bus.exchange import Exchange
-from trocar.procs.io.bus.port import ExchangeSettings
+from trocar.procs.io.bus.exchange import Exchange, ExchangeSettings
 from trocar.procs.io.cycle import GAPS
 from trocar.procs.native.progress import SENT
 from trocar.procs.node.inputs import FOR_EVER_NS

@@ -13,7 +13,7 @@ from tests.native.shadow import bits
 from tests.native.socket_harness import SECOND_NS, SocketHarness
 from trocar.procs.fpga import wire
 from trocar.procs.io.bus.exchange import Exchange
-from trocar.procs.io.bus.port import Counters
+from trocar.procs.io.bus.link import Counters
 from trocar.procs.io.bus.protocols import QueryRead
 from trocar.procs.native.bound import BoundStruct
 from trocar.procs.native.io_fields import IO

@@ -20,7 +20,7 @@ from tests.io.stub_bus import StubBoard, StubBus
 from trocar.procs.document.system import Controller
 from trocar.procs.fpga import registers, wire
 from trocar.procs.io.bus import owner
-from trocar.procs.io.bus.ports import port_of
+from trocar.procs.io.bus.named_port import port_of
 from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.tools import cli
 from trocar.tools.inspect import bus_client, samples

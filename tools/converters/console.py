@@ -8,7 +8,7 @@ from trocar.procs.config import HEADS
 from trocar.procs.config.models.system_file import IoKeys
 from trocar.procs.config.read.jsontext import Parsed
 from trocar.procs.config.read.problem import value_text
-from trocar.procs.fpga.ports import PortName, PortNameError
+from trocar.procs.fpga.port_name import PortName, PortNameError
 from trocar.tools.converters.consolearm import Arms
 from trocar.tools.converters.keys import Keys
 from trocar.tools.converters.names import today

@@ -13,7 +13,7 @@ from trocar.procs.config.models.lookup_file import load_tables
 from trocar.procs.config.models.system_file import IoDeviceKeys, IoKeys, SystemFile
 from trocar.procs.config.read.problem import Key
 from trocar.procs.config.read.source import SourceFile
-from trocar.procs.fpga.ports import PortName, PortNameError
+from trocar.procs.fpga.port_name import PortName, PortNameError
 
 MAX_PERIOD_S = 0.001
 MAX_WATCHDOG_S = 0.3

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field
 
 from trocar.procs.config.read.validate import MatrixRows, Name, Rows, Section, VersionAsText
-from trocar.procs.fpga.ports import PORTS, PortName
+from trocar.procs.fpga.port_name import PORTS, PortName
 from trocar.procs.tables.arm_types import ARM_TYPES
 
 PERIOD_S = 1 / 1500  # as the original asks for; its 60 µs of compensation for relative sleeps are not needed here

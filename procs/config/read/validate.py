@@ -15,7 +15,7 @@ from pydantic.fields import FieldInfo
 
 from trocar.procs.config.read.problem import ERROR, WARNING, FileProblem, Key
 from trocar.procs.config.read.source import SourceFile
-from trocar.procs.fpga.ports import PortNameError
+from trocar.procs.fpga.port_name import PortNameError
 
 Item = TypeVar("Item")
 ModelType = TypeVar("ModelType", bound=BaseModel)

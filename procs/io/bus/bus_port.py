@@ -11,40 +11,34 @@ import numpy as np
 
 from trocar.procs.fpga import blocks, registers, wire
 from trocar.procs.io.bus import discovery
-from trocar.procs.io.bus.exchange import Exchange
-from trocar.procs.io.bus.link import Link
-from trocar.procs.io.bus.port import (
-    ALL_BOARDS,
+from trocar.procs.io.bus.discovery import BoardInfo
+from trocar.procs.io.bus.exchange import Exchange, ExchangeSettings
+from trocar.procs.io.bus.link import Counters, Link, Quads
+from trocar.procs.io.bus.protocols import (
     BROADCAST_QUERY,
     PROTOCOLS,
     SEQUENTIAL,
     SEQUENTIAL_BROADCAST,
-    BoardInfo,
-    Counters,
-    ExchangeSettings,
-    PortError,
-    Quads,
-)
-from trocar.procs.io.bus.protocols import (
-    BoardReader,
     BroadcastWrite,
     QueryRead,
     SequentialRead,
     SequentialWrite,
-    Writer,
 )
 from trocar.procs.io.bus.push_read import UnaskedRead
 from trocar.procs.io.bus.rows import Rows
-from trocar.procs.io.bus.transport import Transport
+from trocar.procs.io.bus.transport import PortError, Transport
 from trocar.procs.native.progress import BAD, NONE, SENT
 
+_Reader: TypeAlias = QueryRead | UnaskedRead | SequentialRead
+_Writer: TypeAlias = BroadcastWrite | SequentialWrite
 _Found: TypeAlias = tuple[discovery.HubBoard, tuple[BoardInfo, ...]]
 
+ALL_BOARDS: Final = 0x3F  # in place of a board id: every board of the bus
 MAX_BLOCK: Final = 1440  # bytes of a block transfer that was asked for by hand; whatever the transport could
 
 
 class BusPort:
-    """A `Port`. `board_ids` may come in any order; rows are ascending.
+    """A bus with its boards. `board_ids` may come in any order; rows of all arrays are the boards in ascending id.
 
     `now_ns` is the clock of all stamps, CLOCK_MONOTONIC unless `real_time=False`: a simulated clock, which stands still
     while we wait; then receive deadlines are generous and nothing is waited for. `bridge`: over FireWire behind the hub
@@ -75,8 +69,11 @@ class BusPort:
         self._make_rows(registers.AXES)
         self.bad = np.zeros(count, np.bool_)  # boards without a sample in the last read
         self.away = np.zeros(count, np.bool_)
+        """(n_boards,): boards that have left the bus: their rows stay as they were, samples of the others count."""
         self.recv_ns = 0
+        """When the last datagram of the last read arrived."""
         self.send_ns = 0
+        """When the last write left."""
         self.counters = Counters(count)
         self.boards: tuple[BoardInfo, ...] = ()
         self._link = Link(transport, now_ns, real_time, spin_ns)
@@ -84,17 +81,20 @@ class BusPort:
         if deadline_ms is not None:
             self._link.cycle_timeout_ms = deadline_ms
         self._nodes: ChainMap[int, int] = ChainMap()
-        self._reader: BoardReader | None = None
-        self._writer: Writer | None = None
+        self._reader: _Reader | None = None
+        self._writer: _Writer | None = None
         self._settings: ExchangeSettings | None = None
         self._exchange: Exchange | None = None
 
     def _make_rows(self, width: int) -> None:
         count = len(self.board_ids)
         self.hardware = ("QLA1",) * count
+        """Of every board: QLA1, DQLA or dRA1; known, like all arrays, when the boards are discovered."""
         self.columns = blocks.Columns(width)
         self.blocks: Quads = np.zeros((count, self.columns.count), np.uint32)
+        """(n_boards, columns.count): the last good real-time block of every board; untouched by a bad read."""
         self.out: Quads = np.zeros((count, width + 1), np.uint32)
+        """(n_boards, columns.width + 1): a command for every motor, and control, for the next write, as Rev 8 words."""
 
     def open(self) -> None:
         """Open the transport."""
@@ -204,13 +204,17 @@ class BusPort:
                                 self._link.where, f"allowed: {limit}, or protocol {SEQUENTIAL}")
 
     def ask_all(self) -> None:
-        """Have every board sample; what is done until `read_all` costs no time of the cycle."""
+        """Have every board sample, where the protocol has a step for it; what is done until `read_all` costs no time.
+        """
         if self._reader is None:
             raise self._not_ready()
         self._reader.ask()
 
     def read_all(self) -> bool:
-        """Sample every board that is not `away` into `blocks`; False, and `blocks` as it was, where one fails."""
+        """Sample every board that is not `away` into `blocks`; False, and `blocks` as it was, where one fails.
+
+        Asks first where nobody has.
+        """
         if self._reader is None:
             raise self._not_ready()
         counters = self.counters
@@ -234,7 +238,11 @@ class BusPort:
             self._exchange = Exchange(self._link, reader, writer, settings)
 
     def answer(self, good_ns: int, wake_ns: int, over_ns: int, gap_ns: float) -> int:
-        """`read_all`, then io's stages and `write_all`: how far that got, see procs/native/progress.py."""
+        """`read_all`, then io's stages and `write_all`: how far that got, see procs/native/progress.py.
+
+        `good_ns`: when the sample before arrived; `gap_ns`: what lay between samples so far. Nothing is done with a
+        sample from `wake_ns` on, and nothing sent from `over_ns` on, which is of CLOCK_BOOTTIME.
+        """
         exchange, counters = self._exchange, self.counters
         if exchange is None:
             return NONE if self.read_all() else BAD
@@ -327,8 +335,8 @@ class BusPort:
         return PortError("the boards are not discovered", self._link.where, "open and discover first")
 
 
-def _parts(protocol: str, link: Link, rows: Rows) -> tuple[BoardReader, Writer]:
-    """Reader and writer of a protocol (one of `port.PROTOCOLS`)."""
+def _parts(protocol: str, link: Link, rows: Rows) -> tuple[_Reader, _Writer]:
+    """Reader and writer of a protocol (one of PROTOCOLS)."""
     if protocol == SEQUENTIAL:
         return SequentialRead(link, rows), SequentialWrite(link, rows)
     if protocol == SEQUENTIAL_BROADCAST:

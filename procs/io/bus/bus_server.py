@@ -17,10 +17,9 @@ import sys
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from trocar.procs.io.bus import owner
 from trocar.procs.io.bus.bus_port import BusPort
-from trocar.procs.io.bus.port import PortError
-from trocar.procs.io.bus.ports import port_of
+from trocar.procs.io.bus.named_port import hold, port_of
+from trocar.procs.io.bus.transport import PortError
 from trocar.shm.time.clock import monotonic_ns
 
 Answer = dict[str, Any]
@@ -57,13 +56,13 @@ class BusServer:
         return {"values": self._port.read_block(board, address, quads).tolist()}
 
     def write(self, board: int, address: int, value: int) -> Answer:
-        """One register of one board, or of `port.ALL_BOARDS`."""
+        """One register of one board, or of `bus_port.ALL_BOARDS`."""
         self._port.write_quadlet(board, address, value)
         return {}
 
     def own(self) -> Answer:
         """Be the port's owner from now on; an error while another process or another host is."""
-        self._held.enter_context(owner.hold(self._name))
+        self._held.enter_context(hold(self._name))
         self._port.refuse_other_host()
         return {}
 

@@ -8,7 +8,7 @@ from typing import Final
 
 from trocar.procs.fpga import blocks, registers, wire
 from trocar.procs.io.bus.link import SETUP_TRIES, Link
-from trocar.procs.io.bus.port import BoardInfo, PortError
+from trocar.procs.io.bus.transport import PortError
 
 NODES: Final = 16
 PHY_PAUSE_MS: Final = 10
@@ -21,6 +21,19 @@ BUS_ENDS, TURNS = 2, 2  # silent nodes in a row; turns over the bus before a boa
 RESCAN_SILENCES: Final = 2  # of nodes in one cycle: what a rescan may cost
 OTHER_HOST_PAUSE_MS: Final = 30  # a living host writes at least this often, or its watchdogs trip
 OTHER_HOST_LOOKS: Final = 4
+
+
+@dataclass(frozen=True, slots=True)
+class BoardInfo:
+    """One controller as discovery found it; `node` is its FireWire node, which a bus reset may change."""
+
+    board: int
+    node: int
+    hardware: str
+    firmware: int
+    fpga: int
+    description: int  # register 0x0F: git description (Rev 8 on), 0 where unreadable
+    is_hub: bool
 
 
 @dataclass(frozen=True, slots=True)

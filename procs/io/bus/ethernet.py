@@ -13,12 +13,10 @@ import select
 import socket
 import struct
 import sys
-from collections.abc import Callable
 from typing import Final
 
 from trocar.procs.fpga import wire
-from trocar.procs.io.bus.port import PortError
-from trocar.procs.io.bus.transport import RECEIVE_BUFFER_BYTES, closed
+from trocar.procs.io.bus.transport import RECEIVE_BUFFER_BYTES, PortError, Transport
 
 PLAIN_FRAMES: Final = 0x0004  # ETH_P_802_2: the kernel's name for frames with a length; nothing else wakes us
 ETHERNET_HARDWARE: Final = 1  # ARPHRD_ETHER
@@ -57,18 +55,13 @@ def interface_of(where: str) -> str:
     raise PortError("no such Ethernet interface", f"port eth:{where}", f"of this machine: {listed}")
 
 
-class EthernetTransport:
-    """A `Transport` over one packet socket, which needs the right to make one (CAP_NET_RAW)."""
+class EthernetTransport(Transport):
+    """A `Transport` over one packet socket, which needs the right to make one (CAP_NET_RAW).
 
-    on_firewire = False
-    gives_address: int | None = None
-    pause_ms = 0
-    stranger = ""
-    fd = -1
+    It cannot `forget`: frames have nothing that tells a late reply but the label, which comes round again.
+    """
+
     most_read, most_write = MAX_READ, MAX_WRITE
-    send: Callable[[wire.Buffer], object]
-    poll: Callable[[int], object]
-    recv_into: Callable[[memoryview], int]
 
     def __init__(self, where: str) -> None:
         """`where` is an interface, or its place among those of this machine; it is looked for when opened."""
@@ -116,14 +109,7 @@ class EthernetTransport:
         if self._socket is not None:
             self._socket.close()
         self._socket = None
-        self.send = self.poll = self.recv_into = self._closed
-
-    def _closed(self, _: object) -> int:
-        raise closed(self.where)
-
-    def forget(self) -> bool:
-        """Frames have nothing that tells a late reply but the label, which comes round again."""
-        return False
+        self.shut()
 
     def ask_everybody(self) -> int:
         """All boards hear everything."""

@@ -7,12 +7,12 @@ It handles what happens in every good cycle and nothing else. Whatever comes ins
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from trocar.procs.io.bus.link import Link
-from trocar.procs.io.bus.port import ExchangeSettings
 from trocar.procs.io.bus.protocols import UNSENT, BroadcastWrite, QueryRead
 from trocar.procs.native.bound import BoundStruct
 from trocar.procs.native.bus_fields import HUB, WRITE
@@ -22,6 +22,18 @@ from trocar.procs.native.progress import BAD, NONE, READY, SENT
 
 HEAD_BYTES: Final = 22  # of a block write, before its data
 GENERATION_AT: Final = -7  # of a reply, from its end: the bus generation
+
+
+@dataclass(frozen=True, slots=True)
+class ExchangeSettings:
+    """What io does with a sample in the call that has received it, for as long as a `Port` lives."""
+
+    stages: BoundStruct
+    """What the kernel does io's stages on."""
+    oldest_ns: int
+    """A sample counts as no older than this; see procs/io/cycle.py for all three."""
+    stable_ns: float
+    gaps: float
 
 
 class Exchange:
@@ -55,7 +67,7 @@ class Exchange:
                 self._parts, self._answer = (found, sent), bound.function("answer")
 
     def answer(self, good_ns: int, wake_ns: int, over_ns: int, gap_ns: float) -> int:
-        """See `Port.answer`."""
+        """See `BusPort.answer`."""
         link, reader = self._link, self._reader
         tl, timeout_ms = reader.request(), link.cycle_timeout_ms
         if tl == UNSENT:

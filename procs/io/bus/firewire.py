@@ -17,14 +17,12 @@ import select
 import struct
 from array import array
 from collections import deque
-from collections.abc import Callable
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Final
 
 from trocar.procs.fpga import registers, wire
 from trocar.procs.io.bus import cdev as firewire
-from trocar.procs.io.bus.port import PortError
-from trocar.procs.io.bus.transport import closed
+from trocar.procs.io.bus.transport import PortError, Transport
 from trocar.shm.time.clock import monotonic_ns
 
 DEVICES: Final = Path("/dev")
@@ -42,21 +40,8 @@ _TRAILER = struct.Struct(">BBxxxxxx")
 _READS = (wire.QUADLET_READ, wire.BLOCK_READ)
 
 
-class Kernel(Protocol):
-    """What we need of the system, for tests to take its place."""
-
-    def devices(self) -> list[str]:
-        """The devices of all nodes of all cards."""
-
-    def open(self, path: str) -> int:
-        """A file descriptor; OSError."""
-
-    def ioctl(self, fd: int, request: int, argument: bytes | bytearray) -> None:
-        """OSError; a bytearray is changed in place."""
-
-
 class LinuxKernel:
-    """The system we run on."""
+    """What we need of the system; tests take its place."""
 
     def devices(self) -> list[str]:
         """The devices of all nodes of all cards."""
@@ -74,20 +59,12 @@ class LinuxKernel:
             fcntl.ioctl(fd, request, argument)
 
 
-class FirewireTransport:
+class FirewireTransport(Transport):
     """A `Transport` over the card at `place` among those of this machine (0 is the first)."""
 
     on_firewire = True
-    gives_address: int | None = None
-    pause_ms = 0
-    stranger = ""
-    fd = -1
-    most_read = wire.MAX_DATA
-    send: Callable[[wire.Buffer], object]
-    poll: Callable[[int], object]
-    recv_into: Callable[[memoryview], int]
 
-    def __init__(self, place: int, kernel: Kernel | None = None) -> None:
+    def __init__(self, place: int, kernel: LinuxKernel | None = None) -> None:
         self.where = f"fw:{place}"
         self.most_write = firewire.BROADCAST_BYTES
         self._place, self._kernel = place, kernel or LinuxKernel()
@@ -221,10 +198,7 @@ class FirewireTransport:
         self._nodes.clear()
         self._replies.clear()
         self._generation, self._local = 0, -1
-        self.send = self.poll = self.recv_into = self._closed
-
-    def _closed(self, _: object) -> int:
-        raise closed(self.where)
+        self.shut()
 
     def forget(self) -> bool:
         """The kernel says of every reply which request it is to."""

@@ -7,14 +7,17 @@ import secrets
 import select
 from collections import deque
 from collections.abc import Callable
-from typing import Final
+from dataclasses import dataclass, field
+from typing import Final, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trocar.procs.fpga import wire
-from trocar.procs.io.bus.port import Counters, Quads
 from trocar.procs.io.bus.transport import MAX_QUEUED, Transport
 from trocar.procs.native.exchange_fields import NOTHING, UNREADABLE
+
+Quads: TypeAlias = NDArray[np.uint32]
 
 DATAGRAM_BYTES: Final = 4096  # more than any board sends
 CYCLE_TIMEOUT_MS: Final = 2
@@ -28,6 +31,38 @@ QUIET_NS: Final = 10_000_000  # without any reply: boards answer much sooner or 
 
 TIMED_OUT: Final = 0
 DROPPED: Final = -1
+
+
+@dataclass(slots=True)
+class Counters:
+    """What happened on a port since its boards were discovered; the arrays have one place a board, in row order."""
+
+    boards: int
+    reads: int = 0
+    writes: int = 0
+    bad_reads: int = 0  # cycles without a complete fresh sample
+    bad_writes: int = 0
+    timeouts: int = 0
+    sequence_errors: int = 0  # cycles in which a block answered another query
+    dropped: int = 0  # reads that the hub dropped: bus in reset, other generation
+    stray: int = 0  # datagrams thrown away: late, doubled or broken
+    bus_resets: int = 0
+    waited_ns: int = 0  # for replies that did not come
+    board_bad_reads: NDArray[np.int64] = field(init=False)
+    board_timeouts: NDArray[np.int64] = field(init=False)
+    board_sequence_errors: NDArray[np.int64] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.board_bad_reads = np.zeros(self.boards, np.int64)
+        self.board_timeouts = np.zeros(self.boards, np.int64)
+        self.board_sequence_errors = np.zeros(self.boards, np.int64)
+
+    def clear(self) -> None:
+        """All counts back to 0, arrays in place."""
+        self.reads = self.writes = self.bad_reads = self.bad_writes = self.timeouts = 0
+        self.sequence_errors = self.dropped = self.stray = self.bus_resets = self.waited_ns = 0
+        for counts in (self.board_bad_reads, self.board_timeouts, self.board_sequence_errors):
+            counts.fill(0)
 
 
 class Link:

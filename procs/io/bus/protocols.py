@@ -7,14 +7,13 @@ are alike, their blocks lie in a datagram as rows do in `Rows.blocks`; otherwise
 
 from __future__ import annotations
 
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 
 from trocar.procs.fpga import blocks, registers, wire
 from trocar.procs.io.bus.discovery import Rescan
-from trocar.procs.io.bus.link import TIMED_OUT, Link
-from trocar.procs.io.bus.port import Quads
+from trocar.procs.io.bus.link import TIMED_OUT, Link, Quads
 from trocar.procs.io.bus.rows import (
     BIG_QUAD,
     BOARD_MASK,
@@ -30,26 +29,14 @@ from trocar.procs.io.bus.rows import (
 from trocar.procs.native.bus_fields import WRITE
 from trocar.procs.native.library import chosen
 
+SEQUENTIAL: Final = "sequential-read-write"
+SEQUENTIAL_BROADCAST: Final = "sequential-read-broadcast-write"
+BROADCAST_QUERY: Final = "broadcast-query-read-write"
+PROTOCOLS: Final = (SEQUENTIAL, SEQUENTIAL_BROADCAST, BROADCAST_QUERY)
+
 QUERY_WAIT_NS, BOARD_WAIT_NS = 10_000, 5_000  # after a query, and for each board to reach the hub's memory
 MAX_WAIT_NS: Final = 400_000  # that we wait by ourselves
 UNSENT: Final = -1  # in place of a label
-
-
-class BoardReader(Protocol):
-    """Samples all boards."""
-
-    def ask(self) -> None:
-        """Have the boards sample, where that is a step of its own."""
-
-    def read(self) -> bool:
-        """True: `rows.blocks` holds a fresh sample of all boards but those that are away."""
-
-
-class Writer(Protocol):
-    """Commands all boards."""
-
-    def write(self) -> bool:
-        """True: `rows.out` was sent."""
 
 
 class BusNodes:

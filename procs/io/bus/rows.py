@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.procs.fpga import blocks, registers, wire
-from trocar.procs.io.bus.link import DROPPED, TIMED_OUT, Link
-from trocar.procs.io.bus.port import Quads
+from trocar.procs.io.bus.link import DROPPED, TIMED_OUT, Link, Quads
 from trocar.procs.native.bus_fields import HUB
 from trocar.procs.native.library import chosen
 

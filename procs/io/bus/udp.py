@@ -8,12 +8,10 @@ import ipaddress
 import secrets
 import select
 import socket
-from collections.abc import Callable
 from typing import Final
 
 from trocar.procs.fpga import registers, wire
-from trocar.procs.io.bus.port import PortError
-from trocar.procs.io.bus.transport import RECEIVE_BUFFER_BYTES, closed
+from trocar.procs.io.bus.transport import RECEIVE_BUFFER_BYTES, PortError, Transport
 
 FRAME_DATA_BYTES: Final = 1440  # of a block transfer in one Ethernet frame
 ADDRESS_PAUSE_MS: Final = 200  # a board that got its address announces it before it answers again
@@ -47,7 +45,7 @@ def address_of(address: str, board: int) -> str:
     return f"{head}.{(int(last) + board) % 256}"
 
 
-class UdpTransport:
+class UdpTransport(Transport):
     """A `Transport` over one UDP socket at a time, each with a port that none had for long.
 
     Boards reply to the port that asked. So whatever is still to come of earlier requests, however much and however
@@ -58,22 +56,15 @@ class UdpTransport:
     `bridge`: nobody is asked by multicast. `asked_at` replaces the address at which everybody is asked.
     """
 
-    on_firewire = False
-    send: Callable[[wire.Buffer], object]
-    poll: Callable[[int], object]
-    recv_into: Callable[[memoryview], int]
-
     def __init__(self, address: str, *, bridge: bool = False, udp_port: int = wire.UDP_PORT,
                  asked_at: str = "") -> None:
         self._address, self._udp_port, self._bridge = address, udp_port, bridge
         self._loopback = is_loopback(address)
         self._asked_at = asked_at or discovery_address(address)
         self.where = f"{address}:{udp_port}"
-        self.gives_address: int | None = registers.ip_quadlet(address)
+        self.gives_address = registers.ip_quadlet(address)
         self.pause_ms = 0 if self._loopback else ADDRESS_PAUSE_MS
         self.most_read = self.most_write = wire.MAX_DATA if self._loopback else FRAME_DATA_BYTES
-        self.stranger = ""
-        self.fd = -1
         self._socket: socket.socket | None = None
         self._own = ""  # address of the interface that leads to the bus; empty: there is none
         # Ports are taken in an order that comes to each of them, and that nobody can guess.
@@ -103,10 +94,7 @@ class UdpTransport:
         if self._socket is not None:
             self._socket.close()
         self._socket, self.fd = None, -1
-        self.send = self.poll = self.recv_into = self._closed
-
-    def _closed(self, _: object) -> int:
-        raise closed(self.where)
+        self.shut()
 
     # -- whom we speak to ----------------------------------------------------------------------------------------------
 
@@ -137,8 +125,7 @@ class UdpTransport:
 
     def forget(self) -> bool:
         """With a new socket; False: there is none to be had, for want of a network or of resources."""
-        if self._socket is None:
-            raise closed(self.where)
+        self._open_socket()
         with contextlib.suppress(OSError):
             self._renew()
             return True
@@ -212,5 +199,5 @@ class UdpTransport:
 
     def _open_socket(self) -> socket.socket:
         if self._socket is None:
-            raise closed(self.where)
+            raise self.is_closed()
         return self._socket

@@ -10,7 +10,7 @@ import pytest
 
 from tests.io.stub_bus import own_address
 from trocar.procs.io.bus import owner
-from trocar.procs.io.bus.port import PortError
+from trocar.procs.io.bus.transport import PortError
 
 HOLDER = """
 import sys

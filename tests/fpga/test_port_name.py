@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from trocar.procs.fpga.ports import ETHERNET, FIREWIRE, UDP, PortName, PortNameError
+from trocar.procs.fpga.port_name import ETHERNET, FIREWIRE, UDP, PortName, PortNameError
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,94 @@
+"""Ports by their names: which class opens them, and one owner for each on this machine.
+
+A second owner is refused with the name and pid of the first. The owner has an abstract Unix socket in the port's name:
+taking it is one step, and the kernel gives it back when its owner dies. It listens, so that whoever is refused can ask
+the kernel who has it.
+"""
+
+from __future__ import annotations
+
+import errno
+import socket
+import struct
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Final
+
+from trocar.procs.fpga.port_name import ETHERNET, UDP, PortName, PortNameError
+from trocar.procs.io.bus.bus_port import BusPort
+from trocar.procs.io.bus.ethernet import EthernetTransport, interface_of
+from trocar.procs.io.bus.firewire import FirewireTransport
+from trocar.procs.io.bus.protocols import BROADCAST_QUERY
+from trocar.procs.io.bus.transport import PortError, Transport
+from trocar.procs.io.bus.udp import UdpTransport
+
+_CREDENTIALS: Final = struct.Struct("3i")  # pid, user, group
+ASK_S: Final = 0.5
+ASKERS: Final = 4096  # nobody takes them out of the queue: whoever finds it full is not told the name
+
+
+def named(name: str) -> PortName:
+    """The parts of a port's name; PortError for ports that cannot be opened."""
+    try:
+        return PortName.parse(name)
+    except PortNameError as error:
+        raise PortError(error.what, f"port {name}", f"allowed: {error.allowed}") from error
+
+
+def transport_of(name: PortName) -> Transport:
+    """What carries datagrams to the boards of a port; nothing is opened yet."""
+    if name.kind == UDP:
+        return UdpTransport(name.where, bridge=name.bridge)
+    if name.kind == ETHERNET:
+        return EthernetTransport(name.where)
+    return FirewireTransport(int(name.where))
+
+
+def port_of(name: str, board_ids: Sequence[int], now_ns: Callable[[], int], protocol: str = BROADCAST_QUERY, *,
+            real_time: bool = True, first_control: int = 0, quiet: bool = False, spin_ns: int = 0,
+            query_wait_ns: int | None = None) -> BusPort:
+    """The port `name`, as configuration files write it, with its boards; nothing is opened yet. See `BusPort`."""
+    parts = named(name)
+    return BusPort(transport_of(parts), board_ids, now_ns, protocol, bridge=parts.bridge, real_time=real_time,
+                   first_control=first_control, quiet=quiet, spin_ns=spin_ns, query_wait_ns=query_wait_ns)
+
+
+def hold(port: str) -> socket.socket:
+    """Own `port` (as configuration files write it) until the socket is closed; PortError names who has it."""
+    where = f"port {port}"
+    name = f"\0trocar~port~{_owned(port)}"
+    lock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    try:
+        lock.bind(name)
+    except OSError as error:
+        lock.close()
+        if error.errno != errno.EADDRINUSE:
+            raise PortError(f"cannot be held ({error.strerror})", where, "allowed: one owner") from error
+        raise PortError(f"in use by {_owner(name)}", where, "allowed: one owner; stop it first") from None
+    lock.listen(ASKERS)
+    return lock
+
+
+def _owned(name: str) -> str:
+    """What one owner at a time may have: the same for all names of one bus."""
+    parts = named(name)
+    if parts.kind == ETHERNET:
+        return f"{ETHERNET}:{interface_of(parts.where)}"
+    return parts.owned
+
+
+def _owner(name: str) -> str:
+    """Who has it: process, system and pid, as far as the kernel tells."""
+    try:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as asking:
+            asking.settimeout(ASK_S)
+            asking.connect(name)
+            found = asking.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
+        pid = int(_CREDENTIALS.unpack(found)[0])
+        words = Path(f"/proc/{pid}/cmdline").read_bytes().decode("utf-8", "replace").split("\0")
+    except OSError:
+        return "another program that is just starting or ending"
+    reported = {flag: words[at + 1] for at, flag in enumerate(words[:-1]) if flag in ("--system", "--name")}
+    if len(reported) == 2:
+        return f"{reported['--name']} of system {reported['--system']} (pid {pid})"
+    return f"pid {pid}"
