@@ -1,4 +1,4 @@
-"""What hatch does beside packing when it makes a wheel: the compiled kernel goes into it, where there is a compiler."""
+"""What hatch does beside packing when it makes a wheel: the native library goes into it, where there is a compiler."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 
-class KernelHook(BuildHookInterface[Any]):
+class NativeHook(BuildHookInterface[Any]):
     """Editable installations have theirs in the Python environment: tools/venv.sh."""
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
@@ -27,7 +27,7 @@ class KernelHook(BuildHookInterface[Any]):
         try:
             native.build(made)
         except (native.BuildError, OSError) as error:
-            self.app.display_warning(f"without the compiled kernel: {error}")
+            self.app.display_warning(f"without the native library: {error}")
             return
         build_data["tag"] = f"py3-none-{_platform(made)}"
         build_data["pure_python"] = False

@@ -49,7 +49,7 @@ def test_what_fails_each_time_fails_in_the_end(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("reason", "strict", "fails"), [
     ("no tmux: real terminals untested", "strict", True), ("no tmux: real terminals untested", "", False),
-    ("no kernel: TROCAR_KERNEL is 0", "strict", False)])
+    ("no native library: TROCAR_NATIVE is 0", "strict", False)])
 def test_a_skip_that_is_not_listed_fails_in_ci(
         reason: str, strict: str, fails: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(skips.STRICT, strict)

@@ -48,17 +48,17 @@ trocar_compile() {
 }
 
 # The part of the program that is written in C, once for each source and compiler; without it all runs, slower.
-trocar_kernel() {
-    kernel_stamp="$root/.venv/.trocar-kernel"
+trocar_native() {
+    native_stamp="$root/.venv/.trocar-native"
     made_of=$(cat "$root"/procs/native/* "$root"/procs/fpga/*.py 2>/dev/null | cksum; "${CC:-cc}" --version 2>/dev/null)
-    if [ ! -f "$kernel_stamp" ] || [ "$(cat "$kernel_stamp")" != "$made_of" ]; then
+    if [ ! -f "$native_stamp" ] || [ "$(cat "$native_stamp")" != "$made_of" ]; then
         (cd "$root" && "$python" -m trocar.procs.native.build >&2) || :
-        echo "$made_of" > "$kernel_stamp"
+        echo "$made_of" > "$native_stamp"
     fi
 }
 
 trocar_venv() {
-    trocar_environment "$1" && trocar_kernel
+    trocar_environment "$1" && trocar_native
 }
 
 trocar_environment() {

@@ -1,4 +1,4 @@
-"""Poses, twist and Jacobian of the tip, in the arm's base and in the reference frame: by the kernel, else in Python."""
+"""Poses, twist and Jacobian of the tip, in the base and in the reference frame: by native code, else in Python."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class Cartesian:
         """What was measured last is in the record."""
         self._shown_absolute = False
         self.why_numpy = ""
-        """Why the kernel does not do it; empty: it does."""
+        """Why the native library does not do it; empty: it does."""
         self._count = self._wanted = 0
 
     def use(self, joints: JointSpace) -> None:
@@ -181,7 +181,7 @@ class Cartesian:
         self._rates()
         return self.found_rates
 
-    # the reference of the kernel
+    # the reference of the native library
 
     def by_numpy_show(self, is_new: int, absolute: int, parts: int) -> int:
         """All of the record, that of the setpoint where it `is_new`, and of the rest what is wanted."""

@@ -96,7 +96,7 @@ class Governor:
         self.is_inside = worst >= 0
         return self.most.item(), worst if worst >= 0 else ~worst
 
-    # the reference of the kernel
+    # the reference of the native library
 
     def advance(self, dt: float, has_feed: int) -> int:
         """Setpoint, rate and velocities of this cycle; whether any joint moves."""

@@ -15,7 +15,7 @@ from trocar.procs.arm.psm.detection import ToolReading
 from trocar.procs.arm.setup_base import SetupBase, place_of
 from trocar.procs.arm.supervision import power_lost
 from trocar.procs.document.system import Actuator, ArmConfig, Brake, IoConfig
-from trocar.procs.native.library import kernel
+from trocar.procs.native.library import native
 from trocar.procs.node import runtime
 from trocar.procs.node.fault_report import FaultReport, axis_titles, boards_of, place, reported, sentence
 from trocar.procs.node.inputs import SETUP_LATE_S
@@ -168,7 +168,7 @@ class ArmLoop(runtime.Loop):
 
     def __init__(self, node: runtime.Node) -> None:
         super().__init__(node)
-        node.computes(kernel().why)
+        node.computes(native().why)
         arm = node.document.arm(node.name)
         if arm.type not in ARM_TYPES:
             raise ValueError(f"{arm.name}: arms of type {arm.type} are not available; {', '.join(ARM_TYPES)} are")

@@ -9,7 +9,7 @@ from trocar.procs.boards.board_commands import BoardCommands
 from trocar.procs.boards.emulation import Emulation
 from trocar.procs.boards.endpoints import Endpoints
 from trocar.procs.boards.robots.plant import Plant
-from trocar.procs.native.library import kernel
+from trocar.procs.native.library import native
 from trocar.procs.node import runtime
 from trocar.procs.tables import codes
 from trocar.shm.ring.ring import RingWriter
@@ -66,7 +66,7 @@ class BoardsLoop(runtime.Loop):
 
     def __init__(self, node: runtime.Node) -> None:
         super().__init__(node)
-        node.computes(kernel().why)
+        node.computes(native().why)
         system, emulation = node.document.emulated(), node.document.emulation
         if emulation is None:
             raise ValueError("this system has no emulated boards")

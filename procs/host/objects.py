@@ -1,7 +1,7 @@
 """What a graph of objects holds, and how it is put back: in place, so that whoever knows an object finds it as it was.
 
 All that can change is found by walking from some roots: attributes, slots, containers, arrays, cells of functions,
-random generators, the kernel's structs, the data of MuJoCo. What cannot be walked has to be a row of OPAQUE, with the
+random generators, native structs, the data of MuJoCo. What cannot be walked has to be a row of OPAQUE, with the
 reason. Classes and modules are not walked: what they hold themselves is constant.
 """
 
@@ -34,7 +34,7 @@ NEVER_CHANGES: Final = (
 OPAQUE: Final[Mapping[str, str]] = {
     "builtins.CArgObject": "the address of a struct",
     "builtins.PyCapsule": "memory of MuJoCo, whose arrays are kept",
-    "_ctypes.PyCFuncPtr": "functions of the kernel and of libc",
+    "_ctypes.PyCFuncPtr": "functions of the native library and of libc",
     "_io.TextIOWrapper": "logs are no state",
     "_struct.Struct": "never changes",
     "_thread.RLock": "nobody has it while the host does not run",

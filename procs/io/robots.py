@@ -141,7 +141,7 @@ class Pots:
         if len(self._in_tables):
             places = np.minimum(readings[self._in_tables], self.entries - 1)
             out[self._in_tables] = self.tables[self.table_row[self._in_tables], places]
-        for axes, matrix in self._coupled:  # row after row, as the kernel sums: no library of matrices does
+        for axes, matrix in self._coupled:  # row after row, as the native library sums: no library of matrices does
             out[axes] = np.add.reduce(matrix * out[axes, np.newaxis], axis=0)
 
 

@@ -1,4 +1,4 @@
-"""Where the rings of setpoints lie in memory, for the kernel, which reads them by itself."""
+"""Where the rings of setpoints lie in memory, for the native library, which reads them by itself."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Addresses = NDArray[np.int64]
 
 FIELDS: Final = ("stamp_ns", "mode", "has_velocity", "count", "in_effort", "bias_generation", "pid_generation",
                  "position", "velocity", "feed_forward", "desired_generation")
-"""What the kernel looks at, in the order of `SetpointRings.offsets`."""
+"""What the native library looks at, in the order of `SetpointRings.offsets`."""
 
 
 class SetpointRings:
@@ -29,13 +29,13 @@ class SetpointRings:
         self.depth: Addresses = np.array([ring.depth for ring in rings], dtype=np.int64)
         self.stride: Addresses = np.array([ring.stride for ring in rings], dtype=np.int64)
         self.seen: Addresses = np.zeros(len(rings), dtype=np.int64)
-        """Sequence of the newest record that the kernel has had."""
+        """Sequence of the newest record that the native library has had."""
         self.size = rings[0].dtype.itemsize if rings else 0
         places = rings[0].dtype.fields if rings else None
         self.offsets: Addresses = np.array([places[name][1] if places else 0 for name in FIELDS], dtype=np.int64)
 
     def newest(self, place: int) -> bool:
-        """Take the newest record of an arm, as a reader that has seen what the kernel has."""
+        """Take the newest record of an arm, as a reader that has seen what the native library has."""
         ring = self._rings[place]
         ring.sequence = max(ring.sequence, int(self.seen[place]))
         found = ring.newest()

@@ -1,4 +1,4 @@
-"""The stages of a cycle that work on all axes at once: by the kernel, else by numpy, which gives the same to the bit.
+"""The stages of a cycle that work on all axes at once: by native code, else by numpy, which gives the same to the bit.
 
 What is rare comes back as a number, not 0, and is handled by who is named there.
 """
@@ -27,7 +27,7 @@ from trocar.procs.native.track_fields import TRACK
 
 
 class Tracks(Protocol):
-    """Who takes setpoints; the kernel finds the arrays by these names (procs/native/track_fields.py)."""
+    """Who takes setpoints; the native library finds the arrays by these names (procs/native/track_fields.py)."""
 
     robots: Robots
     record: IoRecord
@@ -37,7 +37,7 @@ class Tracks(Protocol):
 
 
 class Parts(Tracks, Protocol):
-    """Whose arrays the stages work on; the kernel finds them by these names (procs/native/io_fields.py)."""
+    """Whose arrays the stages work on; the native library finds them by these names (procs/native/io_fields.py)."""
 
     samples: Samples
     power: Power
@@ -66,19 +66,19 @@ class Stages:
     at_once: Callable[[float], int]
     """From `decode` to `encode` with this share, up to the first that has news: which that is; else READY."""
     bound: BoundStruct | None = None
-    """What the kernel works on; None: numpy does the work."""
+    """What the native library works on; None: numpy does the work."""
     why_numpy: str = ""
-    """Why the kernel does not do it; empty: it does."""
+    """Why the native library does not do it; empty: it does."""
 
 
 def stages(parts: Parts) -> Stages:
     """The quickest there are."""
     bound = bind(IO, parts)
-    return numpy_stages(parts, bound) if isinstance(bound, str) else kernel_stages(bound, tracking(parts), parts)
+    return numpy_stages(parts, bound) if isinstance(bound, str) else native_stages(bound, tracking(parts), parts)
 
 
 def tracking(parts: Tracks) -> BoundStruct | str:
-    """What the kernel needs to take setpoints; why it does not, in words."""
+    """What the native library needs to take setpoints; why it does not, in words."""
     return bind(TRACK, parts) if parts.follow.rings is not None else "setpoints come from no ring"
 
 
@@ -88,8 +88,8 @@ def track(parts: Tracks) -> Callable[[int], int]:
     return numpy_track(parts) if isinstance(tracked, str) else tracked.function("track")
 
 
-def kernel_stages(bound: BoundStruct, tracked: BoundStruct | str, parts: Parts) -> Stages:
-    """By the kernel, but for setpoints where `tracked` says why not."""
+def native_stages(bound: BoundStruct, tracked: BoundStruct | str, parts: Parts) -> Stages:
+    """By native code, but for setpoints where `tracked` says why not."""
     decode, check, control, encode, show, at_once = map(bound.function, IO.functions)
     if isinstance(tracked, str):
         return Stages(numpy_track(parts), decode, check, control, encode, show, at_once, bound, tracked)
@@ -103,7 +103,7 @@ def numpy_track(parts: Tracks) -> Callable[[int], int]:
 
 
 def numpy_stages(parts: Parts, why: str) -> Stages:
-    """By numpy; `why` not by the kernel."""
+    """By numpy; `why` not by native code."""
     samples, pid, check, encode = parts.samples, parts.pid, parts.safety.check, parts.outputs.encode
 
     def decode() -> int:

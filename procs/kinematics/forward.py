@@ -1,4 +1,4 @@
-"""Forward kinematics and Jacobians of a Denavit-Hartenberg chain: by the kernel, else number by number.
+"""Forward kinematics and Jacobians of a Denavit-Hartenberg chain: by native code, else number by number.
 
 The tip transform goes through a unit quaternion, as dVRK loads it, and belongs to the full chain only. Jacobian rows:
 linear x y z, then angular x y z.
@@ -84,7 +84,7 @@ class Kinematics:
         self._updated = b""  # joints that `tip`, `body` and `spatial` are for
         bound = bind(CHAIN, self)
         self.why_numpy = bound if isinstance(bound, str) else ""
-        """Why the kernel does not do it; empty: it does."""
+        """Why the native library does not do it; empty: it does."""
         self._update: Callable[[], int] = self.by_numpy_update
         self._frame: Callable[[int], int] = self.by_numpy_frame
         if not isinstance(bound, str):
@@ -131,7 +131,7 @@ class Kinematics:
         self.update(q)
         return self.spatial
 
-    # the reference of the kernel
+    # the reference of the native library
 
     def tip_after(self, frames: Sequence[Frame]) -> Frame:
         """The tip, after the frames of all joints."""

@@ -1,4 +1,4 @@
-"""Rigid frames and small systems of equations, number by number: what the kernel does, in the same order.
+"""Rigid frames and small systems of equations, number by number: what the native library does, in the same order.
 
 A frame is the upper three rows of a rigid transform: twelve numbers. One frame is too little work for numpy's per-call
 cost, and its matrix products are not the same to the bit on every machine.

@@ -1,4 +1,4 @@
-"""Joint efforts that hold an arm against gravity, from the masses of its links: by the kernel, else in Python.
+"""Joint efforts that hold an arm against gravity, from the masses of its links: by native code, else in Python.
 
 `up` (3,) is g · (0, sin p, cos p) in the chain's base frame, p the mounting pitch: the acceleration that would feel
 like gravity, so that efforts are those which hold. An Si arm stands on a parallelogram: its few joints move a longer
@@ -70,7 +70,7 @@ class Gravity:
         self.borne = self.efforts[: self.moved]
         bound = bind(GRAVITY, self)
         self.why_numpy = bound if isinstance(bound, str) else ""
-        """Why the kernel does not do it; empty: it does."""
+        """Why the native library does not do it; empty: it does."""
         self._hold: Callable[[], int] = self.by_numpy_hold if isinstance(bound, str) else bound.function("hold")
 
     def effort(self, q: Array) -> Array:
@@ -80,7 +80,7 @@ class Gravity:
         return self.efforts
 
     def by_numpy_hold(self) -> int:
-        """The reference of the kernel: from the last link on, what the mass after each joint does to it."""
+        """The reference of the native library: from the last link on, what the mass after each joint does to it."""
         frames = self.links.frames(finite(times(self.follow.tolist(), self.q.tolist())))
         slides, up = self.links.slides.tolist(), self.up.tolist()
         mass, moment, torques = 0.0, [0.0, 0.0, 0.0], [0.0] * len(frames)

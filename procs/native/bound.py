@@ -1,4 +1,4 @@
-"""A struct of the kernel filled from an object: its numbers, and the addresses of its arrays."""
+"""A struct of the native library filled from an object: its numbers, and the addresses of its arrays."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compiles the kernel into the Python environment: python -m trocar.procs.native.build [--sanitize FILE]
+"""Compiles the native library into the Python environment: python -m trocar.procs.native.build [--sanitize FILE]
 
 tools/start and tools/test do that, once for each source and compiler. Where it fails all runs without, slower.
 """
@@ -27,9 +27,9 @@ def build(to: Path, sanitize: bool = False) -> None:
     names = [str(path) for path in files() if path.suffix == ".c"]
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "fields.h").write_text(header())
-        made = Path(folder) / "kernel.so"
+        made = Path(folder) / "native.so"
         command = [os.environ.get("CC", "cc"), *FLAGS, *(SANITIZE if sanitize else ()), f"-I{folder}",
-                   f"-DKERNEL_HASH={source_hash()}", *names, "-o", str(made), "-lm"]
+                   f"-DNATIVE_HASH={source_hash()}", *names, "-o", str(made), "-lm"]
         try:
             done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
         except (OSError, subprocess.TimeoutExpired) as error:
@@ -50,7 +50,7 @@ def main() -> None:
     try:
         build(Path(given.sanitize) if given.sanitize else library_path(), sanitize=bool(given.sanitize))
     except (BuildError, OSError) as error:
-        sys.exit(f"trocar: the kernel could not be compiled, numpy does its work: {error}")
+        sys.exit(f"trocar: the native library could not be compiled, numpy does its work: {error}")
 
 
 if __name__ == "__main__":

@@ -50,7 +50,7 @@ def places(dims: str, below: str, **sources: str) -> tuple[CField, ...]:
 
 @dataclass(frozen=True)
 class CStruct:
-    """A table, and the functions of the kernel that work on it: name to the C types of what comes after the struct."""
+    """A table, and the native functions that work on it: name to the C types of what comes after the struct."""
 
     name: str
     fields: tuple[CField, ...]

@@ -1,4 +1,4 @@
-"""The compiled kernel of this process, or why there is none: then numpy does its work."""
+"""The library of native code in this process, or why there is none: then numpy does its work."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from trocar.procs.native.fields import CStruct
 from trocar.procs.native.sources import IN_WHEELS, library_path, source_hash
 from trocar.procs.native.tables import STRUCTS
 
-SWITCH: Final = "TROCAR_KERNEL"
-"""Environment: 0: without the kernel; else the file of the library, for tests."""
+SWITCH: Final = "TROCAR_NATIVE"
+"""Environment: 0: without native code; else the file of the library, for tests."""
 
 
 @dataclass(frozen=True, slots=True)
-class KernelLibrary:
+class NativeLibrary:
     """The library, None where there is none; `why` then says why."""
 
     library: ctypes.PyDLL | None
@@ -28,37 +28,37 @@ class KernelLibrary:
 
 
 @functools.cache
-def kernel() -> KernelLibrary:
+def native() -> NativeLibrary:
     """The library of this source; found and checked once."""
     wanted = os.environ.get(SWITCH, "")
     if wanted == "0":
-        return KernelLibrary(None, f"{SWITCH} is 0")
+        return NativeLibrary(None, f"{SWITCH} is 0")
     places = [Path(wanted)] if wanted else [IN_WHEELS, library_path()]
     there = [path for path in places if path.is_file()]
     if not there:
-        return KernelLibrary(None, "it is not compiled; python -m trocar.procs.native.build does it")
+        return NativeLibrary(None, "it is not compiled; python -m trocar.procs.native.build does it")
     return _checked(there[0])
 
 
-def _checked(path: Path) -> KernelLibrary:
+def _checked(path: Path) -> NativeLibrary:
     try:
         library = ctypes.PyDLL(str(path))
-        found = ctypes.c_int64.in_dll(library, "kernel_hash").value
-        sizes = (ctypes.c_int64 * len(STRUCTS)).in_dll(library, "kernel_sizes")
+        found = ctypes.c_int64.in_dll(library, "native_hash").value
+        sizes = (ctypes.c_int64 * len(STRUCTS)).in_dll(library, "native_sizes")
     except (OSError, ValueError) as error:
-        return KernelLibrary(None, f"{path.name} cannot be loaded: {error}")
+        return NativeLibrary(None, f"{path.name} cannot be loaded: {error}")
     if found != source_hash():
-        return KernelLibrary(None, f"{path.name} was made from other sources")
+        return NativeLibrary(None, f"{path.name} was made from other sources")
     if list(sizes) != [ctypes.sizeof(table.ctype) for table in STRUCTS]:
-        return KernelLibrary(None, f"{path.name} has structs of another size")
-    return KernelLibrary(library)
+        return NativeLibrary(None, f"{path.name} has structs of another size")
+    return NativeLibrary(library)
 
 
 def bind(table: CStruct, source: object) -> BoundStruct | str:
-    """The arrays of `source` for the kernel's functions; else why not, in words."""
-    library = kernel().library
+    """The arrays of `source` for the native library's functions; else why not, in words."""
+    library = native().library
     if library is None:
-        return kernel().why
+        return native().why
     try:
         return BoundStruct(library, table, source)
     except BindError as error:

@@ -1,4 +1,4 @@
-"""What the kernel is made of: its C files, the structs of all tables, and a hash of it all."""
+"""What the native library is made of: its C files, the structs of all tables, and a hash of it all."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from trocar.procs.native.tables import CONSTANTS, STRUCTS
 
 FOLDER: Final = Path(__file__).parent
 FLAGS: Final = ("-std=c11", "-O2", "-ffp-contract=off", "-fPIC", "-shared", "-Wall", "-Wextra")
-IN_WHEELS: Final = FOLDER / "kernel.so"
+IN_WHEELS: Final = FOLDER / "native.so"
 
 
 def header() -> str:
@@ -19,7 +19,7 @@ def header() -> str:
     sizes = ", ".join(f"sizeof({table.name})" for table in STRUCTS)
     constants = "".join(f"#define {name} {value!r}\n" for name, value in CONSTANTS.items())
     parts = ["#pragma once\n#include <stdint.h>\n", constants, *(table.declarations for table in STRUCTS),
-             f"#define KERNEL_SIZES {sizes}\n"]
+             f"#define NATIVE_SIZES {sizes}\n"]
     return "\n".join(parts)
 
 
@@ -37,4 +37,4 @@ def source_hash() -> int:
 
 def library_path() -> Path:
     """Where the library of this source is, once it is made: in the Python environment."""
-    return Path(sys.prefix) / "lib" / "trocar" / f"kernel-{source_hash():016x}.so"
+    return Path(sys.prefix) / "lib" / "trocar" / f"native-{source_hash():016x}.so"

@@ -1,4 +1,4 @@
-"""All structs of the kernel, and the constants that both sides know."""
+"""All structs of the native library, and the constants that both sides know."""
 
 from typing import Final
 

@@ -2,7 +2,7 @@
 
 Deadlines lie on a grid: a late cycle does not shift the following ones, it is counted, and deadlines that have passed
 altogether are skipped and counted as missed. Pure but for the control page it writes its numbers to; what a process
-does every time it waits for a deadline is in the kernel as well (procs/native/pace.c).
+does every time it waits for a deadline is in the native library as well (procs/native/pace.c).
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def phase_ns(share: float, period_ns: int, ios_ns: Sequence[int]) -> int:
 class Pacing:
     """One loop's deadlines and figures; all times in ns of the process's clock.
 
-    Its counters are in `words`, so that the kernel works on the same.
+    Its counters are in `words`, so that the native library works on the same.
     """
 
     gain = GAIN

@@ -87,7 +87,7 @@ class Node(NodeMemory):
         self._pacing = Pacing(self.page, period_ns, phase_ns(proc(kind).phase, period_ns, ios_ns))
         bound = bind(PACE, self._pacing) if type(self.clock) is WallClock else ""
         self._wait = bound.function("wait") if isinstance(bound, BoundStruct) else None
-        """The kernel's wait for the next deadline, on the wall clock; None: `tick` waits step by step."""
+        """The native library's wait for the next deadline, on the wall clock; None: `tick` waits step by step."""
         self._beat = self.page.field("heartbeat_ns")
         self._check_at = 0
         self._stop = ""
@@ -189,7 +189,7 @@ class Node(NodeMemory):
         self._pacing.latency(latency_ns)
 
     def computes(self, why_numpy: str) -> None:
-        """Show what does the work of many axes: the kernel, or numpy, and why."""
+        """Show what does the work of many axes: the native library, or numpy, and why."""
         shown = f"numpy: {why_numpy}" if why_numpy else "kernel"
         self.page.field("computes")[...] = shorten(shown, self.page.field("computes").itemsize - 1)
 

@@ -1,4 +1,4 @@
-"""Every stage of io and boards by the kernel and by numpy, from the same memory: they must leave the same, to the bit.
+"""Every stage of io and boards by native code and by numpy, from the same memory: they must leave the same, to the bit.
 
 As a plug-in of pytest (`-p tests.native.shadow`) it does so for every cycle of all tests that are run.
 """
@@ -13,7 +13,7 @@ from typing import ClassVar
 import numpy as np
 
 from trocar.procs.io import cycle
-from trocar.procs.io.stages import Parts, Stages, kernel_stages, numpy_stages
+from trocar.procs.io.stages import Parts, Stages, native_stages, numpy_stages
 from trocar.procs.native import library
 from trocar.procs.native.bound import BoundStruct
 from trocar.procs.native.fields import CStruct
@@ -38,7 +38,7 @@ def bits(array: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(array).view(np.uint8)
 
 
-def both(name: str, bound: BoundStruct, kernel: Callable[..., int], by_numpy: Callable[..., int], *given: float,
+def both(name: str, bound: BoundStruct, native_code: Callable[..., int], by_numpy: Callable[..., int], *given: float,
          exact: bool = False) -> int:
     """Call both with the same memory; AssertionError names the first array in which they differ.
 
@@ -46,18 +46,18 @@ def both(name: str, bound: BoundStruct, kernel: Callable[..., int], by_numpy: Ca
     """
     arrays = [(key, array) for key, array in bound.arrays.items() if array.flags.writeable and array.size < LARGE]
     before = [array.copy() for _, array in arrays]
-    found = kernel(*given)
+    found = native_code(*given)
     after = [array.copy() for _, array in arrays]
     for (_, array), was in zip(arrays, before, strict=True):
         array[...] = was
     with np.errstate(all="ignore"):
         wanted = by_numpy(*given)
     agreed = found == wanted if exact else bool(found) == bool(wanted)
-    assert agreed, f"{name}: {found} by the kernel, {wanted} by numpy"
+    assert agreed, f"{name}: {found} by native code, {wanted} by numpy"
     for (key, array), made in zip(arrays, after, strict=True):
         if made.tobytes() != array.tobytes() and not np.array_equal(bits(made), bits(array)):
             where = np.flatnonzero(bits(made) != bits(array))[0] // array.itemsize
-            raise AssertionError(f"{name}: {key}[{where}] is {made.flat[where]!r} by the kernel, "
+            raise AssertionError(f"{name}: {key}[{where}] is {made.flat[where]!r} by native code, "
                                  f"{array.flat[where]!r} by numpy")
     Compared.calls += 1
     Compared.names.add(name)
@@ -69,17 +69,17 @@ def both(name: str, bound: BoundStruct, kernel: Callable[..., int], by_numpy: Ca
 def shadowed(parts: Parts) -> Stages:
     """Stages that are done both ways."""
     bound = bind(IO, parts)
-    assert isinstance(bound, BoundStruct), f"no kernel to compare with: {bound}"
-    kernel, by_numpy = kernel_stages(bound, "not here", parts), numpy_stages(parts, "")
-    return dataclasses.replace(kernel, **{
-        name: partial(both, name, bound, getattr(kernel, name), getattr(by_numpy, name), exact=name == "at_once")
+    assert isinstance(bound, BoundStruct), f"no native library to compare with: {bound}"
+    native_code, by_numpy = native_stages(bound, "not here", parts), numpy_stages(parts, "")
+    return dataclasses.replace(native_code, **{
+        name: partial(both, name, bound, getattr(native_code, name), getattr(by_numpy, name), exact=name == "at_once")
         for name in IO.functions}, bound=None)
 
 
 def chosen_both(table: CStruct, source: object) -> tuple[Callable[..., int], ...]:
     """Stages of boards that are done both ways."""
     bound = bind(table, source)
-    assert isinstance(bound, BoundStruct), f"no kernel to compare with: {bound}"
+    assert isinstance(bound, BoundStruct), f"no native library to compare with: {bound}"
     return tuple(partial(both, name, bound, bound.function(name), getattr(source, name), exact=True)
                  for name in table.functions)
 

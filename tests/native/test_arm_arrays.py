@@ -1,4 +1,4 @@
-"""The arrays that the kernel was given for an arm stay where they are, whatever is asked of it and put on it."""
+"""The arrays of an arm that native code was given stay where they are, whatever is asked of it and put on it."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import pytest
 
 from tests.arm.fake_psm import with_adapter
 from trocar.procs.native.bound import BoundStruct
-from trocar.procs.native.library import kernel
+from trocar.procs.native.library import native
 
-pytestmark = pytest.mark.skipif(kernel().library is None, reason=f"no kernel: {kernel().why}")
+pytestmark = pytest.mark.skipif(native().library is None, reason=f"no native library: {native().why}")
 
 
 def bound(function: Any) -> BoundStruct:
-    """What a function of the kernel works on."""
+    """What a function of the native library works on."""
     found = function.args[0].keeps
     assert isinstance(found, BoundStruct)
     return found

@@ -1,4 +1,4 @@
-"""Arms' kinematics by the kernel, by Python and by pinocchio: the same, wherever joints and goals are."""
+"""Arms' kinematics by native code, by Python and by pinocchio: the same, wherever joints and goals are."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from trocar.procs.kinematics.gravity import Gravity
 from trocar.procs.kinematics.inverse.arms import BENDS, inverse_of
 from trocar.procs.kinematics.inverse.solver import InverseSolver
 from trocar.procs.kinematics.poses import rotation_from_vector
-from trocar.procs.native.library import kernel
+from trocar.procs.native.library import native
 
-pytestmark = pytest.mark.skipif(kernel().library is None, reason=f"no kernel: {kernel().why}")
+pytestmark = pytest.mark.skipif(native().library is None, reason=f"no native library: {native().why}")
 
-SAME, TRUE = 1e-12, 1e-9  # rad and m: kernel and Python; both and pinocchio
+SAME, TRUE = 1e-12, 1e-9  # rad and m: native code and Python; both and pinocchio
 TIP = np.eye(4)
 TIP[:3, :3], TIP[:3, 3] = rotation_from_vector(np.array((0.4, 0.2, -1.3))), (0.01, -0.02, 0.18)
 ARMS = {
@@ -47,7 +47,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 @contextmanager
-def without_kernel() -> Iterator[None]:
+def without_native() -> Iterator[None]:
     with ExitStack() as stack:
         for module in ("kinematics.forward", "kinematics.inverse.solver", "arm.cartesian", "kinematics.gravity"):
             stack.enter_context(patch(f"trocar.procs.{module}.bind", lambda *_: "not asked"))
@@ -61,9 +61,9 @@ def parts(name: str) -> tuple[str, Chain, Tool | None, np.ndarray | None]:
 
 @cache
 def chains(name: str) -> tuple[Kinematics, Kinematics, PinocchioChain]:
-    """By the kernel, by Python, by pinocchio."""
+    """By native code, by Python, by pinocchio."""
     _, *given = parts(name)
-    with without_kernel():
+    with without_native():
         python = Kinematics(*given)
     quick = Kinematics(*given)
     assert (quick.why_numpy, python.why_numpy) == ("", "not asked")
@@ -72,8 +72,8 @@ def chains(name: str) -> tuple[Kinematics, Kinematics, PinocchioChain]:
 
 @cache
 def solvers(name: str) -> tuple[InverseSolver, InverseSolver]:
-    """By the kernel and by Python."""
-    with without_kernel():
+    """By native code and by Python."""
+    with without_native():
         python = inverse_of(*parts(name))
     quick = inverse_of(*parts(name))
     assert (quick.why_numpy, python.why_numpy) == ("", "not asked")
@@ -240,7 +240,7 @@ def test_records_of_the_tip_are_the_same_both_ways(name: str, seed: int, absolut
     rows[4:] *= speed
     base = np.eye(4)
     base[:3, :3], base[:3, 3] = rotation_from_vector(rng.normal(0.0, 1.0, 3)), rng.normal(0.0, 1.0, 3)
-    with without_kernel():
+    with without_native():
         python, python_record = cartesian(name, rows, base)
     made, record = cartesian(name, rows, base)
     assert (made.why_numpy, python.why_numpy) == ("", "not asked")
@@ -274,7 +274,7 @@ def test_holding_efforts_are_the_same_three_ways(name: str, camera: float | None
     rng = np.random.default_rng(seed)
     chain, up = stock.chain(name), rng.normal(0.0, 9.81, 3)
     quick = Gravity(chain, 4, up, camera)
-    with without_kernel():
+    with without_native():
         python = Gravity(chain, 4, up, camera)
     assert (quick.why_numpy, python.why_numpy) == ("", "not asked")
     q = rng.normal(0.0, 1.0, 4)

@@ -1,4 +1,4 @@
-"""The boards' stages by the kernel and by numpy: the same bits from any state and motion, and in every scenario."""
+"""The boards' stages by native code and by numpy: the same bits from any state and motion, and in every scenario."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from trocar.procs.fpga import wire
 from trocar.procs.native import library
 from trocar.procs.native.boards_fields import BOARDS, ENCODERS, WORLD
 from trocar.procs.native.bound import BoundStruct
-from trocar.procs.native.library import SWITCH, bind, kernel
+from trocar.procs.native.library import SWITCH, bind, native
 
-pytestmark = pytest.mark.skipif(kernel().library is None, reason=f"no kernel: {kernel().why}")
+pytestmark = pytest.mark.skipif(native().library is None, reason=f"no native library: {native().why}")
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENARIOS = ("tests/boards/controllers", "tests/boards/test_emulation.py", "tests/boards/test_captures.py",
@@ -40,7 +40,7 @@ SPANS = (1, 7, 4915, 49152, 1_000_000)  # ticks of a step
 
 @pytest.fixture
 def both_ways(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is made from now on does all stages by the kernel and by numpy, and compares."""
+    """What is made from now on does all stages by native code and by numpy, and compares."""
     monkeypatch.setattr(library, "chosen", chosen_both)
 
 
@@ -155,7 +155,7 @@ def test_arrays_of_encoders_stay_where_they_are() -> None:
 
 
 @pytest.mark.slow
-def test_every_stage_of_the_scenarios_is_the_same_by_kernel_and_numpy() -> None:
+def test_every_stage_of_the_scenarios_is_the_same_by_native_and_numpy() -> None:
     command = [sys.executable, "-m", "pytest", "-q", "-p", "tests.native.shadow", "-p", "no:cacheprovider", "-m",
                "not slow", *SCENARIOS]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=600, check=False)
@@ -164,7 +164,7 @@ def test_every_stage_of_the_scenarios_is_the_same_by_kernel_and_numpy() -> None:
     assert {name for table in BOARDS for name in table.functions} <= set(compared)
 
 
-def test_without_the_kernel_numpy_does_the_work() -> None:
+def test_without_native_code_numpy_does_the_work() -> None:
     code = ("from trocar.procs.boards.controllers.encoder import Encoders; encoders = Encoders(1); "
             "print(encoders._advance == encoders.advance)")
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, env={SWITCH: "0"}, capture_output=True, text=True,

@@ -1,4 +1,4 @@
-"""The datagrams of a broadcast cycle by the kernel and by numpy: the same for all mixes of boards and firmware."""
+"""The datagrams of a broadcast cycle by native code and by numpy: the same for all mixes of boards and firmware."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from trocar.procs.fpga import blocks, registers, wire
 from trocar.procs.io.bus.link import Link
 from trocar.procs.io.bus.protocols import Groups
 from trocar.procs.io.bus.rows import HubBlocks, Rows
-from trocar.procs.native.library import kernel
+from trocar.procs.native.library import native
 
-pytestmark = pytest.mark.skipif(kernel().library is None, reason=f"no kernel: {kernel().why}")
+pytestmark = pytest.mark.skipif(native().library is None, reason=f"no native library: {native().why}")
 
 MIXES = ((8, ("QLA1",) * 8), (8, ("QLA1", "DQLA")), (9, ("dRA1", "QLA1", "DQLA")), (7, ("QLA1",) * 3),
          (8, ("dRA1",) * 2), (9, ("QLA1",)))
@@ -52,7 +52,7 @@ def test_queries_and_what_answers_them(seed: int, mix: tuple[int, tuple[str, ...
         rows.away[-1] = True
     link = Link(NoTransport(), lambda: 0, real_time=False)  # type: ignore[arg-type]
     found = HubBlocks(link, rows, np.flatnonzero(~rows.away).tolist())
-    assert found.ask != HubBlocks.ask, "the kernel does it"
+    assert found.ask != HubBlocks.ask, "the native library does it"
     found.order(rng.permutation(len(found.quads)).tolist())
     results = []
     tl, generation = int(rng.integers(64)), int(rng.integers(256))
@@ -88,12 +88,12 @@ def test_what_is_made_anew_when_boards_come_and_go_leaves_nothing_for_the_garbag
 def test_commands_of_all_boards(seed: int, mix: tuple[int, tuple[str, ...]]) -> None:
     rng, rows = np.random.default_rng(seed), rows_of(*mix)
     groups = Groups(rows)
-    assert groups.pack != Groups.pack, "the kernel does it"
+    assert groups.pack != Groups.pack, "the native library does it"
     rows.out[...] = rng.integers(0, 2**32, rows.out.shape, dtype=np.uint32)
     before = rows.out.copy()
     groups.pack()
-    by_kernel = bytes(groups.datagram)
+    by_native = bytes(groups.datagram)
     groups.datagram[22:] = bytes(len(groups.datagram) - 22) if mix[0] == 7 else groups.datagram[22:]
     Groups.pack(groups)
-    assert bytes(groups.datagram) == by_kernel and np.array_equal(rows.out, before)
-    assert by_kernel[-4:] == wire.crc_bytes(groups.data)
+    assert bytes(groups.datagram) == by_native and np.array_equal(rows.out, before)
+    assert by_native[-4:] == wire.crc_bytes(groups.data)

@@ -1,4 +1,4 @@
-"""From the boards' reply to the write behind it in one call of the kernel: the same as step by step, whatever comes."""
+"""From the boards' reply to the write behind it in one native call: the same as step by step, whatever comes."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from trocar.procs.io.bus.link import Counters
 from trocar.procs.io.bus.protocols import QueryRead
 from trocar.procs.native.bound import BoundStruct
 from trocar.procs.native.io_fields import IO
-from trocar.procs.native.library import bind, kernel
+from trocar.procs.native.library import bind, native
 from trocar.procs.native.progress import BAD, DECODED, NONE, READY, SENT
 from trocar.shm.time.clock import boottime_ns
 
-pytestmark = pytest.mark.skipif(kernel().library is None, reason=f"no kernel: {kernel().why}")
+pytestmark = pytest.mark.skipif(native().library is None, reason=f"no native library: {native().why}")
 
 
 @pytest.fixture
@@ -296,7 +296,7 @@ def test_after_a_bus_reset_the_call_goes_on(psm: SocketHarness) -> None:
     assert psm.exchange._made_for != made_for and psm.record.valid and psm.errors() == []
 
 
-def test_without_stages_of_the_kernel_a_sample_is_just_read(psm: SocketHarness) -> None:
+def test_without_stages_of_native_code_a_sample_is_just_read(psm: SocketHarness) -> None:
     psm.port._exchange = None
     assert psm.once() == NONE and psm.record.valid and psm.port.counters.writes
 

@@ -1,4 +1,4 @@
-"""The governor by the kernel and by numpy: the same setpoints to the bit, whatever is asked for."""
+"""The governor by native code and by numpy: the same setpoints to the bit, whatever is asked for."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from tests.native.shadow import both
 from trocar.procs.arm.governor import Governor
 from trocar.procs.native.bound import BoundStruct
 from trocar.procs.native.governor_fields import GOVERNOR
-from trocar.procs.native.library import bind, kernel
+from trocar.procs.native.library import bind, native
 from trocar.procs.tables.arm_types import ARM_TYPES
 
-pytestmark = pytest.mark.skipif(kernel().library is None, reason=f"no kernel: {kernel().why}")
+pytestmark = pytest.mark.skipif(native().library is None, reason=f"no native library: {native().why}")
 
 NUMBERS = st.floats(-1.0, 1.0) | st.floats() | st.sampled_from((-0.0, math.nan, 1e-320))
 

@@ -1,4 +1,4 @@
-"""io's stages by the kernel and by numpy: the same bits from any sample, gains and state, and in every scenario."""
+"""io's stages by native code and by numpy: the same bits from any sample, gains and state, and in every scenario."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from tests.native.shadow import shadowed
 from trocar.procs.document.system import Brake, Linear
 from trocar.procs.native.bound import BoundStruct
 from trocar.procs.native.io_fields import IO
-from trocar.procs.native.library import SWITCH, bind, kernel
+from trocar.procs.native.library import SWITCH, bind, native
 
-pytestmark = pytest.mark.skipif(kernel().library is None, reason=f"no kernel: {kernel().why}")
+pytestmark = pytest.mark.skipif(native().library is None, reason=f"no native library: {native().why}")
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENARIOS = ("tests/io/test_io_safety.py", "tests/io/test_real_robots.py", "tests/io/test_all_controllers.py",
@@ -109,7 +109,7 @@ def test_a_stage_with_another_shape_is_refused_and_numpy_does_the_work() -> None
 
 
 @pytest.mark.slow
-def test_every_cycle_of_the_scenarios_is_the_same_by_kernel_and_numpy() -> None:
+def test_every_cycle_of_the_scenarios_is_the_same_by_native_and_numpy() -> None:
     command = [sys.executable, "-m", "pytest", "-q", "-p", "tests.native.shadow", "-p", "no:cacheprovider", "-m",
                "not slow", *SCENARIOS]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=600, check=False)
@@ -117,8 +117,8 @@ def test_every_cycle_of_the_scenarios_is_the_same_by_kernel_and_numpy() -> None:
     assert "compared 0 stages" not in done.stdout
 
 
-def test_without_the_kernel_numpy_does_the_work_and_says_why() -> None:
+def test_without_native_code_numpy_does_the_work_and_says_why() -> None:
     code = "from tests.io.harness import IoHarness; print(IoHarness().core.stages.why_numpy)"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, env={SWITCH: "0"}, capture_output=True, text=True,
                           timeout=60, check=True)
-    assert done.stdout == "TROCAR_KERNEL is 0\n"
+    assert done.stdout == "TROCAR_NATIVE is 0\n"

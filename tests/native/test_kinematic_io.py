@@ -1,4 +1,4 @@
-"""KINEMATIC robots whose setpoints the kernel takes, and such of which numpy does: the same, whatever arms write."""
+"""KINEMATIC robots whose setpoints native code takes, and such of which numpy does: the same, whatever arms write."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from trocar.procs.io.loop import RingSource
 from trocar.procs.io.record import IoRecord
 from trocar.procs.io.stages import numpy_track
 from trocar.procs.native.bound import BoundStruct
-from trocar.procs.native.library import bind, kernel
+from trocar.procs.native.library import bind, native
 from trocar.procs.native.track_fields import TRACK
 from trocar.shm.system import directory
 
-pytestmark = pytest.mark.skipif(kernel().library is None, reason=f"no kernel: {kernel().why}")
+pytestmark = pytest.mark.skipif(native().library is None, reason=f"no native library: {native().why}")
 
 
 class KinematicStand:
@@ -52,7 +52,7 @@ class BothKinematic(Both):
         self.bound = [bind(TRACK, stand.core) for stand in self.stands]
 
     def compare(self) -> None:
-        """The same in all that the kernel works on, and in what is published."""
+        """The same in all that the native library works on, and in what is published."""
         one, other = (stand.record for stand in self.stands)
         super().compare()
         for name in ("position", "velocity", "setpoint_position", "setpoint_effort", "powered", "desired_generation"):

@@ -1,4 +1,4 @@
-"""How the kernel is compiled, found and believed; and that everything else runs without it, and says why."""
+"""How the native library is compiled, found and believed; and that everything else runs without it, and says why."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from trocar.procs.native.fields import CStruct, places, rows
 from trocar.procs.native.library import SWITCH
 
 ROOT = Path(__file__).resolve().parents[2]
-ASK = "from trocar.procs.native.library import kernel; print(kernel().why or 'compiled')"
+ASK = "from trocar.procs.native.library import native; print(native().why or 'compiled')"
 POINT = CStruct("Point", (*rows("i8", "", n="size"), *rows("f8", "n", x="x"), *rows("u2", "2 n", counts="counts")), {})
 PLACED = CStruct("Placed", (*rows("i8", "", n="size"), *places("2", "2 n", at="at")), {})
 
@@ -28,7 +28,7 @@ class Points:
 
 
 def asked(**environment: str) -> str:
-    """What a fresh interpreter says of the kernel."""
+    """What a fresh interpreter says of the native library."""
     done = subprocess.run([sys.executable, "-c", ASK], cwd=ROOT, env={**os.environ, **environment}, text=True,
                           capture_output=True, timeout=60, check=True)
     return done.stdout.strip()
@@ -77,25 +77,25 @@ def test_the_header_is_what_c_needs() -> None:
     header = sources.header()
     assert POINT.declarations.splitlines()[:4] == ["typedef struct {", "  int64_t n;", "  double *x;  // (n)",
                                                    "  uint16_t *counts;  // (2, n)"]
-    assert "#define KERNEL_SIZES sizeof(Io), " in header
+    assert "#define NATIVE_SIZES sizeof(Io), " in header
     assert "int64_t Io_encode(const Io *k, double, int64_t);" in header
 
 
 def test_the_switch_turns_it_off() -> None:
-    assert asked(**{SWITCH: "0"}) == "TROCAR_KERNEL is 0"
+    assert asked(**{SWITCH: "0"}) == "TROCAR_NATIVE is 0"
 
 
 @pytest.mark.slow
 def test_a_file_that_is_no_library_is_not_believed(tmp_path: Path) -> None:
-    file = tmp_path / "kernel.so"
+    file = tmp_path / "native.so"
     file.write_bytes(b"\x7fELF" + bytes(200))
-    assert asked(**{SWITCH: str(file)}).startswith("kernel.so cannot be loaded: ")
+    assert asked(**{SWITCH: str(file)}).startswith("native.so cannot be loaded: ")
     assert asked(**{SWITCH: str(tmp_path / "absent.so")}).startswith("it is not compiled")
 
 
 @pytest.mark.slow
 def test_a_library_of_other_sources_is_not_believed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    if library.kernel().library is None:
+    if library.native().library is None:
         pytest.skip("no compiler here")
     monkeypatch.setattr(build, "source_hash", lambda: 12345)
     build.build(tmp_path / "other.so")
@@ -106,4 +106,4 @@ def test_without_a_compiler_building_ends_in_one_line(tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, "-m", "trocar.procs.native.build"], cwd=ROOT, text=True, capture_output=True,
                           env={**os.environ, "CC": str(tmp_path / "no-compiler")}, timeout=60, check=False)
     assert done.returncode == 1 and done.stderr.count("\n") == 1
-    assert done.stderr.startswith("trocar: the kernel could not be compiled, numpy does its work: ")
+    assert done.stderr.startswith("trocar: the native library could not be compiled, numpy does its work: ")

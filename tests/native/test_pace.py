@@ -1,4 +1,4 @@
-"""Deadlines by the kernel and by Python: the same after every cycle; and the wait for the next one."""
+"""Deadlines by native code and by Python: the same after every cycle; and the wait for the next one."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from trocar.procs.native.bound import BoundStruct
-from trocar.procs.native.library import bind, kernel
+from trocar.procs.native.library import bind, native
 from trocar.procs.native.pace_fields import PACE
 from trocar.procs.node.pacing import INTERVAL_NS, ROOM, Pacing
 from trocar.shm.time.clock import monotonic_ns
 from trocar.shm.time.control_page import CONTROL
 
-pytestmark = pytest.mark.skipif(kernel().library is None, reason=f"no kernel: {kernel().why}")
+pytestmark = pytest.mark.skipif(native().library is None, reason=f"no native library: {native().why}")
 
 PERIOD = 1_000_000
 NUMBERS = {"<i8": np.int64, "<u8": np.uint64}
@@ -50,8 +50,8 @@ CYCLE = st.tuples(st.integers(0, 3 * PERIOD), st.integers(1, 10), st.integers(-P
 @given(st.lists(CYCLE, min_size=1, max_size=60), st.integers(0, 10**15), st.sampled_from([1, 2, 3]))
 def test_both_come_to_the_same_in_every_cycle(cycles: list[tuple[int, int, int, bool]], start: int, third: int) -> None:
     (page, slow), (other_page, quick) = paced(), paced()
-    by_kernel = bound(quick)
-    end_of_work, begin_work = by_kernel.function("end_of_work"), by_kernel.function("begin_work")
+    by_native = bound(quick)
+    end_of_work, begin_work = by_native.function("end_of_work"), by_native.function("begin_work")
     now = start
     for each in (slow, quick):
         each.follows(PERIOD * third // 3)
@@ -71,18 +71,18 @@ def test_both_come_to_the_same_in_every_cycle(cycles: list[tuple[int, int, int, 
         assert np.array_equal(quick.periods, slow.periods) and np.array_equal(quick.work, slow.work)
         assert {name: cell.item() for name, cell in page.cells.items()} == {
             name: cell.item() for name, cell in other_page.cells.items()}
-    assert not by_kernel.moved()
+    assert not by_native.moved()
 
 
 @pytest.mark.slow
 def test_more_cycles_than_there_is_room_for_are_counted_not_kept() -> None:
     cells, pacing = paced(10_000)
-    by_kernel = bound(pacing)
+    by_native = bound(pacing)
     pacing.begin(0, False)
     now = 0
     while now < 2 * INTERVAL_NS and not cells.field("interval_cycles"):
-        now = by_kernel.function("end_of_work")(now, 1)
-        if by_kernel.function("begin_work")(now):
+        now = by_native.function("end_of_work")(now, 1)
+        if by_native.function("begin_work")(now):
             pacing.look(now)
     assert cells.field("interval_cycles") == ROOM and cells.field("cycles") > ROOM
 

@@ -1,4 +1,4 @@
-"""Setpoints by the kernel and by numpy: whatever arms write into their rings, and whatever is asked meanwhile."""
+"""Setpoints by native code and by numpy: whatever arms write into their rings, and whatever is asked meanwhile."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from trocar.procs.document.system import PidConfig
 from trocar.procs.io.loop import RingSource
 from trocar.procs.io.stages import numpy_stages
 from trocar.procs.native.bound import BoundStruct
-from trocar.procs.native.library import bind, kernel
+from trocar.procs.native.library import bind, native
 from trocar.procs.native.track_fields import TRACK
 from trocar.shm.memory.segment import Segment, segment_name
 from trocar.shm.ring.ring import HEAD, RingWriter
 from trocar.shm.system import directory
 from trocar.shm.topics import SETPOINT
 
-pytestmark = pytest.mark.skipif(kernel().library is None, reason=f"no kernel: {kernel().why}")
+pytestmark = pytest.mark.skipif(native().library is None, reason=f"no native library: {native().why}")
 
 ARMS = ("PSM1", "PSM2")
 COMMANDS = (("power_on",), ("pid_enable", 1.0), ("pid_enable", 0.0), ("use_setpoint_v", 1.0), ("use_setpoint_v", 0.0),
@@ -31,7 +31,7 @@ ODD = (np.nan, np.inf, 1e300, -0.0)
 
 
 class Both:
-    """Two ios with rings of the same arms, one by the kernel, one by numpy."""
+    """Two ios with rings of the same arms, one by native code, one by numpy."""
 
     def __init__(self, system: str) -> None:
         self.system, self.rng = system, np.random.default_rng()

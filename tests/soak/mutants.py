@@ -12,7 +12,7 @@ Which tests a mutant meets: all of TESTS run once, and it is noted which functio
 `--calls FOLDER` keeps that for the next time). Of those that call the function with the mistake the quickest run, up to
 `--budget` seconds together; who survives them meets the next ones, up to six times as long.
 
-Which mistakes are drawn, and which are not: `tests.soak.mistakes`. Tests run without the compiled kernel: what is tried
+Which mistakes are drawn, and which are not: `tests.soak.mistakes`. Tests run without the native library: what is tried
 is the code in Python.
 """
 
@@ -77,7 +77,7 @@ class Copy:
     def run(self, arguments: Sequence[str], longest_s: float) -> tuple[str, str]:
         """What became of the tests, and the first that failed."""
         command = [sys.executable, "-m", "pytest", "-m", "not slow", "-q", "-p", "no:cacheprovider", "-rfE", *arguments]
-        environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "TROCAR_KERNEL": "0",
+        environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "TROCAR_NATIVE": "0",
                        "TROCAR_TEST_DATA": os.environ.get("TROCAR_TEST_DATA", str(ROOT.parent / "shared" / "data"))}
         child = subprocess.Popen(command, cwd=self.root, env=environment, text=True, start_new_session=True,
                                  stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)

@@ -9,7 +9,7 @@ import pytest
 
 from trocar.procs.arm.loop import AT_REST, PERIODS_AT_REST, PERIODS_OVERLOADED, most_periods
 from trocar.procs.arm.motion import Mode
-from trocar.procs.native.library import kernel
+from trocar.procs.native.library import native
 from trocar.shm.memory.segment import names_of
 from trocar.shm.system import directory
 from trocar.shm.system.subscriptions import Subscriber
@@ -28,7 +28,7 @@ def test_a_short_bench_gives_every_figure_and_leaves_nothing() -> None:
     assert figures["cycle_following_cpu_us_p50"] > figures["cycle_holding_cpu_us_p50"] > 0.0
     assert figures["cycle_wanted_cpu_us_p50"] > 0.0
     assert figures["ik_unreachable_poses"] > 10
-    if kernel().library is not None:
+    if native().library is not None:
         assert all(figures[f"{key}_numpy"] > 0.0 for key in KEYS) and figures["kernel_ratio"] > 0.0
     assert not names_of(f"bench-arm-{os.getpid()}")
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from trocar.procs.machine.paths import ROOT
-from trocar.procs.native.library import kernel
+from trocar.procs.native.library import native
 from trocar.shm.memory.segment import names_of
 from trocar.tools.bench import boards as bench_boards
 from trocar.tools.bench.boards import COMPARED, FIGURES
@@ -25,7 +25,7 @@ def test_a_short_bench_gives_every_figure(monkeypatch: pytest.MonkeyPatch, tmp_p
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     result = bench_boards.run(rounds=1, turn_s=0.05)
     figures = result["figures"]
-    there = kernel().library is not None
+    there = native().library is not None
     compared = {"kernel_ratio", *COMPARED} if there else {key for key in COMPARED if not key.endswith("_numpy")}
     assert set(figures) == {*FIGURES, *compared, "ratio_10_vs_2"}
     assert all(math.isfinite(x) and x > 0 for x in figures.values())

@@ -19,7 +19,7 @@ from tests.io.controllers_bus import ControllersBus, controller
 from tests.io.stub_bus import StubBoard, StubBus
 from trocar.procs.document.system import Controller
 from trocar.procs.fpga import registers, wire
-from trocar.procs.io.bus import owner
+from trocar.procs.io.bus import named_port
 from trocar.procs.io.bus.named_port import port_of
 from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.tools import cli
@@ -106,7 +106,7 @@ def test_scan_prints_a_table_for_eyes(desk_bus: Recorded) -> None:
 def test_scan_beside_a_running_io_writes_nothing(desk_bus: Recorded) -> None:
     run("scan", desk_bus.name)
     del desk_bus.requests[:]
-    with owner.hold(desk_bus.name):
+    with named_port.hold(desk_bus.name):
         result = run("scan", desk_bus.name)
     assert f"no serial numbers: port {desk_bus.name}: in use by pid {os.getpid()}" in result.stderr
     assert desk_bus.requests and not desk_bus.writes and not desk_bus.samples
@@ -244,7 +244,7 @@ def test_write_asks_at_a_terminal(desk_bus: Recorded, answer: str, code: int, af
 def test_running_io_keeps_its_bus(desk_bus: Recorded, words: tuple[Any, ...]) -> None:
     run("scan", desk_bus.name, "--no-serials")
     del desk_bus.requests[:]
-    with owner.hold(desk_bus.name):
+    with named_port.hold(desk_bus.name):
         reported = run(words[0], desk_bus.name, *words[1:], code=1).stderr
     assert f"in use by pid {os.getpid()}" in reported
     assert not desk_bus.writes and not desk_bus.samples

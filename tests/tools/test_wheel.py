@@ -50,7 +50,7 @@ def test_the_wheel_is_one_package(installed: Path) -> None:
     assert {path.name for path in installed.iterdir() if path.suffix != ".dist-info"} - {"bin"} == {"trocar"}
     inside = {path.name for path in (installed / "trocar").iterdir()}
     assert inside == {"__init__.py", "__main__.py", "py.typed", "procs", "shm", "tools", "configs"}
-    assert (installed / "trocar/procs/native/kernel.so").exists()
+    assert (installed / "trocar/procs/native/native.so").exists()
 
 
 @pytest.mark.slow

@@ -24,12 +24,12 @@ from trocar.procs.io.kinematic import KinematicIo
 from trocar.procs.io.loop import RingSource
 from trocar.procs.io.record import IoRecord
 from trocar.procs.kinematics.poses import matrix_from_pose, pose_from_matrix
-from trocar.procs.native.library import kernel
+from trocar.procs.native.library import native
 from trocar.procs.node import runtime
 from trocar.procs.supervisor import memory
 from trocar.shm.mailbox.client import Client
 from trocar.shm.system.subscriptions import Subscriber
-from trocar.tools.bench.measuring import without_kernel
+from trocar.tools.bench.measuring import without_native
 from trocar.tools.output.errors import Problem
 from trocar.tools.systems.cleanup import Keeper
 
@@ -51,11 +51,11 @@ def run(cycles: int = CYCLES, poses: int = POSES) -> dict[str, Any]:
     figures: dict[str, float] = {}
     for suffix, file in FILES.items():
         figures |= _figures(file, suffix, cycles, poses)
-        if kernel().library is not None:
-            with without_kernel():
+        if native().library is not None:
+            with without_native():
                 slow = _figures(file, suffix, cycles // SLOWER, poses // SLOWER)
             figures |= {f"{key}_numpy": value for key, value in slow.items()}
-    if kernel().library is not None:
+    if native().library is not None:
         figures["kernel_ratio"] = figures["cycle_following_cpu_us_p50_numpy"] / figures["cycle_following_cpu_us_p50"]
     conditions = {"cycles": cycles, "poses": poses, "time": "thread CPU time",
                   "arms": {suffix or "(none)": file for suffix, file in FILES.items()}}

@@ -19,7 +19,7 @@ from typing import Any
 
 from trocar.procs.config import load_system
 from trocar.procs.document.system import SystemConfig, to_json
-from trocar.procs.native.library import SWITCH, kernel
+from trocar.procs.native.library import SWITCH, native
 from trocar.shm.system.directory import create_ring
 from trocar.shm.topics import BOARDS_STATE
 from trocar.tools.bench.children import Figure, Report, Team, Turns
@@ -77,7 +77,7 @@ def run(rounds: int = ROUNDS, turn_s: float = TURN_S) -> dict[str, Any]:
     found = Turns()
     with contextlib.ExitStack() as stack, progress("bench boards") as say:
         say("starting", None)
-        which = (*PSMS, NUMPY) if kernel().library is not None else tuple(PSMS)
+        which = (*PSMS, NUMPY) if native().library is not None else tuple(PSMS)
         teams = {boards: stack.enter_context(_team(boards)) for boards in which}
         for team in teams.values():
             team.wait()

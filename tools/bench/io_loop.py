@@ -32,7 +32,7 @@ from trocar.procs.machine.paths import PROJECT_CONFIGS
 from trocar.shm.ring.ring import RingReader
 from trocar.shm.system import directory
 from trocar.shm.time.clock import monotonic_ns, pause
-from trocar.tools.bench.measuring import by_turns, cpu_model, cpu_s, home_all, without_kernel
+from trocar.tools.bench.measuring import by_turns, cpu_model, cpu_s, home_all, without_native
 from trocar.tools.inspect.processes import ProcessStatus, statuses
 from trocar.tools.output.errors import Problem
 from trocar.tools.systems.cleanup import own_folder
@@ -152,7 +152,7 @@ def _by_turns(file: Path, seconds: float, *placed: str) -> dict[str, float]:
         return _measure(file, seconds, *AWAKE, *placed)
 
     def measure_numpy() -> dict[str, float]:
-        with without_kernel():
+        with without_native():
             return measure()
 
     found = by_turns(TURNS, {"": measure, "numpy_": measure_numpy})

@@ -15,7 +15,7 @@ import numpy as np
 import psutil
 
 from trocar.procs.machine.paths import PROJECT_CONFIGS
-from trocar.procs.native.library import SWITCH, kernel
+from trocar.procs.native.library import SWITCH, native
 from trocar.procs.tables.bring_up import HOMED
 from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.tools.client.bring_up import bring_all
@@ -31,7 +31,7 @@ Found = TypeVar("Found")
 
 def machine() -> dict[str, Any]:
     """The conditions of every benchmark."""
-    return {"computed_by": "the kernel" if kernel().library is not None else f"numpy: {kernel().why}",
+    return {"computed_by": "native" if native().library is not None else f"numpy: {native().why}",
             "cores": len(psutil.Process().cpu_affinity() or []), "load": os.getloadavg()[0],
             "kernel": platform.release(), "python": platform.python_version(), "numpy": np.__version__}
 
@@ -99,15 +99,15 @@ def cpu_s(pid: int) -> float:
 
 
 @contextmanager
-def without_kernel() -> Iterator[None]:
+def without_native() -> Iterator[None]:
     """numpy does the work of what is made or started meanwhile."""
     before = os.environ.get(SWITCH)
     os.environ[SWITCH] = "0"
-    kernel.cache_clear()
+    native.cache_clear()
     try:
         yield
     finally:
         del os.environ[SWITCH]
         if before is not None:
             os.environ[SWITCH] = before
-        kernel.cache_clear()
+        native.cache_clear()

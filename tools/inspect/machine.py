@@ -18,7 +18,7 @@ import psutil
 from trocar.procs.machine.open_files import raised, shortage
 from trocar.procs.machine.paths import ROOT, STATE_REMEDY, log_folder, why_not_writable
 from trocar.procs.machine.port_holders import SocketHolder, holders
-from trocar.procs.native.library import kernel as library
+from trocar.procs.native.library import native as library
 from trocar.procs.node.realtime import LIMITS_FILE, NO_FIFO, NOT_LOCKED, SYSTEMD, is_urgent, limits_lines, user
 from trocar.shm.memory.segment import FOLDER
 from trocar.tools.systems.find import environment, left_over, other_owner

@@ -36,7 +36,7 @@ def bench(
 ) -> Any:
     """Measure this machine and this software; figures are ratios or times of one run.
 
-    What is compiled (procs/native) is used where it is; with TROCAR_KERNEL=0 in the environment numpy does it all.
+    What is compiled (procs/native) is used where it is; with TROCAR_NATIVE=0 in the environment numpy does it all.
 
     Example: trocar bench system --seconds 5 --json
     """

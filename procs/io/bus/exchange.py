@@ -1,4 +1,4 @@
-"""From the boards' reply to the write that answers it in one call of the kernel, system calls included.
+"""From the boards' reply to the write that answers it in one native call, system calls included.
 
 It handles what happens in every good cycle and nothing else. Whatever comes instead of the reply is left to
 `Link.receive`, and a write that did not leave to the caller, as if this were not here.
@@ -29,7 +29,7 @@ class ExchangeSettings:
     """What io does with a sample in the call that has received it, for as long as a `Port` lives."""
 
     stages: BoundStruct
-    """What the kernel does io's stages on."""
+    """What the native library does io's stages on."""
     oldest_ns: int
     """A sample counts as no older than this; see procs/io/cycle.py for all three."""
     stable_ns: float
@@ -37,7 +37,7 @@ class ExchangeSettings:
 
 
 class Exchange:
-    """The kernel's call for one reader and one writer; its arrays are bound anew when who is on the bus changes."""
+    """The native call for one reader and one writer; its arrays are bound anew when who is on the bus changes."""
 
     def __init__(self, link: Link, reader: QueryRead, writer: BroadcastWrite, settings: ExchangeSettings) -> None:
         self._link, self._reader, self._writer = link, reader, writer
@@ -47,7 +47,7 @@ class Exchange:
         """How many bytes; when; when the write left."""
         self._came = self.came.data
         self._made_for: object = None
-        self._parts: tuple[BoundStruct, ...] = ()  # of which the kernel has the addresses
+        self._parts: tuple[BoundStruct, ...] = ()  # of which the native library has the addresses
         self._answer: Callable[..., int] | None = None
 
     def _prepare(self) -> None:

@@ -78,7 +78,7 @@ class InverseSolver:
         self.goal, self.seed = self._given[:16].reshape(4, 4), self._given[16:]
         bound = bind(INVERSE, self)
         self.why_numpy = bound if isinstance(bound, str) else ""
-        """Why the kernel does not do it; empty: it does."""
+        """Why the native library does not do it; empty: it does."""
         self._newton: Callable[[float], int] = self.by_numpy_newton
         self._fits: Callable[[float], int] = self.by_numpy_fits
         self._approach: Callable[[], int] = self.by_numpy_approach
@@ -145,7 +145,7 @@ class InverseSolver:
         side, limit = ("below", lower) if value < lower else ("above", upper)
         return f"{self.kinematics.names[axis]} would be {value:.6g}, {side} its limit {limit:.6g}"
 
-    # the reference of the kernel
+    # the reference of the native library
 
     def by_numpy_newton(self, furthest: float) -> int:
         """Improve `q` until its tip is at the goal: the steps that took, or -1 less those it took in vain."""
