@@ -14,7 +14,7 @@ import pytest
 MARK = "searches"
 KEY = "trocar/searches"  # of pytest's cache: by test, the digest on which it passed last
 ROOT = Path(__file__).resolve().parent.parent
-SOURCES = ("shm/**/*.py", "tests/shm/*.py", "tests/shm/models/*")
+SOURCES = ("shm/**/*.py", "tests/shm/**/*.py", "tests/shm/models/*")
 
 
 def digest() -> str:

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from tests.shm.headers import rewrite
+from tests.shm.memory.headers import rewrite
 from tests.tools.peeking import NUMBER, Peek, build, number_ring, refused
 from trocar.shm.commands import COMMANDS
 from trocar.shm.mailbox.mailbox_map import create_mailbox

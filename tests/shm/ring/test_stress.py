@@ -12,8 +12,8 @@ from tests.shm.witness import topic
 from tests.shm.wrongs import TEARING
 from trocar.shm.system.directory import create_ring
 
-WRITE = "from tests.shm.crowd import write; write()"
-READ = "from tests.shm.crowd import read; read()"
+WRITE = "from tests.shm.ring.crowd import write; write()"
+READ = "from tests.shm.ring.crowd import read; read()"
 CROWD = ("next", "next", "next", "next", "newest", "newest", "newest", "history")
 SIZES = {216: 256, 4096: 64}  # bytes of payload: slots
 FULL_SPEED, TABLED = 0, 1500

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from tests.examples import examples
-from tests.shm.test_hostile import bounded
+from tests.shm.memory.test_hostile import bounded
 from trocar.shm.memory.segment import Segment, SegmentError, names_of, segment_name, unlink
 from trocar.shm.ring.ring import BUSY, HEAD, LAST_SEQUENCE, RingReader, RingWriter
 from trocar.shm.system.directory import create_ring

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tests.shm.test_lockstep import MS, PLAYER
+from tests.shm.time.test_lockstep import MS, PLAYER
 from trocar.shm.memory.segment import SegmentError
 from trocar.shm.time import held_time
 from trocar.shm.time.clock import monotonic_ns

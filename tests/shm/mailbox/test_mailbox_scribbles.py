@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, rule
 
 from tests.examples import examples
-from tests.shm.test_hostile import bounded
+from tests.shm.memory.test_hostile import bounded
 from trocar.shm.commands import COMMANDS
 from trocar.shm.mailbox import mailbox as m
 from trocar.shm.mailbox.mailbox import Mailbox

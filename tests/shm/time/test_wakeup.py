@@ -111,7 +111,7 @@ def race(world: Any, which: str, *arguments: str) -> dict[str, Any]:
     """The report of a race in races.py."""
     if len(os.sched_getaffinity(0)) < 2:
         pytest.skip("a race needs two cores")
-    child = world.start(f"from tests.shm.races import {which}; {which}()", *arguments)
+    child = world.start(f"from tests.shm.time.races import {which}; {which}()", *arguments)
     out, _ = child.communicate(timeout=LONG_S)
     assert child.returncode == 0, "a side of the race has failed"
     report: dict[str, Any] = json.loads(out)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.shm.layout_page import ROOT, TEXT, code, number, places, records, table, tables
+from tests.shm.memory.layout_page import ROOT, TEXT, code, number, places, records, table, tables
 from trocar.shm.commands import COMMANDS
 from trocar.shm.mailbox import generations as faults
 from trocar.shm.mailbox import mailbox, mailbox_map, received

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.shm.layout_page import TEXT, Row, records, table, tables
+from tests.shm.memory.layout_page import TEXT, Row, records, table, tables
 from trocar.shm.commands import COMMANDS
 from trocar.shm.mailbox import mailbox_map, received
 from trocar.shm.mailbox.mailbox import Mailbox

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from tests.shm.headers import rewrite
+from tests.shm.memory.headers import rewrite
 from trocar.shm.memory.layout import schema_of
 from trocar.shm.memory.segment import FIXED, Segment, SegmentError, path_of
 from trocar.shm.topics import SETPOINT

@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 
 from tests.shm.interleave import Broken, Explorer, Outcome
+from tests.shm.mailbox.test_mailbox_interleavings import ONE_REPLY, SAYS, owner
 from tests.shm.process import Actor, Program
 from tests.shm.simulated import Change, Real, private
-from tests.shm.test_mailbox_interleavings import ONE_REPLY, SAYS, owner
 
 STOPS = {"one": 1000, "other": 2000, "last": 3000}
 
