@@ -10,7 +10,7 @@ import pytest
 from tests.fpga import board_side
 from tests.io.emulated_ports import OTHER_END, OUR_END, PortBench, in_namespace
 from trocar.procs.fpga import registers, wire
-from trocar.procs.io.bus import ethernet, owner
+from trocar.procs.io.bus import ethernet, named_port
 from trocar.procs.io.bus.ethernet import EthernetTransport, interface_of
 from trocar.procs.io.bus.transport import PortError
 
@@ -42,8 +42,8 @@ def test_the_cable_is_the_only_interface_that_counts():
 
 @on_cable
 def test_one_bus_has_one_owner_whether_it_is_named_or_counted():
-    with owner.hold(f"eth:{OUR_END}"), pytest.raises(PortError, match="in use"):
-        owner.hold(f"ethfw:{ethernet.interfaces().index(OUR_END)}")
+    with named_port.hold(f"eth:{OUR_END}"), pytest.raises(PortError, match="in use"):
+        named_port.hold(f"ethfw:{ethernet.interfaces().index(OUR_END)}")
 
 
 @on_cable
