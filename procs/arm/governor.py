@@ -26,7 +26,7 @@ from typing import Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.procs.native.governor_fields import GOVERNOR
+from trocar.procs.native.arm_fields import GOVERNOR
 from trocar.procs.native.library import chosen
 
 Array = NDArray[np.float64]

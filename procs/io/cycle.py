@@ -36,7 +36,8 @@ from trocar.procs.io.record import Field, Flags, IoRecord
 from trocar.procs.io.reports import IoReports, also
 from trocar.procs.io.robots import Robots, Samples
 from trocar.procs.io.safety import Safety
-from trocar.procs.io.setpoint_tracker import SetpointSource, SetpointTracker
+from trocar.procs.io.setpoint_rings import RingSource
+from trocar.procs.io.setpoint_tracker import SetpointTracker
 from trocar.procs.io.setup_brakes import SetupBrakes
 from trocar.procs.io.stages import stages
 from trocar.procs.io.start import restore
@@ -72,7 +73,7 @@ class RobotIo:
     """Everything io does but talk to shared memory. `reports.events` is the caller's to empty after each cycle."""
 
     def __init__(self, io: IoConfig, port: BusPort, now_ns: Callable[[], int], record: IoRecord,
-                 sources: Sequence[SetpointSource], preset: Flags | None = None, *,
+                 sources: Sequence[RingSource], preset: Flags | None = None, *,
                  gains: Field | None = None, instruments: Field | None = None,
                  cells: Sequence[OwnCell] = (), is_over: Callable[[], bool] = bool,
                  over_ns: Callable[[], int] = lambda: FOR_EVER_NS,

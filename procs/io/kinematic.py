@@ -29,7 +29,8 @@ from trocar.procs.io.power import KinematicPower
 from trocar.procs.io.record import Field, Flags, Floats, IoRecord
 from trocar.procs.io.reports import IoReports
 from trocar.procs.io.robots import Robots
-from trocar.procs.io.setpoint_tracker import SetpointSource, SetpointTracker
+from trocar.procs.io.setpoint_rings import RingSource
+from trocar.procs.io.setpoint_tracker import SetpointTracker
 from trocar.procs.io.stages import track
 from trocar.procs.node.requests import Request
 from trocar.shm.mailbox.generations import NoFaults, OwnCell
@@ -40,7 +41,7 @@ MOVING_NS: Final = 20_000_000  # without a newer setpoint for this long, nothing
 class KinematicIo:
     """What `RobotIo` is to robots on boards; `reports.events` is the caller's to empty after each cycle."""
 
-    def __init__(self, io: IoConfig, now_ns: Callable[[], int], record: IoRecord, sources: Sequence[SetpointSource], *,
+    def __init__(self, io: IoConfig, now_ns: Callable[[], int], record: IoRecord, sources: Sequence[RingSource], *,
                  gains: Field | None = None, cells: Sequence[OwnCell] = (),
                  report: Callable[[DesiredCommand, str, str], None] | None = None) -> None:
         """`sources` in the order of `io.pids`, `cells` of `io.robots`; `report` hears what became of arms' desired

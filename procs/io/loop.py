@@ -16,34 +16,15 @@ from trocar.procs.io.kinematic import KinematicIo
 from trocar.procs.io.record import IoRecord
 from trocar.procs.io.reports import IoEvent
 from trocar.procs.io.robots import ACCELERATION, SOFTWARE_VELOCITY, Robots
-from trocar.procs.io.setpoint_tracker import DesiredFields
+from trocar.procs.io.setpoint_rings import RingSource
 from trocar.procs.io.start import POWER_OFF, prepare
 from trocar.procs.node import runtime
 from trocar.shm.mailbox.generations import NoFaults, robot_component
 from trocar.shm.memory.layout import shorten
-from trocar.shm.ring.ring import RingReader
 from trocar.shm.system.events import ERROR, STATUS, WARNING
 
 BUTTON: Final = "button"
 SEVERITY = {"status": STATUS, "warning": WARNING, "error": ERROR}
-
-
-class RingSource:
-    """The setpoint ring of an arm as a `SetpointSource`."""
-
-    def __init__(self, ring: RingReader) -> None:
-        self.ring, self.newest = ring, ring.newest
-        self.mode, self.has_velocity, self.count = (ring.field(n) for n in ("mode", "has_velocity", "count"))
-        self.in_effort = ring.field("in_effort")
-        self.bias_generation, self.pid_generation = ring.field("bias_generation"), ring.field("pid_generation")
-        self.position, self.velocity = ring.field("position"), ring.field("velocity")
-        self.effort, self.feed_forward = ring.field("effort"), ring.field("feed_forward")
-        self.desired = DesiredFields(ring.field)
-
-    @property
-    def stamp_ns(self) -> int:
-        """Stamp of the newest record, 0: there was none yet."""
-        return self.ring.stamp_ns
 
 
 class IoLoop(runtime.Loop):

@@ -1,4 +1,4 @@
-"""Where the rings of setpoints lie in memory, for the native library, which reads them by itself."""
+"""The rings of setpoints, and where they lie in memory for the native library, which reads them by itself."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.procs.io.record import Field
+from trocar.procs.tables.desired_state import DESIRED_STATES
+from trocar.shm.mailbox.origins import Origin
 from trocar.shm.memory.segment import HEAD_AT
 from trocar.shm.ring.ring import RingReader
 
@@ -16,6 +19,40 @@ Addresses = NDArray[np.int64]
 FIELDS: Final = ("stamp_ns", "mode", "has_velocity", "count", "in_effort", "bias_generation", "pid_generation",
                  "position", "velocity", "feed_forward", "desired_generation")
 """What the native library looks at, in the order of `SetpointRings.offsets`."""
+
+
+class DesiredFields:
+    """What the arm wants of io, in its setpoint record; see procs/tables/desired_state.py."""
+
+    def __init__(self, field: Field) -> None:
+        """`field` gives the arrays of the record."""
+        self.generation = field("desired_generation")
+        self.wanted = [field(desired.field) for desired in DESIRED_STATES]
+        self._origin = [field(name) for name in ("desired_origin", "desired_since", "desired_program")]
+
+    @property
+    def origin(self) -> Origin:
+        """The person's command that they come from."""
+        number, since, program = (cell.item() for cell in self._origin)
+        return Origin(number, since, program.decode(errors="replace"))
+
+
+class RingSource:
+    """The newest setpoint record of an arm, in its ring; scalars are arrays of shape (), the others (8,)."""
+
+    def __init__(self, ring: RingReader) -> None:
+        self.ring, self.newest = ring, ring.newest
+        self.mode, self.has_velocity, self.count = (ring.field(n) for n in ("mode", "has_velocity", "count"))
+        self.in_effort = ring.field("in_effort")
+        self.bias_generation, self.pid_generation = ring.field("bias_generation"), ring.field("pid_generation")
+        self.position, self.velocity = ring.field("position"), ring.field("velocity")
+        self.effort, self.feed_forward = ring.field("effort"), ring.field("feed_forward")
+        self.desired = DesiredFields(ring.field)
+
+    @property
+    def stamp_ns(self) -> int:
+        """Stamp of the newest record, 0: there was none yet."""
+        return self.ring.stamp_ns
 
 
 class SetpointRings:

@@ -13,61 +13,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Protocol
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trocar.procs.document.system import IoConfig
 from trocar.procs.io.pid import Pid
-from trocar.procs.io.record import Field, Flags, Floats, IoRecord
+from trocar.procs.io.record import Flags, Floats, IoRecord
 from trocar.procs.io.reports import IoReports, also
 from trocar.procs.io.robots import Robots, Samples
-from trocar.procs.io.setpoint_rings import rings_of
+from trocar.procs.io.setpoint_rings import RingSource, rings_of
 from trocar.procs.tables import codes
-from trocar.procs.tables.desired_state import DESIRED_STATES
-from trocar.shm.mailbox.origins import Origin
 
 DRIVE: Final = 1  # mode of a setpoint that asks for something
-
-
-class DesiredFields:
-    """What the arm wants of io, in its setpoint record; see procs/tables/desired_state.py."""
-
-    def __init__(self, field: Field) -> None:
-        """`field` gives the arrays of the record."""
-        self.generation = field("desired_generation")
-        self.wanted = [field(desired.field) for desired in DESIRED_STATES]
-        self._origin = [field(name) for name in ("desired_origin", "desired_since", "desired_program")]
-
-    @property
-    def origin(self) -> Origin:
-        """The person's command that they come from."""
-        number, since, program = (cell.item() for cell in self._origin)
-        return Origin(number, since, program.decode(errors="replace"))
-
-
-class SetpointSource(Protocol):
-    """The newest setpoint record of one arm; scalars are arrays of shape (), the others (8,)."""
-
-    mode: NDArray[Any]
-    has_velocity: NDArray[Any]
-    count: NDArray[Any]
-    in_effort: Flags
-    bias_generation: NDArray[Any]
-    pid_generation: NDArray[Any]
-    position: Floats
-    velocity: Floats
-    effort: Floats
-    feed_forward: Floats
-    desired: DesiredFields
-
-    @property
-    def stamp_ns(self) -> int:
-        """Stamp of the record, 0: there was none yet."""
-
-    def newest(self) -> bool:
-        """Take the newest record."""
 
 
 @dataclass(slots=True)
@@ -78,7 +37,7 @@ class TrackedRobot:
     robot: int
     axes: slice
     arm: str
-    source: SetpointSource
+    source: RingSource
     in_effort: bytes = b""  # as the newest setpoint had it; empty: none of the actuators
     lost: bool = False
     off: bool = False
@@ -89,7 +48,7 @@ class SetpointTracker:
 
     def __init__(self, io: IoConfig, robots: Robots, samples: Samples | IoRecord, pid: Pid, record: IoRecord,
                  reports: IoReports,
-                 sources: Sequence[SetpointSource]) -> None:
+                 sources: Sequence[RingSource]) -> None:
         """`sources` in the order of `io.pids`."""
         n = robots.axes
         self._io, self._robots, self._samples, self._pid = io, robots, samples, pid
@@ -238,7 +197,7 @@ class SetpointTracker:
             self._limit(follower)
         self.dirty[0] = True
 
-    def _pass_efforts(self, source: SetpointSource, axes: slice, count: int) -> None:
+    def _pass_efforts(self, source: RingSource, axes: slice, count: int) -> None:
         """Of actuators in effort mode the effort counts; the position is the measured one."""
         incoming, in_effort = self.incoming, self._pid.effort_mode[axes]
         np.copyto(incoming[0, axes], self._samples.position[axes], where=in_effort)

@@ -1,50 +1,23 @@
 """The stages of a cycle that work on all axes at once: by native code, else by numpy, which gives the same to the bit.
 
-What is rare comes back as a number, not 0, and is handled by who is named there.
+`core` has the arrays, under the names of procs/native/io_fields.py. What is rare comes back as a number, not 0, and is
+handled by who is named there.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING
 
-from trocar.procs.io.arm_requests import ArmRequests
-from trocar.procs.io.buttons import Buttons
-from trocar.procs.io.digital_outputs import DigitalOutputs
-from trocar.procs.io.outputs import Outputs
-from trocar.procs.io.pid import Pid
-from trocar.procs.io.power import Power
-from trocar.procs.io.record import IoRecord
-from trocar.procs.io.robots import Robots, Samples
-from trocar.procs.io.safety import Safety
-from trocar.procs.io.setpoint_tracker import SetpointTracker
 from trocar.procs.native.bound import BoundStruct
-from trocar.procs.native.io_fields import IO
+from trocar.procs.native.io_fields import IO, TRACK
 from trocar.procs.native.library import bind
 from trocar.procs.native.progress import CHECKED, CONTROLLED, DECODED, ENCODED, READY
-from trocar.procs.native.track_fields import TRACK
 
-
-class Tracks(Protocol):
-    """Who takes setpoints; the native library finds the arrays by these names (procs/native/track_fields.py)."""
-
-    robots: Robots
-    record: IoRecord
-    follow: SetpointTracker
-    desired: ArmRequests
-    pid: Pid
-
-
-class Parts(Tracks, Protocol):
-    """Whose arrays the stages work on; the native library finds them by these names (procs/native/io_fields.py)."""
-
-    samples: Samples
-    power: Power
-    safety: Safety
-    outputs: Outputs
-    digital_outputs: DigitalOutputs
-    buttons: Buttons
+if TYPE_CHECKING:
+    from trocar.procs.io.cycle import RobotIo
+    from trocar.procs.io.kinematic import KinematicIo
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,52 +44,52 @@ class Stages:
     """Why the native library does not do it; empty: it does."""
 
 
-def stages(parts: Parts) -> Stages:
+def stages(core: RobotIo) -> Stages:
     """The quickest there are."""
-    bound = bind(IO, parts)
-    return numpy_stages(parts, bound) if isinstance(bound, str) else native_stages(bound, tracking(parts), parts)
+    bound = bind(IO, core)
+    return numpy_stages(core, bound) if isinstance(bound, str) else native_stages(bound, tracking(core), core)
 
 
-def tracking(parts: Tracks) -> BoundStruct | str:
+def tracking(core: RobotIo | KinematicIo) -> BoundStruct | str:
     """What the native library needs to take setpoints; why it does not, in words."""
-    return bind(TRACK, parts) if parts.follow.rings is not None else "setpoints come from no ring"
+    return bind(TRACK, core) if core.follow.rings is not None else "setpoints come from no ring"
 
 
-def track(parts: Tracks) -> Callable[[int], int]:
+def track(core: RobotIo | KinematicIo) -> Callable[[int], int]:
     """See Stages."""
-    tracked = tracking(parts)
-    return numpy_track(parts) if isinstance(tracked, str) else tracked.function("track")
+    tracked = tracking(core)
+    return numpy_track(core) if isinstance(tracked, str) else tracked.function("track")
 
 
-def native_stages(bound: BoundStruct, tracked: BoundStruct | str, parts: Parts) -> Stages:
+def native_stages(bound: BoundStruct, tracked: BoundStruct | str, core: RobotIo) -> Stages:
     """By native code, but for setpoints where `tracked` says why not."""
     decode, check, control, encode, show, at_once = map(bound.function, IO.functions)
     if isinstance(tracked, str):
-        return Stages(numpy_track(parts), decode, check, control, encode, show, at_once, bound, tracked)
+        return Stages(numpy_track(core), decode, check, control, encode, show, at_once, bound, tracked)
     return Stages(tracked.function("track"), decode, check, control, encode, show, at_once, bound)
 
 
-def numpy_track(parts: Tracks) -> Callable[[int], int]:
+def numpy_track(core: RobotIo | KinematicIo) -> Callable[[int], int]:
     """By numpy: `SetpointTracker.receive` looks at everybody."""
-    follow = parts.follow
+    follow = core.follow
     return lambda now_ns: follow.everything
 
 
-def numpy_stages(parts: Parts, why: str) -> Stages:
+def numpy_stages(core: RobotIo, why: str) -> Stages:
     """By numpy; `why` not by native code."""
-    samples, pid, check, encode = parts.samples, parts.pid, parts.safety.check, parts.outputs.encode
+    samples, pid, check, encode = core.samples, core.pid, core.safety.check, core.outputs.encode
 
     def decode() -> int:
         samples.decode()
-        return parts.power.watch()
+        return core.power.watch()
 
     def control() -> int:
         return pid.control(samples.position, samples.velocity)
 
     def show() -> int:
         samples.show()
-        parts.digital_outputs.show()
-        return parts.buttons.watch()
+        core.digital_outputs.show()
+        return core.buttons.watch()
 
     def at_once(share: float) -> int:
         if decode():
@@ -127,4 +100,4 @@ def numpy_stages(parts: Parts, why: str) -> Stages:
             return CONTROLLED
         return READY if encode(share, 0) else ENCODED
 
-    return Stages(numpy_track(parts), decode, check, control, encode, show, at_once, why_numpy=why)
+    return Stages(numpy_track(core), decode, check, control, encode, show, at_once, why_numpy=why)

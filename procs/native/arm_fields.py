@@ -1,4 +1,4 @@
-"""The arrays of an arm's kinematics. n: joints."""
+"""The arrays of an arm's kinematics and of its governor. n: joints; of the governor with the jaw."""
 
 from __future__ import annotations
 
@@ -70,4 +70,12 @@ GRAVITY: Final = CStruct("Gravity", (
 ), {"hold": ()})
 """From `trocar.procs.kinematics.gravity.Gravity`; moved: joints of the arm that move links."""
 
-ARM: Final = (CHAIN, INVERSE, CARTESIAN, GRAVITY)
+GOVERNOR: Final = CStruct("Governor", (
+    *rows("i8", "", n="size"),
+    *rows("f8", "n", goal="goal", target="target", asked="asked", velocity="velocity", feed="feed", rate="rate",
+          speed="speed", acceleration="acceleration", lower="lower", upper="upper", behind="behind"),
+    *rows("f8", "1", most="most"),
+), {"advance": ("f8", "i8"), "measure": ()})
+"""From `trocar.procs.arm.governor.Governor`."""
+
+ARM: Final = (CHAIN, INVERSE, CARTESIAN, GRAVITY, GOVERNOR)

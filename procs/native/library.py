@@ -12,8 +12,7 @@ from typing import Final
 
 from trocar.procs.native.bound import BindError, BoundStruct
 from trocar.procs.native.fields import CStruct
-from trocar.procs.native.sources import IN_WHEELS, library_path, source_hash
-from trocar.procs.native.tables import STRUCTS
+from trocar.procs.native.sources import IN_WHEELS, STRUCTS, library_path, source_hash
 
 SWITCH: Final = "TROCAR_NATIVE"
 """Environment: 0: without native code; else the file of the library, for tests."""

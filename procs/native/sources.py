@@ -5,9 +5,48 @@ from __future__ import annotations
 import hashlib
 import sys
 from pathlib import Path
+from types import ModuleType
 from typing import Final
 
-from trocar.procs.native.tables import CONSTANTS, STRUCTS
+from trocar.procs.fpga import blocks, registers, wire
+from trocar.procs.native import bus_fields, pace_fields, progress
+from trocar.procs.native.arm_fields import ARM
+from trocar.procs.native.boards_fields import BOARDS
+from trocar.procs.native.bus_fields import EXCHANGE, HUB, WRITE
+from trocar.procs.native.fields import CStruct
+from trocar.procs.native.io_fields import IO, TRACK
+from trocar.procs.native.pace_fields import PACE
+
+STRUCTS: Final[tuple[CStruct, ...]] = (IO, TRACK, HUB, WRITE, EXCHANGE, *BOARDS, *ARM, PACE)
+
+
+def _named(module: ModuleType, names: str, prefix: str = "") -> dict[str, int | float]:
+    return {prefix + name: getattr(module, name) for name in names.split()}
+
+
+CONSTANTS: Final = {
+    **_named(progress, "BAD NONE DECODED CHECKED CONTROLLED ENCODED READY SENT"),
+    **_named(bus_fields, "NOTHING UNREADABLE"),
+    **_named(wire, "BLOCK_RESPONSE HOST_ID"),
+    **_named(blocks, "KINDS SCALARS"),
+    **_named(registers, "CONTROL_AMP_MASK_SHIFT CONTROL_AMP_SHIFT CURRENT_EXCESS DAC_BOARD_SHIFT INPUT_MOTOR_SUPPLY "
+                        "MIN_QUARTER QUERY SAME_EDGE SLOWEST_S"),
+    **_named(pace_fields, "DEADLINE START WANTED STEP CYCLES MISSED OVERRUNS KEPT LOOK", "WORD_"),
+    "DAC_KEPT": registers.DAC_VALID | registers.DAC_COLLECT | registers.DAC_VALUE_MASK,
+    "DIRECTION": registers.VELOCITY_DIRECTION,
+    "INPUTS_AT": blocks.DIGITAL_INPUT,
+    "MIDDLE": 0.5 * registers.DAC_VALUE_MASK,
+    "MIDRANGE": registers.ENCODER_MIDRANGE,
+    "OVERFLOWED": registers.VELOCITY_OVERFLOW,
+    "POSITION_MASK": registers.ENCODER_MASK,
+    "RELAY": registers.STATUS_RELAY,
+    "SLOWEST_SQUARE": 1e-30,
+    "STAMP_AT": blocks.TIMESTAMP,
+    "STATUS_AT": blocks.STATUS,
+    "TICKS": registers.VELOCITY_TICKS_MASK,
+    "VALUE_MASK": registers.DAC_VALUE_MASK,
+}
+"""What both sides know."""
 
 FOLDER: Final = Path(__file__).parent
 FLAGS: Final = ("-std=c11", "-O2", "-ffp-contract=off", "-fPIC", "-shared", "-Wall", "-Wextra")

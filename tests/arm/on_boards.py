@@ -15,7 +15,7 @@ from trocar.procs.arm.arm import ArmContext, ArmLogic
 from trocar.procs.arm.effort_limits import motor_efforts
 from trocar.procs.arm.loop import gripper_in, place_in
 from trocar.procs.document.system import SystemConfig
-from trocar.procs.io.setpoint_tracker import DesiredFields
+from trocar.procs.io.setpoint_rings import DesiredFields
 from trocar.procs.node.fault_report import FaultReport
 from trocar.procs.tables import codes
 from trocar.procs.tables.arm_types import ARM_TYPES, class_of

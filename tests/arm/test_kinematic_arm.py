@@ -18,7 +18,7 @@ from trocar.procs.config import PROJECT_CONFIGS, load_system
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.io.kinematic import KinematicIo
 from trocar.procs.io.record import IoRecord as IoRecord
-from trocar.procs.io.setpoint_tracker import DesiredFields
+from trocar.procs.io.setpoint_rings import DesiredFields
 from trocar.procs.tables.arm_types import ARM_TYPES
 from trocar.shm.mailbox.client import Reply
 from trocar.shm.mailbox.origins import SenderId

@@ -26,7 +26,7 @@ from trocar.procs.io.bus.discovery import BoardInfo
 from trocar.procs.io.bus.link import Counters
 from trocar.procs.io.cycle import RobotIo
 from trocar.procs.io.record import IoRecord, private
-from trocar.procs.io.setpoint_tracker import DesiredFields, SetpointSource
+from trocar.procs.io.setpoint_rings import DesiredFields, RingSource
 from trocar.procs.native.progress import BAD, NONE
 from trocar.procs.tables.desired_state import DESIRED_STATES
 from trocar.shm.mailbox.origins import Origin, SenderId
@@ -291,7 +291,7 @@ class FakeCommand:
 class IoHarness:
     """Core, boards, clock and arms; the arms are alive and ask for nothing unless told."""
 
-    def __init__(self, robot_count: int = 1, preset: bool = True, sources: Sequence[SetpointSource] = (),
+    def __init__(self, robot_count: int = 1, preset: bool = True, sources: Sequence[RingSource] = (),
                  **changes) -> None:
         """`sources`: where setpoints really come from, in place of `arms`."""
         self.io = document(robot_count, **changes)

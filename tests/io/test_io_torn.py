@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.io.harness import PERIOD_NS, IoHarness
-from trocar.procs.io.loop import RingSource
+from trocar.procs.io.setpoint_rings import RingSource
 from trocar.shm.memory.segment import Segment, segment_name
 from trocar.shm.ring.ring import HEAD
 from trocar.shm.system import directory

@@ -13,7 +13,8 @@ from typing import ClassVar
 import numpy as np
 
 from trocar.procs.io import cycle
-from trocar.procs.io.stages import Parts, Stages, native_stages, numpy_stages
+from trocar.procs.io.cycle import RobotIo
+from trocar.procs.io.stages import Stages, native_stages, numpy_stages
 from trocar.procs.native import library
 from trocar.procs.native.bound import BoundStruct
 from trocar.procs.native.fields import CStruct
@@ -66,7 +67,7 @@ def both(name: str, bound: BoundStruct, native_code: Callable[..., int], by_nump
     return wanted
 
 
-def shadowed(parts: Parts) -> Stages:
+def shadowed(parts: RobotIo) -> Stages:
     """Stages that are done both ways."""
     bound = bind(IO, parts)
     assert isinstance(bound, BoundStruct), f"no native library to compare with: {bound}"

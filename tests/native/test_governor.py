@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from tests.examples import examples
 from tests.native.shadow import both
 from trocar.procs.arm.governor import Governor
+from trocar.procs.native.arm_fields import GOVERNOR
 from trocar.procs.native.bound import BoundStruct
-from trocar.procs.native.governor_fields import GOVERNOR
 from trocar.procs.native.library import bind, native
 from trocar.procs.tables.arm_types import ARM_TYPES
 

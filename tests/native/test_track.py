@@ -12,11 +12,11 @@ import pytest
 from tests.io.harness import PERIOD_NS, FakeCommand, IoHarness, gains
 from tests.native.shadow import bits
 from trocar.procs.document.system import PidConfig
-from trocar.procs.io.loop import RingSource
+from trocar.procs.io.setpoint_rings import RingSource
 from trocar.procs.io.stages import numpy_stages
 from trocar.procs.native.bound import BoundStruct
+from trocar.procs.native.io_fields import TRACK
 from trocar.procs.native.library import bind, native
-from trocar.procs.native.track_fields import TRACK
 from trocar.shm.memory.segment import Segment, segment_name
 from trocar.shm.ring.ring import HEAD, RingWriter
 from trocar.shm.system import directory

@@ -21,8 +21,8 @@ from trocar.procs.arm.arm import ArmLogic
 from trocar.procs.arm.loop import ArmLoop
 from trocar.procs.config import PROJECT_CONFIGS, load_system
 from trocar.procs.io.kinematic import KinematicIo
-from trocar.procs.io.loop import RingSource
 from trocar.procs.io.record import IoRecord
+from trocar.procs.io.setpoint_rings import RingSource
 from trocar.procs.kinematics.poses import matrix_from_pose, pose_from_matrix
 from trocar.procs.native.library import native
 from trocar.procs.node import runtime

@@ -15,8 +15,7 @@ import numpy as np
 from trocar.procs.io.bus.link import Link
 from trocar.procs.io.bus.protocols import UNSENT, BroadcastWrite, QueryRead
 from trocar.procs.native.bound import BoundStruct
-from trocar.procs.native.bus_fields import HUB, WRITE
-from trocar.procs.native.exchange_fields import EXCHANGE
+from trocar.procs.native.bus_fields import EXCHANGE, HUB, WRITE
 from trocar.procs.native.library import bind
 from trocar.procs.native.progress import BAD, NONE, READY, SENT
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from trocar.procs.fpga import wire
 from trocar.procs.io.bus.transport import MAX_QUEUED, Transport
-from trocar.procs.native.exchange_fields import NOTHING, UNREADABLE
+from trocar.procs.native.bus_fields import NOTHING, UNREADABLE
 
 Quads: TypeAlias = NDArray[np.uint32]
 
@@ -25,6 +25,7 @@ SETUP_TIMEOUT_MS: Final = 20
 SIMULATED_TIMEOUT_MS: Final = 500  # time stands still while we wait; emulated boards say so when no reply comes
 SIMULATED_SLICE_MS: Final = 50  # a machine that stood still for all of us has cost one of them
 SETUP_TRIES: Final = 5
+QUADLET_BYTES: Final = 4
 MAX_SEQUENCE: Final = 0xFFFF
 MAX_MISSING: Final = 32  # labels, of 64, that rest because the reply to their read has not come
 QUIET_NS: Final = 10_000_000  # without any reply: boards answer much sooner or not at all
@@ -219,25 +220,17 @@ class Link:
         `begin_ns`: since then somebody else has waited, and so many bytes have `come` to `rx` (UNREADABLE: what could
         not be received; NOTHING: none).
         """
-        rx, left_ms, transport = self.rx, timeout_ms, self.transport
-        now_ns = self.now_ns()
+        rx, left_ms, now_ns = self.rx, timeout_ms, self.now_ns()
         if begin_ns:
             left_ms = max(0, timeout_ms - (now_ns - begin_ns) // 1_000_000)
         else:
             begin_ns = now_ns
-            spin_until_ns = begin_ns + self.spin_ns
-            while self.spin_ns and not transport.poll(0) and self.now_ns() < spin_until_ns:
-                pass
+            self._spin(begin_ns + self.spin_ns)
         deadline_ns = begin_ns + timeout_ms * 1_000_000
         for _ in range(MAX_QUEUED):
-            size, come = come, NOTHING
+            size, come = (come if come != NOTHING else self._take(left_ms)), NOTHING
             if size == NOTHING:
-                if not (transport.poll(left_ms) if self.real_time else self._has_come(left_ms)):
-                    break
-                try:
-                    size = transport.recv_into(rx)
-                except OSError:  # an ICMP "nobody listens" of an earlier send: as good as silence
-                    size = UNREADABLE
+                break
             self.recv_ns = now_ns = self.now_ns()
             if size == wire.TRAILER_BYTES:
                 self.seen_generation = rx[1]
@@ -261,6 +254,20 @@ class Link:
         self.suspect = True
         return TIMED_OUT
 
+    def _spin(self, until_ns: int) -> None:
+        while self.spin_ns and not self.transport.poll(0) and self.now_ns() < until_ns:
+            pass
+
+    def _take(self, timeout_ms: int) -> int:
+        """The size of the next datagram, which lies in `rx` then; UNREADABLE, or NOTHING: none in time."""
+        transport = self.transport
+        if not (transport.poll(timeout_ms) if self.real_time else self._has_come(timeout_ms)):
+            return NOTHING
+        try:
+            return transport.recv_into(self.rx)
+        except OSError:  # an ICMP "nobody listens" of an earlier send: as good as silence
+            return UNREADABLE
+
     def _has_come(self, timeout_ms: int) -> bool:
         """Wait for a datagram in simulated time: so long as this process, and with it the boards, had the time to."""
         poll, slice_ms = self.transport.poll, min(timeout_ms, SIMULATED_SLICE_MS)
@@ -269,31 +276,25 @@ class Link:
     def read_quadlet(self, node: int, address: int, *, flags: int = 0, timeout_ms: int | None = None,
                      tries: int = SETUP_TRIES) -> int | None:
         """One register of a node; None when it does not answer. Reads have no side effects: lost ones are repeated."""
-        if timeout_ms is None:
-            timeout_ms = SETUP_TIMEOUT_MS if self.real_time else SIMULATED_TIMEOUT_MS
-        for _ in range(tries):
-            self._settle()
-            tl = self.next_tl()
-            if not self.send(wire.quadlet_read(node, address, tl, self.generation, self.flags | flags)):
-                continue
-            size = self.receive(tl, timeout_ms)
-            reply = self._decode(size, wire.QUADLET_RESPONSE, node)
-            if reply is not None:
-                return reply.value
-        return None
+        data = self._read(wire.QUADLET_READ, node, address, QUADLET_BYTES, flags, timeout_ms, tries)
+        return None if data is None else int.from_bytes(data, "big")
 
     def read_block(self, node: int, address: int, length: int, *, flags: int = 0, timeout_ms: int | None = None,
                    tries: int = SETUP_TRIES) -> bytes | None:
         """`length` bytes of a node; None when it does not answer."""
+        return self._read(wire.BLOCK_READ, node, address, length, flags, timeout_ms, tries)
+
+    def _read(self, tcode: int, node: int, address: int, length: int, flags: int, timeout_ms: int | None,
+              tries: int) -> bytes | None:
         if timeout_ms is None:
             timeout_ms = SETUP_TIMEOUT_MS if self.real_time else SIMULATED_TIMEOUT_MS
         for _ in range(tries):
             self._settle()
             tl = self.next_tl()
-            if not self.send(wire.block_read(node, address, length, tl, self.generation, self.flags | flags)):
+            request = wire.WireRequest(tcode, node, address, tl, self.generation, self.flags | flags, length=length)
+            if not self.send(wire.encode_request(request)):
                 continue
-            size = self.receive(tl, timeout_ms)
-            reply = self._decode(size, wire.BLOCK_RESPONSE, node)
+            reply = self._decode(self.receive(tl, timeout_ms), tcode + 2, node)  # the code of a reply
             if reply is not None and len(reply.data) == length:
                 return reply.data
         return None
