@@ -25,11 +25,11 @@ class FakeCell:
     exempt_origin: int = 0
 
     def fault(self) -> None:
-        """See OwnCell."""
+        """See FaultCell."""
         self.valid_from, self.exempt_origin = self.valid_from + 1, 0
 
     def switched_off(self, origin: int) -> None:
-        """See OwnCell."""
+        """See FaultCell."""
         self.valid_from, self.exempt_origin = self.valid_from + 1, origin
 
 

@@ -17,7 +17,7 @@ that component before, and who works with others goes on.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import TypeAlias
 
 from trocar.shm.memory.layout import schema_of
 from trocar.shm.memory.rows import Field, Topic
@@ -45,38 +45,16 @@ def robot_component(io: str, robot: str) -> str:
     return f"{io}/{robot}"
 
 
-class Cell(Protocol):
-    """What an owner knows of its component's faults."""
-
-    @property
-    def valid_from(self) -> int:
-        """Commands of an earlier generation count for nothing."""
-
-    @property
-    def exempt_origin(self) -> int:
-        """But those of this origin count: it has itself switched the component off."""
-
-
-class OwnCell(Cell, Protocol):
-    """The same, for its owner."""
-
-    def fault(self) -> None:
-        """A fault has happened: what was asked for before counts for nothing from now on."""
-
-    def switched_off(self, origin: int) -> None:
-        """A person's command `origin` took the power away: it counts on, what was asked for before does not."""
-
-
 class NoFaults:
     """A component that has no faults of its own: every person's command counts."""
 
     valid_from = exempt_origin = 0
 
     def fault(self) -> None:
-        """See OwnCell."""
+        """There is none."""
 
     def switched_off(self, origin: int) -> None:
-        """See OwnCell."""
+        """Nothing is void for that."""
 
 
 def create_faults(system: str, components: Sequence[str], make: Make = create) -> int:
@@ -135,15 +113,17 @@ class FaultCell:
         self._page = faults
         self._count, self._fault, self._void = faults.cell(component)
         self.valid_from: int = faults.words[self._void]
+        """Commands of an earlier generation count for nothing."""
         self.exempt_origin = 0
+        """But those of this origin count: it has itself switched the component off."""
 
     def fault(self) -> None:
-        """See OwnCell."""
+        """A fault has happened: what was asked for before counts for nothing from now on."""
         self._next(0)
         self._page.words[self._fault] = self.valid_from
 
     def switched_off(self, origin: int) -> None:
-        """See OwnCell."""
+        """A person's command `origin` took the power away: it counts on, what was asked for before does not."""
         self._next(origin)
 
     def _next(self, exempt_origin: int) -> None:
@@ -168,3 +148,8 @@ class Watched:
         """What was asked for in an earlier generation counts for nothing."""
         words = self._words
         return max([words[at] for at in self._places], default=0)
+
+
+OwnCell: TypeAlias = FaultCell | NoFaults
+"""What an owner knows of its component's faults."""
+Cell: TypeAlias = OwnCell | Watched

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,26 +11,12 @@ from trocar.shm.mailbox.command_row import CommandRow
 from trocar.shm.mailbox.mailbox_map import MAX_TEXT, PROGRAM_IN_RAW, TEXT_IN_RAW
 from trocar.shm.mailbox.origins import Origin, SenderId
 from trocar.shm.memory.header import readable
-from trocar.shm.memory.holders import Holder
+
+if TYPE_CHECKING:
+    from trocar.shm.mailbox.mailbox import Mailbox
 
 ACCEPTED, REFUSED, DONE, FAILED = 1, 2, 3, 4
 OUTCOMES = {ACCEPTED: "accepted", REFUSED: "refused", DONE: "done", FAILED: "failed"}
-
-
-class Box(Protocol):
-    """The mailbox that a command came through."""
-
-    def reply(self, received: Received, outcome: int, text: str) -> None:
-        """Answer a command."""
-
-    def holder(self, place: int) -> Holder:
-        """Who has a place, by its own word."""
-
-    def has_client(self, place: int) -> bool:
-        """Whether anybody lives in a place."""
-
-    def home_of(self, place: int) -> int:
-        """The place of the program that sent through this one: another one only where this is the place for stops."""
 
 
 class Received:
@@ -38,7 +24,7 @@ class Received:
 
     __slots__ = ("_box", "_head", "_pid", "_raw", "command", "id", "place", "values")
 
-    def __init__(self, box: Box, place: int, command: CommandRow, head: tuple[int, ...], raw: bytes,
+    def __init__(self, box: Mailbox, place: int, command: CommandRow, head: tuple[int, ...], raw: bytes,
                  values: NDArray[np.float64]) -> None:
         """`command` is its row of the table, `values` (count,) its numbers, our own copy, read-only.
 
