@@ -40,6 +40,9 @@ Element = TypeVar("Element", bound=np.generic)
 class TaskError(SetupError):
     """A task that cannot be attached; the text says which, where and what is needed."""
 
+    def __init__(self, row: document.TaskRow, what: str) -> None:
+        super().__init__(f"in-cycle task {_label(row)}{what}")
+
 
 @dataclass(slots=True)
 class Attached:
@@ -187,8 +190,7 @@ def _loaded(row: document.TaskRow) -> ModuleType:
     try:
         return _module(row.module)
     except (Exception, SystemExit) as error:
-        raise TaskError(f"in-cycle task {_label(row)}: {row.module} cannot be loaded: "
-                        f"{_reason(error, row.module)}") from error
+        raise TaskError(row, f": {row.module} cannot be loaded: {_reason(error, row.module)}") from error
 
 
 def _maker(row: document.TaskRow, module: ModuleType) -> TaskMaker:
@@ -196,8 +198,7 @@ def _maker(row: document.TaskRow, module: ModuleType) -> TaskMaker:
     maker = getattr(module, row.name, None)
     if not callable(maker):
         there = [name for name, value in vars(module).items() if callable(value) and not name.startswith("_")]
-        raise TaskError(f"in-cycle task {_label(row)}: no class or function {row.name} in {row.module}; it has: "
-                        f"{', '.join(there) or 'none'}")
+        raise TaskError(row, f": no class or function {row.name} in {row.module}; it has: {', '.join(there) or 'none'}")
     found: TaskMaker = maker
     return found
 
@@ -219,13 +220,12 @@ def _make(row: document.TaskRow, maker: TaskMaker, robot: TaskRobot) -> Task:
     try:
         task = maker(robot)
     except (Exception, SystemExit) as error:
-        raise TaskError(f"in-cycle task {_label(row)} cannot be made for {robot.name}: "
-                        f"{_reason(error, row.module)}") from error
+        raise TaskError(row, f" cannot be made for {robot.name}: {_reason(error, row.module)}") from error
     step = getattr(task, "step", None)
     try:
         inspect.signature(step).bind(None, None)  # type: ignore[arg-type]  # what is no function is caught, too
     except (TypeError, ValueError):
-        raise TaskError(f"in-cycle task {_label(row)}: it needs a method step(sample, effort)") from None
+        raise TaskError(row, ": it needs a method step(sample, effort)") from None
     return task
 
 
