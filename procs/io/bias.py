@@ -16,7 +16,7 @@ from typing import Final
 
 import numpy as np
 
-from trocar.procs.fpga import conversion, registers
+from trocar.procs.fpga import conversion
 from trocar.procs.io.bus.bus_port import BusPort
 from trocar.procs.io.bus.transport import PortError
 from trocar.procs.io.record import Flags, Floats, IoRecord
@@ -165,9 +165,7 @@ class Bias:
                                        robots.position_offset[axes][which])
         places = np.arange(axes.start, axes.stop)[which]
         for axis, value in zip(places.tolist(), bits.tolist(), strict=True):
-            board = robots.board_ids[int(robots.board_row[axis])]
-            address = registers.axis_register(int(robots.channel[axis]), registers.ENCODER_PRELOAD)
-            self._port.write_quadlet(board, address, value)
+            self._port.write_quadlet(*robots.preload_register(axis), value)
         self._samples.encoders_were_set()
 
     def forget(self, lost: Flags) -> None:

@@ -22,12 +22,11 @@ class Buttons:
     def __init__(self, robots: Robots, port: BusPort, record: IoRecord, reports: IoReports) -> None:
         """Looks at what the port leaves in its `blocks`; its boards are discovered."""
         inputs = robots.io.digital_inputs
-        row = {board: k for k, board in enumerate(robots.board_ids)}
         self._names = [i.name for i in inputs]
         self.count = len(inputs)
         self._flat = port.blocks.reshape(-1)
         self.index = np.array(
-            [row[i.board_id] * port.columns.count + blocks.DIGITAL_INPUT for i in inputs], dtype=np.intp)
+            [robots.row_of[i.board_id] * port.columns.count + blocks.DIGITAL_INPUT for i in inputs], dtype=np.intp)
         self.bit = np.array([1 << i.bit_id for i in inputs], dtype=np.uint32)
         self._words, self._zero = np.zeros(len(inputs), np.uint32), np.zeros(len(inputs), np.uint32)
         self._set = np.zeros(len(inputs), dtype=bool)

@@ -47,7 +47,7 @@ class DigitalOutputs:
         self._robots = robots
         self._outputs, self._port, self._record = robots.io.digital_outputs, port, record
         self._reports, self._kept = reports, dict[int, Kept]()
-        row = {board: k for k, board in enumerate(robots.board_ids)}
+        row = robots.row_of
         self._flat = port.blocks.reshape(-1)
         self.index = np.array([row[o.board_id] * port.columns.count + blocks.DIGITAL_INPUT for o in self._outputs],
                                dtype=np.intp)
@@ -67,7 +67,7 @@ class DigitalOutputs:
     def restore(self, rows: Flags) -> None:
         """These boards (by row) may be as after power-up: what io keeps there is written again."""
         for place, output in enumerate(self._outputs):
-            if rows[self._robots.board_ids.index(output.board_id)]:
+            if rows[self._robots.row_of[output.board_id]]:
                 self._set_up(place)
                 if place in self._kept:
                     self._kept[place].writes = WRITES

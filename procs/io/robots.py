@@ -50,49 +50,71 @@ class Robots:
         """From the document."""
         self.io = io
         self.names = tuple(robot.name for robot in io.robots)
-        actuators = [a for robot in io.robots for a in robot.actuators]
-        brakes = [b for robot in io.robots for b in robot.brakes]
-        drives: list[Actuator | Brake] = [*actuators, *brakes]
-        self.actuators, self.brakes, self.all = tuple(actuators), tuple(brakes), tuple(drives)
-        self.axes, self.drives = len(actuators), len(drives)
-        self.count, self.brake_count = len(self.names), len(brakes)
+        self.actuators = tuple(a for robot in io.robots for a in robot.actuators)
+        self.brakes = tuple(b for robot in io.robots for b in robot.brakes)
+        self.all: tuple[Actuator | Brake, ...] = (*self.actuators, *self.brakes)
+        self.axes, self.drives = len(self.actuators), len(self.all)
+        self.count, self.brake_count = len(self.names), len(self.brakes)
         self.titles = axis_titles(io)
         """Of every robot its axes, then its brakes, for people."""
-        boards = {d.board_id for d in drives} | {i.board_id for i in io.digital_inputs}
-        boards |= {o.board_id for o in io.digital_outputs} | {r.board_id for r in io.instrument_readers}
-        self.board_ids, self.board_count = tuple(sorted(boards)), len(boards)
         self.motors_off = [io.calibration_mode and robot.hardware == "dRA1" for robot in io.robots]
         """Whether calibration mode keeps the motors of a robot off: only its brakes are powered then."""
-        self.slices: list[slice] = []
-        for robot in io.robots:
-            first = self.slices[-1].stop if self.slices else 0
-            self.slices.append(slice(first, first + len(robot.actuators)))
-        of_axis = [r for r, robot in enumerate(io.robots) for _ in robot.actuators]
-        of_brake = [r for r, robot in enumerate(io.robots) for _ in robot.brakes]
+        self._place_drives()
+        self._place_boards()
+        self._take_positions()
+        self._take_currents()
+
+    def _place_drives(self) -> None:
+        """Which drives are whose."""
+        rows = self.io.robots
+        ends = np.cumsum([len(robot.actuators) for robot in rows]).tolist()
+        self.slices = [slice(end - len(robot.actuators), end) for end, robot in zip(ends, rows, strict=True)]
+        of_axis = [r for r, robot in enumerate(rows) for _ in robot.actuators]
+        of_brake = [r for r, robot in enumerate(rows) for _ in robot.brakes]
         self.robot_of_drive: Places = np.array([*of_axis, *of_brake], dtype=np.intp)
         self.robot_of_axis = self.robot_of_drive[: self.axes]
-        self.of_robot = [np.flatnonzero(self.robot_of_drive == r) for r in range(len(io.robots))]
+        self.of_robot = [np.flatnonzero(self.robot_of_drive == r) for r in range(self.count)]
         """Places of every robot's drives, its actuators first."""
-        row = {board: k for k, board in enumerate(self.board_ids)}
-        self.board_row: Places = np.array([row[d.board_id] for d in drives], dtype=np.intp)
-        self.channel: Places = np.array([d.axis_id for d in drives], dtype=np.intp)
-        self.on_board: Flags = np.zeros((len(self.names), len(self.board_ids)), dtype=bool)
+
+    def _place_boards(self) -> None:
+        """Which drives are on which boards."""
+        io = self.io
+        self.board_ids = tuple(sorted({each.board_id for each in (
+            *self.all, *io.digital_inputs, *io.digital_outputs, *io.instrument_readers)}))
+        self.board_count = len(self.board_ids)
+        self.row_of = {board: row for row, board in enumerate(self.board_ids)}
+        """Rows of boards in all arrays, by board id."""
+        self.board_row: Places = np.array([self.row_of[d.board_id] for d in self.all], dtype=np.intp)
+        self.channel: Places = np.array([d.axis_id for d in self.all], dtype=np.intp)
+        self.on_board: Flags = np.zeros((self.count, self.board_count), dtype=bool)
         self.on_board[self.robot_of_drive, self.board_row] = True
+
+    def _take_positions(self) -> None:
+        """Encoders and potentiometers."""
+        rows, actuators = self.io.robots, self.actuators
         encoders = [a.encoder or NO_ENCODER for a in actuators]
         self.has_encoder: Flags = np.array([a.encoder is not None for a in actuators], dtype=bool)
-        self.with_encoders: Flags = np.array([any(a.encoder for a in r.actuators) for r in io.robots], dtype=bool)
-        self.has_table: Flags = np.array([bool(r.lookup) for r in io.robots for _ in r.actuators], dtype=bool)
+        self.with_encoders: Flags = np.array([any(a.encoder for a in r.actuators) for r in rows], dtype=bool)
+        self.has_table: Flags = np.array([bool(r.lookup) for r in rows for _ in r.actuators], dtype=bool)
         self.has_pot: Flags = self.has_table | np.array([a.potentiometer is not None for a in actuators], dtype=bool)
         self.position_scale = np.array([e.bits_to_position.scale for e in encoders])
         self.position_offset = np.array([e.bits_to_position.offset for e in encoders])
         self.lower, self.upper = np.array([e.lower for e in encoders]), np.array([e.upper for e in encoders])
         self.software: Flags = np.array([e.velocity_source == "SOFTWARE" for e in encoders], dtype=bool)
-        self.maximum_current = np.array([d.maximum_current for d in drives])
-        self.effort_to_current = np.array([a.effort_to_current for a in actuators])
+
+    def _take_currents(self) -> None:
+        """Motors and brakes."""
+        self.maximum_current = np.array([d.maximum_current for d in self.all])
+        self.effort_to_current = np.array([a.effort_to_current for a in self.actuators])
         self.current_to_effort = conversion.inverse(self.effort_to_current)
         self.maximum_effort = np.abs(self.maximum_current[: self.axes] * self.current_to_effort)
-        self.dac_scale = np.array([d.current_to_bits.scale for d in drives])
-        self.dac_offset = np.array([d.current_to_bits.offset for d in drives])
+        self.dac_scale = np.array([d.current_to_bits.scale for d in self.all])
+        self.dac_offset = np.array([d.current_to_bits.offset for d in self.all])
+
+    def preload_register(self, axis: int) -> tuple[int, int]:
+        """(board, address) of the register that an actuator's encoder is set with."""
+        address = registers.axis_register(int(self.channel[axis]), registers.ENCODER_PRELOAD)
+        return self.board_ids[int(self.board_row[axis])], address
 
     def place(self, drive: int) -> tuple[int, int]:
         """(robot, axis within the robot) of a drive; the brakes of a robot come after its actuators."""

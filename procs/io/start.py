@@ -54,7 +54,7 @@ def restore(robots: Robots, port: BusPort, outputs: DigitalOutputs, rows: Flags)
             _set_watchdog(port, robots.board_ids[row], registers.watchdog_counts(robots.io.watchdog_s))
         outputs.restore(rows)
         for axis in np.flatnonzero(lost).tolist():
-            word = port.peek(robots.board_ids[int(robots.board_row[axis])], _preload_register(robots, axis))
+            word = port.peek(*robots.preload_register(axis))
             if word is None:
                 break
             lost[axis] = not _is_set(int(word[0]))
@@ -68,10 +68,6 @@ def _set_watchdog(port: BusPort, board: int, counts: int) -> None:
         shown = port.peek(board, registers.WATCHDOG)
         if shown is not None and int(shown[0]) & 0xFFFF == counts:
             return
-
-
-def _preload_register(robots: Robots, axis: int) -> int:
-    return registers.axis_register(int(robots.channel[axis]), registers.ENCODER_PRELOAD)
 
 
 def _is_set(preload: int) -> bool:
@@ -116,7 +112,7 @@ def _prepare_si(robots: Robots, port: BusPort, robot: int) -> None:
         if not port.read_quadlet(board, registers.STATUS) & registers.STATUS_PRELOADED:
             for axis in range(axes.start, axes.stop):
                 if robots.board_row[axis] == row and robots.has_encoder[axis]:
-                    port.write_quadlet(board, _preload_register(robots, axis), registers.ENCODER_MIDRANGE)
+                    port.write_quadlet(*robots.preload_register(axis), registers.ENCODER_MIDRANGE)
 
 
 def arm_serial(port: BusPort, board: int) -> str:
@@ -140,6 +136,5 @@ def _preset(robots: Robots, port: BusPort) -> Flags:
     """Encoders (axes,) that were set by somebody."""
     preset = robots.has_encoder.copy()
     for axis in np.flatnonzero(robots.has_encoder).tolist():
-        board = robots.board_ids[int(robots.board_row[axis])]
-        preset[axis] = _is_set(port.read_quadlet(board, _preload_register(robots, axis)))
+        preset[axis] = _is_set(port.read_quadlet(*robots.preload_register(axis)))
     return preset
