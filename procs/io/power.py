@@ -23,7 +23,7 @@ from trocar.procs.io.bus.bus_port import BusPort
 from trocar.procs.io.outputs import Outputs
 from trocar.procs.io.pid import Pid
 from trocar.procs.io.record import Flags, Floats, IoRecord
-from trocar.procs.io.reports import IoReports, also
+from trocar.procs.io.reports import IoReports
 from trocar.procs.io.robots import Robots, Samples
 from trocar.procs.io.setpoint_tracker import SetpointTracker
 from trocar.procs.node.inputs import FOR_EVER_NS
@@ -247,7 +247,7 @@ class Power:
             late = age_ns > POWER_GRACE_NS
         if late:
             off = ~(self._samples.amp_on[self._robots.of_robot[robot]] > 0.5) & self._switched[robot]
-            self._reports.trip(codes.AMPLIFIER, robot, int(np.argmax(off)), detail=also(off))
+            self._reports.trip_axes(codes.AMPLIFIER, robot, off)
 
     def _with(self, robot: int, bit: int) -> tuple[int, ...]:
         """Boards of a robot whose status has this bit."""

@@ -79,3 +79,10 @@ class IoReports:
              detail: str = "", boards: tuple[int, ...] = ()) -> None:
         """A fault of the table; what it switches off is off before anything is written."""
         self.trips.append(IoFaultReport(fault, robot, axis, value, limit, detail, boards))
+
+    def trip_axes(self, fault: Code, robot: int, bad: NDArray[np.bool_], values: NDArray[np.float64] | float = math.nan,
+                  limits: NDArray[np.float64] | float = math.nan) -> None:
+        """The same for the axes of a robot that are `bad`: the first one's, with the others named."""
+        axis = int(np.argmax(bad))
+        value, limit = (float(each[axis]) if isinstance(each, np.ndarray) else each for each in (values, limits))
+        self.trip(fault, robot, axis, value, limit, also(bad))

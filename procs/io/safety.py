@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from trocar.procs.fpga import conversion
 from trocar.procs.io.record import Flags, Floats, IoRecord
-from trocar.procs.io.reports import IoReports, also
+from trocar.procs.io.reports import IoReports
 from trocar.procs.io.robots import CHECKED, CURRENT, OVERFLOW, PERIOD, POT_ERROR, SAFETY, TEMPERATURE, Robots, Samples
 from trocar.procs.tables import codes
 
@@ -102,8 +102,7 @@ class Safety:
         for robot, places in enumerate(self._robots.of_robot):
             self._check_current(robot, fine[CURRENT, places], places)
             if not fine[SAFETY, places].all():
-                self._reports.trip(codes.SAFETY_AMP_DISABLE, robot, _first(fine[SAFETY, places]),
-                                   detail=also(~fine[SAFETY, places]))
+                self._reports.trip_axes(codes.SAFETY_AMP_DISABLE, robot, ~fine[SAFETY, places])
             if not fine[TEMPERATURE, places].all():
                 self._check_temperature(robot, places, now_ns)
             self._check_overflow(robot, fine[OVERFLOW, places])
@@ -119,10 +118,9 @@ class Safety:
         self.counting = True
         self._cycles[robot] += 1
         if self._cycles[robot] > CURRENT_CYCLES:
-            axis = _first(fine)
             self._cycles[robot] = 0
-            self._reports.trip(codes.CURRENT, robot, axis, float(self._values[CURRENT, places][axis]),
-                               float(self.limits[CURRENT, places][axis]), also(~fine))
+            self._reports.trip_axes(codes.CURRENT, robot, ~fine, self._values[CURRENT, places],
+                                    self.limits[CURRENT, places])
 
     def _check_current_error(self, fine: Flags) -> None:
         self._unlike_s[fine] = 0.0
@@ -136,16 +134,13 @@ class Safety:
         for robot, places in enumerate(self._robots.of_robot):
             bad = late[places]
             if bad.any():
-                axis = int(np.argmax(bad))
-                self._reports.trip(codes.CURRENT_ERROR, robot, axis, float(self._current_apart[places][axis]),
-                                   self._error_a, also(bad))
+                self._reports.trip_axes(codes.CURRENT_ERROR, robot, bad, self._current_apart[places], self._error_a)
 
     def _check_temperature(self, robot: int, places: NDArray[np.intp], now_ns: int) -> None:
         celsius = self._values[TEMPERATURE, places]
         hot = ~(celsius <= HOT_C)
         if hot.any():
-            axis = int(np.argmax(hot))
-            self._reports.trip(codes.TEMPERATURE, robot, axis, float(celsius[axis]), HOT_C, also(hot))
+            self._reports.trip_axes(codes.TEMPERATURE, robot, hot, celsius, HOT_C)
         elif now_ns - self._warm_ns[robot] >= WARM_REPEAT_NS:
             axis = int(np.argmax(celsius))
             self._warm_ns[robot] = now_ns
@@ -159,7 +154,7 @@ class Safety:
         if not self._overflow_handled[robot]:
             self._overflow_handled[robot] = True
             self.set_encoder_zero.append(robot)
-            self._reports.trip(codes.ENCODER_OVERFLOW, robot, _first(fine), detail=also(~fine))
+            self._reports.trip_axes(codes.ENCODER_OVERFLOW, robot, ~fine)
 
     def _check_pots(self, fine: Flags) -> None:
         apart = ~fine
@@ -180,7 +175,3 @@ class Safety:
                 continue
             self._reports.trip(codes.POTENTIOMETER, robot, place, float(self._samples.pot_error[axis]),
                                float(self._distance[axis]))
-
-
-def _first(fine: Flags) -> int:
-    return int(np.argmin(fine))

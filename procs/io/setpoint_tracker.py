@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from trocar.procs.document.system import IoConfig
 from trocar.procs.io.pid import Pid
 from trocar.procs.io.record import Flags, Floats, IoRecord
-from trocar.procs.io.reports import IoReports, also
+from trocar.procs.io.reports import IoReports
 from trocar.procs.io.robots import Robots, Samples
 from trocar.procs.io.setpoint_rings import RingSource, rings_of
 from trocar.procs.tables import codes
@@ -298,7 +298,7 @@ class SetpointTracker:
         for follower in self.followers:
             bad = ~np.logical_and.reduce(self._finite[:, follower.axes])
             if bad.any():
-                self._reports.trip(codes.NOT_FINITE, follower.robot, int(np.argmax(bad)), detail=also(bad))
+                self._reports.trip_axes(codes.NOT_FINITE, follower.robot, bad)
                 self.enable(follower.robot, False, now_ns)
         self.incoming[~np.isfinite(self.incoming)] = 0.0
         self.dirty[0] = False
