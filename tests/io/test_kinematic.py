@@ -192,7 +192,10 @@ def test_setpoint_that_is_not_a_number_switches_off(powered: KinematicStage) -> 
 
 @pytest.mark.parametrize(
     ("name", "values", "reason"),
-    [("bias_encoders", (100.0,), "KINEMATIC"), ("set_encoder", (6.0, 0.0), "KINEMATIC"),
+    [("bias_encoders", (100.0,), "it is KINEMATIC: its positions are exact"),
+     ("set_encoder", (6.0, 0.0), "it is KINEMATIC: its positions are exact"),
+     ("drive_axis", (0.0, 0.1, 1.0, 0.1, 0.0), "it is KINEMATIC: it has no motors"),
+     ("supply_on", (1.0,), "it is KINEMATIC: it has no supply"),
      ("brake_release", (), "no brakes"), ("brake_engage", (), "no brakes")],
 )
 def test_what_needs_hardware_is_refused_with_the_reason(powered: KinematicStage, name: str, values,

@@ -225,7 +225,8 @@ class Link:
             left_ms = max(0, timeout_ms - (now_ns - begin_ns) // 1_000_000)
         else:
             begin_ns = now_ns
-            self._spin(begin_ns + self.spin_ns)
+            if self.spin_ns:
+                self._spin(begin_ns + self.spin_ns)
         deadline_ns = begin_ns + timeout_ms * 1_000_000
         for _ in range(MAX_QUEUED):
             size, come = (come if come != NOTHING else self._take(left_ms)), NOTHING
@@ -255,7 +256,7 @@ class Link:
         return TIMED_OUT
 
     def _spin(self, until_ns: int) -> None:
-        while self.spin_ns and not self.transport.poll(0) and self.now_ns() < until_ns:
+        while not self.transport.poll(0) and self.now_ns() < until_ns:
             pass
 
     def _take(self, timeout_ms: int) -> int:
