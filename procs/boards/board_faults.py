@@ -133,23 +133,23 @@ class BoardFaults:
 
     def withhold(self, board: int, times: int, bus: str = "") -> None:
         """A board does not report to the next broadcast queries."""
-        on, local = self._bus_of_row[self._row(board, bus)]
-        on.withhold(local, times)
+        on, local = self.board(self._row(board, bus))
+        on.hub_memory.withheld[local] = times
 
     def spoil_sequence(self, board: int, times: int, bus: str = "") -> None:
         """A board reports to the next broadcast queries with a wrong sequence number."""
-        on, local = self._bus_of_row[self._row(board, bus)]
-        on.spoil_sequence(local, times)
+        on, local = self.board(self._row(board, bus))
+        on.hub_memory.spoiled[local] = times
 
     def heat(self, board: int, first: float, second: float, bus: str = "") -> None:
         """What a board measures at its first and second pair of amplifiers, °C."""
         for celsius in (first, second):
             if not 0.0 <= celsius <= HOTTEST:
                 raise ValueError(f"{celsius:g} °C; allowed: 0 to {HOTTEST}")
-        on, local = self._bus_of_row[self._row(board, bus)]
+        on, local = self.board(self._row(board, bus))
         if on.power.traits.digital[local]:
             raise ValueError(f"board {board}: a dRA1 has no temperature sensors")
-        on.set_temperatures(local, round(2 * first) << 8 | round(2 * second))
+        on.firmware.set_temperatures(local, round(2 * first) << 8 | round(2 * second))
 
     def buses(self, name: str) -> range:
         """Number of the bus of an io; all of them when it is not named."""

@@ -30,6 +30,7 @@ _Head = tuple[int, int, int, int]  # control flags, generation, first quadlet, a
 _HEAD = struct.Struct(">BBIII")
 _QUAD = struct.Struct(">I")
 _REPLY = struct.Struct(">IIIII")
+_TRAILER = struct.Struct(">BBBBHH")
 _DATA_AT = 22  # payload of a block write
 
 
@@ -102,18 +103,6 @@ class EmulatedBus:
             self.firmware.power_up(row, self.now)
         self.reset()
 
-    def withhold(self, row: int, times: int) -> None:
-        """A board does not report to the next broadcast queries."""
-        self.hub_memory.withheld[row] = times
-
-    def spoil_sequence(self, row: int, times: int) -> None:
-        """A board reports to the next broadcast queries with another sequence number."""
-        self.hub_memory.spoiled[row] = times
-
-    def set_temperatures(self, row: int, word: int) -> None:
-        """What a board's sensors show: amplifier pair 1 << 8 | pair 2, 0.5 °C each."""
-        self.firmware.set_temperatures(row, word)
-
     def step(self, tick: int) -> None:
         """A physics step ends at `tick`."""
         self.now = max(self.now, tick)
@@ -122,7 +111,7 @@ class EmulatedBus:
 
     def check_currents(self, tick: int) -> None:
         """Currents and commands hold from `tick` on: compare them."""
-        self.firmware.check_currents(tick)
+        self.firmware.motors.check_currents(tick)
 
     def _let_return(self) -> None:
         if self._next_return <= self.now:
@@ -158,7 +147,7 @@ class EmulatedBus:
                 self.boards[row].network.errors |= DESTINATION_ERROR
             return None
         self.packets += 1
-        self.firmware.until(tick)
+        self.power.until(tick)
         if not self.over_ethernet:
             if self._hub not in self._there:
                 return None
@@ -183,24 +172,25 @@ class EmulatedBus:
     def _receive(self, row: int, data: wire.Buffer, head: _Head, tick: int) -> wire.Buffer | None:
         """A datagram reaches the board in `row` by Ethernet."""
         flags, generation, q0, _ = head
-        node, tcode, stays = q0 >> 16 & 0x3F, q0 >> 4 & 0xF, flags & wire.NO_FORWARD
-        is_read, everyone, late = tcode in wire.READS, node == wire.BROADCAST, self._revision[row] > 8
-        if generation != self.generation and not everyone and not (late and stays):
-            return struct.pack(">BBBBHH", *self._trailer(row, flags if late else 0, wire.DROPPED)) if is_read else None
-        own = self.ids[row] if late and stays else self._node_of[row]
-        local = node == own or everyone
-        if late and everyone and is_read:
-            local = bool(stays) and row == self._hub
-        relayed = node != own and not stays and not self.over_ethernet
+        node, tcode, stays = q0 >> 16 & 0x3F, q0 >> 4 & 0xF, bool(flags & wire.NO_FORWARD)
+        is_read, late = tcode in wire.READS, self._revision[row] > 8
+        if generation != self.generation and node != wire.BROADCAST and not (late and stays):
+            return _TRAILER.pack(*self._trailer(row, flags if late else 0, wire.DROPPED)) if is_read else None
+        rows = self._addressed(row, node, is_read, stays)
         if is_read:
-            target = row if local else self._row_of.get(node) if relayed else None
-            return None if target not in self._there else self._read(target, tcode, data, head, tick)
-        if everyone:
-            rows: tuple[int, ...] = self._there if relayed else (row,)
-        else:
-            target = row if local else self._row_of.get(node) if relayed else None
-            rows = (target,) if target in self._there else ()
+            return self._read(rows[0], tcode, data, head, tick) if rows else None
         return self._write(rows, tcode, data, head, row, tick)
+
+    def _addressed(self, row: int, node: int, is_read: bool, stays: bool) -> tuple[int, ...]:
+        """Rows of the boards that are meant by a datagram for `node` that reached the board in `row`."""
+        late, relays = self._revision[row] > 8, not stays and not self.over_ethernet
+        if node == wire.BROADCAST:
+            if is_read:  # from Rev 9 on the hub alone answers it, where it is not to be relayed
+                return (row,) if not late or (stays and row == self._hub) else ()
+            return self._there if relays else (row,)
+        own = self.ids[row] if late and stays else self._node_of[row]
+        target = row if node == own else self._row_of.get(node) if relays else None
+        return () if target is None or target not in self._there else (target,)
 
     def _trailer(self, row: int, flags: int, state: int = 0) -> tuple[int, ...]:
         """Echo of the control flags (Rev 9), the state of the network where the board in `row` is heard, of the bus."""
@@ -211,29 +201,25 @@ class EmulatedBus:
 
     # -- reads ---------------------------------------------------------------------------------------------------------
 
-    def _read(self, row: int, tcode: int, data: wire.Buffer, head: _Head,
-              tick: int) -> wire.Buffer | None:
+    def _read(self, row: int, tcode: int, data: wire.Buffer, head: _Head, tick: int) -> wire.Buffer | None:
         flags, _, q0, address = head
-        late = self._revision[row] > 8
-        source = self.ids[row] if late and flags & wire.NO_FORWARD else self._node_of[row]
-        echo = flags if self._revision[self._hub] > 8 else 0
-        label = wire.HOST_ID << 16 | q0 & 0xFC00
+        source = self.ids[row] if self._revision[row] > 8 and flags & wire.NO_FORWARD else self._node_of[row]
+        trailer = self._trailer(row, flags if self._revision[self._hub] > 8 else 0)
         if tcode == wire.QUADLET_READ:
-            value = self._quadlet(row, address, tick)
-            return _REPLY.pack(label | wire.QUADLET_RESPONSE << 4, (0xFFC0 | source) << 16, 0, value, 0) + struct.pack(
-                ">BBBBHH", *self._trailer(row, echo))
+            reply = _reply_to(q0, wire.QUADLET_RESPONSE, source, self._quadlet(row, address, tick))
+            return _REPLY.pack(*reply) + _TRAILER.pack(*trailer)
         length = (_QUAD.unpack_from(data, 14)[0] >> 16 if len(data) >= 22 else 0) & ~3
         if not 0 < length <= wire.MAX_DATA:
             return None
-        reply = (label | wire.BLOCK_RESPONSE << 4, (0xFFC0 | source) << 16, 0, length << 16, 0)
+        reply = _reply_to(q0, wire.BLOCK_RESPONSE, source, length << 16)
         memory = self.hub_memory
         if address == reg.HUB and length == (memory.quads + 1) * 4:
-            return memory.answer(reply, self._trailer(row, echo), tick)
+            return memory.answer(reply, trailer, tick)
         if reg.HUB <= address < reg.QUERY:
             block = memory.read(address - reg.HUB, length // 4, tick)
         else:
             block = self.firmware.read_block(row, address, length, tick)
-        return b"".join((_REPLY.pack(*reply), block, bytes(4), struct.pack(">BBBBHH", *self._trailer(row, echo))))
+        return b"".join((_REPLY.pack(*reply), block, bytes(4), _TRAILER.pack(*trailer)))
 
     def _quadlet(self, row: int, address: int, tick: int) -> int:
         if reg.HUB <= address < reg.QUERY:
@@ -244,8 +230,8 @@ class EmulatedBus:
 
     # -- writes --------------------------------------------------------------------------------------------------------
 
-    def _write(self, rows: tuple[int, ...], tcode: int, data: wire.Buffer, head: _Head,
-               receiver: int, tick: int) -> wire.Buffer | None:
+    def _write(self, rows: tuple[int, ...], tcode: int, data: wire.Buffer, head: _Head, receiver: int,
+               tick: int) -> wire.Buffer | None:
         address, size = head[3], len(data)
         if tcode == wire.BLOCK_WRITE and size >= _DATA_AT + 4:
             length = min(_QUAD.unpack_from(data, 14)[0] >> 16, size - _DATA_AT) & ~3
@@ -260,7 +246,7 @@ class EmulatedBus:
         elif tcode == wire.QUADLET_WRITE and size >= 22:
             value = _QUAD.unpack_from(data, 14)[0]
             if address == reg.QUERY:
-                return self._query(rows, value, head, receiver, tick)
+                return self._query(rows, value, head, tick)
             self._write_quadlet(rows, address, value, receiver, tick)
         else:
             self.errors += 1
@@ -283,8 +269,7 @@ class EmulatedBus:
             self._silent_until[row] = tick + REBOOT_TICKS
         self._see_who_is_there()
 
-    def _query(self, rows: tuple[int, ...], value: int, head: _Head, receiver: int,
-               tick: int) -> wire.Buffer | None:
+    def _query(self, rows: tuple[int, ...], value: int, head: _Head, tick: int) -> wire.Buffer | None:
         """A broadcast query; over Ethernet the hub answers it once all blocks are there."""
         flags, _, q0, _ = head
         memory, hub = self.hub_memory, self._hub
@@ -300,6 +285,10 @@ class EmulatedBus:
                 self.power.refresh(row, tick)
         if hub not in rows or not memory.query(value, hub, tick) or not value >> self.ids[hub] & 1:
             return None
-        reply = (wire.HOST_ID << 16 | q0 & 0xFC00 | wire.BLOCK_RESPONSE << 4, (0xFFC0 | self.ids[hub]) << 16, 0,
-                 (memory.quads + 1) << 18, 0)
+        reply = _reply_to(q0, wire.BLOCK_RESPONSE, self.ids[hub], (memory.quads + 1) << 18)
         return memory.answer(reply, self._trailer(hub, flags), tick + REPORT_TICKS * self.count)
+
+
+def _reply_to(q0: int, tcode: int, source: int, last: int) -> tuple[int, ...]:
+    """The head of a reply: `last` is a quadlet read, or the length of a block in its upper half."""
+    return wire.HOST_ID << 16 | q0 & 0xFC00 | tcode << 4, (0xFFC0 | source) << 16, 0, last, 0

@@ -82,10 +82,6 @@ class Firmware:
 
     # -- time ----------------------------------------------------------------------------------------------------------
 
-    def until(self, tick: int) -> None:
-        """Let everything happen that happens by itself up to `tick`."""
-        self.power.until(tick)
-
     def step(self, tick: int) -> None:
         """A physics step ends at `tick`: edges up to there, and what has happened by itself."""
         self.encoders.observe(tick)
@@ -98,10 +94,6 @@ class Firmware:
             collection = self.boards[row].collection
             if collection.collecting:
                 collection.measure(int(self.lines.adc[row, collection.channel - 1]) & 0xFFFF, tick)
-
-    def check_currents(self, tick: int) -> None:
-        """Currents and commands as they are hold from `tick` on: compare them."""
-        self.motors.check_currents(tick)
 
     # -- samples -------------------------------------------------------------------------------------------------------
 

@@ -157,7 +157,7 @@ def test_a_missing_board_keeps_those_after_it_from_reporting() -> None:
 def test_rev_7_shows_the_old_block_of_a_board_that_does_not_report() -> None:
     line = RevisionLine(EmulatedBus(controllers(7, 0, 2, 4, fpga="V2")))
     line.query(1, 0b10101)
-    line.bus.withhold(1, 1)
+    line.bus.hub_memory.withheld[1] = 1
     line.query(2, 0b10111)
     quads = line.hub(4 * 29 + 1)
     assert [quads[at] >> 16 for at in (0, 29, 58, 87)] == [2, 0, 1, 1]
@@ -166,7 +166,7 @@ def test_rev_7_shows_the_old_block_of_a_board_that_does_not_report() -> None:
 
 def test_a_board_that_keeps_its_block_spoils_one_cycle() -> None:
     line = RevisionLine(EmulatedBus(controllers(8, 0, 1, fpga="V2")))
-    line.bus.withhold(1, 1)
+    line.bus.hub_memory.withheld[1] = 1
     line.query(1, 3)
     assert [bool(quad) for quad in line.hub(67)[::33]] == [True, False, False], "no timing while a board is missing"
     line.query(2, 3)
@@ -176,7 +176,7 @@ def test_a_board_that_keeps_its_block_spoils_one_cycle() -> None:
 @pytest.mark.parametrize(("firmware", "wrong"), [(7, 0x0002), (8, 0x2101 << 1 | 1)])
 def test_a_spoilt_sequence_number_shows_in_the_header(firmware: int, wrong: int) -> None:
     line = RevisionLine(EmulatedBus(controllers(firmware, 0, fpga="V2")))
-    line.bus.spoil_sequence(0, 1)
+    line.bus.hub_memory.spoiled[0] = 1
     line.query(1, 1)
     head = line.hub(blocks.layout_of(firmware).hub_quads + 1)[0]
     assert head >> (16 if firmware == 7 else 15) in (wrong, 0x0000)

@@ -133,7 +133,7 @@ def test_a_waveform_being_played_shows_in_the_status() -> None:
 
 def test_temperatures_of_both_qlas_stand_where_others_have_the_state_of_the_collection() -> None:
     desk = _desk()
-    desk.bus.set_temperatures(0, 0x4142)
+    desk.bus.firmware.set_temperatures(0, 0x4142)
     desk.dac(1, VALID | COLLECT | 0x8000)
     assert desk.read(reg.TEMPERATURE) == desk.real_time()[3] == 0x4142_4142
     assert desk.read(reg.DATA_BUFFER_STATUS) == 0, "there is no collection"
