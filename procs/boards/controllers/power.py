@@ -15,7 +15,7 @@ import numpy.typing as npt
 from trocar.procs.boards.controllers.currents import Currents
 from trocar.procs.boards.controllers.digital import BRIDGES, Digital
 from trocar.procs.boards.controllers.models import Model
-from trocar.procs.boards.controllers.status import StatusInputs, StatusWords
+from trocar.procs.boards.controllers.status import StatusWords
 from trocar.procs.boards.controllers.traits import Flags, Quads, Traits
 from trocar.procs.fpga import registers as reg
 
@@ -56,7 +56,8 @@ class BoardPower:
         self.wanted, self.relay, self.relay_feedback, self.supply_lost, self.watchdog = (
             np.zeros(n, dtype=np.bool_) for _ in range(5))
         self.chain_open = np.zeros(n, dtype=np.bool_)  # the safety chain: an emergency stop is pressed
-        self.expander_known = traits.expander.copy()
+        self.expander_known = traits.expander.copy()  # an I/O expander is there and has been found
+        self.outputs_known = np.ones(n, dtype=np.bool_)  # the kind of the digital outputs' hardware has been found out
         self.watchdog_counts = np.full(n, reg.WATCHDOG_POWER_UP, dtype=np.int64)
         self.refreshed = np.zeros(n, dtype=np.int64)  # tick of the last register write
         self.watchdog_tick = np.full(n, -1, dtype=np.int64)  # when it last fired, -1: never
@@ -136,6 +137,7 @@ class BoardPower:
         held_until = self._held_until()
         awake = self.enabled & (held_until <= tick)[:, None]
         self.expander_known = traits.expander & (self._expander_at == NEVER)
+        self.outputs_known = self._outputs_at == NEVER
         out = awake & ~self.amp_fault
         if self._delays:
             out &= self._delay(awake, tick)
@@ -149,7 +151,9 @@ class BoardPower:
         self.on[...] = out
         if digital is not None and gone.any():
             self.when_cut(gone & digital.axes)
-        self._show(awake & ~out)
+        self.status[:] = self._words.status(self)
+        self.motor_flags[...] = self._words.motors(self, awake & ~out)
+        self.changes += 1
         self._look_ahead(tick, held_until)
 
     def _look_ahead(self, tick: int, held_until: Ints) -> None:
@@ -174,19 +178,6 @@ class BoardPower:
         """When so many edges of the delay's clock have passed."""
         last = tick - (tick - DELAY_PHASE) % reg.MOTOR_CONFIG_DELAY_TICKS
         return np.where(counts > 0, last + counts * reg.MOTOR_CONFIG_DELAY_TICKS, tick)
-
-    def _show(self, fault: Flags) -> None:
-        closed = self.relay_feedback & ~self.chain_open
-        digital, none = self.digital, np.zeros(1, dtype=np.int64)
-        state = StatusInputs(watchdog=self.watchdog, good=self.good, wanted=self.wanted, relay=self.relay,
-                             closed=closed, lost=self.supply_lost, outputs_known=self._outputs_at == NEVER,
-                             expander_known=self.expander_known, chain_open=self.chain_open, enabled=self.enabled,
-                             on=self.on, safety=self.safety, fault=fault, mode=self.mode,
-                             fault_code=digital.codes() if digital is not None else none.astype(np.uint32),
-                             interlocks=digital.shown() if digital is not None else none)
-        self.status[:] = self._words.status(state)
-        self.motor_flags[...] = self._words.motors(state)
-        self.changes += 1
 
     # -- what the host does (call `until` first) -----------------------------------------------------------------------
 
