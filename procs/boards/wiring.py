@@ -43,12 +43,6 @@ class InverseScale:
         scale = np.array([1.0 / f.scale if f.scale else 0.0 for f in forward])
         return cls(scale, np.array([-f.offset / f.scale if f.scale else 0.0 for f in forward]))
 
-    def apply(self, y: Floats, out: Floats) -> Floats:
-        """x for y."""
-        np.multiply(y, self.scale, out=out)
-        out += self.offset
-        return out
-
 
 @dataclass(frozen=True, slots=True)
 class BrakeWiring:

@@ -16,10 +16,8 @@ from trocar.procs.boards.devices.outputs import MAX_CHANGES, BoardOutputs
 from trocar.procs.document.system import Quirks
 from trocar.procs.fpga import registers as reg
 
-VOLTS: Final = 2.25  # at the analog inputs
-FULL_SCALE_V: Final = 4.5
 FEW_CHANGES: Final = 64  # between two looks, 1 ms apart at most
-_ADC_SHIFT, _ADC_MOST = 16, 0xFFFF
+_POTS: Final = np.uint32(0x8000 << 16)  # the analog inputs are at 2.25 V of 4.5 V
 _EVERY_AXIS: Final = (1 << reg.AXES) - 1
 _ALL_SWITCHES: Final = 0xFFF  # negative limits, positive limits, home
 _FAITHFUL: Final = Quirks()
@@ -30,11 +28,9 @@ Quads = npt.NDArray[np.uint32]
 class Loopback:
     """A test board. `until` must be called before each write to the outputs, with the tick of the write."""
 
-    def __init__(self, outputs: BoardOutputs, tick: int = 0, *, first: int = 0, volts: float = VOLTS,
-                 quirks: Quirks = _FAITHFUL) -> None:
+    def __init__(self, outputs: BoardOutputs, tick: int = 0, *, first: int = 0, quirks: Quirks = _FAITHFUL) -> None:
         """As after power-up of the board at `tick`; `first` is 4 on the second QLA of a DQLA."""
         self._first, self._quirks = first, quirks
-        self.set_volts(volts)
         self.power_up(outputs, tick)
 
     def power_up(self, outputs: BoardOutputs, tick: int) -> None:
@@ -42,11 +38,6 @@ class Loopback:
         self._outputs, self._at = outputs, tick
         self._levels = outputs.levels(tick)
         self._encoder = Quadrature(tick, *self._lines(self._levels), reg.AXES, self._quirks)
-
-    def set_volts(self, volts: float) -> None:
-        """Change the voltage at the analog inputs."""
-        bits = min(max(round(volts * _ADC_MOST / FULL_SCALE_V), 0), _ADC_MOST)
-        self._pots = np.full(reg.AXES, bits << _ADC_SHIFT, dtype=np.uint32)
 
     def _lines(self, levels: int) -> tuple[int, int]:
         """Lines A and B: pins are the inverse of the register."""
@@ -95,4 +86,4 @@ class Loopback:
 
     def adc(self, dac: Quads, on: npt.NDArray[np.bool_]) -> Quads:
         """ADC words (4,) while commands are `dac` and the amplifiers that are `on` follow them."""
-        return self._pots | np.where(on, dac, np.uint32(reg.CURRENT_ZERO)).astype(np.uint32)
+        return _POTS | np.where(on, dac, np.uint32(reg.CURRENT_ZERO)).astype(np.uint32)
