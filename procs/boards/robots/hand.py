@@ -7,32 +7,16 @@ harder than a person does; poses are targets, whoever wants a path streams them.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
+from trocar.procs.boards.robots.plant import Plant
 from trocar.procs.kinematics import poses
 
 Floats = npt.NDArray[np.float64]
 MOST = (5000.0, 10.0, 200.0, 1.0, 100.0, 5.0)  # of each field of a grip: far from shaking at steps of 1 ms
-
-
-class Held(Protocol):
-    """What a hand needs of the plant."""
-
-    before_step: list[Callable[[], None]]
-
-    def tip(self, robot: str) -> Floats:
-        """Pose (4, 4) of a robot's tip in its base frame."""
-
-    def tip_twist(self, robot: str) -> Floats:
-        """Velocity (6,) of the tip in the base frame, linear then angular."""
-
-    def pull(self, robot: str, wrench: Floats) -> None:
-        """Force and torque (6,) on the tip in the base frame, for the next step."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +47,7 @@ class Grip:
 class Hands:
     """At most one hand a robot. Nothing is paid while there is none."""
 
-    def __init__(self, plant: Held, robots: tuple[str, ...]) -> None:
+    def __init__(self, plant: Plant, robots: tuple[str, ...]) -> None:
         """No hand anywhere; `robots` have a tip to hold."""
         self._plant, self._robots = plant, robots
         self._targets: dict[str, tuple[Floats, Grip]] = {}

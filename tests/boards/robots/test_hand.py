@@ -59,7 +59,7 @@ def _pose(x: float, y: float, z: float, turn: float = 0.0, axis: tuple[float, fl
 
 def test_the_tip_comes_to_the_commanded_pose_and_stays() -> None:
     body = Body()
-    hands = Hands(body, ROBOTS)
+    hands = Hands(body, ROBOTS)  # type: ignore[arg-type]  # a plant as far as it goes
     target = _pose(0.03, -0.02, 0.05, 0.9, (0.6, 0.0, 0.8))
     hands.hold("MTML", target)
     body.step(1500)
@@ -70,7 +70,7 @@ def test_the_tip_comes_to_the_commanded_pose_and_stays() -> None:
 
 def test_force_and_torque_stay_within_their_limits() -> None:
     body = Body()
-    hands = Hands(body, ROBOTS)
+    hands = Hands(body, ROBOTS)  # type: ignore[arg-type]  # a plant as far as it goes
     hands.hold("MTML", _pose(10.0, -7.0, 3.0, 3.0))
     body.step(50)
     assert body.strongest == pytest.approx([20.0, 0.4])
@@ -88,7 +88,7 @@ def test_a_half_turn_away_is_pulled_around_the_right_axis() -> None:
 
 def test_without_a_hand_nothing_is_asked_before_a_step() -> None:
     body = Body()
-    hands = Hands(body, ROBOTS)
+    hands = Hands(body, ROBOTS)  # type: ignore[arg-type]  # a plant as far as it goes
     hands.hold("MTML", _pose(1, 0, 0))
     hands.hold("MTMR", _pose(1, 0, 0))
     hands.release("MTML")
@@ -100,7 +100,7 @@ def test_without_a_hand_nothing_is_asked_before_a_step() -> None:
 
 def test_a_new_pose_keeps_the_grip() -> None:
     body = Body()
-    hands = Hands(body, ROBOTS)
+    hands = Hands(body, ROBOTS)  # type: ignore[arg-type]  # a plant as far as it goes
     hands.hold("MTML", _pose(0.001, 0, 0), Grip(stiffness=1000.0))
     hands.hold("MTML", _pose(0.002, 0, 0))
     hands.pull()
@@ -116,7 +116,7 @@ def test_a_new_pose_keeps_the_grip() -> None:
 ])
 def test_what_is_no_pose_is_refused_and_the_hand_stays(pose: list[float], reason: str) -> None:
     body = Body()
-    hands = Hands(body, ROBOTS)
+    hands = Hands(body, ROBOTS)  # type: ignore[arg-type]  # a plant as far as it goes
     hands.hold("MTML", _pose(0.01, 0, 0))
     with pytest.raises(ValueError, match=reason):
         hands.hold("MTML", np.array(pose, dtype=float))
@@ -125,7 +125,7 @@ def test_what_is_no_pose_is_refused_and_the_hand_stays(pose: list[float], reason
 
 
 def test_only_arms_can_be_held() -> None:
-    hands = Hands(Body(), ROBOTS)
+    hands = Hands(Body(), ROBOTS)  # type: ignore[arg-type]  # a plant as far as it goes
     with pytest.raises(KeyError, match="MTML_gripper: no arm to hold; there are MTML, MTMR"):
         hands.hold("MTML_gripper", _pose(0, 0, 0))
     with pytest.raises(KeyError, match="there are MTML, MTMR"):
