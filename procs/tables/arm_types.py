@@ -4,7 +4,7 @@ Inertia and friction are what the stock files do not say, for emulated boards. P
 to 30 s of a real arm (efforts recorded while all joints were excited). Yaw
 shows 0.073 kg·m² plus 0.12·cos²(pitch): a long body across the shaft, which pitch turns as well; so that share stands
 as the shaft's inertia and the rest, the motors' share, as armature. The other rows are chosen by the rule of
-`trocar.procs.boards.robots.inertia` and an arm's size, not measured.
+`trocar.procs.boards.robots.mechanics` and an arm's size, not measured.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ from trocar.procs.arm.effort_guard import MAX_ZONE, EffortGuard
 from trocar.procs.arm.effort_limits import EffortLimits, motor_efforts
 from trocar.procs.arm.joints import JointSpace, joints
 from trocar.procs.arm.motion import Motion
-from trocar.procs.boards.robots.inertia import arm_inertia, wrist_inertia
+from trocar.procs.boards.robots.mechanics import arm_inertia, wrist_inertia
 from trocar.procs.config import PROJECT_CONFIGS, load_system
 from trocar.procs.tables.arm_types import ARM_TYPES
 

@@ -13,12 +13,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.procs.boards.robots.assembly import assemble
-from trocar.procs.boards.robots.backlash import SHARE, Play
+from trocar.procs.boards.robots.assembly import Tips, assemble
 from trocar.procs.boards.robots.constraint import Block, Projection
-from trocar.procs.boards.robots.friction import Friction
-from trocar.procs.boards.robots.inertia import GRIPPER_INITIAL
+from trocar.procs.boards.robots.friction import SHARE, Friction, Play
 from trocar.procs.boards.robots.mechanics import (
+    GRIPPER_INITIAL,
     MARGIN,
     MARGIN_SLIDE,
     Mechanism,
@@ -29,7 +28,6 @@ from trocar.procs.boards.robots.mechanics import (
     mechanism,
     parallelogram,
 )
-from trocar.procs.boards.robots.tips import Tips
 from trocar.procs.boards.robots.weight import weights_of
 from trocar.procs.document.system import Chain, EmulationConfig, ModelVariation, Robot, SystemConfig, Tool
 from trocar.procs.kinematics.coupling import Coupling, coupling

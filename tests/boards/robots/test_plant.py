@@ -11,7 +11,7 @@ import pytest
 
 from tests import stock
 from tests.boards.robots.arms import LND, PERIOD, arm, psm, robot, system
-from trocar.procs.boards.robots.inertia import DISC
+from trocar.procs.boards.robots.mechanics import DISC
 from trocar.procs.boards.robots.plant import Plant
 from trocar.procs.kinematics.coupling import coupling
 from trocar.procs.kinematics.forward import Kinematics

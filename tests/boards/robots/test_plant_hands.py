@@ -9,7 +9,7 @@ import pytest
 
 from tests import stock
 from tests.boards.robots.arms import LND, LND_SI, PERIOD, SNAKE, arm, psm, robot, run, si, system
-from trocar.procs.boards.robots.inertia import GRIPPER_INITIAL
+from trocar.procs.boards.robots.mechanics import GRIPPER_INITIAL
 from trocar.procs.boards.robots.plant import Plant
 from trocar.procs.document.system import ModelVariation
 from trocar.procs.kinematics.coupling import coupling

@@ -10,8 +10,7 @@ import pytest
 
 from tests import stock
 from tests.boards.robots.arms import LND, LND_SI, PERIOD, SNAKE, arm, holding, psm, robot, run, si, system
-from trocar.procs.boards.robots.inertia import WRIST_FRICTION
-from trocar.procs.boards.robots.mechanics import MARGIN, MARGIN_SLIDE
+from trocar.procs.boards.robots.mechanics import MARGIN, MARGIN_SLIDE, WRIST_FRICTION
 from trocar.procs.boards.robots.plant import Plant
 from trocar.procs.document.system import Chain, ModelVariation, Tool
 from trocar.procs.kinematics.coupling import coupling
