@@ -23,10 +23,10 @@ from trocar.procs.document.system import SystemConfig
 from trocar.procs.host.loops import HostedBoards, HostError, made
 from trocar.procs.host.node import HostedNode, SteppedClock
 from trocar.procs.host.objects import UnknownTypeError
-from trocar.procs.host.pages import HostPages
 from trocar.procs.host.snapshot import HostMemory, HostSnapshot
 from trocar.procs.node.runtime import Loop
 from trocar.procs.supervisor import memory
+from trocar.procs.supervisor.memory import simulated
 from trocar.procs.tables.manifest import proc
 from trocar.shm.mailbox.client import Client
 from trocar.shm.memory import private
@@ -34,7 +34,9 @@ from trocar.shm.memory.layout import Schema
 from trocar.shm.memory.segment import Make, create, names_of
 from trocar.shm.ring.ring import RingReader
 from trocar.shm.system import directory
-from trocar.shm.time.clock import sleeping_by
+from trocar.shm.time.clock import monotonic_ns, sleeping_by
+from trocar.shm.time.control_page import ControlPage
+from trocar.shm.time.lockstep import SCHEMA, clock_page, create_clock
 
 HISTORY = 8
 """Records that rings keep, unless somebody wants more."""
@@ -280,3 +282,28 @@ def _short(history: int) -> Make:
         return create(name, kind, schema, min(depth, wanted) if kind == directory.RING else depth, info)
 
     return make
+
+
+class HostPages:
+    """The clock's page, and that of a supervisor which has nothing to do."""
+
+    def __init__(self, document: SystemConfig, clock: SteppedClock) -> None:
+        """The other segments of the system are there."""
+        create_clock(document.name, simulated(document))
+        self._segment, self._clock = clock_page(document.name, write=True), clock
+        self._words, self._now = self._segment.words(), (self._segment.header.first + SCHEMA.offset("now_ns")) // 8
+        self._page = ControlPage(document.name, "supervisor", write=True)
+        self._page.segment.claim("supervisor")
+        self._page.field("pid")[...] = os.getpid()
+        self._page.show("RUNNING")
+        self.show()
+
+    def show(self) -> None:
+        """What time it is."""
+        self._words[self._now] = self._clock.time_ns
+        self._page.field("heartbeat_ns")[...] = monotonic_ns()
+
+    def close(self) -> None:
+        """Unmap."""
+        self._page.close()
+        self._segment.close()
