@@ -21,8 +21,7 @@ from trocar.procs.kinematics.poses import angle_between, matrix_from_pose
 from trocar.procs.rl.backend import RobotStopped
 from trocar.procs.rl.link import ArmLink
 from trocar.procs.rl.model import ArmModel, StartPose
-from trocar.procs.rl.others import OtherCommands
-from trocar.procs.rl.way import Way
+from trocar.procs.rl.others import OtherCommands, Way
 from trocar.shm.commands import became
 from trocar.shm.mailbox.client import Client, MailboxFull, begin
 from trocar.shm.memory.segment import SegmentError

@@ -12,16 +12,14 @@ from gymnasium import spaces
 from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 
+from trocar.procs.kinematics.poses import turned
 from trocar.procs.rl.attached import AttachedRobot, RunningSystem
 from trocar.procs.rl.backend import ATTACHED, BACKENDS, KINEMATIC, RobotBackend, RobotStopped, WrongAction
-from trocar.procs.rl.hosted import HostedRobot
-from trocar.procs.rl.interpolation import Interpolator
+from trocar.procs.rl.hosted import PERIOD_S, HostedRobot, document
 from trocar.procs.rl.model import STARTS
 from trocar.procs.rl.picture import Picture
-from trocar.procs.rl.rotations import axes_of
 from trocar.procs.rl.scene import Drawn, scene_of
-from trocar.procs.rl.steering import CARTESIAN, CONTROLS, Steering
-from trocar.procs.rl.systems import PERIOD_S, document
+from trocar.procs.rl.steering import CARTESIAN, CONTROLS, Interpolator, Steering
 from trocar.shm.mailbox.client import MailboxFull
 from trocar.shm.memory.segment import SegmentError
 
@@ -360,3 +358,9 @@ def _given_start(number: object) -> int:
     if not isinstance(number, int | np.integer) or not 0 <= number < STARTS:
         raise ValueError(f"start is {number!r}; allowed: 0 to {STARTS - 1}")
     return int(number)
+
+
+def axes_of(quaternion: Array) -> Array:
+    """The x and the z axis (6,) of a rotation given as x y z w (4,)."""
+    turn = quaternion.tolist()
+    return np.array((*turned(turn, (1.0, 0.0, 0.0)), *turned(turn, (0.0, 0.0, 1.0))))

@@ -1,17 +1,33 @@
-"""What others ask of an arm while an environment has it: whoever does takes it over, and the environment ends."""
+"""What others do with an arm while an environment has it: what they ask of it, and where they move it by hand.
+
+Whoever does takes the arm over, and the environment ends.
+"""
 
 from __future__ import annotations
 
+from collections import deque
 from typing import Final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from trocar.procs.crtk.plain import plain
+from trocar.procs.rl.model import ArmModel
 from trocar.shm.commands import COMMANDS
 from trocar.shm.mailbox.command_row import SETTING
 from trocar.shm.ring.ring import RingReader
 
+Array = NDArray[np.float64]
+
 ROWS: Final = {row.name: row for row in COMMANDS["arm"]}
 BASE: Final = "set_base_frame"
 """Where the base is, is seen in the arm's state."""
+LAG_NS: Final = 100_000_000
+"""A goal may be gone to for so long after the next one is known: records and commands take their time."""
+NEAR: Final = {"rad": 0.005, "m": 0.001}
+"""So far a setpoint may be from the way where the arm rests: a base on setup joints trembles."""
+BENT: Final = 0.2
+"""So much of the longest way of a joint more where it moves: the tip's straight way is a bent one for joints."""
 
 
 class OtherCommands:
@@ -44,3 +60,40 @@ class OtherCommands:
         if self._audit.lost:  # a stop may have been among it
             self._asked, self._is_stop = f"more than is kept: {self._audit.lost} commands are not known any more", True
         return self._asked
+
+
+class Way:
+    """The joints, with the jaw, between the goals that were given lately."""
+
+    def __init__(self, model: ArmModel) -> None:
+        self._space = space = model.space
+        self._near = np.array([NEAR[space.unit(axis)] for axis in range(space.size)])
+        self._goals: deque[tuple[int, Array]] = deque()
+
+    @property
+    def has_begun(self) -> bool:
+        """The arm is ours, and goes where we ask it to."""
+        return bool(self._goals)
+
+    def forget(self) -> None:
+        """It goes otherwise from now on."""
+        self._goals.clear()
+
+    def begin(self, here: Array) -> None:
+        """It stands at `here` (size,)."""
+        self._goals = deque([(0, here)])
+
+    def add(self, goal: Array, now_ns: int) -> None:
+        """It goes to `goal` (size,) from now on."""
+        self._goals.append((now_ns, goal))
+        while len(self._goals) > 2 and self._goals[2][0] < now_ns - LAG_NS:
+            self._goals.popleft()
+
+    def objection(self, at: Array) -> str:
+        """Which joint of a setpoint (size,) is not on the way, and how far from it; empty: all are."""
+        goals = np.array([goal for _, goal in self._goals])
+        lower, upper = goals.min(axis=0), goals.max(axis=0)
+        away = np.maximum(lower - at, at - upper)
+        excess = away - self._near * (1.0 + BENT * float(((upper - lower) / self._near).max()))
+        axis = int(excess.argmax())
+        return f"{self._space.name(axis)} {away[axis]:.3g} {self._space.unit(axis)}" if excess[axis] > 0.0 else ""

@@ -10,7 +10,7 @@ from tests.rl.running import HostTime, home
 from trocar.procs.host.host import HISTORY, Host
 from trocar.procs.node import node_memory as node_memory
 from trocar.procs.rl import attached
-from trocar.procs.rl.systems import document
+from trocar.procs.rl.hosted import document
 from trocar.shm.mailbox.audit import Audit
 
 

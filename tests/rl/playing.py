@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from trocar.procs.rl.environment import RobotEnv
+from trocar.procs.rl.hosted import document
 from trocar.procs.rl.model import ArmModel
-from trocar.procs.rl.systems import document
 
 
 def psm(backend: str = "kinematic") -> ArmModel:

@@ -19,9 +19,8 @@ from tests.rl.playing import drawn, toward
 from trocar.procs.rl.backend import RobotStopped
 from trocar.procs.rl.environment import RobotEnv
 from trocar.procs.rl.hand_over import FIRST, SECOND, PsmHandOver
-from trocar.procs.rl.hosted import HostedRobot
+from trocar.procs.rl.hosted import HostedRobot, document
 from trocar.procs.rl.push import PsmPush
-from trocar.procs.rl.systems import document
 from trocar.procs.rl.tasks import EcmAim, PsmReach, PsmTrack
 from trocar.shm.memory.segment import names_of
 

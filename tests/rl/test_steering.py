@@ -9,9 +9,8 @@ import pytest
 
 from tests.rl.playing import psm
 from trocar.procs.kinematics.poses import matrix_from_pose, rotation_vector
-from trocar.procs.rl.interpolation import Interpolator
 from trocar.procs.rl.model import ROOM_M, ArmModel
-from trocar.procs.rl.steering import CARTESIAN, CONTROLS, JOINT, Steering
+from trocar.procs.rl.steering import CARTESIAN, CONTROLS, JOINT, Interpolator, Steering
 
 SPEED, PERIOD_S = 0.5, 0.05
 

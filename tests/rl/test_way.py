@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tests.rl.playing import psm
-from trocar.procs.rl.way import Way
+from trocar.procs.rl.others import Way
 
 HERE = np.array((0.1, 0.0, 0.12, 0.0, 0.0, 0.0, 0.3))
 YAW = np.eye(7)[0]
