@@ -32,8 +32,8 @@ from trocar.procs.crtk.plain import plain
 from trocar.procs.crtk.stamps import Stamps
 from trocar.procs.document.arms import ArmConfig
 from trocar.procs.foxglove.channels import rotation_of, timestamp
-from trocar.procs.kinematics.carrying import carrying
 from trocar.procs.kinematics.forward import Kinematics
+from trocar.procs.kinematics.inverse.arms import carrying
 from trocar.procs.kinematics.poses import pose_from_matrix, product, turned
 from trocar.shm.system import directory
 

@@ -13,8 +13,8 @@ from trocar.procs.crtk.names import none_such
 from trocar.procs.document.arms import ArmConfig
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.gui.cart_scene import SceneCart
-from trocar.procs.kinematics.carrying import carrying, inverse_carrying
 from trocar.procs.kinematics.forward import Kinematics
+from trocar.procs.kinematics.inverse.arms import carrying, inverse_carrying
 from trocar.procs.kinematics.inverse.solver import InverseSolver
 from trocar.procs.kinematics.poses import given_pose, inverse, matrix_from_pose, pose_from_matrix
 from trocar.procs.tables.arm_types import ARM_TYPES

@@ -7,17 +7,15 @@ efforts go with the transposed inverse: joint effort = A⁻ᵀ · actuator effor
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.procs.document.system import Chain, Matrix, Tool
-
-Array = NDArray[np.float64]
+from trocar.procs.kinematics.poses import Array
 
 TOOL_AT = 3  # an instrument's four discs follow the arm's first three joints
 
 
 class Coupling:
-    """The coupling of one robot with n actuators; vectors are (n,), SI; `out` must not be the input."""
+    """The coupling of one robot with n actuators, SI."""
 
     def __init__(self, actuator_to_joint: Array) -> None:
         """`actuator_to_joint`: (n, n), invertible (ValueError otherwise)."""
@@ -29,25 +27,7 @@ class Coupling:
         self.n = matrix.shape[0]
         self.actuator_to_joint = matrix
         self.joint_to_actuator = np.linalg.inv(matrix).astype(np.float64)
-        self.actuator_to_joint_effort = np.ascontiguousarray(self.joint_to_actuator.T)
-        self.joint_to_actuator_effort = np.ascontiguousarray(matrix.T)
         self.is_identity = bool(np.array_equal(matrix, np.eye(self.n)))
-
-    def joint_position(self, actuator: Array, out: Array | None = None) -> Array:
-        """Joint positions of actuator positions; the same map serves velocities."""
-        return np.matmul(self.actuator_to_joint, actuator, out=out)
-
-    def actuator_position(self, joint: Array, out: Array | None = None) -> Array:
-        """Actuator positions of joint positions; the same map serves velocities."""
-        return np.matmul(self.joint_to_actuator, joint, out=out)
-
-    def joint_effort(self, actuator: Array, out: Array | None = None) -> Array:
-        """Joint efforts of actuator efforts."""
-        return np.matmul(self.actuator_to_joint_effort, actuator, out=out)
-
-    def actuator_effort(self, joint: Array, out: Array | None = None) -> Array:
-        """Actuator efforts of joint efforts."""
-        return np.matmul(self.joint_to_actuator_effort, joint, out=out)
 
 
 def coupling(actuators: int, chain: Chain, tool: Tool | None = None) -> Coupling:

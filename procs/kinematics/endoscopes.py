@@ -7,11 +7,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from trocar.procs.kinematics.poses import rotation_from_vector
-
-Array = NDArray[np.float64]
+from trocar.procs.kinematics.poses import Array, rotation_from_vector
 
 MASSES: Final = {"Classic_SD": 1.5, "Classic_HD": 2.5, "Si_HD": 1.8, "Custom": 0.8}  # kg
 LOOKS: Final = {"STRAIGHT": 0.0, "UP": -30.0, "DOWN": 30.0}  # degrees about x

@@ -10,12 +10,8 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
-import numpy as np
-from numpy.typing import NDArray
-
 from trocar.procs.kinematics.poses import quaternion_of
 
-Array = NDArray[np.float64]
 Frame = Sequence[float]
 Rows = list[list[float]]
 

@@ -12,15 +12,13 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.procs.document.system import Chain
 from trocar.procs.kinematics.forward import Links
 from trocar.procs.kinematics.frames import dot, finite, times
+from trocar.procs.kinematics.poses import Array
 from trocar.procs.native.arm_fields import GRAVITY
 from trocar.procs.native.library import bind
-
-Array = NDArray[np.float64]
 
 STANDARD_GRAVITY: Final = 9.81  # m/s², as the reference has it
 # Rows are links, columns joints: how the links of Si arms follow, and whose efforts a joint bears.

@@ -12,11 +12,9 @@ import math
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.procs.document.gravity_parameters import JOINTS, MODELLED, ORDERS, TERMS, MasterGravityParameters
-
-Array = NDArray[np.float64]
+from trocar.procs.kinematics.poses import Array
 
 GRAVITY: Final = 9.81  # m/s², of the measurement
 

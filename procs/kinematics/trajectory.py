@@ -11,9 +11,8 @@ import math
 
 import numpy as np
 import ruckig
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from trocar.procs.kinematics.poses import Array
 
 
 class PlanError(enum.Enum):

@@ -7,11 +7,9 @@ from typing import Final
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.procs.kinematics.forward import Kinematics
-
-Array = NDArray[np.float64]
+from trocar.procs.kinematics.poses import Array
 
 ROD_M: Final = 0.004
 """Radius of what is drawn."""

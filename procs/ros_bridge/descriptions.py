@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from trocar.procs.crtk.plain import plain
 from trocar.procs.document.system import ArmConfig
-from trocar.procs.kinematics.carrying import carrying
+from trocar.procs.kinematics.inverse.arms import carrying
 from trocar.procs.kinematics.urdf import urdf
 from trocar.procs.ros_bridge.publishing import ros_topic
 from trocar.procs.ros_messages.dds import LATCHED, Participant

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio
 
 from trocar.procs.document.system import Chain, DhLink, Tool
-from trocar.procs.kinematics.denavit import split_row
+from trocar.procs.kinematics.forward import split_row
 from trocar.procs.kinematics.poses import renormalised
 
 

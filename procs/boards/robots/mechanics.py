@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from trocar.procs.boards.robots.friction import SHARE
 from trocar.procs.document.system import Actuator, ArmConfig, Chain, DhLink, ModelVariation, Robot, Tool
-from trocar.procs.kinematics.denavit import split_row
 from trocar.procs.kinematics.endoscopes import endoscope
+from trocar.procs.kinematics.forward import split_row
 from trocar.procs.kinematics.poses import renormalised
 from trocar.procs.tables.arm_types import ARM_TYPES, ArmInertia, JointInertia
 

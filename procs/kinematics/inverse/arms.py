@@ -1,4 +1,4 @@
-"""Which solver belongs to which arm."""
+"""Which solver belongs to which arm, and to what an arm carries."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ from collections.abc import Callable
 from typing import Final, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trocar.procs.document.arms import ArmConfig
 from trocar.procs.document.system import Chain, Tool
+from trocar.procs.kinematics.endoscopes import NAMES, NONE, endoscope
 from trocar.procs.kinematics.forward import Kinematics
 from trocar.procs.kinematics.inverse.endoscope import EndoscopeInverse
 from trocar.procs.kinematics.inverse.master import Master
 from trocar.procs.kinematics.inverse.snake import Snake
 from trocar.procs.kinematics.inverse.solver import InverseSolver
 from trocar.procs.kinematics.inverse.wrist import Wrist
+from trocar.procs.kinematics.poses import Array
 from trocar.procs.tables.arm_types import ARM_TYPES, found
-
-Array = NDArray[np.float64]
 
 ECM_JOINTS, PSM_JOINTS, MTM_JOINTS, SNAKE_JOINTS = 4, 6, 7, 8
 BENDS: Final = np.eye(SNAKE_JOINTS)[:, :PSM_JOINTS]  # the last two joints bend as the two before them, in reverse
@@ -67,3 +67,27 @@ def _none(chain: Chain, tool: Tool | None, tip: Array | None) -> InverseSolver |
 
 def _joints(chain: Chain, tool: Tool | None) -> int:
     return len(chain.links) + (len(tool.links) if tool is not None else 0)
+
+
+def carrying(arm: ArmConfig, carried: str) -> Kinematics:
+    """From its base to its tip; without an instrument that we know, to where one would be."""
+    if ARM_TYPES[arm.type].has_endoscope:
+        return Kinematics(arm.chain, tip=_tip(carried))
+    return Kinematics(arm.chain, _tool(arm, carried))
+
+
+def inverse_carrying(arm: ArmConfig, carried: str) -> InverseSolver:
+    """Finds joints for a pose of that tip, as the arm itself does; ValueError where no tip is known."""
+    if ARM_TYPES[arm.type].has_endoscope:
+        return inverse_of(arm.type, arm.chain, tip=_tip(carried))
+    return inverse_of(arm.type, arm.chain, _tool(arm, carried))
+
+
+def _tip(carried: str) -> Array:
+    """Of an endoscope (4, 4)."""
+    return endoscope(carried if carried in NAMES else NONE).tip
+
+
+def _tool(arm: ArmConfig, carried: str) -> Tool | None:
+    tools = (*arm.tools, *((arm.tool,) if arm.tool is not None else ()))
+    return next((tool for tool in tools if carried and tool.name == carried), None)

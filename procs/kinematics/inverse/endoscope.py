@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.procs.document.system import Chain
 from trocar.procs.kinematics.forward import Kinematics
@@ -15,9 +14,7 @@ from trocar.procs.kinematics.frames import Frame, product
 from trocar.procs.kinematics.inverse.shaft import TINY, Shaft, both_ways, frame_of
 from trocar.procs.kinematics.inverse.solver import InverseSolver
 from trocar.procs.kinematics.inverse.turns import Triple, added, cross, inner, scaled, turn_of
-from trocar.procs.kinematics.poses import inverse
-
-Array = NDArray[np.float64]
+from trocar.procs.kinematics.poses import Array, inverse
 
 MAX_TILT: Final = 0.5 * math.pi
 FURTHEST_TILT: Final = 3.1  # rad; beyond, the way there means nothing

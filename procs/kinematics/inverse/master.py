@@ -8,16 +8,13 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.procs.document.system import Chain
 from trocar.procs.kinematics import frames
-from trocar.procs.kinematics.denavit import split_row
+from trocar.procs.kinematics.forward import split_row
 from trocar.procs.kinematics.inverse.shaft import frame_of
 from trocar.procs.kinematics.inverse.turns import Turn, back, product, turn_of, turned
-from trocar.procs.kinematics.poses import inverse
-
-Array = NDArray[np.float64]
+from trocar.procs.kinematics.poses import Array, inverse
 
 YAW_ROOM: Final = 1e-5  # rad: Newton's method must not end beyond the limit
 

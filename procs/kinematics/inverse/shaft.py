@@ -10,16 +10,13 @@ from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.procs.document.system import Chain, DhLink
 from trocar.procs.kinematics import frames
-from trocar.procs.kinematics.denavit import split_row
+from trocar.procs.kinematics.forward import split_row
 from trocar.procs.kinematics.frames import Frame
 from trocar.procs.kinematics.inverse.turns import Triple, Turn, product, turn_of, turned
-from trocar.procs.kinematics.poses import inverse
-
-Array = NDArray[np.float64]
+from trocar.procs.kinematics.poses import Array, inverse
 
 TINY: Final = 1e-12
 ROOM: Final = 1e-3  # rad or m beyond a limit where a solution is still worked out

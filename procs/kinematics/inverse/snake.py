@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.procs.document.system import Chain, Tool
 from trocar.procs.kinematics.frames import Frame
@@ -27,9 +26,7 @@ from trocar.procs.kinematics.inverse.turns import (
     turn_of,
     turned,
 )
-from trocar.procs.kinematics.poses import renormalised
-
-Array = NDArray[np.float64]
+from trocar.procs.kinematics.poses import Array, renormalised
 
 ROUNDS: Final = 6  # of a snake's shaft towards the remote centre; each leaves a tenth to a third of the error before
 SETTLED: Final = 1.0 - 1e-9

@@ -12,15 +12,13 @@ from collections.abc import Callable, Iterable
 from typing import Final, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.procs.kinematics.forward import Kinematics
 from trocar.procs.kinematics.frames import Rows, body_jacobian, dot, finite, shortest, solve, times, twist_between
 from trocar.procs.kinematics.inverse.shaft import TINY
+from trocar.procs.kinematics.poses import Array
 from trocar.procs.native.arm_fields import INVERSE
 from trocar.procs.native.library import bind
-
-Array = NDArray[np.float64]
 
 CLOSE: Final = 0.2  # m and rad: from further away the geometry is quicker, and knows which solution it finds
 MAX_STEPS: Final = 12  # of all ways together: the geometry's solutions need one or two each

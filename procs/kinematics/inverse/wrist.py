@@ -6,14 +6,11 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.procs.document.system import Chain, Tool
 from trocar.procs.kinematics.inverse.shaft import TINY, Shaft, both_ways, frame_of
 from trocar.procs.kinematics.inverse.turns import Triple, Turn, columns, cross, turn_of
-from trocar.procs.kinematics.poses import renormalised
-
-Array = NDArray[np.float64]
+from trocar.procs.kinematics.poses import Array, renormalised
 
 
 class Wrist:

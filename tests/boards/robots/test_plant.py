@@ -62,7 +62,7 @@ def test_tip_is_where_the_kinematics_say(tool: str) -> None:
     rng = np.random.default_rng(4)
     for _ in range(50):
         joints = np.append(rng.uniform(kinematics.lower, kinematics.upper), 0.3)
-        plant.place("PSM1", pair.actuator_position(joints))
+        plant.place("PSM1", pair.joint_to_actuator @ joints)
         np.testing.assert_allclose(plant.tip("PSM1"), kinematics.fk(joints[:6].copy()), atol=1e-9)
 
 
@@ -75,7 +75,7 @@ def test_other_arms_reach_where_the_kinematics_say(kind: str, file: str, types: 
     rng = np.random.default_rng(4)
     for _ in range(20):
         joints = rng.uniform(kinematics.lower, kinematics.upper)
-        plant.place(file, pair.actuator_position(joints))
+        plant.place(file, pair.joint_to_actuator @ joints)
         np.testing.assert_allclose(plant.tip(file), kinematics.fk(joints), atol=1e-9)
 
 
@@ -176,8 +176,8 @@ def test_discs_move_the_wrist_through_the_coupling() -> None:
     effort = np.array((0.0, 0.0, 0.0, 0.05, -0.04, 0.03, 0.03))
     for _ in range(100):
         plant.step(effort)
-    np.testing.assert_allclose(pair.joint_position(plant.position), plant.data.qpos, atol=1e-12)
-    np.testing.assert_allclose(pair.joint_position(plant.velocity), plant.data.qvel, atol=1e-12)
+    np.testing.assert_allclose(pair.actuator_to_joint @ plant.position, plant.data.qpos, atol=1e-12)
+    np.testing.assert_allclose(pair.actuator_to_joint @ plant.velocity, plant.data.qvel, atol=1e-12)
     np.testing.assert_allclose(plant.effort @ plant.data.qvel, effort @ plant.velocity, atol=1e-12)
 
 
@@ -216,7 +216,7 @@ def test_every_arm_stands_well_within_its_limits_at_switch_on(file: str, seed: i
     types = {"PSM": "RRPRRRR", "ECM": "RRPR", "MTM": "RRRRRRR"}[kind]
     one = dataclasses.replace(arm(file, kind, file), generation="Si" if file.endswith("Si") else "Classic")
     plant = Plant(system((robot(file, types),), (one,), seed))
-    joints = coupling(len(types), chain).joint_position(plant.position)[: len(chain.links)]
+    joints = (coupling(len(types), chain).actuator_to_joint @ plant.position)[: len(chain.links)]
     lower, upper = np.array([(link.lower, link.upper) for link in chain.links]).T
     room = np.array([0.02 if link.joint_type == "prismatic" else 0.1 for link in chain.links])
     assert ((joints > lower + room) & (joints < upper - room)).all()
@@ -238,7 +238,7 @@ def test_potentiometers_sit_on_the_joints_where_the_file_says_so() -> None:
     master = dataclasses.replace(robot("MTML", "RRRRRRR"), joint_to_actuator_position=rows)
     plant = Plant(system((master,), (arm("MTML", "MTM", "MTML"),)))
     plant.step(np.zeros(7))
-    np.testing.assert_allclose(plant.pot_position, pair.joint_position(plant.position), atol=1e-12)
+    np.testing.assert_allclose(plant.pot_position, pair.actuator_to_joint @ plant.position, atol=1e-12)
 
 
 def test_arms_side_by_side_do_not_disturb_each_other() -> None:

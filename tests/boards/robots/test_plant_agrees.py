@@ -38,7 +38,7 @@ def test_both_models_of_a_psm_agree_with_every_instrument(generation: str, tool:
         if instrument.snake:  # its bends come in equal pairs, of which a joint is the sum
             q[7], q[6] = q[4], q[5]
             joints[4:6] = 2.0 * q[4:6]
-        plant.place(name, pair.actuator_position(joints))
+        plant.place(name, pair.joint_to_actuator @ joints)
         np.testing.assert_allclose(plant.tip(name), chain.fk(q), atol=AGREED, rtol=0)
 
 
@@ -59,7 +59,7 @@ def test_both_models_of_a_master_agree(side: str) -> None:
     plant = Plant(system((robot(side, "RRRRRRR"),), (arm(side, "MTM", side),)))
     chain, pair = Kinematics(stock.chain(side)), coupling(7, stock.chain(side))
     for q in drawn(chain, side):
-        plant.place(side, pair.actuator_position(q))
+        plant.place(side, pair.joint_to_actuator @ q)
         np.testing.assert_allclose(plant.tip(side), chain.fk(q), atol=AGREED, rtol=0)
 
 

@@ -44,7 +44,7 @@ def test_the_tip_moves_as_its_twist_says(tool: str) -> None:
 def test_a_pull_at_the_tip_is_a_push_of_the_joints() -> None:
     wrench = np.array((3.0, -2.0, 4.0, 0.02, 0.05, -0.03))
     pulled, pushed = psm(LND, 1, 1, FREE), psm(LND, 1, 1, FREE)
-    joints = coupling(7, stock.chain("PSM"), stock.tool(LND)).joint_position(pulled.position)
+    joints = (coupling(7, stock.chain("PSM"), stock.tool(LND)).actuator_to_joint @ pulled.position)
     kinematics = Kinematics(stock.chain("PSM"), stock.tool(LND))
     kinematics.update(joints[:6].copy())
     turn = kinematics.tip[:3, :3]

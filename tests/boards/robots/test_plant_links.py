@@ -41,7 +41,7 @@ def test_the_tip_is_where_the_kinematics_say_while_it_moves(generation: str, too
     for _ in range(20):
         effort = rng.normal(size=7) * PSM_EFFORT * (1.0 if generation == "Si" else 0.1)
         run(plant, effort, 20)
-        joints = joints_of(chain, held, pair.joint_position(plant.position))
+        joints = joints_of(chain, held, pair.actuator_to_joint @ plant.position)
         np.testing.assert_allclose(plant.tip(name), kinematics.fk(joints), atol=1e-9)
     assert np.abs(plant.velocity).max() > 0.1
 
@@ -174,7 +174,7 @@ def test_a_snakes_bend_has_the_friction_of_its_joint() -> None:
         plant.place("PSM1", np.zeros(7))
         plant.push("PSM1", share * np.array((0.0, 0.0, 0.0, 0.0, WRIST_FRICTION[1][1], 0.0, 0.0)))
         run(plant, np.zeros(7), 500)
-        bend = coupling(7, stock.chain("PSM"), stock.tool(SNAKE)).joint_position(plant.position)[4]
+        bend = (coupling(7, stock.chain("PSM"), stock.tool(SNAKE)).actuator_to_joint @ plant.position)[4]
         assert bool(abs(bend) > 0.01) is moves
 
 

@@ -104,7 +104,7 @@ def test_motors_turn_through_their_play_before_the_joints(tool: str, discs: tupl
     effort = np.array((0.03, 0.036, 0.23, *discs))  # enough for the motors' half of the friction, not for all
     for direction in (1.0, -1.0, 1.0):
         creep(plant, direction * effort)
-        joints = pair.actuator_position(plant.data.qpos)
+        joints = pair.joint_to_actuator @ plant.data.qpos
         np.testing.assert_allclose(plant.position - joints, 0.5 * direction * np.array(GAP), rtol=0.15)
         assert (np.abs(joints - start) < 0.4 * np.array(GAP)).all(), "hardly moved by bumps"
         np.testing.assert_allclose(plant.velocity, 0.0, atol=1e-9)
@@ -142,9 +142,9 @@ def test_potentiometers_on_the_joints_do_not_see_the_play() -> None:
     plant = Plant(system((master,), (arm("MTML", "MTM", "MTML"),), 1, like))
     start, pots = plant.position.copy(), plant.pot_position.copy()
     creep(plant, np.array((0.024, 0.046, 0.022, 0.006, 0.0012, 0.0012, 0.0006)))
-    joints = pair.actuator_position(plant.pot_position)
+    joints = pair.joint_to_actuator @ plant.pot_position
     np.testing.assert_allclose(plant.position - joints, 0.005, rtol=0.15)
-    np.testing.assert_allclose(pair.actuator_position(pots), start, atol=1e-12)
+    np.testing.assert_allclose(pair.joint_to_actuator @ pots, start, atol=1e-12)
 
 
 def test_potentiometers_on_the_motors_see_the_play() -> None:
