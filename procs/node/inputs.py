@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Final, Protocol
+
+from numpy.typing import NDArray
 
 from trocar.procs.tables.manifest import LATE_S
 
+Fields = Callable[[str], NDArray[Any]]
+"""The arrays of a record by the names of its fields."""
 LATE_NS: Final = round(LATE_S * 1e9)
 FOR_EVER_NS: Final = 1 << 62
 """A time that no clock comes to."""

@@ -6,20 +6,21 @@ as somebody clutches it, the lift moves it or the samples stop.
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.procs.document.cart import Cart
+from trocar.procs.document.cart import Cart, CartArm
+from trocar.procs.kinematics.poses import Array
 from trocar.procs.node.fault_report import reported
+from trocar.procs.node.inputs import Fields
 from trocar.procs.node.requests import Reports
-from trocar.procs.suj.brakes import SetupArmBrakes
 from trocar.procs.suj.interface_board import InterfaceBoard
-from trocar.procs.suj.machine import SetupState
+from trocar.procs.suj.machine import SetupPower, SetupState
 from trocar.procs.suj.multiplexer import INCREMENT, PLUGS, Multiplexer
 from trocar.procs.suj.pots import CLASSIC_LIMITS, PotReadings
-from trocar.procs.suj.setups import Array, Fields, Setups
+from trocar.procs.suj.setups import Setups
 from trocar.procs.tables import codes
 
 ROUNDS: Final = 3  # whole ones, after the one during which the arm came to rest
@@ -29,10 +30,43 @@ OLD_FAULT_NS: Final = 200_000_000  # by then the power-on has cleared what was l
 JOINTS: Final = 6
 LIFT_COMMAND_NS: Final = 1_000_000_000
 LIFT_REPEAT_NS: Final = 10_000_000  # io stops the lift when it has not been asked for 30 ms
+RAMP_A_S: Final = 8.0
 CLUTCH_COMMAND_NS: Final = 60_000_000_000
 
 
-class Classic:
+class SetupArmBrakes:
+    """A current lets the brakes of one setup arm go, along a ramp of 8 A/s up and down.
+
+    `current` (n,) is what is asked of the brakes of each setup arm, A; they hold where `engaged`.
+    """
+
+    def __init__(self, arms: tuple[CartArm, ...]) -> None:
+        """All engaged, without current."""
+        release = np.array([arm.release_current for arm in arms])
+        self._sign = np.where(release < 0.0, -1.0, 1.0)  # files have the ramp's sizes; the wiring may turn them
+        self._release = np.abs(release)
+        self._hold = np.array([arm.engaged_current for arm in arms])
+        self._size: Array = np.zeros(len(arms))
+        self.current: Array = np.zeros(len(arms))
+        self.engaged: NDArray[np.bool_] = np.ones(len(arms), dtype=bool)
+
+    def step(self, dt_s: float, clutched: NDArray[np.bool_]) -> None:
+        """`dt_s` later, somebody wants to move those that are clutched."""
+        goal = np.where(clutched, self._release, self._hold)
+        most = RAMP_A_S * dt_s
+        self._size += np.clip(goal - self._size, -most, most)
+        np.multiply(self._sign, self._size, out=self.current)
+        np.equal(self._size, self._hold, out=self.engaged)
+        self.engaged[clutched] = False
+
+    def cut(self) -> None:
+        """No power: they hold at once."""
+        self._size.fill(0.0)
+        self.current.fill(0.0)
+        self.engaged.fill(True)
+
+
+class Classic(SetupPower):
     """What a Classic cart does in each cycle; it is its own power."""
 
     def __init__(self, cart: Cart, setups: Setups, board: InterfaceBoard, reports: Reports, field: Fields,
@@ -62,8 +96,7 @@ class Classic:
         self._primary, self._secondary = field("primary_voltage"), field("secondary_voltage")
         self._extra, self._lift_shown, self._rounds_shown = field("extra_voltage"), field("lift"), field("rounds")
         self._mode, self._effort, self._in_effort = setpoint("mode"), setpoint("effort"), setpoint("in_effort")
-        self._generations: dict[str, NDArray[Any]] = {
-            name: setpoint(name) for name in ("pid_generation", "bias_generation")}
+        self._pid_generation, self._bias_generation = setpoint("pid_generation"), setpoint("bias_generation")
         setpoint("count")[...] = PLUGS
         self._in_effort[:PLUGS] = True
         self._rounds_shown[...] = 0
@@ -74,12 +107,12 @@ class Classic:
         """Begin to power on."""
         self._asked_ns = now_ns
         self._driving_epoch = self._board.epoch
-        self._board.power_on()
+        self._board.ask("power_on")
 
     def off(self) -> None:
         """Power off; the brakes hold."""
         self._asked_ns = 0
-        self._board.power_off()
+        self._board.ask("power_off", 1.0)  # relays open as in the reference
 
     def go_on(self) -> None:
         """A predecessor has powered on."""
@@ -99,7 +132,7 @@ class Classic:
         """Powered, and io takes our currents; asked while power comes, it has io take them."""
         board = self._board
         if self._asked_ns and board.powered and board.amps_on and not board.pid_enabled and not board.has_fault:
-            board.drive()
+            board.ask("pid_enable", 1.0)  # currents of the brakes are taken from our setpoints from now on
         return board.powered and board.amps_on and board.pid_enabled
 
     def problem(self, now_ns: int, *, powering: bool) -> str:
@@ -159,9 +192,9 @@ class Classic:
         else:
             asked = self._multiplexer.take(stamp_ns, channel, volts)
         if asked == INCREMENT:
-            self._board.step_on()
+            self._board.ask("multiplexer", 1.0)
         elif asked:
-            self._board.start_over()
+            self._board.ask("multiplexer", 0.0)
 
     def _clutch(self, now_ns: int) -> None:
         pressed = self._board.pressed[self._plugs]
@@ -209,7 +242,7 @@ class Classic:
         is_due = velocity and now_ns - self._lift_sent_ns >= LIFT_REPEAT_NS
         if self._lifts.any() and (velocity != self._lift_sent or is_due):
             self._lift_sent, self._lift_sent_ns = velocity, now_ns
-            self._board.lift(velocity)
+            self._board.ask("lift", velocity)
         self._lift_shown[...] = velocity
 
     def _follow_rounds(self, now_ns: int) -> None:
@@ -255,5 +288,5 @@ class Classic:
         self._mode[...] = enabled
         self._effort.fill(0.0)
         self._effort[self._plugs] = self._brakes.current
-        self._generations["pid_generation"][...] = self._board.pid_generation
-        self._generations["bias_generation"][...] = self._board.bias_generation
+        self._pid_generation[...] = self._board.pid_generation
+        self._bias_generation[...] = self._board.bias_generation

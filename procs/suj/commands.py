@@ -3,41 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 
 from trocar.procs.document.cart import FIXED, Cart
 from trocar.procs.kinematics.poses import matrix_from_pose, normalised
 from trocar.procs.node.requests import CommandRefused, Handler, Request, carry_out, switch
+from trocar.procs.suj.classic import Classic
 from trocar.procs.suj.machine import SetupState, SetupStates
 from trocar.procs.suj.setups import Setups
+from trocar.procs.suj.si import Si
 
 FURTHEST: Final = 100.0  # m or rad: no joint of a patient cart goes further
-
-
-class Movable(Protocol):
-    """Setup arms that people can move."""
-
-    def clutch(self, place: int, on: bool, now_ns: int) -> None:
-        """Let an arm go, or not."""
-
-
-class Lifting(Movable, Protocol):
-    """And a lift."""
-
-    def lift(self, velocity: float, now_ns: int) -> None:
-        """Move it."""
 
 
 class SetupCommands:
     """One method per row of the `suj` command table."""
 
-    def __init__(self, cart: Cart, setups: Setups, machine: SetupStates, movable: Movable | None,
-                 lifting: Lifting | None, refer: Callable[[int], None]) -> None:
-        """`refer(place)` makes a setup arm the reference; None: nobody can move them, there is no lift."""
+    def __init__(self, cart: Cart, setups: Setups, machine: SetupStates, source: Classic | Si | None,
+                 refer: Callable[[int], None]) -> None:
+        """`refer(place)` makes a setup arm the reference; `source` None: nobody can move them."""
         self._cart, self._setups, self._machine = cart, setups, machine
-        self._movable, self._lifting, self._refer = movable, lifting, refer
+        self._source, self._refer = source, refer
         self._now_ns = 0
         self._table: dict[str, Handler] = {
             "servo_jp": self._stand, "move_jp": self._stand, "local/servo_cp": self._put,
@@ -80,16 +68,16 @@ class SetupCommands:
 
     def _clutch(self, request: Request) -> None:
         place, on = self._place(request), switch(request)
-        if self._movable is None:
+        if self._source is None:
             raise CommandRefused("nobody can move these setup arms, so there is nothing to clutch")
         if on and self._machine.state is not SetupState.ENABLED:
             raise CommandRefused(f"the setup joints are {self._machine.state}; enable them first")
-        self._movable.clutch(place, on, self._now_ns)
+        self._source.clutch(place, on, self._now_ns)
 
     def _lift(self, request: Request) -> None:
         velocity = float(request.values[0])
-        if self._lifting is None or not any(arm.lifts for arm in self._cart.arms):
+        if not isinstance(self._source, Classic) or not any(arm.lifts for arm in self._cart.arms):
             raise CommandRefused("there is no lift")
         if velocity and self._machine.state is not SetupState.ENABLED:
             raise CommandRefused(f"the setup joints are {self._machine.state}; enable them first")
-        self._lifting.lift(velocity, self._now_ns)
+        self._source.lift(velocity, self._now_ns)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,23 +11,44 @@ from numpy.typing import NDArray
 from trocar.procs.document.cart import channel_inputs
 from trocar.procs.document.system import IoConfig
 from trocar.procs.node.inputs import RecordReader
+from trocar.procs.node.requests import Reports
 from trocar.procs.suj.multiplexer import PLUGS
+from trocar.procs.tables import codes
 from trocar.procs.tables.codes import ARM_LOST, ERROR, FAULTS
+from trocar.shm.mailbox.client import LoopClient
+from trocar.shm.mailbox.origins import Origin
 
 SILENT_NS: Final = 50_000_000  # io writes 1500 records a second
 MOST: Final = 256  # samples looked at in one cycle
 HARMLESS: Final = frozenset((0, ARM_LOST.number, *(fault.number for fault in FAULTS if fault.severity < ERROR)))
 
 
-class BoardMailbox(Protocol):
-    """io's mailbox."""
+class IoMailbox:
+    """io's mailbox: what is refused is reported, once in a row."""
+
+    def __init__(self, client: LoopClient, reports: Reports, name: str) -> None:
+        """`client` is our place in it; `name` of this process."""
+        self._client, self._reports, self._name, self._reported = client, reports, name, ""
 
     @property
     def is_authorized(self) -> bool:
         """Whether an operator's command stands behind what is sent; for a process that begins none does."""
+        return bool(self._client.origin.id)
+
+    def on_behalf(self, origin: Origin) -> None:
+        """What is sent from now on comes from this command of a person."""
+        self._client.on_behalf(origin)
 
     def send(self, name: str, values: Sequence[float], text: str) -> None:
-        """Ask; what is refused is reported, a full mailbox is none."""
+        """Queue a command; a full mailbox is no error here, the multiplexer notices and restarts."""
+        self._client.send(name, values, text)
+
+    def poll(self) -> None:
+        """Look at the replies."""
+        for reply in self._client.poll():
+            if reply.outcome == "refused" and reply.text != self._reported:
+                self._reported = reply.text
+                self._reports.report(codes.IO_REFUSED, f"{self._name}: io refuses: {reply.text}", self._name)
 
 
 class InterfaceBoard:
@@ -36,7 +57,7 @@ class InterfaceBoard:
     `pressed` are the clutch buttons of plugs 1 to 4, `up` and `down` those of the lift.
     """
 
-    def __init__(self, io: IoConfig, robot: str, records: RecordReader, orders: BoardMailbox) -> None:
+    def __init__(self, io: IoConfig, robot: str, records: RecordReader, orders: IoMailbox) -> None:
         """`robot` is the cart's in `io`."""
         self.robot, self._records, self._orders = robot, records, orders
         places = [r.name for r in io.robots]
@@ -98,26 +119,6 @@ class InterfaceBoard:
         """Whether an operator has asked for anything since this process began."""
         return self._orders.is_authorized
 
-    def step_on(self) -> None:
-        """The multiplexer one channel on."""
-        self._orders.send("multiplexer", (1.0,), self.robot)
-
-    def start_over(self) -> None:
-        """The multiplexer to its first channel."""
-        self._orders.send("multiplexer", (0.0,), self.robot)
-
-    def power_on(self) -> None:
-        """Motor power and amplifiers."""
-        self._orders.send("power_on", (), self.robot)
-
-    def drive(self) -> None:
-        """Currents of the brakes are taken from our setpoints from now on."""
-        self._orders.send("pid_enable", (1.0,), self.robot)
-
-    def power_off(self) -> None:
-        """All off, relays open as in the reference."""
-        self._orders.send("power_off", (1.0,), self.robot)
-
-    def lift(self, velocity: float) -> None:
-        """Velocity -1 to 1 of the lift, to be repeated; 0: stop."""
-        self._orders.send("lift", (velocity,), self.robot)
+    def ask(self, name: str, *values: float) -> None:
+        """Have io do something with the cart's robot; what it refuses is reported."""
+        self._orders.send(name, values, self.robot)

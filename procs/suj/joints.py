@@ -8,13 +8,13 @@ from typing import Final
 import numpy as np
 
 from trocar.procs.document.cart import Cart
+from trocar.procs.node.inputs import Fields
 from trocar.procs.node.requests import Reports, Request
 from trocar.procs.suj.classic import Classic
 from trocar.procs.suj.commands import SetupCommands
-from trocar.procs.suj.frames import Frames
-from trocar.procs.suj.machine import NoPower, SetupState, SetupStates
-from trocar.procs.suj.reference import CarriedTip
-from trocar.procs.suj.setups import Fields, Setups
+from trocar.procs.suj.frames import CarriedTip, Frames
+from trocar.procs.suj.machine import SetupPower, SetupState, SetupStates
+from trocar.procs.suj.setups import Setups
 from trocar.procs.suj.si import Si
 from trocar.shm.mailbox.generations import NoFaults, OwnCell
 from trocar.shm.mailbox.origins import Origin
@@ -39,14 +39,14 @@ class SetupJoints:
         self._classic = classic
         self._frames = Frames(setups, field)
         self._faults, self._on_behalf, self._asked_by = faults or NoFaults(), on_behalf, 0
-        self.machine = SetupStates(cart.name, reports, classic or NoPower(), self._enter)
-        self._commands = SetupCommands(cart, setups, self.machine, source, classic, self._refer)
+        self.machine = SetupStates(cart.name, reports, classic or SetupPower(), self._enter)
+        self._commands = SetupCommands(cart, setups, self.machine, source, self._refer)
         self._shown = {name: field(name) for name in ("valid", "state", "sub_state", "desired_state", "is_homed",
                                                       "is_busy", "simulated", "reference_arm", "reason")}
         self._before = _text(self._shown["sub_state"].item())
         self._was_homed = bool(self._shown["is_homed"].item())
         self._begun_ns = 0
-        self._reported: tuple[object, ...] = ()
+        self._reported: dict[str, object] = {}
         self._reference = self._first_reference(_text(self._shown["reference_arm"].item()))
         if classic is None:
             field("brake_current").fill(np.nan)
@@ -118,20 +118,22 @@ class SetupJoints:
         self._reference = place
 
     def _show(self) -> None:
-        machine, shown = self.machine, self._shown
-        reported = (machine.state, machine.desired, machine.is_homed, machine.is_busy, self._reference,
-                    self._setups.valid.tobytes(), machine.waits)
-        if reported == self._reported:
-            return
-        self._reported = reported
-        shown["valid"][...] = self._setups.valid.all()
-        shown["state"][...] = machine.published.encode()
-        shown["sub_state"][...] = machine.state.encode()
-        shown["desired_state"][...] = machine.desired.encode()
-        shown["is_homed"][...], shown["is_busy"][...] = machine.is_homed, machine.is_busy
-        shown["reason"][...] = shorten(machine.waits, shown["reason"].dtype.itemsize)
-        shown["simulated"][...] = self._source is None or self._cart.emulated
-        shown["reference_arm"][...] = self._setups.names[self._reference].encode() if self._reference >= 0 else b""
+        machine = self.machine
+        shown: dict[str, object] = {
+            "valid": self._setups.valid.all(),
+            "state": machine.published.encode(),
+            "sub_state": machine.state.encode(),
+            "desired_state": machine.desired.encode(),
+            "is_homed": machine.is_homed,
+            "is_busy": machine.is_busy,
+            "reason": shorten(machine.waits, self._shown["reason"].dtype.itemsize),
+            "simulated": self._source is None or self._cart.emulated,
+            "reference_arm": self._setups.names[self._reference].encode() if self._reference >= 0 else b"",
+        }
+        if shown != self._reported:
+            self._reported = shown
+            for name, value in shown.items():
+                self._shown[name][...] = value
 
 
 def _text(cell: bytes) -> str:

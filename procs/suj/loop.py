@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
@@ -13,45 +13,14 @@ from trocar.procs.node import runtime
 from trocar.procs.node.inputs import SETUP_LATE_S
 from trocar.procs.suj.bluetooth import BluetoothBoards
 from trocar.procs.suj.classic import Classic
-from trocar.procs.suj.interface_board import InterfaceBoard
+from trocar.procs.suj.frames import CarriedTip
+from trocar.procs.suj.interface_board import InterfaceBoard, IoMailbox
 from trocar.procs.suj.joints import SetupJoints
-from trocar.procs.suj.reference import CarriedTip
 from trocar.procs.suj.setups import Setups
 from trocar.procs.suj.si import EmulatedBoards, PotLink, Si
-from trocar.procs.tables import codes
-from trocar.shm.mailbox.client import LoopClient
 from trocar.shm.mailbox.origins import Origin
 
 BEHIND_IO_NS: Final = 120_000
-
-
-class IoMailbox:
-    """io's mailbox: what is refused is reported, once in a row."""
-
-    def __init__(self, client: LoopClient, node: runtime.Node) -> None:
-        """`client` is our place in it."""
-        self._client, self._node, self._reported = client, node, ""
-
-    @property
-    def is_authorized(self) -> bool:
-        """Whether a person's command stands behind what is sent."""
-        return bool(self._client.origin.id)
-
-    def on_behalf(self, origin: Origin) -> None:
-        """What is sent from now on comes from this command of a person."""
-        self._client.on_behalf(origin)
-
-    def send(self, name: str, values: Sequence[float], text: str) -> None:
-        """Queue a command; a full mailbox is no error here, the multiplexer notices and restarts."""
-        self._client.send(name, values, text)
-
-    def poll(self) -> None:
-        """Look at the replies."""
-        for reply in self._client.poll():
-            if reply.outcome == "refused" and reply.text != self._reported:
-                self._reported = reply.text
-                self._node.events.report(codes.IO_REFUSED, f"{self._node.name}: io refuses: {reply.text}",
-                                         self._node.name)
 
 
 def clutches(node: runtime.Node, cart: Cart) -> Callable[[int], NDArray[np.bool_]]:
@@ -130,7 +99,7 @@ class SetupLoop(runtime.Loop):
 
     def _mailbox_of(self, io: str) -> IoMailbox:
         if io not in self._orders:
-            self._orders[io] = IoMailbox(self.node.commands(io), self.node)
+            self._orders[io] = IoMailbox(self.node.commands(io), self.node.events, self.node.name)
         return self._orders[io]
 
     def _on_behalf(self, origin: Origin) -> None:
@@ -138,7 +107,6 @@ class SetupLoop(runtime.Loop):
             mailbox.on_behalf(origin)
 
     def cycle(self, now_ns: int, wall_ns: int) -> None:
-        """See runtime.Loop."""
         self._joints.step(now_ns, self._mailbox.drain(wall_ns))
         self._state.publish(now_ns)
         for mailbox in self._orders.values():
@@ -148,7 +116,6 @@ class SetupLoop(runtime.Loop):
             self.node.follow(int(self._written), BEHIND_IO_NS)
 
     def close(self) -> None:
-        """See runtime.Loop."""
         if self._link is not None:
             self._link.close()
 

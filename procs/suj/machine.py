@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from enum import StrEnum
-from typing import Final, Protocol
+from typing import Final
 
 from trocar.procs.node.requests import Reports, Request
 from trocar.procs.tables import codes
@@ -24,8 +24,10 @@ WORDS: Final = (ENABLE, DISABLE, HOME, UNHOME)
 PUBLISHED: Final = {SetupState.POWERING: "DISABLED"}  # the others under their own names
 
 
-class SetupPower(Protocol):
-    """What the brakes and the lift get their current from."""
+class SetupPower:
+    """What the brakes and the lift get their current from; this one is for carts where nothing has to be powered:
+    KINEMATIC, fixed, or with brakes of their own.
+    """
 
     def on(self, now_ns: int) -> None:
         """Begin to power on."""
@@ -35,26 +37,10 @@ class SetupPower(Protocol):
 
     def is_on(self) -> bool:
         """Powered, with all that it takes to move brakes."""
-
-    def problem(self, now_ns: int, *, powering: bool) -> str:
-        """What is wrong while power should be there or come; "" when all is well."""
-
-
-class NoPower:
-    """Nothing has to be powered: KINEMATIC, fixed, or with brakes of their own."""
-
-    def on(self, now_ns: int) -> None:
-        """It is."""
-
-    def off(self) -> None:
-        """Nothing happens."""
-
-    def is_on(self) -> bool:
-        """Always."""
         return True
 
     def problem(self, now_ns: int, *, powering: bool) -> str:
-        """Nothing."""
+        """What is wrong while power should be there or come; "" when all is well."""
         return ""
 
 

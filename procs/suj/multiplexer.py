@@ -10,9 +10,8 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from trocar.procs.kinematics.poses import Array
 
 CHANNELS: Final = 16
 PLUGS: Final = 4

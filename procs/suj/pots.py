@@ -5,14 +5,12 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.procs.document.cart import CartArm
+from trocar.procs.kinematics.poses import Array
 from trocar.procs.node.requests import Reports
 from trocar.procs.suj.setups import Setups
 from trocar.procs.tables import codes
-
-Array = NDArray[np.float64]
 
 CLASSIC_LIMITS: Final = (0.002, np.radians(1.0))  # m of the first joint, rad of the others
 SI_LIMITS: Final = (0.003, np.radians(2.0))

@@ -2,20 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, Final
-
 import numpy as np
 from numpy.typing import NDArray
 
 from trocar.procs.document.cart import Cart, CartArm
 from trocar.procs.kinematics.forward import Kinematics
-from trocar.procs.kinematics.poses import matrix_from_pose, normalised, pose_from_matrix
-
-Array = NDArray[np.float64]
-Fields = Callable[[str], NDArray[Any]]
-
-ROOM: Final = 8
+from trocar.procs.kinematics.poses import Array, matrix_from_pose, normalised, pose_from_matrix
+from trocar.procs.node.inputs import Fields
 
 
 class Setups:
@@ -49,7 +42,7 @@ class Setups:
         arm = self.arms[place]
         self.position[place, : arm.joints] = joints
         self._stood[place] = np.array(joints, dtype=np.float64)
-        self._set(place, self._pose(arm, place, joints))
+        self.put(place, self._pose(arm, place, joints))
 
     def measure(self, place: int, joints: Array) -> float:
         """Joints measured at rest. Where the carried arm is was settled by the first measurement after it was moved.
@@ -71,7 +64,10 @@ class Setups:
 
     def put(self, place: int, pose: Array) -> None:
         """The carried arm's base is at this pose (4, 4) in the cart."""
-        self._set(place, pose)
+        self.local[place] = pose
+        pose_from_matrix(pose, self._poses[place])
+        self.valid[place] = True
+        self.changes += 1
 
     def lose(self, place: int, *, moved: bool) -> None:
         """Where it is is not known; `moved`: it may be elsewhere when it is known again."""
@@ -97,12 +93,6 @@ class Setups:
         if np.isfinite(joints).all():
             self.harness(place, joints)
         return bool(np.isfinite(joints).all())
-
-    def _set(self, place: int, pose: Array) -> None:
-        self.local[place] = pose
-        pose_from_matrix(pose, self._poses[place])
-        self.valid[place] = True
-        self.changes += 1
 
     def _pose(self, arm: CartArm, place: int, joints: Array) -> Array:
         """world · FK(q) · tip; joints without potentiometers stand at 0."""

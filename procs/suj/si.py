@@ -15,10 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.procs.document.cart import Cart
+from trocar.procs.kinematics.poses import Array
+from trocar.procs.node.inputs import Fields
 from trocar.procs.node.requests import Reports
 from trocar.procs.suj.machine import SetupState
 from trocar.procs.suj.pots import SI_LIMITS, Potentiometers, PotReadings
-from trocar.procs.suj.setups import Array, Fields, Setups
+from trocar.procs.suj.setups import Setups
 from trocar.procs.tables import codes
 
 STALE_NS: Final = 5_000_000_000  # boards are asked several times a second, and a connection takes seconds

@@ -12,8 +12,8 @@ from trocar.procs.config import load_system
 from trocar.procs.document.system import Cart, SystemConfig
 from trocar.procs.kinematics import poses
 from trocar.procs.node.inputs import SETUP_LATE_S, Input
+from trocar.procs.suj.frames import CarriedTip
 from trocar.procs.suj.joints import SetupJoints
-from trocar.procs.suj.reference import CarriedTip
 from trocar.procs.suj.setups import Setups
 from trocar.procs.tables.codes import Code
 from trocar.shm.memory.layout import schema_of

@@ -17,8 +17,7 @@ from tests.io.harness import FakeCommand
 from tests.suj.harness import SetupHarness, system_of
 from trocar.procs.document.cart import Cart, CartArm
 from trocar.procs.suj import bluetooth
-from trocar.procs.suj.brakes import SetupArmBrakes
-from trocar.procs.suj.classic import Classic
+from trocar.procs.suj.classic import Classic, SetupArmBrakes
 from trocar.procs.suj.multiplexer import INCREMENT, RESET, SAMPLES, SETTLE_NS, Multiplexer
 from trocar.procs.suj.pots import CLASSIC_LIMITS, Potentiometers
 from trocar.procs.suj.si import CLUTCH_COMMAND_NS, EmulatedBoards, Si, counts
@@ -330,10 +329,11 @@ def test_the_reader_is_started_with_the_boards_it_is_to_read(monkeypatch: pytest
 
 @pytest.mark.parametrize("lacks", ["", "powered", "amps_on", "pid_enabled"])
 def test_brakes_can_be_driven_with_power_amplifiers_and_leave_of_io(lacks: str) -> None:
-    asked: list[str] = []
+    asked: list[tuple[str, float]] = []
     flags = {name: name != lacks for name in ("powered", "amps_on", "pid_enabled")}
     made = object.__new__(Classic)
     made._asked_ns = 1
-    made._board = types.SimpleNamespace(**flags, has_fault=False, drive=lambda: asked.append("drive"))
+    made._board = types.SimpleNamespace(**flags, has_fault=False, ask=lambda *what: asked.append(what))
     assert made.is_on() is (lacks == "")
-    assert asked == (["drive"] if lacks == "pid_enabled" else []), "leave is asked for when the rest is there"
+    drive = [("pid_enable", 1.0)]
+    assert asked == (drive if lacks == "pid_enabled" else []), "leave is asked for when the rest is there"

@@ -6,10 +6,10 @@ import pytest
 
 from tests.io.harness import FakeCommand
 from tests.suj.harness import FakeSetupReports
-from trocar.procs.suj.machine import NoPower, SetupState, SetupStates
+from trocar.procs.suj.machine import SetupPower, SetupState, SetupStates
 
 
-class FakePower(NoPower):
+class FakePower(SetupPower):
     """Comes when the test says so."""
 
     def __init__(self) -> None:
@@ -148,7 +148,7 @@ def test_who_begins_in_a_state_desires_to_stay_or_to_come_through(state: SetupSt
 
 
 def test_setup_joints_begin_with_nothing_to_wait_for() -> None:
-    machine = SetupStates("SUJ", FakeSetupReports(), NoPower(), lambda state: None)
+    machine = SetupStates("SUJ", FakeSetupReports(), SetupPower(), lambda state: None)
     assert (machine.state, machine.desired, machine.reason, machine.waits) == (SetupState.DISABLED,) * 2 + ("", "")
     assert not machine.is_homed and not machine.is_busy
     machine.begin(SetupState.FAULT, False, 0)

@@ -19,11 +19,11 @@ from trocar.procs.document.cart import CLASSIC, FIXED, SI
 from trocar.procs.kinematics.poses import matrix_from_pose
 from trocar.procs.node.inputs import SETUP_LATE_S, Input
 from trocar.procs.suj.classic import Classic
+from trocar.procs.suj.frames import CarriedTip
 from trocar.procs.suj.interface_board import InterfaceBoard
 from trocar.procs.suj.joints import SetupJoints
 from trocar.procs.suj.multiplexer import Multiplexer
 from trocar.procs.suj.pots import Potentiometers
-from trocar.procs.suj.reference import CarriedTip
 from trocar.procs.suj.setups import Setups
 from trocar.procs.suj.si import Si
 from trocar.procs.tables.codes import ARM_LOST
