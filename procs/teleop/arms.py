@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.procs.kinematics.poses import angle_between
-from trocar.procs.node.inputs import Input, RecordReader
+from trocar.procs.kinematics.poses import Array, angle_between
+from trocar.procs.node.inputs import Fields, Input, RecordReader
 from trocar.procs.node.requests import STREAM_ENDED, Answer, Sender
 from trocar.procs.tables.codes import INVERSE_KINEMATICS
 from trocar.procs.teleop.motion_check import MotionCheck
 from trocar.shm.mailbox.origins import Origin
-
-Array = NDArray[np.float64]
-Fields = Callable[[str], NDArray[Any]]
 
 SHOWN_NS: Final = 1_000_000_000  # so long a refusal is shown
 LIMIT_SHOWN_NS: Final = 100_000_000  # and so long that a goal could not be reached: each goal is answered
@@ -40,6 +37,10 @@ class TeleopArm:
     `whole`: this cycle's record is good; `restarted`: another process writes it than in the last cycle; `rebased`: its
     base frame is another one; `stopped_by`: which program has stopped it since the last look, "": none; `is_in_hand`:
     the clutch on the arm itself is pressed; `refuses_goals`: it did not go to the last goal it has answered.
+
+    `is_silent`: nothing came for too long; `is_enabled`, `is_ready`: ENABLED, and homed, as published; `fault`: why it
+    is not to be believed from this cycle on, `doubt`: the same for as long as that lasts, "": it is; `has_pose`: its
+    poses are known, and believed.
     """
 
     sets_pace = True
@@ -72,7 +73,8 @@ class TeleopArm:
         self._refusal, self._refused_ns = "", -SHOWN_NS
         self._ended_ns = -SHOWN_NS
         self._limit, self._limited_ns = "", -LIMIT_SHOWN_NS
-        self._enabled = self._is_homed = self._reported = self._is_busy = False
+        self.is_silent, self.fault, self.doubt = True, "", ""
+        self.is_enabled = self.is_ready = self.has_pose = self._reported = self._is_busy = False
         self._check = MotionCheck(name, self._pose, self.twist) if is_master else None
 
     # what is seen
@@ -82,13 +84,15 @@ class TeleopArm:
         self._now_ns = now_ns
         self.whole, self.rebased, self.stopped_by = self._record.look(now_ns), False, ""
         self.restarted, self.stamp_ns = self._record.restarted, self._record.stamp_ns
+        self.is_silent = not self._record.fresh
         if self.restarted:
             self._seen_stops = None
             self.is_moving = self.has_arrived = False
             if self._check is not None:
                 self._check.forget()
         if self.whole:
-            self._enabled, self._is_homed = self._state.item() == b"ENABLED", bool(self._homed)
+            self.is_enabled = self._state.item() == b"ENABLED"
+            self.is_ready = self.is_enabled and bool(self._homed)
             self._is_busy = bool(self._busy)
             self.is_in_hand = self._sub_state.item() == IN_HAND
             self._was_free = self._was_free or not self.is_held
@@ -101,6 +105,8 @@ class TeleopArm:
         if self._check is not None:
             objection = self.objection() if self.whole else ""
             self._check.look(self.stamp_ns, now_ns, known=self._reported, objection=objection)
+            self.fault, self.doubt = self._check.fault, self._check.doubt
+        self.has_pose = self._reported and not self.doubt
         for answer in self._sender.poll():
             self._hear(answer)
 
@@ -133,39 +139,9 @@ class TeleopArm:
         return ""
 
     @property
-    def fault(self) -> str:
-        """Why it is not to be believed from this cycle on, "": it is."""
-        return self._check.fault if self._check is not None else ""
-
-    @property
-    def doubt(self) -> str:
-        """The same for as long as that lasts."""
-        return self._check.doubt if self._check is not None else ""
-
-    @property
-    def is_silent(self) -> bool:
-        """Nothing came for too long."""
-        return not self._record.fresh
-
-    @property
-    def is_enabled(self) -> bool:
-        """ENABLED as published."""
-        return self._enabled
-
-    @property
-    def is_ready(self) -> bool:
-        """ENABLED and homed, as published."""
-        return self._enabled and self._is_homed
-
-    @property
     def is_busy(self) -> bool:
         """A transition or a move is under way."""
         return self._is_busy or self.is_moving
-
-    @property
-    def has_pose(self) -> bool:
-        """Its poses are known, and believed."""
-        return self._reported and not self.doubt
 
     @property
     def is_kinematic(self) -> bool:

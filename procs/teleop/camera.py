@@ -10,9 +10,8 @@ import math
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from trocar.procs.kinematics.poses import Array
 
 STIFFNESS: Final = 150.0  # N/m: what keeps the hands as far apart as they were
 DAMPING: Final = np.array((10.0, 10.0, 40.0))  # N·s/m

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.procs.document.consoles import TeleopEcmConfig as Settings
 from trocar.procs.kinematics.poses import matrix_from_pose, pose_from_matrix
@@ -19,8 +18,6 @@ from trocar.procs.teleop.record import TeleopRecord
 from trocar.procs.teleop.teleop import Teleop
 from trocar.shm.mailbox.generations import Cell
 from trocar.shm.operator_topics import TeleopState
-
-Array = NDArray[np.float64]
 
 JOINTS: Final = 4
 WRENCH_LASTS_S: Final = LATE_S  # forces on the masters end by themselves when we do
@@ -50,7 +47,6 @@ class TeleopEcm(Teleop):
         super().__init__(settings.name, (left, right, slave), operator, record, events, faults)
 
     def set_up(self) -> None:
-        """See Teleop."""
         if not all(arm.has_pose for arm in self.arms):
             self.reason = "waiting: the poses of all three arms in their reference frames are not known yet"
             return
@@ -62,7 +58,6 @@ class TeleopEcm(Teleop):
         self.go(TeleopState.ENABLED)
 
     def enter(self, state: TeleopState) -> None:
-        """See Teleop."""
         if state is TeleopState.ENABLED:
             self._begin_following()
         elif state is TeleopState.DISABLED:
@@ -70,7 +65,6 @@ class TeleopEcm(Teleop):
                 master.leave()
 
     def run(self) -> None:
-        """See Teleop."""
         unknown = [arm.name for arm in self.arms if not arm.has_pose]
         if unknown:
             self.stop(codes.POSE_UNKNOWN, f"the pose of {unknown[0]} in its reference frame is not known", unknown[0])
@@ -78,7 +72,6 @@ class TeleopEcm(Teleop):
             self._run_following()
 
     def lose(self) -> None:
-        """See Teleop."""
         if self.operator.is_silent:
             self.stop(codes.OPERATOR_TIMEOUT, self.operator.absence, self.operator.console)
 
@@ -144,16 +137,13 @@ class TeleopEcm(Teleop):
     # the clutch
 
     def press(self) -> None:
-        """See Teleop."""
         self._free_masters()
 
     def release(self) -> None:
-        """See Teleop."""
         for master in self.masters:
             master.leave()
 
     def rescale(self, scale: float) -> None:
-        """See Teleop."""
         self.camera.scale = scale
         left, right = self.masters
         if self.following:  # from here on: nothing moves by the change itself
@@ -165,7 +155,6 @@ class TeleopEcm(Teleop):
     # the record
 
     def show(self) -> None:
-        """See Teleop."""
         for place, master in enumerate(self.masters):
             self._stamps[0][place] = master.stamp_ns
         self._stamps[1][...] = self.slave.stamp_ns

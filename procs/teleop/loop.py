@@ -75,14 +75,12 @@ class TeleopLoop(runtime.Loop):
         self._mailbox = node.mailbox(faults)
 
     def wait(self) -> bool:
-        """See runtime.Loop."""
         return self.node.tick(news=self._has_news, periods=IDLE_PERIODS) if self.teleop.is_idle else self.node.tick()
 
     def _has_news(self) -> bool:
         return self._mailbox.has_news
 
     def cycle(self, now_ns: int, wall_ns: int) -> None:
-        """See runtime.Loop."""
         self.teleop.step(now_ns, self._mailbox.drain(wall_ns))
         self._state.publish(now_ns)
         node, master = self.node, self._master

@@ -10,12 +10,9 @@ import math
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from trocar.procs.kinematics.poses import angle_between
+from trocar.procs.kinematics.poses import Array, angle_between
 from trocar.procs.node.inputs import LATE_NS
-
-Array = NDArray[np.float64]
 
 # A hand is slower than this, also where it rolls a master between two fingers; an encoder that jumps, or a tracker
 # that lost its way, is faster. What a step may have on top is for coarse resolution and records that were late.

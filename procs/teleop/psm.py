@@ -7,10 +7,9 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.procs.document.consoles import TeleopPsmConfig as Settings
-from trocar.procs.kinematics.poses import angle_between
+from trocar.procs.kinematics.poses import Array, angle_between
 from trocar.procs.node.inputs import FOR_EVER_NS
 from trocar.procs.node.requests import CommandRefused, Handler, Reports, Request, switch
 from trocar.procs.tables import codes
@@ -23,8 +22,6 @@ from trocar.procs.teleop.teleop import Teleop
 from trocar.procs.teleop.teleoperation import JawMapping, PoseMapping, Presence, Start, roll_between, waiting_for
 from trocar.shm.mailbox.generations import Cell
 from trocar.shm.operator_topics import TeleopState
-
-Array = NDArray[np.float64]
 
 WRENCH_LASTS_S: Final = LATE_S  # the master's wrench ends by itself when we do
 AGAIN_NS: Final = 500_000_000  # until a master is aligned anew that could not be
@@ -71,7 +68,6 @@ class TeleopPsm(Teleop):
         self._show_options()
 
     def commands(self) -> Mapping[str, Handler]:
-        """See Teleop."""
         return {
             "lock_rotation": self._lock_rotation,
             "lock_translation": self._lock_translation,
@@ -82,16 +78,13 @@ class TeleopPsm(Teleop):
     # states
 
     def look(self) -> None:
-        """See Teleop."""
         if self.base is not None:
             self.base.look(self.now_ns)
 
     def set_up(self) -> None:
-        """See Teleop."""
         self.go(TeleopState.ALIGNING)
 
     def enter(self, state: TeleopState) -> None:
-        """See Teleop."""
         if state is TeleopState.DISABLED:
             if self.settings.mtm_is_haptic:
                 self.master.leave()
@@ -101,7 +94,6 @@ class TeleopPsm(Teleop):
             self._begin_following()
 
     def run(self) -> None:
-        """See Teleop."""
         if not (self.master.has_pose and self.slave.has_pose):
             self._miss(self.master if not self.master.has_pose else self.slave)
         elif self.base is not None and self.base.pose is None:
@@ -121,7 +113,6 @@ class TeleopPsm(Teleop):
             self.wait(f"waiting: {reason}")
 
     def lose(self) -> None:
-        """See Teleop."""
         self.forget_presence()
         if self.state is TeleopState.ENABLED:
             self.events.report(codes.OPERATOR_ABSENT, f"{self.name}: {self.operator.absence}; following has stopped",
@@ -129,7 +120,6 @@ class TeleopPsm(Teleop):
             self.go(TeleopState.ALIGNING)
 
     def forget_presence(self) -> None:
-        """See Teleop."""
         self.presence.forget()
         self._was_active = False
 
@@ -273,12 +263,10 @@ class TeleopPsm(Teleop):
     # the clutch
 
     def press(self) -> None:
-        """See Teleop."""
         self._was_active = self.presence.is_active
         self._free_master(self.align or self.mapping.rotation_locked)
 
     def release(self) -> None:
-        """See Teleop."""
         if self.settings.mtm_is_haptic:
             self.master.leave()
 
@@ -297,7 +285,6 @@ class TeleopPsm(Teleop):
         self._show_options()
 
     def rescale(self, scale: float) -> None:
-        """See Teleop."""
         self.mapping.scale = scale
         self._rebase()
 
@@ -340,7 +327,6 @@ class TeleopPsm(Teleop):
         field("align_mtm")[...], field("mtm_is_haptic")[...] = self.align, self.settings.mtm_is_haptic
 
     def show(self) -> None:
-        """See Teleop."""
         master, slave, presence = self.master, self.slave, self.presence
         self._active[...] = presence.is_active
         self._ranges[0][...], self._ranges[1][...] = presence.gripper_range, presence.roll_range

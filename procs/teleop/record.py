@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trocar.procs.node.inputs import Fields
 from trocar.shm.memory.layout import shorten
-
-Fields = Callable[[str], NDArray[Any]]
 
 
 class TeleopRecord:

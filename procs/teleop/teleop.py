@@ -6,10 +6,8 @@ are arrays given to it. Nothing here waits: what arms are asked for is seen in t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from typing import Any, Final
-
-from numpy.typing import NDArray
+from collections.abc import Iterable, Mapping
+from typing import Final
 
 from trocar.procs.node.requests import STREAM_PAUSE_NS, CommandRefused, Handler, Reports, Request, carry_out
 from trocar.procs.tables import codes
@@ -21,8 +19,6 @@ from trocar.procs.teleop.record import TeleopRecord
 from trocar.shm.mailbox.generations import Cell
 from trocar.shm.mailbox.origins import NOBODY, Origin
 from trocar.shm.operator_topics import TeleopState
-
-Fields = Callable[[str], NDArray[Any]]
 
 MARGIN_NS: Final = 50_000_000  # goals on their way when a stream was ended
 SETTING_NS: Final = 60_000_000_000  # that arms may take to be homed

@@ -12,13 +12,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from trocar.procs.kinematics.poses import conjugate, product, turned
+from trocar.procs.kinematics.poses import Array, conjugate, product, turned
 from trocar.procs.tables.manifest import LATE_S
 from trocar.procs.tables.operator_waits import GRIPPER, MOVING, OFF
 
-Array = NDArray[np.float64]
 Quaternion = tuple[float, float, float, float]
 
 IDENTITY: Final = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)

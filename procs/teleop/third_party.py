@@ -8,9 +8,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.procs.node.inputs import Input, RecordReader
+from trocar.procs.kinematics.poses import Array
+from trocar.procs.node.inputs import Fields, Input, RecordReader
 from trocar.procs.node.requests import Sender
-from trocar.procs.teleop.arms import Array, Fields, TeleopArm
+from trocar.procs.teleop.arms import TeleopArm
 
 UNIT: Final = 1e-3  # how far from length 1 a quaternion may be
 
@@ -35,11 +36,9 @@ class ThirdPartyArm(TeleopArm):
 
     @property
     def has_jaw(self) -> bool:
-        """See TeleopArm."""
         return super().has_jaw and math.isfinite(self.jaw)
 
     def objection(self) -> str:
-        """See TeleopArm."""
         if not self._known:
             return ""
         if not all(_is_pose(pose) for pose in self._shown):
