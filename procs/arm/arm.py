@@ -6,25 +6,19 @@ own". It has no clock and no shared memory: time is the `now_ns` argument, recor
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
-from trocar.procs.arm.cartesian import Cartesian
 from trocar.procs.arm.cartesian_commands import CartesianCommands
-from trocar.procs.arm.commands import ArmCommandRow, ArmCommands, Table
+from trocar.procs.arm.commands import ArmCommandRow, ArmCommands
+from trocar.procs.arm.context import ArmContext
 from trocar.procs.arm.control import REPORT_NS, Control
-from trocar.procs.arm.io_requests import IoRequests
 from trocar.procs.arm.joint_commands import JointCommands
-from trocar.procs.arm.joints import JointSpace, joints, kinematic_home
+from trocar.procs.arm.joints import JointSpace, kinematic_home
 from trocar.procs.arm.machine import ArmStates
 from trocar.procs.arm.motion import Mode, Space
-from trocar.procs.arm.psm.detection import ToolReading
-from trocar.procs.arm.readings import ArmReadings, Fields
-from trocar.procs.arm.record import ArmRecord, SetpointRecord
-from trocar.procs.arm.recovery import PreviousState, beginning, previous_state
+from trocar.procs.arm.recovery import beginning, previous_state
 from trocar.procs.arm.settings import Settings
 from trocar.procs.arm.setup_base import SetupBase
 from trocar.procs.arm.stages.homed import Homed, Manual
@@ -32,101 +26,62 @@ from trocar.procs.arm.stages.homing import Biased, Calibrating, Homing
 from trocar.procs.arm.stages.power import Disabled, Enabled, Fault, Paused, Powering
 from trocar.procs.arm.stages.stage import Stage
 from trocar.procs.arm.states import AT_HOME, PUBLISHED, ArmEvent, ArmState
-from trocar.procs.arm.supervision import UNWATCHED, Generations, power_lost, problem
-from trocar.procs.document import system as document
-from trocar.procs.node.fault_report import FaultReport
+from trocar.procs.arm.supervision import UNWATCHED, Generations, problem
+from trocar.procs.document.system import ArmConfig
+from trocar.procs.kinematics.poses import Array
 from trocar.procs.node.inputs import FOR_EVER_NS
-from trocar.procs.node.requests import ANSWERED, Reports, Request, Sender
+from trocar.procs.node.requests import ANSWERED, Request
 from trocar.procs.tables import codes
-from trocar.procs.tables.arm_types import ARM_TYPES
-from trocar.shm.mailbox.generations import NoFaults, OwnCell
 from trocar.shm.mailbox.origins import NOBODY
-
-Array = NDArray[np.float64]
-
-
-@dataclasses.dataclass(frozen=True, slots=True)
-class ArmContext:
-    """What an arm needs of its process besides its document row."""
-
-    field: Fields  # of io's record
-    robot: int  # its robot's place among io's
-    first_axis: int
-    inputs: Mapping[str, int]  # places of io's digital inputs by name
-    has_brakes: bool
-    sender: Sender
-    state: Fields  # the arm's own records, still as a predecessor left them
-    setpoint: Fields
-    reports: Reports
-    fault_report: Callable[[int], FaultReport]  # what io has told about its latched fault
-    power_report: Callable[[], FaultReport] = power_lost  # which amplifiers are off, when power was lost
-    gripper: int = -1  # axis of its gripper in io's record, -1: none
-    setup_base: SetupBase | None = None  # the setup joints that carry it
-    reading: Callable[[], ToolReading] = ToolReading  # what io has last read from the memory of its instruments
-    motors: Sequence[float] = ()  # the largest efforts of its actuators, none: not known
-    faults: OwnCell = dataclasses.field(default_factory=NoFaults)  # what was asked for before one is void
 
 
 class ArmLogic:
     """One arm. `step` each cycle, then publish both records."""
 
     checks_tracking = True
+    """io compares setpoints with positions, but in effort mode."""
+    not_by_pots: tuple[int, ...] = ()
+    """Actuators whose potentiometers do not tell where they are."""
 
-    def __init__(self, arm: document.ArmConfig, around: ArmContext) -> None:
+    def __init__(self, arm: ArmConfig, around: ArmContext) -> None:
+        """A type adds its own commands and states to `_commands` and `_stages`."""
         self._around = around
-        self._previous_state = previous_state(around.state)
-        first = joints(arm, arm.tool if arm.tool_detection == "FIXED" else None)
-        self.io = ArmReadings(around.field, around.robot, around.first_axis, first)
-        cartesian = Cartesian(around.state, self.io)
-        record = ArmRecord(around.state, self.io, simulated=arm.simulation != "NONE")
-        self.machine = machine = ArmStates(arm.name, around.reports, self._enter, self._is_home)
-        io_requests = IoRequests(self.io, around.setpoint, around.sender, arm.robot, self._io_refused,
-                                 has_brakes=around.has_brakes)
-        self.control = control = Control(
-            arm, first, self.io, io_requests, machine, around.reports, cartesian, record,
-            SetpointRecord(around.setpoint, ARM_TYPES[arm.type].actuators), around.fault_report, around.motors)
+        self._previous_state = before = previous_state(around.state)
+        self.machine = ArmStates(arm.name, around.reports, self._enter, self._is_home)
+        self.control = control = Control(arm, around, self.machine)
+        self.io, self._setup_base = control.io, around.setup_base
         self.cartesian_commands = CartesianCommands(control, self.safe, self.guard)
         base: Array | None = np.array(arm.base_frame) if arm.base_frame is not None else np.eye(4)
         frame = arm.reference_frame or f"{arm.name}_base"
-        if self._previous_state is not None:
-            frame, base = self._previous_state.reference_frame, self._previous_state.base
-            control.motion.ratio_v, control.motion.ratio_a = self._previous_state.ratio_v, self._previous_state.ratio_a
-        record.show_frame(frame)
-        self._setup_base = around.setup_base
-        cartesian.set_base(base if around.setup_base is None else None)
-        record.show_ratios(control.motion)
+        if before is not None:
+            frame, base = before.reference_frame, before.base
+            control.motion.ratio_v, control.motion.ratio_a = before.ratio_v, before.ratio_a
+        control.record.show_frame(frame)
+        control.cartesian.set_base(base if around.setup_base is None else None)
+        control.record.show_ratios(control.motion)
         self._started = self._clutched = False
         self._epoch = self._switched_off_by = 0
-        self.prepare(self._previous_state)
-        own = (JointCommands(control).table, self.cartesian_commands.table, Settings(control, arm.base_from).table)
-        self._commands = ArmCommands(control,
-                                     (*own, {"state_command": ArmCommandRow(self._state_command)}, *self.tables()))
+        self._commands = ArmCommands(control, {
+            **JointCommands(control).table, **self.cartesian_commands.table, **Settings(control, arm.base_from).table,
+            "state_command": ArmCommandRow(self._state_command)})
         self._stages: dict[ArmState, Stage] = {
-            ArmState.DISABLED: Disabled(control),
-            ArmState.POWERING: Powering(control),
-            ArmState.ENABLED: Enabled(control),
-            ArmState.CALIBRATING: Calibrating(control),
-            ArmState.BIASED: Biased(control),
-            ArmState.HOMING: Homing(control, self.home, self.checks_tracking),
-            ArmState.HOMED: Homed(control, self.look_after, self.checks_tracking, self.misses),
-            ArmState.MANUAL: Manual(control, self.is_clutched),
-            ArmState.PAUSED: Paused(control, self.checks_tracking),
-            ArmState.FAULT: Fault(control),
-            **self.stages(),
+            ArmState.DISABLED: Disabled(self),
+            ArmState.POWERING: Powering(self),
+            ArmState.ENABLED: Enabled(self),
+            ArmState.CALIBRATING: Calibrating(self),
+            ArmState.BIASED: Biased(self),
+            ArmState.HOMING: Homing(self),
+            ArmState.HOMED: Homed(self),
+            ArmState.MANUAL: Manual(self),
+            ArmState.PAUSED: Paused(self),
+            ArmState.FAULT: Fault(self),
         }
 
     # what an arm may have of its own
 
-    def prepare(self, before: PreviousState | None) -> None:
-        """Set up what is the arm's own; `before` is what a predecessor left."""
-
-    def stages(self) -> Mapping[ArmState, Stage]:
-        """States that only this arm has, or does in its own way."""
-        return {}
-
-    def tables(self) -> Iterable[Table]:
-        """Commands that only this arm has."""
-        return ()
+    def before_homing(self) -> ArmEvent:
+        """What homing begins with: ONWARD, or an event of the arm's own."""
+        return ArmEvent.ONWARD
 
     def home(self) -> Array:
         """Where homing takes the joints (size,): nowhere, to zero where the arm's file asks; a KINEMATIC arm in."""
@@ -333,9 +288,6 @@ class ArmLogic:
 
     def _is_off(self) -> bool:
         return not self.io.fresh or self.io.power_requested.item() is False
-
-    def _io_refused(self, text: str) -> None:
-        self.control.report(codes.IO_REFUSED, text)
 
     def _state_command(self, request: Request) -> str:
         if request.text.strip() == ArmEvent.UNHOME:

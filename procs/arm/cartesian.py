@@ -7,10 +7,9 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.procs.arm.joints import JointSpace
-from trocar.procs.arm.readings import ArmReadings, Fields
+from trocar.procs.arm.readings import ArmReadings
 from trocar.procs.kinematics.forward import Kinematics
 from trocar.procs.kinematics.frames import (
     Frame,
@@ -27,11 +26,10 @@ from trocar.procs.kinematics.frames import (
     turned_back,
     turned_twist,
 )
-from trocar.procs.kinematics.poses import inverse, pose_from_matrix
+from trocar.procs.kinematics.poses import Array, inverse, pose_from_matrix
 from trocar.procs.native.arm_fields import CARTESIAN
 from trocar.procs.native.library import bind
-
-Array = NDArray[np.float64]
+from trocar.procs.node.inputs import Fields
 
 
 class Cartesian:

@@ -6,20 +6,17 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.procs.arm.commands import ArmCommandRow, Ready, Table
 from trocar.procs.arm.control import REPORT_NS, Control
-from trocar.procs.arm.impedance import impedance_of
+from trocar.procs.arm.efforts import impedance_of
 from trocar.procs.arm.motion import Mode, Space
 from trocar.procs.arm.reach import Guard, Reach
 from trocar.procs.kinematics.inverse.solver import InverseSolver
-from trocar.procs.kinematics.poses import given_pose
+from trocar.procs.kinematics.poses import Array, given_pose
 from trocar.procs.node.inputs import FOR_EVER_NS
 from trocar.procs.node.requests import CommandRefused, Request, switch
 from trocar.procs.tables import codes
-
-Array = NDArray[np.float64]
 
 POSE: Final = 7
 TWIST: Final = 6

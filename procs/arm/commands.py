@@ -43,13 +43,10 @@ Table = Mapping[str, ArmCommandRow]
 
 
 class ArmCommands:
-    """Carries out the commands of one arm."""
+    """Carries out the commands of one arm: those of `rows`."""
 
-    def __init__(self, control: Control, tables: Iterable[Table]) -> None:
-        self._control = control
-        self._rows: dict[str, ArmCommandRow] = {}
-        for table in tables:
-            self._rows.update(table)
+    def __init__(self, control: Control, rows: dict[str, ArmCommandRow]) -> None:
+        self._control, self.rows = control, rows
         self._timeout_ns = round(control.arm.client_timeout_s * 1e9)
         self._streamed_ns = 0
 
@@ -71,7 +68,7 @@ class ArmCommands:
 
     def _do(self, request: Request) -> str | None:
         command = request.command
-        row = self._rows.get(command.name)
+        row = self.rows.get(command.name)
         if row is None:
             raise CommandRefused(f"{self._control.arm.name} has no such command")
         control, streams, sender = self._control, self._control.streams, request.sender

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trocar.procs.arm.cartesian import Cartesian
+from trocar.procs.arm.context import ArmContext
 from trocar.procs.arm.effort_guard import EffortGuard
 from trocar.procs.arm.effort_limits import EffortLimits
 from trocar.procs.arm.efforts import Efforts, Law
 from trocar.procs.arm.governor import LATE_S, MAX_LAG_S
 from trocar.procs.arm.gravity import Weight
 from trocar.procs.arm.io_requests import IoRequests
-from trocar.procs.arm.joints import JointSpace
+from trocar.procs.arm.joints import JointSpace, joints
 from trocar.procs.arm.machine import ArmStates
 from trocar.procs.arm.motion import Mode, Motion, Space
 from trocar.procs.arm.readings import ArmReadings
@@ -24,12 +25,11 @@ from trocar.procs.arm.setup_base import BaseSteps
 from trocar.procs.arm.streams import StreamKind, Streams
 from trocar.procs.arm.supervision import Generations
 from trocar.procs.document.system import ArmConfig
-from trocar.procs.node.fault_report import FaultReport
-from trocar.procs.node.requests import ANSWERED, CommandRefused, Reports, Request
+from trocar.procs.kinematics.poses import Array
+from trocar.procs.node.requests import ANSWERED, CommandRefused, Request
 from trocar.procs.tables import codes
+from trocar.procs.tables.arm_types import ARM_TYPES
 from trocar.procs.tables.codes import Code
-
-Array = NDArray[np.float64]
 
 EPISODE_NS: Final = 500_000_000
 REPORT_NS: Final = 2_000_000_000
@@ -58,16 +58,19 @@ class Clipping:
 class Control:
     """The parts of one arm and the verbs that change its motion; `now_ns` is this cycle's time."""
 
-    def __init__(self, arm: ArmConfig, joints: JointSpace, io: ArmReadings, io_requests: IoRequests, machine: ArmStates,
-                 reports: Reports,
-                 cartesian: Cartesian, record: ArmRecord, setpoint: SetpointRecord,
-                 fault_report: Callable[[int], FaultReport], motors: Sequence[float] = ()) -> None:
-        """`motors`: see `EffortLimits`."""
-        self.arm, self.joints, self.io, self.io_requests, self.machine = arm, joints, io, io_requests, machine
-        self.reports, self.cartesian, self.record, self.setpoint = reports, cartesian, record, setpoint
-        self.fault_report = fault_report
-        self.motion, self._effort_limits = Motion(joints, arm.jerk_time_s), EffortLimits(motors, joints)
-        self.efforts = Efforts(cartesian, self._effort_limits, joints.size, arm.effort_timeout_s)
+    def __init__(self, arm: ArmConfig, around: ArmContext, machine: ArmStates) -> None:
+        self.arm, self.machine = arm, machine
+        self.reports, self.fault_report = around.reports, around.fault_report
+        self.joints = joints(arm, arm.tool if arm.tool_detection == "FIXED" else None)
+        self.io = ArmReadings(around.field, around.robot, around.first_axis, self.joints)
+        self.cartesian = Cartesian(around.state, self.io)
+        self.record = ArmRecord(around.state, self.io, simulated=arm.simulation != "NONE")
+        self.io_requests = IoRequests(self.io, around.setpoint, around.sender, arm.robot,
+                                      lambda text: self.report(codes.IO_REFUSED, text), has_brakes=around.has_brakes)
+        self.setpoint = SetpointRecord(around.setpoint, ARM_TYPES[arm.type].actuators)
+        self.motion = Motion(self.joints, arm.jerk_time_s)
+        self._effort_limits = EffortLimits(around.motors, self.joints)
+        self.efforts = Efforts(self.cartesian, self._effort_limits, self.joints.size, arm.effort_timeout_s)
         self.guard = EffortGuard(arm.effort_speed_ratio, arm.effort_zone_ratio)
         self.streams, self._base_steps = Streams(), BaseSteps()
         self.gravity = Weight(arm)
@@ -84,7 +87,7 @@ class Control:
         """Under way, with what of the goal was clipped."""
         self._reported_ns: dict[Code, int] = {}
         self._episodes_ns: dict[Code, int] = {}
-        self.use(joints)
+        self.use(self.joints)
 
     def use(self, joints: JointSpace) -> None:
         """Another joint space, at rest where the actuators are kept."""

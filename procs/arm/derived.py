@@ -11,20 +11,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from trocar.procs.arm.arm import ArmLogic
-from trocar.procs.arm.commands import ArmCommandRow, Ready, Table
+from trocar.procs.arm.commands import ArmCommandRow, Ready
+from trocar.procs.arm.context import ArmContext
 from trocar.procs.arm.ecm import EcmLogic
 from trocar.procs.arm.motion import Mode, Space
 from trocar.procs.arm.mtm.mtm import MtmLogic
 from trocar.procs.arm.psm.psm import PsmLogic
 from trocar.procs.arm.stages.stage import Stage
 from trocar.procs.arm.states import ArmEvent, ArmState
+from trocar.procs.document.system import ArmConfig
 from trocar.procs.document.user_process import UserCommand
 from trocar.procs.node.requests import CommandRefused, Request
 from trocar.procs.tables import codes
@@ -39,9 +41,7 @@ MAX_NAME: Final = 23
 class State(Stage):
     """A state of a derived arm's own, reached from HOMED: `enter` once, `run` each cycle until `arm.end()`."""
 
-    def __init__(self, arm: DerivedArm) -> None:
-        super().__init__(arm.control)
-        self.arm = arm
+    arm: DerivedArm
 
     @property
     def now_s(self) -> float:
@@ -52,28 +52,27 @@ class State(Stage):
 class Guarded(Stage):
     """The state that the arm is in. What it asks for and cannot be done ends it, and is reported."""
 
+    arm: DerivedArm
+
     def __init__(self, arm: DerivedArm) -> None:
-        super().__init__(arm.control)
-        self._arm, self.inner = arm, Stage(arm.control)
+        super().__init__(arm)
+        self.inner = Stage(arm)
 
     def _try(self, do: Callable[[], None]) -> None:
         try:
             do()
         except CommandRefused as why:
             self.control.report(codes.OWN_STATE, f"{self.control.machine.sub_state} ended: {why}")
-            self._arm.end()
+            self.arm.end()
 
     def enter(self) -> None:
-        """See Stage."""
         self._try(self.inner.enter)
 
     def run(self) -> None:
-        """See Stage."""
         self._try(self.inner.run)
 
     @property
     def waits(self) -> str:
-        """See Stage."""
         return self.inner.waits
 
 
@@ -83,18 +82,15 @@ class DerivedArm(ArmLogic):
     states: ClassVar[Mapping[str, type[State]]] = {}
     """Its own states by the names that are published."""
 
-    def tables(self) -> Iterable[Table]:
-        """See ArmLogic."""
-        return (*super().tables(), {row.name: self._row(row) for row in self.control.arm.commands})
-
-    def stages(self) -> Mapping[ArmState, Stage]:
-        """See ArmLogic."""
+    def __init__(self, arm: ArmConfig, around: ArmContext) -> None:
+        super().__init__(arm, around)
+        self._commands.rows.update({row.name: self._row(row) for row in arm.commands})
         for name in self.states:
             if name in set(ArmState) or len(name.encode()) > MAX_NAME:
                 raise ValueError(f"{name} cannot be a state of its own: it is one of every arm, or longer than "
                                  f"{MAX_NAME} bytes")
         self._own, self._guarded = {name: made(self) for name, made in self.states.items()}, Guarded(self)
-        return {**super().stages(), ArmState.OWN: self._guarded}
+        self._stages[ArmState.OWN] = self._guarded
 
     def _row(self, command: UserCommand) -> ArmCommandRow:
         if command.name in {row.name for row in COMMANDS["arm"]}:

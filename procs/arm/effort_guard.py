@@ -12,12 +12,10 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.procs.arm.joints import JointSpace
 from trocar.procs.arm.motion import Motion
-
-Array = NDArray[np.float64]
+from trocar.procs.kinematics.poses import Array
 
 FREE_SHARE: Final = 0.5  # of the limit of speed, up to which nothing is taken from the largest effort
 SPRING: Final = 0.3  # of the largest effort, which the wall pushes back with at the limit: soft for hands

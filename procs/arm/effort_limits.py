@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from trocar.procs.arm.joints import JointSpace
 from trocar.procs.document.system import Robot
-
-Array = NDArray[np.float64]
+from trocar.procs.kinematics.poses import Array
 
 NO_MOTOR: Final = 1e-9  # N·m or N, of one that may have no current: it can be divided by
 

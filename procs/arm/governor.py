@@ -24,12 +24,10 @@ from collections.abc import Callable
 from typing import Final, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trocar.procs.kinematics.poses import Array
 from trocar.procs.native.arm_fields import GOVERNOR
 from trocar.procs.native.library import chosen
-
-Array = NDArray[np.float64]
 
 MAX_LAG_S: Final = 0.1
 """A stream whose target is further away than a joint goes in this time at its largest speed has jumped, and ends."""

@@ -6,15 +6,13 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.procs.document.system import ArmConfig
 from trocar.procs.kinematics.endoscopes import NONE, endoscope
 from trocar.procs.kinematics.gravity import Gravity, up_of
 from trocar.procs.kinematics.master_gravity import MasterGravity
+from trocar.procs.kinematics.poses import Array
 from trocar.procs.tables.arm_types import ARM_TYPES
-
-Array = NDArray[np.float64]
 
 Model = Callable[[Array, Array], Array]
 """Efforts (n,) at positions and velocities (n,) of the arm's first n joints."""

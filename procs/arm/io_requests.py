@@ -11,7 +11,8 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from trocar.procs.arm.readings import ArmReadings, Fields
+from trocar.procs.arm.readings import ArmReadings
+from trocar.procs.node.inputs import Fields
 from trocar.procs.node.requests import Answer, Sender
 from trocar.procs.tables.desired_state import DESIRED_STATES, NONE, OFF, ON
 from trocar.shm.mailbox.origins import Origin

@@ -23,9 +23,8 @@ from trocar.procs.kinematics.endoscopes import NONE, endoscope
 from trocar.procs.kinematics.forward import Kinematics
 from trocar.procs.kinematics.inverse.arms import BENDS, inverse_of
 from trocar.procs.kinematics.inverse.solver import InverseSolver
+from trocar.procs.kinematics.poses import Array
 from trocar.procs.tables.arm_types import ARM_TYPES
-
-Array = NDArray[np.float64]
 
 BARE_NAMES: Final = ("yaw", "pitch", "insertion", "disc_1", "disc_2", "disc_3", "disc_4")
 BARE_SLIDES: Final = (False, False, True)

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.procs.arm.arm import ArmContext, ArmLogic
+from trocar.procs.arm.arm import ArmLogic
 from trocar.procs.arm.cartesian import Cartesian
+from trocar.procs.arm.context import ArmContext, ToolReading
 from trocar.procs.arm.effort_limits import motor_efforts
-from trocar.procs.arm.psm.detection import ToolReading
 from trocar.procs.arm.setup_base import SetupBase, place_of
 from trocar.procs.arm.supervision import power_lost
 from trocar.procs.document.system import Actuator, ArmConfig, Brake, IoConfig
@@ -223,7 +223,6 @@ class ArmLoop(runtime.Loop):
         return periods
 
     def wait(self) -> bool:
-        """See runtime.Loop."""
         node = self.node
         return node.tick(periods=1 if node.clock.simulated else self.periods(node.is_overloaded, node.now_ns))
 

@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 from trocar.procs.arm.governor import MAX_STEP_NS, Governor
 from trocar.procs.arm.joints import JointSpace
 from trocar.procs.arm.streams import STREAM_NS
+from trocar.procs.kinematics.poses import Array
 from trocar.procs.kinematics.trajectory import Trajectory
 from trocar.procs.node.inputs import FOR_EVER_NS
-
-Array = NDArray[np.float64]
 
 
 class Mode(IntEnum):

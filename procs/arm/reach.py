@@ -13,13 +13,11 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.procs.arm.control import Control
 from trocar.procs.kinematics.inverse.solver import InverseSolver
+from trocar.procs.kinematics.poses import Array
 from trocar.procs.node.requests import CommandRefused
-
-Array = NDArray[np.float64]
 
 Guard = Callable[[Array, Array], None]
 """Changes the joints (count,) found for a goal, in place, where they would not be safe to go to from the second."""

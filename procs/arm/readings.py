@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.procs.arm.contiguous import contiguous_view
 from trocar.procs.arm.joints import JointSpace
-from trocar.procs.node.inputs import LATE_NS
+from trocar.procs.kinematics.poses import Array
+from trocar.procs.node.inputs import LATE_NS, Fields
 from trocar.procs.tables.codes import ARM_LOST, ERROR, FAULTS
-
-Fields = Callable[[str], NDArray[Any]]
-Array = NDArray[np.float64]
 
 ROWS = ("position", "velocity", "effort", "setpoint_position", "setpoint_velocity", "setpoint_effort")
 HARMLESS = frozenset((0, ARM_LOST.number, *(fault.number for fault in FAULTS if fault.severity < ERROR)))
@@ -96,3 +94,19 @@ class ArmReadings:
         self._raw = raw
         self._read.dot(self._motion_map, self.rows)  # half of what matmul takes
         np.matmul(self._efforts, self._effort_map, out=self._joint_efforts)
+
+
+def contiguous_view(rows: Sequence[NDArray[Any]]) -> Array:
+    """A view (len(rows), …) of equal float64 arrays that lie at even distances in one buffer: copied in one call.
+
+    ValueError when they do not: the order of fields in the topic table has changed.
+    """
+    addresses = [int(row.__array_interface__["data"][0]) for row in rows]
+    step = addresses[1] - addresses[0]
+    first = rows[0]
+    even = all(b - a == step for a, b in itertools.pairwise(addresses))
+    alike = all(r.dtype == np.float64 and r.shape == first.shape and r.strides == first.strides for r in rows)
+    if not (even and alike and step >= first.nbytes):
+        raise ValueError("these fields do not lie evenly in their record; put them side by side in shm/topics.py")
+    view: Array = np.lib.stride_tricks.as_strided(first, (len(rows), *first.shape), (step, *first.strides))
+    return view

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from trocar.procs.arm.contiguous import contiguous_view
 from trocar.procs.arm.joints import JointSpace
 from trocar.procs.arm.motion import Mode, Motion, Space
-from trocar.procs.arm.readings import ROWS, ArmReadings, Fields
+from trocar.procs.arm.readings import ROWS, ArmReadings, contiguous_view
 from trocar.procs.arm.states import PUBLISHED, ArmState
 from trocar.procs.arm.supervision import Generations
+from trocar.procs.kinematics.poses import Array
+from trocar.procs.node.inputs import Fields
 from trocar.shm.memory.layout import shorten
-
-Array = NDArray[np.float64]
 
 JAW_ROWS = ("jaw_position", "jaw_velocity", "jaw_effort", "jaw_setpoint_position", "jaw_setpoint_effort")
 Shown = tuple[ArmState, str, ArmState, bool, bool, int, Mode, Space]

@@ -11,11 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.procs.arm.readings import ArmReadings, Fields
+from trocar.procs.arm.readings import ArmReadings
 from trocar.procs.arm.states import ArmState
-from trocar.procs.kinematics.poses import matrix_from_pose, normalised
-
-Array = NDArray[np.float64]
+from trocar.procs.kinematics.poses import Array, matrix_from_pose, normalised
+from trocar.procs.node.inputs import Fields
 
 
 @dataclass(frozen=True)

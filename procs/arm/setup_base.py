@@ -10,12 +10,9 @@ from collections import deque
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from trocar.procs.kinematics.poses import PoseError, matrix_from_pose, unit_quaternion
+from trocar.procs.kinematics.poses import Array, PoseError, matrix_from_pose, unit_quaternion
 from trocar.procs.node.inputs import Input
-
-Array = NDArray[np.float64]
 
 STEP_NS: Final = 30_000_000
 MAX_STEP: Final = 0.005  # m

@@ -11,8 +11,8 @@ import numpy as np
 from tests.arm.arm_configs import fixed_arm
 from tests.arm.fake_requests import PERSON, FakeReports, FakeRequest
 from tests.guarded import FakeCell, Guarded
-from trocar.procs.arm.arm import ArmContext, ArmLogic
-from trocar.procs.arm.psm.detection import ToolReading
+from trocar.procs.arm.arm import ArmLogic
+from trocar.procs.arm.context import ArmContext, ToolReading
 from trocar.procs.arm.psm.psm import PsmLogic
 from trocar.procs.document.system import ArmConfig
 from trocar.procs.io.arm_requests import DesiredCommand, DesiredProgress

@@ -11,7 +11,8 @@ from tests.arm.fake_io import Record
 from tests.arm.fake_requests import FakeReports, FakeRequest
 from tests.arm.test_kinematic_arm import Order
 from tests.io.boards_harness import BoardsHarness
-from trocar.procs.arm.arm import ArmContext, ArmLogic
+from trocar.procs.arm.arm import ArmLogic
+from trocar.procs.arm.context import ArmContext
 from trocar.procs.arm.effort_limits import motor_efforts
 from trocar.procs.arm.loop import gripper_in, place_in
 from trocar.procs.document.system import SystemConfig

@@ -11,7 +11,7 @@ from tests.arm.arm_configs import fixed_arm
 from tests.arm.fake_io import SECOND, ArmHarness
 from tests.arm.fake_requests import FakeRequest
 from trocar.procs.arm.cartesian import Cartesian
-from trocar.procs.arm.impedance import COUNT
+from trocar.procs.arm.efforts import COUNT
 from trocar.procs.kinematics.poses import matrix_from_pose, pose_from_matrix, rotation_vector
 
 BENT = (0.2, -0.3, 0.15, 0.4, -0.5, 0.6)

@@ -11,7 +11,8 @@ import pytest
 from tests.arm.fake_io import Record
 from tests.arm.fake_requests import PERSON, FakeReports, FakeRequest
 from tests.command_rows import row_named
-from trocar.procs.arm.arm import ArmContext, ArmLogic
+from trocar.procs.arm.arm import ArmLogic
+from trocar.procs.arm.context import ArmContext
 from trocar.procs.arm.ecm import EcmLogic
 from trocar.procs.arm.psm.psm import PsmLogic
 from trocar.procs.config import PROJECT_CONFIGS, load_system

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.arm.fake_io import AXES, PERIOD_NS, ArmHarness, View
-from trocar.procs.arm.arm import ArmContext
+from trocar.procs.arm.context import ArmContext
 from trocar.procs.arm.loop import LastGood
 from trocar.procs.arm.psm.psm import PsmLogic
 from trocar.procs.node.fault_report import FaultReport

@@ -15,8 +15,7 @@ import pytest
 from tests.arm.arm_configs import TOOL, fixed_arm
 from tests.traces import Trace, shown
 from trocar.procs.arm.effort_limits import EffortLimits
-from trocar.procs.arm.efforts import Efforts
-from trocar.procs.arm.impedance import COUNT, impedance_of
+from trocar.procs.arm.efforts import COUNT, Efforts, impedance_of
 from trocar.procs.arm.joints import JointSpace, joints
 from trocar.procs.arm.motion import Mode, Motion, Space
 from trocar.procs.kinematics.poses import matrix_from_pose

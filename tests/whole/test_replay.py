@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from tests.arm.fake_io import Record, View
 from tests.arm.fake_requests import FakeReports, FakeRequest
 from tests.arm.test_kinematic_arm import Order, Source, kinematic_system
-from trocar.procs.arm.arm import ArmContext
+from trocar.procs.arm.context import ArmContext
 from trocar.procs.arm.psm.psm import PsmLogic
 from trocar.procs.io.kinematic import KinematicIo
 from trocar.procs.io.record import IoRecord as IoRecord

@@ -10,8 +10,7 @@ import math
 from typing import Final
 
 from trocar.procs.arm.control import Control
-from trocar.procs.arm.readings import Fields
-from trocar.procs.node.inputs import LATE_NS
+from trocar.procs.node.inputs import LATE_NS, Fields
 
 SMOOTH_S: Final = 0.02  # time constant of the velocity
 

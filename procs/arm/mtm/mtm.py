@@ -3,41 +3,64 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.procs.arm.arm import ArmLogic
-from trocar.procs.arm.commands import Table
+from trocar.procs.arm.context import ArmContext
+from trocar.procs.arm.control import Control
 from trocar.procs.arm.efforts import Law
 from trocar.procs.arm.motion import Mode, Space
 from trocar.procs.arm.mtm.gripper import GripperLogic
 from trocar.procs.arm.mtm.orientation_lock import OrientationLock
-from trocar.procs.arm.mtm.platform_spring import Platform
-from trocar.procs.arm.recovery import PreviousState
-from trocar.procs.arm.stages.homing import Biased, Calibrating
 from trocar.procs.arm.stages.roll import ROLL, FindingRoll, SettingRoll
-from trocar.procs.arm.stages.stage import Stage
 from trocar.procs.arm.states import ArmEvent, ArmState
+from trocar.procs.document.system import ArmConfig
+from trocar.procs.kinematics.poses import Array
 from trocar.procs.tables import codes
-
-Array = NDArray[np.float64]
 
 OFF_STOP: Final = math.radians(10.0)  # where homing does not go to zero, the roll is not left at its stop
 BORNE_NS: Final = 1_000_000_000
 AT_TIP: Final = (Law.BODY, Law.IMPEDANCE)
+PLATFORM, PITCH, YAW = 3, 4, 5
+STIFFNESS: Final = 1.0  # N·m/rad
+DAMPING: Final = 0.1  # N·m·s/rad
+MAX_WAY: Final = 0.05 * math.pi  # rad: further off does not pull harder
+MAX_EFFORT: Final = 0.4  # N·m
+
+
+class Platform:
+    """A master's platform follows the wrist while efforts are asked for: it keeps the wrist yaw away from its limits.
+
+    With wrenches at the tip the seven joints are one more than the tip's freedoms, and nothing asks for the one that is
+    left over. A spring is stretched by what the yaw turns about the platform's axis.
+    """
+
+    def __init__(self, control: Control) -> None:
+        self._control = control
+        self._gain = control.arm.platform_gain
+        self._low, self._high = control.joints.lower[PLATFORM], control.joints.upper[PLATFORM]
+
+    def step(self) -> None:
+        """Add its effort to those of this cycle."""
+        io = self._control.io
+        position = io.position[PLATFORM]
+        way = min(max(io.position[YAW] * math.cos(io.position[PITCH]), -MAX_WAY), MAX_WAY)
+        goal = min(max(position + way, self._low), self._high)
+        effort = self._gain * (STIFFNESS * (goal - position) - DAMPING * io.velocity[PLATFORM])
+        self._control.motion.effort[PLATFORM] += min(max(effort, -MAX_EFFORT), MAX_EFFORT)
 
 
 class MtmLogic(ArmLogic):
     """See ArmLogic."""
 
     checks_tracking = False
+    not_by_pots = (ROLL,)
 
-    def prepare(self, before: PreviousState | None) -> None:
-        """See ArmLogic."""
-        control, around = self.control, self._around
+    def __init__(self, arm: ArmConfig, around: ArmContext) -> None:
+        super().__init__(arm, around)
+        control, before = self.control, self._previous_state
         control.cartesian.complete = False  # until the roll was looked at
         self._gripper = GripperLogic(control, around.field, around.gripper, around.state)
         self._platform = Platform(control)
@@ -46,33 +69,18 @@ class MtmLogic(ArmLogic):
             control.reports.emit("orientation_locked", value=0.0)  # whatever it was: it is not any more
         self._borne = float(before is not None and before.bore_weight)
         self._borne_ns = 0
-
-    def stages(self) -> Mapping[ArmState, Stage]:
-        """See ArmLogic."""
-        control = self.control
-        return {
-            ArmState.CALIBRATING: Calibrating(control, (ROLL,)),
-            ArmState.BIASED: Biased(control, self._before_homing),
-            ArmState.FINDING_ROLL: FindingRoll(control),
-            ArmState.SETTING_ROLL: SettingRoll(control),
-        }
-
-    def tables(self) -> Iterable[Table]:
-        """See ArmLogic."""
-        return (self._lock.table,)
+        self._commands.rows.update(self._lock.table)
+        self._stages |= {ArmState.FINDING_ROLL: FindingRoll(self), ArmState.SETTING_ROLL: SettingRoll(self)}
 
     def home(self) -> Array:
-        """See ArmLogic."""
         goal = super().home()
         goal[ROLL] = max(goal[ROLL], self.joints.lower[ROLL] + OFF_STOP)
         return goal
 
     def is_ready(self) -> bool:
-        """See ArmLogic."""
         return self.control.is_kinematic or bool(self.io.encoder_set[ROLL])
 
     def watch(self) -> None:
-        """See ArmLogic."""
         self.control.cartesian.complete = self.is_ready()
         self._gripper.step(self.control.now_ns)
         self._lock.watch()
@@ -101,11 +109,10 @@ class MtmLogic(ArmLogic):
         control.gravity.used = control.gravity.known
 
     def shape_efforts(self) -> None:
-        """See ArmLogic."""
         if self.control.cartesian.valid and self.control.efforts.law in AT_TIP:
             self._platform.step()
         self._lock.step()
 
-    def _before_homing(self) -> ArmEvent:
+    def before_homing(self) -> ArmEvent:
         """The roll is found once; it stays where it is known as long as the controllers have power."""
         return ArmEvent.ONWARD if self.is_ready() else ArmEvent.ROLL

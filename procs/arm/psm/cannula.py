@@ -9,15 +9,13 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.procs.arm.control import REPORT_NS, Control
 from trocar.procs.arm.joints import JointSpace
 from trocar.procs.document.system import Tool
+from trocar.procs.kinematics.poses import Array
 from trocar.procs.node.requests import CommandRefused
 from trocar.procs.tables import codes
-
-Array = NDArray[np.float64]
 
 INSERTION: Final = 2
 WRIST_FRAME, TIP_FRAME = 4, 6  # of the chain

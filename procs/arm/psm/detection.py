@@ -6,9 +6,9 @@ Where the memory cannot be read, or nobody knows what it says, a person is asked
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Final
 
+from trocar.procs.arm.context import ToolReading
 from trocar.procs.arm.control import Control
 from trocar.procs.arm.joints import JointSpace, joints
 from trocar.procs.document.catalogue import CatalogueMatch, find, full_name
@@ -18,15 +18,6 @@ from trocar.procs.tables import codes
 
 RETRY_NS: Final = 500_000_000
 MAX_NS: Final = 6_000_000_000  # io gives up a reading after 3 s, and may have one of another arm under way
-
-
-@dataclass(frozen=True, slots=True)
-class ToolReading:
-    """What io has last read from the arm's instruments: READ with the `tool`, ABSENT or ERROR, since when."""
-
-    status: str = ""
-    tool: str = ""
-    since_ns: int = 0
 
 
 class Detection:

@@ -3,33 +3,28 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.procs.arm.arm import ArmLogic
-from trocar.procs.arm.commands import ArmCommandRow, Table
-from trocar.procs.arm.control import REPORT_NS
+from trocar.procs.arm.commands import ArmCommandRow, Ready
+from trocar.procs.arm.context import ArmContext
+from trocar.procs.arm.control import JAW_MOVE, REPORT_NS
 from trocar.procs.arm.joints import JointSpace, joints
-from trocar.procs.arm.motion import Mode
+from trocar.procs.arm.motion import Mode, Space
 from trocar.procs.arm.psm.attachment import Attachment, AttachmentState
 from trocar.procs.arm.psm.cannula import Cannula
 from trocar.procs.arm.psm.detection import Detection
-from trocar.procs.arm.psm.jaw import JawCommands
-from trocar.procs.arm.recovery import PreviousState
 from trocar.procs.arm.stages.engaging import Engaging
 from trocar.procs.arm.stages.homed import Homed
-from trocar.procs.arm.stages.stage import Stage
 from trocar.procs.arm.states import ArmEvent, ArmState
 from trocar.procs.document.catalogue import full_name
-from trocar.procs.document.system import Tool
+from trocar.procs.document.system import ArmConfig, Tool
 from trocar.procs.kinematics.coupling import coupling
+from trocar.procs.kinematics.poses import Array
 from trocar.procs.node.requests import CommandRefused, Request, switch
 from trocar.procs.tables import codes
-
-Array = NDArray[np.float64]
 
 INSERTION: Final = 2
 ADAPTER_SWING: Final = math.radians(171.0)
@@ -39,30 +34,28 @@ ADAPTER_TURNS: Final = (-1.0, 1.0, -1.0, 1.0, 0.0)
 class ArrivedHomed(Homed):
     """An arm comes to be homed with all engaged that need not be turned for it: nobody sees it half done."""
 
-    def __init__(self, psm: PsmLogic) -> None:
-        super().__init__(psm.control, psm.look_after, psm.checks_tracking, psm.misses)
-        self._psm = psm
+    arm: PsmLogic
 
     def enter(self) -> None:
-        """See Stage."""
-        self._psm.fit()
+        self.arm.fit()
         super().enter()
-        self._psm.note_ready()
+        self.arm.note_ready()
 
 
 class PsmLogic(ArmLogic):
     """See ArmLogic. The joint space is that of the instrument when and only when it is engaged."""
 
-    def prepare(self, before: PreviousState | None) -> None:
-        """Go on with the adapter and the instrument that a predecessor had."""
-        control, arm, field = self.control, self.control.arm, self._around.state
+    def __init__(self, arm: ArmConfig, around: ArmContext) -> None:
+        """Resumes with the adapter and the instrument that a predecessor had."""
+        super().__init__(arm, around)
+        control, before, field = self.control, self._previous_state, around.state
         reported = field("emulated")
         self.adapter = Attachment(field("adapter"), reported[:1], has_switch=bool(arm.inputs.adapter))
         self.tool = Attachment(field("instrument"), reported[1:], has_switch=bool(arm.inputs.tool),
                                always=arm.tool_detection == "FIXED" and not arm.inputs.tool)
-        self.detection = Detection(control, self._around.reading)
-        self._shown_name, robot = field("tool"), self._around.robot
-        self._sampled = self._around.field("robot_valid")[robot : robot + 1].reshape(())
+        self.detection = Detection(control, around.reading)
+        self._shown_name, robot = field("tool"), around.robot
+        self._sampled = around.field("robot_valid")[robot : robot + 1].reshape(())
         self.cannula = Cannula(control)
         self._was_ready = False
         if before is None and self.detection.tool is not None:
@@ -78,30 +71,26 @@ class PsmLogic(ArmLogic):
             control.use(self.detection.joints)
         self.cannula.measure()
         self._show_name()
+        self._commands.rows.update({
+            "set_tool_type": ArmCommandRow(self._set_tool_type),
+            "emulate_adapter_present": ArmCommandRow(lambda request: self.adapter.say(switch(request))),
+            "emulate_tool_present": ArmCommandRow(lambda request: self.tool.say(switch(request))),
+            "jaw/servo_jp": ArmCommandRow(self._jaw_servo_jp, Ready.JAW),
+            "jaw/servo_jf": ArmCommandRow(self._jaw_servo_jf, Ready.JAW),
+            "jaw/move_jp": ArmCommandRow(self._jaw_move_jp, Ready.JAW),
+        })
+        self._stages |= {
+            ArmState.HOMED: ArrivedHomed(self),
+            ArmState.ENGAGING_ADAPTER: Engaging(self, "adapter", self._adapter_goals, self._turns_adapter,
+                                                self._adapter_caught),
+            ArmState.ENGAGING_TOOL: Engaging(self, "tool", self._tool_goals, self._turns_tool, self._carry),
+        }
 
     def _known(self, name: str) -> Tool | None:
         arm = self.control.arm
         longest = self._shown_name.dtype.itemsize
         known = (tool for tool in (*arm.tools, arm.tool) if tool is not None and name)
         return next((tool for tool in known if tool.name.encode()[:longest] == name.encode()), None)
-
-    def stages(self) -> Mapping[ArmState, Stage]:
-        """See ArmLogic."""
-        control = self.control
-        return {
-            ArmState.HOMED: ArrivedHomed(self),
-            ArmState.ENGAGING_ADAPTER: Engaging(control, "adapter", self._adapter_goals, self._turns_adapter,
-                                                self._adapter_caught),
-            ArmState.ENGAGING_TOOL: Engaging(control, "tool", self._tool_goals, self._turns_tool, self._carry),
-        }
-
-    def tables(self) -> Iterable[Table]:
-        """See ArmLogic."""
-        return (JawCommands(self.control, self.cartesian_commands.enter).table, {
-            "set_tool_type": ArmCommandRow(self._set_tool_type),
-            "emulate_adapter_present": ArmCommandRow(self._emulate_adapter),
-            "emulate_tool_present": ArmCommandRow(self._emulate_tool),
-        },)
 
     def home(self) -> Array:
         """See ArmLogic; with an instrument on it stays."""
@@ -111,11 +100,9 @@ class PsmLogic(ArmLogic):
         return super().home()
 
     def is_ready(self) -> bool:
-        """See ArmLogic."""
         return self.adapter.is_settled and self.tool.is_settled
 
     def misses(self) -> str:
-        """See ArmLogic."""
         if not self.tool.waits:
             return ""
         if self.detection.asks:
@@ -129,7 +116,6 @@ class PsmLogic(ArmLogic):
     # adapter and instrument
 
     def watch(self) -> None:
-        """See ArmLogic."""
         if not (self.io.fresh and self._sampled.item()):
             return  # an io that has just started has not looked at its inputs yet
         now, inputs = self.control.now_ns, self.control.arm.inputs
@@ -145,7 +131,6 @@ class PsmLogic(ArmLogic):
             self._show_name()
 
     def look_after(self) -> None:
-        """See ArmLogic."""
         event = self.fit()
         if event is not None:
             self.machine.fire(event)
@@ -235,12 +220,6 @@ class PsmLogic(ArmLogic):
     def _show_name(self) -> None:
         self._shown_name[...] = self.detection.tool.name.encode() if self.detection.tool is not None else b""
 
-    def _emulate_adapter(self, request: Request) -> None:
-        self.adapter.say(switch(request))
-
-    def _emulate_tool(self, request: Request) -> None:
-        self.tool.say(switch(request))
-
     def _set_tool_type(self, request: Request) -> None:
         control, arm = self.control, self.control.arm
         if arm.tool_detection == "FIXED":
@@ -260,9 +239,27 @@ class PsmLogic(ArmLogic):
     # the cannula
 
     def safe(self, at: Array) -> str:
-        """See ArmLogic."""
         return self.cannula.safe(at)
 
     def guard(self, found: Array, seed: Array) -> None:
-        """See ArmLogic."""
         self.cannula.guard(found, seed)
+
+    # the jaw, the last of a joint vector: the space stays, the other joints are kept where they are
+
+    def _jaw_servo_jp(self, request: Request) -> str:
+        self.control.take_goal()[-1] = request.values[0]
+        return self.control.adjust(request.name)
+
+    def _jaw_servo_jf(self, request: Request) -> str:
+        """From any other mode this begins Cartesian effort control, without a wrench at the tip."""
+        control = self.control
+        if control.motion.mode is not Mode.EFFORT:
+            self.cartesian_commands.enter(request.name)
+            control.push(Space.CARTESIAN).body(np.zeros(6), control.now_ns, absolute=False)
+        control.efforts.jaw(float(request.values[0]), control.now_ns)
+        return control.pushed()
+
+    def _jaw_move_jp(self, request: Request) -> str:
+        control = self.control
+        control.take_target()[-1] = request.values[0]
+        return control.move(request, control.motion.space, JAW_MOVE)

@@ -3,38 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
-from trocar.procs.arm.control import Control
 from trocar.procs.arm.motion import Mode
 from trocar.procs.arm.stages.homing import Driving
 from trocar.procs.arm.states import ArmEvent
+from trocar.procs.kinematics.poses import Array
 from trocar.procs.tables import codes
 
-Array = NDArray[np.float64]
+if TYPE_CHECKING:
+    from trocar.procs.arm.arm import ArmLogic
 
 
 class Engaging(Driving):
     """One move to each goal, the first being where the turning begins."""
 
-    def __init__(self, control: Control, what: str, goals: Callable[[], Sequence[Array]], still: Callable[[], bool],
+    def __init__(self, arm: ArmLogic, what: str, goals: Callable[[], Sequence[Array]], still: Callable[[], bool],
                  caught: Callable[[], None]) -> None:
         """`goals` (size,) each; `still`: it is on and has to be engaged; `caught` is called at the end."""
-        super().__init__(control)
+        super().__init__(arm)
         self._what, self._plan, self._still, self._caught = what, goals, still, caught
         self._goals: Sequence[Array] = ()
         self._next = 0
 
     def enter(self) -> None:
-        """See Stage."""
         control = self.control
         control.stop(control.here, Mode.POSITION, f"the {self._what} is being engaged")
         super().enter()
 
     def run(self) -> None:
-        """See Stage."""
         if self._still():
             super().run()
         else:
@@ -42,12 +39,10 @@ class Engaging(Driving):
             self.control.machine.fire(ArmEvent.ENGAGED)
 
     def begin(self) -> None:
-        """See Driving."""
         self._goals, self._next = self._plan(), 0
         self._go_on()
 
     def drive(self) -> None:
-        """See Driving."""
         if self.control.motion.moving:
             return
         if self._next < len(self._goals):

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
-from trocar.procs.arm.control import Control
 from trocar.procs.arm.motion import Mode, Space
 from trocar.procs.arm.stages.stage import Stage
 from trocar.procs.arm.states import ArmEvent
@@ -16,40 +13,32 @@ from trocar.procs.tables.arm_types import ARM_TYPES
 class Homed(Stage):
     """Commands are followed; what io clips is reported, and what the arm has on it is looked after."""
 
-    def __init__(self, control: Control, look_after: Callable[[], None], checks_tracking: bool,
-                 misses: Callable[[], str]) -> None:
-        """`look_after` is called every cycle: buttons and what the arm carries. `misses`: see Arm."""
-        super().__init__(control)
-        self._look_after, self._checks_tracking, self._misses = look_after, checks_tracking, misses
-        self._limited = b""
+    _limited = b""
 
     def enter(self) -> None:
-        """See Stage."""
         control, io_requests = self.control, self.control.io_requests
         control.homed_generation = int(control.io.bias_generation.item())
         here = control.io.setpoint if control.motion.mode in (Mode.NONE, Mode.EFFORT) else control.motion.goal
         control.motion.hold(here, Mode.NONE)
         io_requests.limits.want(True)
-        io_requests.tracking.want(self._checks_tracking)
+        io_requests.tracking.want(self.arm.checks_tracking)
         io_requests.pots.want(not control.arm.calibration_mode)
         io_requests.velocity.want(control.arm.use_setpoint_v)
         io_requests.brakes.want(True)
 
     def run(self) -> None:
-        """See Stage."""
         control = self.control
         control.io_requests.want_no_fault(bool(control.io.fault.item()) and not control.io.problem)  # we were missed
-        control.io_requests.tracking.want(self._checks_tracking and control.motion.mode is not Mode.EFFORT)
+        control.io_requests.tracking.want(self.arm.checks_tracking and control.motion.mode is not Mode.EFFORT)
         limited = control.io.at_limit.tobytes()
         if limited != self._limited:
             self._limited = limited
             self._say_limited()
-        self._look_after()
+        self.arm.look_after()
 
     @property
     def waits(self) -> str:
-        """See Stage."""
-        return self._misses()
+        return self.arm.misses()
 
     def _say_limited(self) -> None:
         joints, axes = self.control.joints, self.control.io.at_limit.nonzero()[0]
@@ -64,24 +53,17 @@ class Manual(Stage):
     What an instrument brings is held meanwhile: a jaw does not drop its needle.
     """
 
-    def __init__(self, control: Control, pressed: Callable[[], bool]) -> None:
-        super().__init__(control)
-        self._pressed = pressed
-
     def enter(self) -> None:
-        """See Stage."""
         control = self.control
         control.io_requests.tracking.want(False)
         control.push(Space.NONE, np.arange(control.joints.size) < ARM_TYPES[control.arm.type].joints).rest()
 
     def run(self) -> None:
-        """See Stage."""
         control = self.control
-        if not self._pressed():
+        if not self.arm.is_clutched():
             control.stop(control.io.setpoint, Mode.POSITION, "the clutch was released")
             control.machine.fire(ArmEvent.RELEASED)
 
     @property
     def waits(self) -> str:
-        """See Stage."""
         return "the clutch on the arm to be released"

@@ -2,20 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from typing import Final
 
-import numpy as np
-from numpy.typing import NDArray
-
-from trocar.procs.arm.control import Control
 from trocar.procs.arm.motion import Mode
 from trocar.procs.arm.stages.stage import SWITCH_NS, Stage
 from trocar.procs.arm.states import ArmEvent
 from trocar.procs.arm.supervision import Generations
 from trocar.procs.tables import codes
-
-Array = NDArray[np.float64]
 
 BIAS_SAMPLES: Final = 1970.0
 BIAS_NS: Final = 30_000_000_000
@@ -26,13 +19,7 @@ SETTLE_NS: Final = 2_000_000_000
 class Calibrating(Stage):
     """io sets the encoders from the mean of potentiometer samples, or finds them preset."""
 
-    def __init__(self, control: Control, left_out: Sequence[int] = ()) -> None:
-        """`left_out`: actuators whose potentiometers do not tell where they are."""
-        super().__init__(control)
-        self._left_out = left_out
-
     def enter(self) -> None:
-        """See Stage."""
         control = self.control
         control.held = False
         control.io_requests.brakes.want(False)
@@ -41,7 +28,6 @@ class Calibrating(Stage):
         self._asked = False
 
     def run(self) -> None:
-        """See Stage."""
         control, io_requests, arm = self.control, self.control.io_requests, self.control.arm
         if control.is_kinematic:
             self._done()
@@ -55,12 +41,11 @@ class Calibrating(Stage):
             if not control.must_bias and not again and control.io.biased.item():
                 control.machine.fire(ArmEvent.BIASED)
                 return
-            io_requests.bias(BIAS_SAMPLES if again or arm.generation == "Si" else -BIAS_SAMPLES, self._left_out)
+            io_requests.bias(BIAS_SAMPLES if again or arm.generation == "Si" else -BIAS_SAMPLES, self.arm.not_by_pots)
             self._asked = True
 
     @property
     def waits(self) -> str:
-        """See Stage."""
         return "io to set the encoders from the potentiometers" if self._asked else ""
 
     def _done(self) -> None:
@@ -71,38 +56,27 @@ class Calibrating(Stage):
 class Biased(Stage):
     """Joint values mean something; on to homing, by way of what this arm needs before."""
 
-    def __init__(self, control: Control, before: Callable[[], ArmEvent] = lambda: ArmEvent.ONWARD) -> None:
-        """`before` says what homing begins with: ONWARD, or an event of the arm's own."""
-        super().__init__(control)
-        self._before = before
-
     def enter(self) -> None:
-        """See Stage."""
         self.control.io_requests.pots.want(not self.control.arm.calibration_mode)
 
     def run(self) -> None:
-        """See Stage."""
         if self.control.machine.goes_on:
-            self.control.machine.fire(self._before())
+            self.control.machine.fire(self.arm.before_homing())
 
 
 class Driving(Stage):
     """A stage that first has io switch the joint controller on, then the brakes off, then begins."""
 
-    checks_tracking = True
-
     def enter(self) -> None:
-        """See Stage."""
         control, io_requests = self.control, self.control.io_requests
         io_requests.limits.want(False)
-        io_requests.tracking.want(self.checks_tracking)
+        io_requests.tracking.want(self.arm.checks_tracking)
         io_requests.velocity.want(control.arm.use_setpoint_v)
         io_requests.pid.want(True)
         self.within(SWITCH_NS)
         self._begun = False
 
     def run(self) -> None:
-        """See Stage."""
         if self._begun:
             self.drive()
         elif self._is_ready():
@@ -116,7 +90,6 @@ class Driving(Stage):
 
     @property
     def waits(self) -> str:
-        """See Stage."""
         if self._begun:
             return ""
         return "brakes to let go" if self.control.io_requests.pid.settled else "io to switch the joint controller on"
@@ -142,16 +115,9 @@ class Driving(Stage):
 class Homing(Driving):
     """To the homing position; there when every joint has arrived, as in any move."""
 
-    def __init__(self, control: Control, goal: Callable[[], Array], checks_tracking: bool) -> None:
-        """`goal` (size,) in rad or m."""
-        super().__init__(control)
-        self._goal = goal
-        self.checks_tracking = checks_tracking
-
     def begin(self) -> None:
-        """See Driving."""
         control = self.control
-        control.goal[...] = self._goal()
+        control.goal[...] = self.arm.home()
         outside = control.joints.clip(control.goal)
         if outside.any():  # io will hold the limits once homed: go there smoothly now
             control.status(f"moving into the joint limits: {control.joints.named(outside)}")
@@ -160,7 +126,6 @@ class Homing(Driving):
             self.fail(codes.HOMING_PLAN, f"homing: {reason}")
 
     def drive(self) -> None:
-        """See Driving."""
         control, motion = self.control, self.control.motion
         if motion.moving:
             return

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Final
 
-from trocar.procs.arm.control import Control
 from trocar.procs.arm.stages.stage import NEVER_NS, SWITCH_NS, Stage, let_go
 from trocar.procs.arm.states import ArmEvent
 from trocar.procs.arm.supervision import POWER_PROBLEMS
@@ -18,14 +17,12 @@ class Disabled(Stage):
     """No power; on the way up io has to forget its fault first."""
 
     def enter(self) -> None:
-        """See Stage."""
         let_go(self.control)
         self.control.io_requests.limits.want(True)
         self.control.io_requests.want_no_fault(True)
         self.deadline_ns = NEVER_NS
 
     def run(self) -> None:
-        """See Stage."""
         control, io_requests = self.control, self.control.io_requests
         if not control.machine.goes_on:
             self.deadline_ns = NEVER_NS
@@ -43,7 +40,6 @@ class Disabled(Stage):
 
     @property
     def waits(self) -> str:
-        """See Stage."""
         return "io to get ready for power-on" if self.control.machine.goes_on else ""
 
 
@@ -51,13 +47,11 @@ class Powering(Stage):
     """Power was asked for; one more try where the first is not enough."""
 
     def enter(self) -> None:
-        """See Stage."""
         self._tries = 0
         self.control.io_requests.pid.want(None if self.control.is_kinematic else False)  # a kinematic robot has it
         self._ask()
 
     def run(self) -> None:
-        """See Stage."""
         control, io_requests, io = self.control, self.control.io_requests, self.control.io
         if not io_requests.power.wanted:  # between two tries
             if io_requests.power.settled and io_requests.no_fault.settled:
@@ -86,7 +80,6 @@ class Powering(Stage):
 
     @property
     def waits(self) -> str:
-        """See Stage."""
         return f"motor power and amplifiers (try {self._tries} of {TRIES})"
 
 
@@ -94,7 +87,6 @@ class Enabled(Stage):
     """Power, and nothing is driven: brakes hold, the joint controller is off."""
 
     def enter(self) -> None:
-        """See Stage."""
         control, io_requests = self.control, self.control.io_requests
         control.driving = None
         io_requests.power.want(None)  # from here on a loss of power is a fault, not a thing to repair
@@ -103,7 +95,6 @@ class Enabled(Stage):
             io_requests.pid.want(None if control.is_kinematic else False)
 
     def run(self) -> None:
-        """See Stage."""
         if self.control.machine.goes_on:
             self.control.machine.fire(ArmEvent.ONWARD)
 
@@ -111,18 +102,12 @@ class Enabled(Stage):
 class Paused(Stage):
     """The joint controller holds, or stays off; what it did before, it is watched while it holds."""
 
-    def __init__(self, control: Control, checks_tracking: bool) -> None:
-        super().__init__(control)
-        self._checks_tracking = checks_tracking
-
     def enter(self) -> None:
-        """See Stage."""
-        self.control.io_requests.tracking.want(self._checks_tracking)
+        self.control.io_requests.tracking.want(self.arm.checks_tracking)
 
 
 class Fault(Stage):
     """No power, until somebody disables the arm or tries again."""
 
     def enter(self) -> None:
-        """See Stage."""
         let_go(self.control)

@@ -31,10 +31,7 @@ CLOSE: Final = math.radians(5.0)
 class FindingRoll(Driving):
     """The roll goes down until it lags behind; the other joints hold."""
 
-    checks_tracking = False
-
     def begin(self) -> None:
-        """See Driving."""
         control = self.control
         control.goal[...] = control.io.setpoint
         control.goal[ROLL] -= TRAVEL
@@ -43,7 +40,6 @@ class FindingRoll(Driving):
             self.fail(codes.ROLL_PLAN, f"finding the roll's lower limit: {reason}")
 
     def drive(self) -> None:
-        """See Driving."""
         control, motion, io = self.control, self.control.motion, self.control.io
         lag = abs(float(io.position[ROLL] - motion.goal[ROLL]))
         if lag > LAG and abs(io.velocity[ROLL]) < STANDING:
@@ -59,7 +55,6 @@ class SettingRoll(Stage):
     """io sets the encoder and shows that it did; the roll is limp meanwhile, and the other joints hold."""
 
     def enter(self) -> None:
-        """See Stage."""
         control = self.control
         control.goal[...] = control.io.setpoint
         control.motion.hold(control.goal, Mode.NONE)
@@ -70,7 +65,6 @@ class SettingRoll(Stage):
         self._refusal = ""
 
     def run(self) -> None:
-        """See Stage."""
         io = self.control.io
         if self.is_late:
             why = f" (io says: {self._refusal})" if self._refusal else ""

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from trocar.procs.arm.control import Control
 from trocar.procs.node.fault_report import FaultReport
 from trocar.procs.tables.codes import Code
+
+if TYPE_CHECKING:
+    from trocar.procs.arm.arm import ArmLogic
 
 NEVER_NS: Final = 1 << 62
 SWITCH_NS: Final = 1_500_000_000  # io shows what it was asked for within this
@@ -15,8 +18,8 @@ SWITCH_NS: Final = 1_500_000_000  # io shows what it was asked for within this
 class Stage:
     """One state of an arm at work."""
 
-    def __init__(self, control: Control) -> None:
-        self.control = control
+    def __init__(self, arm: ArmLogic) -> None:
+        self.arm, self.control = arm, arm.control
         self.deadline_ns = NEVER_NS
 
     def enter(self) -> None:

@@ -11,7 +11,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from trocar.procs.arm.impedance import impedance_of
+from trocar.procs.arm.efforts import impedance_of
 from trocar.procs.kinematics.poses import matrix_from_pose, rotation_from_vector
 from trocar.tools.client.values import Gains, Impedance, numbers, pose_numbers, rotation_numbers
 
