@@ -3,21 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import Protocol
 
+from trocar.procs.console.goovis import Goovis
 from trocar.procs.console.logic import CAMERA, CLUTCH, OPERATOR
 from trocar.procs.document.system import Console, SystemConfig, WiredInput
 from trocar.procs.node.debounce import CLICKED, PRESSED, RELEASED
 from trocar.procs.node.inputs import Input, RecordReader
 
 BUTTON, CLICK = b"button", b"clicked"
-
-
-class HeadSensor(Protocol):
-    """A head sensor that is not wired to an io."""
-
-    def present(self, now_ns: int) -> bool:
-        """Whether somebody looks into the console; false as well when the sensor is not there."""
 
 
 class InputLine:
@@ -40,8 +33,8 @@ class Inputs:
     """All inputs of a console. What a console that began anew finds pressed must be seen released first."""
 
     def __init__(self, row: Console, system: SystemConfig, reads: Callable[[str, str], RecordReader],
-                 head: HeadSensor | None,
-                 *, began_anew: bool) -> None:
+                 head: Goovis | None, *,
+                 began_anew: bool) -> None:
         """`reads(instance, topic)` attaches to a ring, `head` is the Goovis's."""
         self._levels: dict[str, bool] = dict.fromkeys((OPERATOR, CLUTCH, CAMERA), False)
         self._unproved = {OPERATOR, CAMERA} if began_anew else set[str]()

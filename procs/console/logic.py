@@ -9,13 +9,15 @@ it is told.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final, Protocol
+from typing import TYPE_CHECKING, Final
 
 from trocar.procs.console.selection import ECM, Selectable, at_load, conflicts, shared_arm, tapped
 from trocar.procs.node.debounce import CLICKED, PRESSED, RELEASED
 from trocar.procs.tables import codes
-from trocar.procs.tables.codes import Code
 from trocar.shm.mailbox.origins import NOBODY, Origin
+
+if TYPE_CHECKING:
+    from trocar.procs.console.outbox import Mailboxes
 
 ENABLE, ALIGN, DISABLE = "enable", "align_MTM", "disable"
 DISABLED: Final = "DISABLED"
@@ -29,36 +31,10 @@ BEEPS: Final = {  # s, Hz, how often
 REFUSED_NS: Final = 500_000_000  # until what was refused is asked for again
 
 
-class ConsoleOutbox(Protocol):
-    """Whom the console talks to."""
-
-    def ask(self, teleop: str, command: str, values: Sequence[float] = (), text: str = "",
-            origin: Origin = NOBODY) -> bool:
-        """Ask a teleoperation for something, on behalf of a person; false: it could not be told."""
-
-    def free(self, teleop: str) -> None:
-        """Ask another console to unselect a teleoperation of its own."""
-
-    def emit(self, event: str, text: str = "", component: str = "", value: float = 0.0) -> None:
-        """An event."""
-
-    def button(self, name: str, kind: int) -> None:
-        """A button event."""
-
-    def status(self, text: str) -> None:
-        """Something a person may like to know."""
-
-    def report(self, code: Code, text: str) -> None:
-        """Something a person should know."""
-
-    def beep(self, duration_s: float, frequency_hz: float) -> None:
-        """A sound."""
-
-
 class Logic:
     """One console; `members` are the teleoperations of all consoles, in the order of the document."""
 
-    def __init__(self, name: str, members: Sequence[Selectable], desk: ConsoleOutbox, scale: float) -> None:
+    def __init__(self, name: str, members: Sequence[Selectable], desk: Mailboxes, scale: float) -> None:
         """Nobody there, no pedal pressed, teleoperation not wanted, selected what can be side by side."""
         self.name, self.scale = name, scale
         self.mine = tuple(member for member in members if member.console == name)

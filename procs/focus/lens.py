@@ -6,7 +6,10 @@ Nothing here knows of shared memory; time is what it is given.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final, Protocol
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from trocar.procs.focus.loop import Wires
 
 IN, OUT = 0, 1
 NAMES: Final = ("in", "out")
@@ -14,20 +17,10 @@ COMMANDED_NS: Final = 10_000_000_000  # nobody's foot is on a pedal: then it end
 AGAIN_NS: Final = 100_000_000  # until a pin that is not as it should be is written again
 
 
-class LensOutbox(Protocol):
-    """Whom the lens talks to."""
-
-    def write(self, way: int, high: bool) -> None:
-        """Set the output of a way."""
-
-    def report(self, event: str, on: bool) -> None:
-        """An event."""
-
-
 class Lens:
     """One way at a time, or none; `locked`: none."""
 
-    def __init__(self, desk: LensOutbox) -> None:
+    def __init__(self, desk: Wires) -> None:
         """At rest."""
         self._desk = desk
         self.locked = False

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import foxglove
 import numpy as np
@@ -26,16 +26,6 @@ KINDS: Final = {"f": "number", "i": "integer", "u": "integer", "b": "boolean", "
 STAMPED: Final = {"stamp_ns": {"type": "integer"}, "sequence": {"type": "integer"}}
 NUMBERS: Final = {"type": "array", "items": {"type": "number"}}
 PARTS: Final = {"cv": ("linear", "angular"), "cf": ("force", "torque")}
-
-
-class Channel(Protocol):
-    """One of the SDK's channels."""
-
-    def has_sinks(self) -> bool:
-        """Whether somebody listens."""
-
-    def log(self, msg: Any, *, log_time: int | None = None) -> None:
-        """Tell all who listen."""
 
 
 def timestamp(ns: int) -> Timestamp:
@@ -90,7 +80,7 @@ class ShownTopic:
         entry = source.entry
         self.source, self._frame, self.is_wanted = source, frame, False
         self._message: Callable[[int], Any | None]
-        self.channel: Channel
+        self.channel: foxglove.Channel | fx.JointStatesChannel | fx.PoseInFrameChannel | fx.LogChannel
         if entry.kind == "js":
             self.channel, self._message = fx.JointStatesChannel(f"/{entry.name}"), self._joints
         elif entry.kind == "cp":

@@ -8,9 +8,10 @@ import json
 from collections import deque
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import numpy as np
+from fastapi import WebSocket
 
 from trocar.procs.crtk.calls import Calls, CommandOwner
 from trocar.procs.crtk.held import HeldDown
@@ -44,16 +45,6 @@ tenth of it, and whoever says thousands of things holds nobody up.
 """
 PERSON: Final = Rights(True, True, True)
 NUMBERS: Final = itertools.count(1)
-
-
-class PageSocket(Protocol):
-    """The way to a page."""
-
-    async def send_text(self, data: str) -> None:
-        """One message."""
-
-    async def close(self, code: int = 1000, reason: str | None = None) -> None:
-        """Disconnect it."""
 
 
 @dataclass(slots=True)
@@ -93,7 +84,7 @@ class ConsoleService:
 class Browser:
     """One page that is connected."""
 
-    def __init__(self, served: ConsoleService, held: HeldDown, socket: PageSocket, name: str) -> None:
+    def __init__(self, served: ConsoleService, held: HeldDown, socket: WebSocket, name: str) -> None:
         """`name`: its address and port, which no other one has."""
         self.name = name
         self.wants: tuple[str, ...] = ()
@@ -276,7 +267,7 @@ class Browsers:
         self.all: set[Browser] = set()
         self._held = HeldDown(served.calls())
 
-    def come(self, socket: PageSocket, peer: str) -> Browser:
+    def come(self, socket: WebSocket, peer: str) -> Browser:
         """A page connects."""
         browser = Browser(self.served, self._held, socket, peer)
         self.all.add(browser)

@@ -5,10 +5,14 @@ from __future__ import annotations
 import asyncio
 from collections import deque
 from collections.abc import Callable
-from typing import Final, Protocol, cast
+from typing import TYPE_CHECKING, Final, cast
 
 from trocar.procs.crtk.messages import said
 from trocar.procs.socket_bridge.framing import Ended, Framing, framing_of
+
+if TYPE_CHECKING:
+    from trocar.procs.socket_bridge.server import SocketServer
+    from trocar.procs.socket_bridge.session import Session
 
 SLICE: Final = 16
 """Messages of one client, then it is the next one's turn."""
@@ -21,41 +25,17 @@ MOST: Final = 1 << 22
 """Bytes, then it is disconnected."""
 
 
-class MessageHandler(Protocol):
-    """What becomes of a connection's messages."""
-
-    def handle(self, message: bytes) -> None:
-        """One message."""
-
-    def gone(self) -> None:
-        """The connection has ended."""
-
-    @property
-    def is_waiting(self) -> bool:
-        """Something that was asked is not answered yet."""
-
-
-class Admission(Protocol):
-    """Who lets connections in."""
-
-    def admit(self, connection: Connection) -> MessageHandler | None:
-        """A session for a connection; None after saying why there is none."""
-
-    def is_over(self) -> bool:
-        """We were held up: what comes in is about the past."""
-
-
 class Connection(asyncio.Protocol):
     """A client that is connected."""
 
-    def __init__(self, door: Admission, address: str) -> None:
+    def __init__(self, door: SocketServer, address: str) -> None:
         """`address`: the one of `listen` that it came to."""
         self.address = address
         self.on_end: Callable[[], None] = lambda: None
         self._door = door
         self._loop = asyncio.get_event_loop()
         self._transport: asyncio.Transport | None = None
-        self._listener: MessageHandler | None = None
+        self._listener: Session | None = None
         self._framing: Framing | None = None
         self._begin = b""
         self._backlog: deque[bytes] = deque()

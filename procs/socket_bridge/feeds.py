@@ -6,6 +6,7 @@ from typing import Any, Final, Protocol
 
 from trocar.procs.crtk.messages import said
 from trocar.procs.crtk.topics import EVENT
+from trocar.procs.socket_bridge.connection import Connection
 from trocar.procs.socket_bridge.topics import SharedTopic, Topics, age_of, comes_each, ended, message_of
 
 EACH_NS: Final = 5_000_000
@@ -19,24 +20,13 @@ COMPUTED_NS: Final = 200_000_000
 AGAIN_NS: Final = 2_000_000
 
 
-class Outlet(Protocol):
-    """The way to a client."""
-
-    @property
-    def is_slow(self) -> bool:
-        """It does not read what it was sent."""
-
-    def send(self, message: bytes) -> None:
-        """Tell it something."""
-
-
 class Feed(Protocol):
     """Something that is looked at when it is due."""
 
     due_ns: int
     """When that is."""
 
-    def serve(self, link: Outlet, now_ns: int, turn: int) -> tuple[int, int]:
+    def serve(self, link: Connection, now_ns: int, turn: int) -> tuple[int, int]:
         """Send what there is; how many records that was, and how many were lost."""
 
     def close(self) -> None:
@@ -51,7 +41,7 @@ class Periodic:
         self._topics, self._source, self._period_ns = topics, source, round(1e9 / rate_hz)
         self.due_ns = self._seen = self._lost = 0
 
-    def serve(self, link: Outlet, now_ns: int, turn: int) -> tuple[int, int]:
+    def serve(self, link: Connection, now_ns: int, turn: int) -> tuple[int, int]:
         """Subscriptions of one rate are due together: their grid is the clock's."""
         self.due_ns = now_ns - now_ns % self._period_ns + self._period_ns
         source = self._source
@@ -79,7 +69,7 @@ class Each:
         self.due_ns = self._seen = self._lost = 0
         self._is_first = wants_last
 
-    def serve(self, link: Outlet, now_ns: int, turn: int) -> tuple[int, int]:
+    def serve(self, link: Connection, now_ns: int, turn: int) -> tuple[int, int]:
         """A few at a time."""
         self.due_ns, count, topic = now_ns + EACH_NS, 0, self._topic
         if self._is_first:
@@ -92,7 +82,7 @@ class Each:
                 count += 1
         return count, 0
 
-    def _last(self, link: Outlet) -> int:
+    def _last(self, link: Connection) -> int:
         """The last one of before; of the operating state there always is one."""
         row = self._topic.as_dict() if self._topic.newest() else self._topics.last_state(self._source.entry)
         if row is None:
@@ -116,7 +106,7 @@ class Reading:
         self._topics, self._source, self._number, self._begun_ns = topics, source, number, now_ns
         self.due_ns, self.is_done = now_ns, False
 
-    def serve(self, link: Outlet, now_ns: int, turn: int) -> tuple[int, int]:
+    def serve(self, link: Connection, now_ns: int, turn: int) -> tuple[int, int]:
         """Answer, or look again soon."""
         self.due_ns, waited_ns, topic = now_ns + AGAIN_NS, now_ns - self._begun_ns, self._source.topic
         if self._source.look(turn) and (waited_ns > COMPUTED_NS or not topic.groups or topic.is_computed):
@@ -143,5 +133,3 @@ def subscribed(topics: Topics, name: str, rate_hz: float, wants_last: bool = Tru
     except BaseException:
         topics.leave(source)
         raise
-
-

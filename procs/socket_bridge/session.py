@@ -5,14 +5,15 @@ from __future__ import annotations
 import hmac
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 from trocar.procs.crtk.calls import Calls, CommandOwner
 from trocar.procs.crtk.held import HeldDown
 from trocar.procs.crtk.messages import Message, NoMessage, WrongMessage, parsed, said
 from trocar.procs.document.bridges import COMMAND, VIEW, Rights
 from trocar.procs.document.user_process import PROPERTIES, SET_PROPERTY
-from trocar.procs.socket_bridge.feeds import Feed, Outlet, Reading, subscribed
+from trocar.procs.socket_bridge.connection import Connection
+from trocar.procs.socket_bridge.feeds import Feed, Reading, subscribed
 from trocar.procs.socket_bridge.messages import OPS
 from trocar.procs.socket_bridge.topics import SharedTopic, Topics
 from trocar.shm.mailbox.command_row import listed
@@ -54,17 +55,10 @@ class ClientService:
     counts: Counts = field(default_factory=Counts)
 
 
-class ClientOutlet(Outlet, Protocol):
-    """The way to a client, which can be ended."""
-
-    def end(self, why: str = "") -> None:
-        """Disconnect it."""
-
-
 class Session:
     """What a client says, and what comes of it."""
 
-    def __init__(self, served: ClientService, link: ClientOutlet, rights: Rights, is_known: bool) -> None:
+    def __init__(self, served: ClientService, link: Connection, rights: Rights, is_known: bool) -> None:
         """Who is not known has to show the token first."""
         self.link, self.rights, self.is_known = link, rights, is_known
         self.streams: dict[str, Feed] = {}

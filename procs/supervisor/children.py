@@ -9,10 +9,11 @@ from __future__ import annotations
 import signal
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import Final
 
 from trocar.procs.document.system import Process
 from trocar.procs.node.setup_error import STAYS
+from trocar.procs.supervisor.os_process import OsProcess
 from trocar.procs.tables import lifecycle
 from trocar.procs.tables.manifest import proc
 from trocar.shm.time.clock import monotonic_ns
@@ -23,45 +24,6 @@ SETTLES_S: Final = 0.3  # so long after its setup, and a period, a user's proces
 GIVEN_UP: Final = "; given up after "
 TRACE_S: Final = 1.0  # how long a user's process may take to write where it hangs, and to end
 SHORT_TRACE_S: Final = 0.03  # any other: what it holds waits for its successor
-
-
-class Running(Protocol):
-    """A process as the supervisor sees it; see procs/supervisor/os_process.py."""
-
-    @property
-    def pid(self) -> int:
-        """Process id, 0 when none runs."""
-
-    @property
-    def ready(self) -> bool:
-        """Setup has succeeded and it runs."""
-
-    def begin(self) -> None:
-        """Start one; OSError when there can be none."""
-
-    def ask_to_end(self) -> None:
-        """It may take its time."""
-
-    def abort(self) -> None:
-        """It writes in its log where it hangs, and ends."""
-
-    def trace(self) -> None:
-        """It writes in its log where it hangs; what is stopped stays so."""
-
-    def where(self) -> str:
-        """What it wrote of that, in a few words; empty: nothing."""
-
-    def kill(self) -> None:
-        """It ends at once."""
-
-    def ended(self) -> int | None:
-        """Its exit code when it has ended, negative a signal; once."""
-
-    def in_words(self, code: int) -> str:
-        """How it ended."""
-
-    def show_stopped(self, also_failed: bool = False) -> None:
-        """It was asked to end, and may have had no time to say that it has; it shows why it failed if it did."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +45,7 @@ class Child:
     """One instance as the supervisor sees it; all times are real, monotonic ns, whatever clock the system has."""
 
     row: Process
-    process: Running
+    process: OsProcess
     now_ns: Callable[[], int] = monotonic_ns
     state: str = lifecycle.STOPPED
     starts: int = 0  # how many processes it has had: the number of the one that runs
