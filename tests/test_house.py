@@ -166,7 +166,7 @@ def test_layouts_are_spelled_in_shm_only() -> None:
     each_keeps_to(wrong, [path for path in SOURCES if not relative(path).startswith("shm/")])
 
 
-OF_SIGNALS = ("procs/node/runtime.py", "procs/node/realtime.py", "procs/machine/end_signals.py")
+OF_SIGNALS = ("procs/node/runtime.py", "procs/node/life.py", "procs/node/realtime.py", "procs/machine/end_signals.py")
 
 
 def test_only_the_runtime_knows_signals_and_schedulers() -> None:

@@ -8,9 +8,8 @@ from __future__ import annotations
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Final
 
-from trocar.procs.document.system import SystemConfig
 from trocar.procs.node.setup_error import LastingError
-from trocar.procs.user.life import live
+from trocar.procs.user.loop import live
 from trocar.procs.user.process import UserNode
 
 if TYPE_CHECKING:
@@ -47,14 +46,9 @@ class FoxgloveLoop(UserNode):
             self._server.close()
 
 
-def find(document: SystemConfig, name: str) -> type[UserNode]:
-    """What the process of this name is."""
-    return FoxgloveLoop
-
-
 def main() -> None:
     """Run it to its end."""
-    live("foxglove", find)
+    live("foxglove", FoxgloveLoop)
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from trocar.procs.gui.server import WebServer
 from trocar.procs.machine.access import token_in
 from trocar.procs.machine.paths import token_file
 from trocar.procs.node import runtime
-from trocar.procs.node.pauses import Pauses, duration
+from trocar.procs.node.pacing import Pauses, duration
 from trocar.procs.node.serving import ServingLoop
 from trocar.shm.mailbox.generations import Faults
 from trocar.shm.time.clock import monotonic_ns

@@ -95,7 +95,7 @@ class Host:
             self._pages = HostPages(document, self.clock)
             self._held.callback(self._pages.close)
             for row in wanted:
-                self._add(HostedNode(row.kind, self.name, row.name, self.clock))
+                self._add(HostedNode(document, row.name, self.clock))
         except BaseException:
             self._held.close()
             raise

@@ -5,6 +5,7 @@ from __future__ import annotations
 import socket
 from collections.abc import Callable
 
+from trocar.procs.document.system import SystemConfig
 from trocar.procs.node.pacing import QUICKEST_NS
 from trocar.procs.node.runtime import Node
 from trocar.shm.time.lockstep import EPOCH_NS
@@ -34,8 +35,8 @@ class HostedNode(Node):
 
     clock: SteppedClock
 
-    def __init__(self, kind: str, system: str, name: str, clock: SteppedClock) -> None:
-        super().__init__(kind, system, name, clock)
+    def __init__(self, document: SystemConfig, name: str, clock: SteppedClock) -> None:
+        super().__init__(document, name, clock)
         self.due_ns = 0
         """When its next cycle is."""
         self.news: Callable[[], bool] | None = None
@@ -46,12 +47,12 @@ class HostedNode(Node):
         """Its loop is made: the grid of its cycles begins."""
         self.begin()
         self.now_ns = self.clock.time_ns
-        self._pacing.begin(self.now_ns, True)
+        self.pacing.begin(self.now_ns, True)
 
     def tick(self, serve: Callable[[int], bool] | None = None, news: Callable[[], bool] | None = None,
              periods: int = 1) -> bool:
         """See Node.tick; returns at once."""
-        self._end_ns = self.due_ns = self._pacing.end_of_work(self.clock.time_ns, periods)
+        self._end_ns = self.due_ns = self.pacing.end_of_work(self.clock.time_ns, periods)
         self.news = news
         return True
 
@@ -66,5 +67,5 @@ class HostedNode(Node):
         """A cycle begins."""
         now = self.now_ns = self.clock.time_ns
         if now < self._end_ns:
-            self._pacing.early(now)
-        self._pacing.begin_work(now)
+            self.pacing.early(now)
+        self.pacing.begin_work(now)

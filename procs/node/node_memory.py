@@ -1,29 +1,36 @@
-"""What an instance has in shared memory: its claim and control page, its rings, events and mailbox, those of others."""
+"""What an instance has in shared memory: its claim and control page, its rings, events and mailbox, those of others.
+
+And what every process does there, ours or a user's: it shows that it lives, keeps time, and learns that it has to end.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import logging
 import os
 from collections.abc import Callable
-from typing import Protocol, TypeVar
+from typing import Final, Protocol, TypeVar
 
 from trocar.procs.document.process import ON_DEMAND
 from trocar.procs.document.system import LOCKSTEP, Process, SystemConfig
+from trocar.procs.machine.listening import handed
 from trocar.procs.node.inputs import Input
-from trocar.procs.node.pauses import duration
+from trocar.procs.node.pacing import Pacing, Pauses, duration, phase_ns
 from trocar.procs.tables import codes
-from trocar.procs.tables.manifest import LATE_S, late_s, proc
+from trocar.procs.tables.manifest import LATE_S, SIMULATED_LOST, late_s, proc
 from trocar.shm.commands import COMMANDS
 from trocar.shm.mailbox.audit import Audit
 from trocar.shm.mailbox.generations import Cell, FaultCell, Faults
 from trocar.shm.mailbox.mailbox import DIED, Mailbox
 from trocar.shm.ring.ring import RingReader, RingWriter
-from trocar.shm.system import directory
-from trocar.shm.system.events import Events, Log
+from trocar.shm.system import directory, loglines
+from trocar.shm.system.events import Events
 from trocar.shm.system.subscriptions import Subscriber, Subscriptions
 from trocar.shm.time.clock import monotonic_ns
 from trocar.shm.time.control_page import ControlPage
 from trocar.shm.time.wakeup import Wakeup
+
+SUPERVISOR_CHECK_NS: Final = 100_000_000
 
 
 class Closing(Protocol):
@@ -37,12 +44,18 @@ Part = TypeVar("Part", bound=Closing)
 
 
 class NodeMemory:
-    """The place of one instance in a running system, from its claim to `leave`."""
+    """The place and the life of one instance in a running system, from its claim to `leave`."""
 
-    def __init__(self, document: SystemConfig, name: str, now_ns: Callable[[], int], log: Log | None = None) -> None:
-        """Claim it; SegmentError when there is none or somebody has it. `now_ns` and `log`: see Events."""
+    def __init__(self, document: SystemConfig, name: str, now_ns: Callable[[], int], *, simulated: bool = False,
+                 period_s: float = 0.0, is_child: bool = True) -> None:
+        """Claim it; SegmentError when there is none or somebody has it. `now_ns` gives the system's time.
+
+        `simulated`: its periods are simulated time. `period_s`: if not that of its row. `is_child`: the supervisor has
+        started it, and keeps its log; else a person has.
+        """
         self.document, self.system, self.name = document, document.name, name
         self.row: Process = document.process(name)
+        self.log, self.simulated, self._is_child = logging.getLogger(name), simulated, is_child
         self.kind, self.late_s = self.row.kind, late_s(self.row)
         self._held, self._lost_ns = contextlib.ExitStack(), round(document.supervisor_lost_s * 1e9)
         self._mailbox: Mailbox | None = None
@@ -56,8 +69,17 @@ class NodeMemory:
             self._place = stack.pop_all()
         self.page.field("pid")[...] = os.getpid()
         self.page.field("pauses")[...] = 0
-        self._time_ns, self.events = now_ns, Events(events, now_ns, log, name, self.row.typed)
+        self._time_ns = now_ns
+        self.events = Events(events, now_ns, loglines.into(self.log) if is_child else None, name, self.row.typed)
         self._begun = f"{name} has just started; ask again", DIED
+        self.page.show("STARTING")
+        kind, period_ns = proc(self.kind), round((period_s or self.row.period_s) * 1e9)
+        ios_ns = [round(io.period_s * 1e9) for io in document.ios]
+        self.pacing = Pacing(self.page, period_ns, phase_ns(kind.phase, period_ns, ios_ns))
+        self.pauses = Pauses(round(self.late_s * 1e9) if kind.pause_ends and not simulated else 0)
+        self.listening = handed() if is_child else ()
+        """The sockets of its `listen`, not blocking: the supervisor holds them, also while we are down."""
+        self.stop_reason, self._check_at, self._beat = "", 0, self.page.field("heartbeat_ns")
 
     def reads(self, instance: str, topic: str, *, counts: bool = True) -> RingReader:
         """Attach to a ring of another instance, or of the supervisor.
@@ -132,6 +154,28 @@ class NodeMemory:
         self.page.show("STARTING")
         self.page.field("pauses")[...] += 1
         self.events.report(codes.HELD_UP, held_up, self.name, value=held_up_ns * 1e-9, limit=self.late_s)
+
+    def stop(self, reason: str) -> None:
+        """It ends at its next look, for the first reason that there was."""
+        self.stop_reason = self.stop_reason or reason
+
+    def beat(self) -> None:
+        """Show that it lives."""
+        self._beat[...] = monotonic_ns()
+
+    def stopped(self) -> bool:
+        """Show that it lives; whether it has to end: it was asked to, or the supervisor has been silent for too long.
+
+        In simulated time nothing is in danger: there the supervisor may be short of a core for longer, while it lives.
+        """
+        self._beat[...] = now = monotonic_ns()
+        if now >= self._check_at:
+            self._check_at = now + SUPERVISOR_CHECK_NS
+            silent_s = self.lost_s()
+            is_patient = self.simulated and not (self._is_child and os.getppid() != self._supervisor.get("pid"))
+            if silent_s and (not is_patient or silent_s * 1e9 > SIMULATED_LOST * self._lost_ns):
+                self.stop(f"the supervisor has not beaten for {silent_s:.1f} s")
+        return bool(self.stop_reason)
 
     def lost_s(self) -> float:
         """How long the supervisor has not beaten, if that is too long; 0: it has."""

@@ -1,18 +1,20 @@
-"""Pacing on absolute deadlines, and the statistics of a loop's periods, work and latency.
+"""Pacing on absolute deadlines, the statistics of a loop's periods, work and latency, and pauses.
 
 Deadlines lie on a grid: a late cycle does not shift the following ones, it is counted, and deadlines that have passed
-altogether are skipped and counted as missed. Pure but for the control page it writes its numbers to; what a process
-does every time it waits for a deadline is in the native library as well (procs/native/pace.c).
+altogether are skipped and counted as missed. What a process does every time it waits for a deadline is in the
+native library as well (procs/native/pace.c). A loop that was paused measures for how long, on a clock that counts suspend
+as well. Pure but for the control page that the numbers are written to, and that clock.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from fractions import Fraction
 
 import numpy as np
 
 from trocar.procs.native.pace_fields import CYCLES, DEADLINE, KEPT, LOOK, MISSED, OVERRUNS, START, STEP, WANTED, WORDS
+from trocar.shm.time.clock import boottime_ns
 from trocar.shm.time.control_page import ControlPage
 
 INTERVAL_NS = 1_000_000_000
@@ -24,6 +26,7 @@ ROOM = 20_000  # for the figures of a second
 QUICKEST_NS = 1_000_000  # between two cycles of a loop with longer periods, however much news there is
 GAIN = 0.05
 SHARES = 4  # of a period, at most, in which it meets that of whom it follows
+NEVER = 1 << 62
 FIGURES = ("avg", "std", "min", "max", "p99")
 
 
@@ -196,3 +199,47 @@ class Pacing:
         self._interval[...] = self._words[KEPT]
         self._words[KEPT] = self._latency_count = 0
         self._interval_end = now_ns + INTERVAL_NS
+
+
+class Pauses:
+    """One loop's watch on itself: how much later than planned its cycles begin, and whether this one is too old."""
+
+    def __init__(self, limit_ns: int, now_ns: Callable[[], int] = boottime_ns) -> None:
+        """More than `limit_ns` is a pause; 0: nothing ever is. `now_ns`: CLOCK_BOOTTIME."""
+        self._limit_ns, self._now_ns = limit_ns or NEVER, now_ns
+        self._begun_ns = NEVER
+
+    def begin(self) -> None:
+        """A first cycle begins, on time whenever that is."""
+        self._begun_ns = self._now_ns()
+
+    def end(self) -> None:
+        """There are no cycles until `begin`: nothing is too old meanwhile."""
+        self._begun_ns = NEVER
+
+    def next(self, planned_ns: int) -> int:
+        """The next cycle begins, planned so long after the last one: how much too late if that is a pause, else 0.
+
+        After a pause there is no next cycle: `is_over` stays true until `end` or `begin`.
+        """
+        now_ns = self._now_ns()
+        late_ns = now_ns - self._begun_ns - planned_ns  # the first of all is never late
+        if late_ns > self._limit_ns:
+            return late_ns
+        self._begun_ns = now_ns
+        return 0
+
+    @property
+    def over_ns(self) -> int:
+        """From when on, on CLOCK_BOOTTIME, what this cycle does is about the past."""
+        return min(self._begun_ns + self._limit_ns, NEVER)
+
+    def is_over(self) -> bool:
+        """This cycle began so long ago that what it does is about the past."""
+        return self._now_ns() > self.over_ns
+
+
+def duration(held_up_ns: int) -> str:
+    """A pause in words."""
+    seconds = held_up_ns * 1e-9
+    return f"{seconds:.2g} s" if seconds < 1.0 else f"{seconds:.1f} s"

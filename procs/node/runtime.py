@@ -1,7 +1,7 @@
-"""Birth, pacing, heartbeat and death of every process, so that a loop file holds none of these words.
+"""The life of a process of ours, whose loop file holds none of these words: priority, clock, pacing, a pause, its end.
 
     class Loop(runtime.Loop):
-        def __init__(self, me): ...
+        def __init__(self, node): ...
         def cycle(self, now_ns, wall_ns): ...
     def main():
         runtime.run("arm", Loop)
@@ -9,7 +9,6 @@
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import faulthandler
 import gc
@@ -18,36 +17,27 @@ import os
 import signal
 import socket
 import sys
-import traceback
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
-from pathlib import Path
-from types import FrameType
 from typing import Protocol
 
-from trocar.procs.document.system import WALL, SystemConfig, from_json
-from trocar.procs.machine.listening import handed
+from trocar.procs.document.system import WALL, SystemConfig
 from trocar.procs.native.bound import BoundStruct
 from trocar.procs.native.library import bind
 from trocar.procs.native.pace_fields import PACE
+from trocar.procs.node.life import SETUP_FAILED, arguments, document_of, lived
 from trocar.procs.node.node_memory import NodeMemory
-from trocar.procs.node.pacing import QUICKEST_NS, Pacing, phase_ns
-from trocar.procs.node.pauses import Pauses
+from trocar.procs.node.pacing import QUICKEST_NS
 from trocar.procs.node.realtime import fetch_segments, in_words, lock_memory, realtime, step_back
-from trocar.procs.node.setup_error import exit_code, explains_itself
 from trocar.procs.tables.manifest import proc
 from trocar.shm.mailbox.client import LoopClient
 from trocar.shm.memory.layout import shorten
 from trocar.shm.memory.segment import SegmentError
-from trocar.shm.system import directory, loglines
-from trocar.shm.time.clock import WallClock, monotonic_ns
+from trocar.shm.time.clock import WallClock
 from trocar.shm.time.lockstep import LockstepClock
 from trocar.shm.time.system_time import SystemTime
 
-SUPERVISOR_CHECK_NS = 100_000_000
-SIMULATED_LOST = 10
 MAX_SPIN_US = 50.0
-SETUP_FAILED, LOOP_FAILED = 3, 4
 
 
 class NodeClock(Protocol):
@@ -65,33 +55,23 @@ class NodeClock(Protocol):
 
 
 class Node(NodeMemory):
-    """What a process of ours knows of itself; made by `process`. It has a clock, and is paced."""
+    """What a process of ours knows of itself; made by `process`. It has a clock, and its loop is paced."""
 
-    def __init__(self, kind: str, system: str, name: str, clock: NodeClock | None = None) -> None:
+    def __init__(self, document: SystemConfig, name: str, clock: NodeClock | None = None) -> None:
         """Attach to the running system; SegmentError when there is none. `clock`: not as its document says."""
-        document: SystemConfig = from_json(directory.document(system))
+        system, in_time = document.name, proc(document.process(name).kind).in_time
+        simulated = clock.simulated if clock is not None else in_time and document.clock != WALL
         self.clock: NodeClock
-        self.log = logging.getLogger(name)
-        self._time = None if proc(kind).in_time else SystemTime(system)
-        super().__init__(document, name, self.stamp_ns, loglines.into(self.log))
-        self.page.show("STARTING")
+        self._time = None if in_time else SystemTime(system)
+        super().__init__(document, name, self.stamp_ns, simulated=simulated)
         if clock is not None:
             self.clock = clock
-        elif document.clock == WALL or not proc(kind).in_time:
-            self.clock = WallClock(_spin_ns(document, name))
         else:
-            self.clock = LockstepClock(system, name)
-        period_ns = round(self.row.period_s * 1e9)
+            self.clock = LockstepClock(system, name) if simulated else WallClock(_spin_ns(document, name))
         self._wakeup = self.page.wakeup()
-        ios_ns = [round(io.period_s * 1e9) for io in document.ios]
-        self._pacing = Pacing(self.page, period_ns, phase_ns(proc(kind).phase, period_ns, ios_ns))
-        bound = bind(PACE, self._pacing) if type(self.clock) is WallClock else ""
+        bound = bind(PACE, self.pacing) if type(self.clock) is WallClock else ""
         self._wait = bound.function("wait") if isinstance(bound, BoundStruct) else None
         """The native library's wait for the next deadline, on the wall clock; None: `tick` waits step by step."""
-        self._beat = self.page.field("heartbeat_ns")
-        self._check_at = 0
-        self._stop = ""
-        self._pauses = Pauses(round(self.late_s * 1e9) if proc(kind).pause_ends and not self.clock.simulated else 0)
         self.granted: list[str] = []
         """What the scheduler gave us, in words."""
         self.locks, self._locked = False, ""
@@ -101,8 +81,6 @@ class Node(NodeMemory):
         self.held_up_ns = 0
         """How long it was held up, when that was too long: the loop is to be made anew."""
         self.now_ns = self.clock.now_ns()
-        self.listening = handed()
-        """The sockets of its `listen`, not blocking: the supervisor holds them, also while we are down."""
 
     def stamp_ns(self) -> int:
         """What time the system has, as records are stamped: also of a process that goes by real time itself."""
@@ -114,24 +92,15 @@ class Node(NodeMemory):
         What a cycle sends after a pause in its middle is not sent.
         """
         called = self.name if self.name == self.kind else f"{self.kind} {self.name}"
-        return self.hold(LoopClient(self.system, instance, called, self._pauses.is_over))
+        return self.hold(LoopClient(self.system, instance, called, self.pauses.is_over))
 
     def is_over(self) -> bool:
         """We were held up in the middle of this cycle: what it does is about the past."""
-        return self._pauses.is_over()
+        return self.pauses.is_over()
 
     def over_ns(self) -> int:
         """From when on that is so in this cycle, on CLOCK_BOOTTIME."""
-        return self._pauses.over_ns
-
-    @property
-    def stop_reason(self) -> str:
-        """Why the loop ended; empty while it runs."""
-        return self._stop
-
-    def stop(self, reason: str) -> None:
-        """End the loop at the next tick."""
-        self._stop = self._stop or reason
+        return self.pauses.over_ns
 
     def ready(self) -> None:
         """Setup has succeeded; whoever waits at the barrier goes on."""
@@ -140,10 +109,10 @@ class Node(NodeMemory):
             self.ask()
         self.begin()
         if isinstance(self.clock, LockstepClock):
-            self.clock.join(self._stopped)
+            self.clock.join(self.stopped)
         self.now_ns = self.clock.now_ns()
-        self._pacing.begin(self.now_ns, self.clock.simulated)
-        self._pauses.begin()
+        self.pacing.begin(self.now_ns, self.simulated)
+        self.pauses.begin()
 
     def _lock(self) -> None:
         """Lock our memory now that everything is in it; after a pause, only what is new."""
@@ -172,21 +141,21 @@ class Node(NodeMemory):
             step_back()
         self.report_pause(self.held_up_ns)
         self.held_up_ns = 0
-        self._pauses.end()
+        self.pauses.end()
         gc.collect()  # what is left of the old loop; all that is older is frozen
 
     def follows(self, name: str) -> None:
         """The process `name` is whom we `follow`."""
-        self._pacing.follows(round(self.document.process(name).period_s * 1e9))
+        self.pacing.follows(round(self.document.process(name).period_s * 1e9))
 
     def follow(self, stamp_ns: int, lead_ns: int) -> None:
         """Keep our cycle `lead_ns` behind the stamps of the process whose data we use."""
-        if not self.clock.simulated:
-            self._pacing.follow(stamp_ns + lead_ns)
+        if not self.simulated:
+            self.pacing.follow(stamp_ns + lead_ns)
 
     def latency(self, latency_ns: int) -> None:
         """How long this cycle took from what it reacts to to its reaction; shown as statistics."""
-        self._pacing.latency(latency_ns)
+        self.pacing.latency(latency_ns)
 
     def computes(self, why_numpy: str) -> None:
         """Show what does the work of many axes: the native library, or numpy, and why."""
@@ -196,12 +165,12 @@ class Node(NodeMemory):
     @property
     def is_overloaded(self) -> bool:
         """The machine has not enough time for everybody: who can do with less should."""
-        return self.now_ns < self._pacing.short_until_ns
+        return self.now_ns < self.pacing.short_until_ns
 
     @property
     def wall_ns(self) -> int:
         """`now_ns` where it is real time, for `Mailbox.drain`; 0 in lock-step, where nothing comes late."""
-        return 0 if self.clock.simulated else self.now_ns
+        return 0 if self.simulated else self.now_ns
 
     def tick(self, serve: Callable[[int], bool] | None = None, news: Callable[[], bool] | None = None,
              periods: int = 1) -> bool:
@@ -212,53 +181,40 @@ class Node(NodeMemory):
         next cycle early; it is asked when somebody wakes us (`waker_for`; a command does, see shm/commands.py). Who has
         nothing to do sleeps through so many `periods` instead of one.
         """
-        pacing = self._pacing
+        pacing = self.pacing
         if self._wait is not None and serve is None and news is None:
             now_ns = self._wait(periods, self.clock.spin_ns)
             if now_ns < 0:
                 now_ns = -now_ns
                 pacing.look(now_ns)
             self.now_ns = now_ns
-            self.held_up_ns = self._pauses.next(periods * pacing.period_ns)
-            return not (self._stop or (now_ns >= self._check_at and self._stopped()))
+            self.held_up_ns = self.pauses.next(periods * pacing.period_ns)
+            return not (self.stop_reason or (now_ns >= self._check_at and self.stopped()))
         deadline = pacing.end_of_work(self.clock.now_ns(), periods)
         if news is not None:
             self._wait_for_news(deadline, news)
         elif serve is None:
-            self.clock.sleep_until(deadline, self._stopped)
+            self.clock.sleep_until(deadline, self.stopped)
         elif isinstance(self.clock, LockstepClock):
-            self.clock.serve_until(deadline, self._stopped, serve)
+            self.clock.serve_until(deadline, self.stopped, serve)
         else:
-            while (left := deadline - self.clock.now_ns()) > 0 and not self._stop:
+            while (left := deadline - self.clock.now_ns()) > 0 and not self.stop_reason:
                 serve(left)
         self.now_ns = self.clock.now_ns()
         pacing.begin_work(self.now_ns)
-        self.held_up_ns = self._pauses.next(periods * pacing.period_ns)
-        return not self._stopped()
+        self.held_up_ns = self.pauses.next(periods * pacing.period_ns)
+        return not self.stopped()
 
     def _wait_for_news(self, deadline: int, news: Callable[[], bool]) -> None:
         clock, found = self.clock, False
         if isinstance(clock, LockstepClock):
-            clock.sleep_until(deadline, self._stopped, news)
+            clock.sleep_until(deadline, self.stopped, news)
         else:
-            while not found and (left := deadline - clock.now_ns()) > 0 and not self._stop:
+            while not found and (left := deadline - clock.now_ns()) > 0 and not self.stop_reason:
                 found = self._wakeup.sleep(news, left)
-        clock.sleep_until(min(deadline, self.now_ns + QUICKEST_NS), self._stopped)
+        clock.sleep_until(min(deadline, self.now_ns + QUICKEST_NS), self.stopped)
         if (now := clock.now_ns()) < deadline:
-            self._pacing.early(now)
-
-    def _stopped(self) -> bool:
-        now = monotonic_ns()
-        if self.clock.simulated:
-            self._beat[...] = now  # who waits for time lives as well
-        if now >= self._check_at:
-            self._check_at = now + SUPERVISOR_CHECK_NS
-            silent_s = self.lost_s()
-            # In simulated time nothing is in danger: there it may be short of a core for longer, while it lives.
-            if silent_s and (not self.clock.simulated or silent_s * 1e9 > SIMULATED_LOST * self._lost_ns
-                             or os.getppid() != self._supervisor.get("pid")):
-                self.stop(f"the supervisor has not beaten for {silent_s:.1f} s")
-        return bool(self._stop)
+            self.pacing.early(now)
 
     def close(self) -> None:
         """The end of this process."""
@@ -320,29 +276,22 @@ def _run_one(node: Node, make: Callable[[Node], Loop]) -> None:
 
 @contextlib.contextmanager
 def process(kind: str) -> Iterator[Node]:
-    """The life of one process: arguments, attach, logging, signals, priority; an exit code on every path."""
+    """The life of one process of ours, with the priority of its row."""
     chosen = arguments(kind)
     faulthandler.register(signal.SIGUSR1, file=2, all_threads=False)  # its log shows where it hangs, see supervisor
     try:
-        node = Node(kind, chosen.system, chosen.name)
+        node = Node(document_of(chosen.system), chosen.name)
     except (SegmentError, KeyError, ValueError) as error:
         logging.getLogger(chosen.name).error("%s", error)
         sys.exit(SETUP_FAILED)
-    on_stop(node.stop)
-    node.ask()
-    node.steps_back = node.row.priority > 0 and not proc(kind).reserved
-    if node.steps_back:
-        step_back()
-    node.locks = proc(kind).realtime and not node.clock.simulated
-    try:
+    row = proc(kind)
+    with lived(node):
+        node.ask()
+        node.steps_back = node.row.priority > 0 and not row.reserved
+        if node.steps_back:
+            step_back()
+        node.locks = row.realtime and not node.simulated
         yield node
-    except (Exception, SystemExit) as error:
-        running = node.page.state == "RUNNING"
-        node.log.error("ended by an error: %s", error, exc_info=not explains_itself(error))
-        node.page.show("FAILED", cause_of(error))
-        sys.exit(exit_code(error, LOOP_FAILED if running else SETUP_FAILED))
-    node.page.show("STOPPED", node.stop_reason)
-    node.log.info("ended: %s", node.stop_reason or "done")
     node.close()
 
 
@@ -351,50 +300,3 @@ def _spin_ns(system: SystemConfig, name: str) -> int:
     spin_us = next((io.spin_us for io in system.ios if io.name == name and io.port), 0.0)
     given = system.process(name).cpus  # not ours yet: we begin where the supervisor may run
     return round(min(spin_us, MAX_SPIN_US) * 1e3) if given or len(os.sched_getaffinity(0)) > 1 else 0
-
-
-def arguments(kind: str) -> argparse.Namespace:
-    """What every process is started with: its system and name; its log begins."""
-    parser = argparse.ArgumentParser(prog=kind, description=f"One {kind}, started by trocar up.")
-    parser.add_argument("--system", required=True)
-    parser.add_argument("--name", required=True)
-    chosen = parser.parse_args()
-    loglines.begin(sys.stderr, chosen.name)
-    return chosen
-
-
-def cause_of(error: BaseException) -> str:
-    """What ended somebody's code: the error's name and text, or where it called sys.exit."""
-    if explains_itself(error):
-        return str(error)
-    if not isinstance(error, SystemExit):
-        return f"{type(error).__name__}: {error}"
-    last = traceback.extract_tb(error.__traceback__)[-1]
-    given = "" if error.code is None else repr(error.code)
-    return f"sys.exit({given}) in {Path(last.filename).name} line {last.lineno}"
-
-
-class TimeUp(BaseException):
-    """Somebody else's code took longer than it may; not an Exception, which that code might catch."""
-
-
-def limited(seconds: float, do: Callable[[], None]) -> None:
-    """Call `do`; TimeUp is raised in its middle when it takes longer, unless it hangs where no Python code runs."""
-    def over(number: int, frame: FrameType | None) -> None:
-        raise TimeUp(f"it took more than {seconds:g} s")
-
-    signal.signal(signal.SIGALRM, over)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
-    try:
-        do()
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-
-
-def on_stop(stop: Callable[[str], None]) -> None:
-    """Call `stop` with the reason when the supervisor asks this process to end."""
-    def asked(number: int, frame: FrameType | None) -> None:
-        stop("asked to stop")
-
-    signal.signal(signal.SIGTERM, asked)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)

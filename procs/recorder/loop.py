@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Final
 
 from trocar.procs.document.recorder import COMPRESSIONS, Recorder
-from trocar.procs.document.system import SystemConfig
 from trocar.procs.machine.paths import made_recordings_folder
 from trocar.procs.node.requests import has_left
 from trocar.procs.recorder.box import BlackBox, BoxLimits
@@ -30,7 +29,7 @@ from trocar.procs.recordings.chunks import COMPRESSIONS as METHODS
 from trocar.procs.recordings.facts import document_of, facts_of
 from trocar.procs.recordings.writing import ChannelTable
 from trocar.procs.tables import codes
-from trocar.procs.user.life import live
+from trocar.procs.user.loop import live
 from trocar.procs.user.process import UserNode
 from trocar.shm.mailbox.received import Received
 from trocar.shm.memory.layout import cut_text, shorten
@@ -283,14 +282,9 @@ class RecorderLoop(UserNode):
         self._sources.close()
 
 
-def find(document: SystemConfig, name: str) -> type[UserNode]:
-    """What the process of this name is."""
-    return RecorderLoop
-
-
 def main() -> None:
     """Run it to its end."""
-    live("recorder", find)
+    live("recorder", RecorderLoop)
 
 
 if __name__ == "__main__":

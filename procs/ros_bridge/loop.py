@@ -16,7 +16,7 @@ from trocar.procs.crtk.stamps import Stamps
 from trocar.procs.crtk.topics import EVENT, RECORD, TopicEntry, catalogue
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.node.node_memory import Closing
-from trocar.procs.node.pauses import duration
+from trocar.procs.node.pacing import duration
 from trocar.procs.ros_bridge.carrying_out import Addressee, Commands
 from trocar.procs.ros_bridge.descriptions import Descriptions
 from trocar.procs.ros_bridge.events import EventTopics
@@ -31,7 +31,7 @@ from trocar.procs.ros_messages.dds import EVENT_DEPTH, Participant
 from trocar.procs.ros_messages.messages import Clock, Log, OperatingState
 from trocar.procs.ros_messages.view_messages import VIEW_MESSAGES
 from trocar.procs.tables import codes
-from trocar.procs.user.life import live
+from trocar.procs.user.loop import live
 from trocar.procs.user.process import UserNode
 from trocar.shm.mailbox.origins import ACTING
 from trocar.shm.system import directory
@@ -220,14 +220,9 @@ class RosLoop(UserNode):
             self.participant.close()
 
 
-def find(document: SystemConfig, name: str) -> type[UserNode]:
-    """What the process of this name is."""
-    return RosLoop
-
-
 def main() -> None:
     """Run it to its end."""
-    live("ros_bridge", find)
+    live("ros_bridge", RosLoop)
 
 
 if __name__ == "__main__":

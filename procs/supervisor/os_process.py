@@ -77,7 +77,7 @@ class OsProcess:
             self.popen.send_signal(signal.SIGCONT)  # a stopped process must wake to end
 
     def abort(self) -> None:
-        """SIGABRT, at which Python writes where each thread is (faulthandler, procs/user/life.py)."""
+        """SIGABRT, at which Python writes where each thread is (faulthandler, procs/user/loop.py)."""
         self._announce_trace()
         if self.popen is not None:
             self.popen.send_signal(signal.SIGABRT)

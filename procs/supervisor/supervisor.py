@@ -32,7 +32,7 @@ from trocar.procs.supervisor.requests import Requests
 from trocar.procs.supervisor.shared_pages import lock_shared
 from trocar.procs.supervisor.systemd import Notifier
 from trocar.procs.tables import codes, lifecycle
-from trocar.procs.tables.manifest import hung_s, late_s, proc
+from trocar.procs.tables.manifest import SIMULATED_LOST, hung_s, late_s, proc
 from trocar.shm.commands import COMMANDS
 from trocar.shm.mailbox.audit import Audit
 from trocar.shm.mailbox.mailbox import Mailbox
@@ -48,7 +48,6 @@ from trocar.shm.time.lockstep import Timekeeper
 
 BEAT_S: Final = 0.02
 QUICK_BEAT_S: Final = 0.002  # while it starts and stops: each process waits for those that it needs
-SIMULATED_LOST: Final = 10.0  # times `supervisor_lost_s`: nothing is in danger, and the machine may be busy
 GONE_S: Final = 5.0  # more than that nobody takes who was killed
 log = logging.getLogger("supervisor")
 
@@ -160,7 +159,7 @@ class Supervisor:
         """Show that we live; always in real time. Held up for so long that our processes have ended, we end as well."""
         now = monotonic_ns()
         passed_s, self._beat_ns = (now - self._beat_ns) * 1e-9 if self._beat_ns else 0.0, now
-        lost_s = self.system.supervisor_lost_s * (1.0 if self.system.clock == WALL else SIMULATED_LOST)
+        lost_s = self.system.supervisor_lost_s * (1 if self.system.clock == WALL else SIMULATED_LOST)
         if passed_s > lost_s and not self.stopping:
             self.lost = True
             self.stopping = f"was held up for {passed_s:.1f} s; its processes have ended; start the system again"

@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 
 LATE_S: Final = 0.03
 """A process of a control loop that is silent for so long counts as gone."""
+FILTERS: Final = "filters"
+"""The kind that calls several users' processes in one."""
+SIMULATED_LOST: Final = 10  # times `supervisor_lost_s` in simulated time: nothing is in danger, the machine may be busy
 SIMULATED_HUNG_S: Final = 5.0  # as usual in simulated time: on a busy machine 0.7 s without a core were seen
 
 
@@ -54,8 +57,8 @@ def _users(system: SystemConfig, rows: Mapping[str, tuple[float, str]]) -> Itera
 class Proc:
     """One kind: default period, how long it may be silent, and what happens after it died.
 
-    Its module is procs/KIND/loop.py. One that is not `ours` is a third-party program: only its places in shared
-    memory are made here.
+    Its module is procs/KIND/loop.py; filters are users' processes. One that is not `ours` is a third-party program, of
+    which only the places in shared memory are made here.
 
     `topics` are the rings its instances write besides `events`, where they say `events` besides status, warning and
     error; `instances` are those that a system has, in this order, `sizes` the named sizes of their records; `woken`: a
@@ -100,7 +103,7 @@ class Proc:
     @property
     def module(self) -> str:
         """The module that runs an instance which the supervisor starts: of third parties that of users' processes."""
-        return f"trocar.procs.{self.kind if self.ours else 'user'}.loop"
+        return f"trocar.procs.{self.kind if self.ours and self.kind != FILTERS else 'user'}.loop"
 
     @property
     def realtime(self) -> bool:
@@ -164,7 +167,7 @@ PROCS: tuple[Proc, ...] = (
                                                   for row in system.users if row.name not in
                                                   {place.name for place in system.third_parties}}),
          woken=True, pause_ends=False, budget_us=500, hung_s=5.0, declared=True, in_time=False),
-    Proc("filters", 0.01, 1.0, 3.0, "its filters are silent", topics=(),
+    Proc(FILTERS, 0.01, 1.0, 3.0, "its filters are silent", topics=(),
          instances=lambda system: _users(system, {row.host: (row.period_s, "") for row in system.users if row.host}),
          woken=True, pause_ends=False, budget_us=500, hung_s=5.0, declared=True, in_time=False),
     Proc("ros_bridge", 0.01, 1.0, 3.0, "ROS clients hear nothing", topics=(),

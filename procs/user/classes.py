@@ -27,6 +27,12 @@ def module_named(name: str) -> ModuleType:
     return module
 
 
+def classes_in(module: ModuleType, kind: type[T]) -> list[type[T]]:
+    """The subclasses of `kind` that a module itself defines."""
+    return [each for each in vars(module).values() if isinstance(each, type) and issubclass(each, kind)
+            and each.__module__ == module.__name__]
+
+
 def class_named(name: str, kind: type[T], base: str) -> type[T]:
     """The class of module:Class, which has to be one of `kind`; ImportError says what is wrong with it.
 
@@ -34,13 +40,12 @@ def class_named(name: str, kind: type[T], base: str) -> type[T]:
     """
     module, _, what = name.rpartition(":")
     try:
-        there = vars(module_named(module))
+        there = module_named(module)
     except Exception as error:
         raise ImportError(f"{module}: {type(error).__name__}: {error}") from error
-    found = there.get(what)
+    found = vars(there).get(what)
     if not (isinstance(found, type) and issubclass(found, kind)):
-        own = [each.__name__ for each in there.values() if isinstance(each, type) and issubclass(each, kind)
-               and each.__module__ == there["__name__"]]
+        own = [each.__name__ for each in classes_in(there, kind)]
         raise ImportError(f"{module} has no class {what} that is derived from {base}; "  # noqa: TRY004  # like the other two
                           f"it has: {', '.join(own) or 'none'}")
     return found

@@ -1,13 +1,22 @@
-"""A process of a user's own: finds the class or function in the module that the system file names, and runs it."""
+"""A process of a user's own: its class or function is found in the module that the system file names, made and run."""
 
 from __future__ import annotations
 
+import contextlib
+import faulthandler
+import logging
+import sys
 from types import ModuleType
 
 from trocar.procs.document.system import SystemConfig
-from trocar.procs.user.classes import module_named
-from trocar.procs.user.life import classes_in, live
+from trocar.procs.node.life import SETUP_FAILED, arguments, cause_of, document_of, lived
+from trocar.procs.tables.manifest import FILTERS
+from trocar.procs.user.classes import classes_in, module_named
+from trocar.procs.user.filters import FiltersLoop
 from trocar.procs.user.process import UserNode
+from trocar.shm.mailbox.origins import ACTING, NOBODY
+from trocar.shm.memory.segment import SegmentError
+from trocar.shm.time.control_page import ControlPage
 
 
 class FunctionLoop(UserNode):
@@ -25,7 +34,7 @@ class FunctionLoop(UserNode):
 
 def class_in(module: ModuleType) -> type[UserNode]:
     """The subclass of Process, or one around its function `main`; ImportError when there is not one of them."""
-    classes = classes_in(module)
+    classes = classes_in(module, UserNode)
     if len(classes) == 1:
         return classes[0]
     if not classes and callable(getattr(module, "main", None)):
@@ -34,15 +43,39 @@ def class_in(module: ModuleType) -> type[UserNode]:
                       "function main(process)")
 
 
-def find(document: SystemConfig, name: str) -> type[UserNode]:
-    """What the process of this name is."""
+def found(document: SystemConfig, name: str) -> type[UserNode]:
+    """What the process of this name is, as the system file says."""
+    if document.process(name).kind == FILTERS:
+        return FiltersLoop
     declared = document.user(name)
     return UserNode if declared is None else class_in(module_named(declared.module))
 
 
+def live(kind: str, own: type[UserNode] | None = None) -> None:
+    """Exit code 0: ended as asked, or by itself, 3: setup failed, 4: its main did. `own`: a class of ours."""
+    faulthandler.enable()  # its log shows where it was when the supervisor ends it (SIGABRT), or C code crashes
+    chosen = arguments(kind)
+    log = logging.getLogger(chosen.name)
+    ACTING.origin = NOBODY  # it was started by nobody: what it does is what persons ask it for
+    try:
+        process = (own or found(document_of(chosen.system), chosen.name))(chosen.system, chosen.name)
+    except SegmentError as error:  # there is no place, or somebody else has it
+        log.error("%s", error)
+        sys.exit(SETUP_FAILED)
+    except (Exception, SystemExit) as error:  # of the user's module, or its row
+        log.exception("%s cannot be used", chosen.name)
+        with contextlib.suppress(SegmentError), contextlib.closing(
+                ControlPage(chosen.system, chosen.name, write=True)) as page:
+            page.show("FAILED", cause_of(error))
+        sys.exit(SETUP_FAILED)
+    with lived(process.own):
+        process.run()
+    process.close()
+
+
 def main() -> None:
     """Run it to its end."""
-    live("user", find)
+    live("user")
 
 
 if __name__ == "__main__":

@@ -6,7 +6,6 @@ waits: in `tick` and `wait`. There, and nowhere else, it learns that it has to e
 
 from __future__ import annotations
 
-import logging
 import os
 import select
 from collections.abc import Callable
@@ -16,14 +15,12 @@ from numpy.typing import NDArray
 
 from trocar.procs.crtk.names import Unknown, none_such
 from trocar.procs.document.process import ELSEWHERE
-from trocar.procs.document.system import SystemConfig, from_json
+from trocar.procs.document.system import SystemConfig
 from trocar.procs.document.user_process import PROPERTIES, SAVE_PROPERTIES, SET_PROPERTY, UserProcess
-from trocar.procs.machine.listening import handed
 from trocar.procs.machine.paths import NoStateFolder, log_folder, made_log_folder
 from trocar.procs.machine.verb_lines import REMEDY
+from trocar.procs.node.life import document_of
 from trocar.procs.node.node_memory import NodeMemory
-from trocar.procs.node.pacing import Pacing
-from trocar.procs.node.pauses import Pauses
 from trocar.procs.tables import codes
 from trocar.procs.tables.manifest import proc
 from trocar.procs.tables.user_rows import arguments_of, handler_of
@@ -33,15 +30,13 @@ from trocar.shm.commands import COMMANDS
 from trocar.shm.mailbox.origins import ACTING
 from trocar.shm.mailbox.received import Received
 from trocar.shm.memory.layout import shorten
-from trocar.shm.system import directory, loglines
+from trocar.shm.system import directory
 from trocar.shm.system.subscriptions import Subscriber, Subscriptions
 from trocar.shm.time.clock import monotonic_ns
 from trocar.shm.time.system_time import SystemTime
 
 BEAT_NS: Final = 50_000_000
 SIMULATED_NS: Final = 2_000_000  # between two looks at simulated time
-CHECK_NS: Final = 100_000_000
-SIMULATED_LOST: Final = 10
 READ, WRITE, EXCEPT = select.POLLIN, select.POLLOUT, select.POLLPRI
 
 
@@ -63,14 +58,16 @@ class UserNode:
 
         `period_s`: if not that of the system file.
         """
-        document: SystemConfig = from_json(directory.document(system))
+        document = document_of(system)
         declared = document.user(name) or _bare(document, name)
         self.system, self.name, self.declared = system, name, declared
         self.is_ours = declared.module != "" or document.process(name).start != ELSEWHERE
         """Started by the supervisor; else a program that a person has started."""
-        self.time, self.log = SystemTime(system), logging.getLogger(name)
-        self.own = NodeMemory(document, name, self.time.now_ns, loglines.into(self.log) if self.is_ours else None)
-        self._period_ns = round((period_s or self.own.row.period_s) * 1e9)
+        self.time = SystemTime(system)
+        self.own = NodeMemory(document, name, self.time.now_ns, simulated=self.time.simulated, period_s=period_s,
+                              is_child=self.is_ours)
+        self.log, self.stop = self.own.log, self.own.stop
+        """`stop(reason)`: it ends at the next `tick` or `wait`."""
         try:
             self._open()
         except BaseException:
@@ -79,7 +76,6 @@ class UserNode:
 
     def _open(self) -> None:
         own, declared = self.own, self.declared
-        own.page.show("STARTING")
         self._names = {row.name: tuple(field.name for field in row.fields) for row in declared.topics}
         for row in (directory.topic_of(own.kind, topic) for topic in proc(own.kind).topics):
             self._names[row.name] = tuple(field.name for field in row.fields)
@@ -97,14 +93,12 @@ class UserNode:
         self._subscriptions: list[Subscription] = []
         self._wanted = Subscriptions(own.page)
         self._poll, self._files = select.poll(), set[int]()
-        self._stop, self._check_at, self._acting = "", 0, ACTING.origin
+        self._acting = ACTING.origin
         self.request: Received | None = None
         """The command that is being carried out."""
-        self.listening = handed() if self.is_ours else ()
+        self.listening = own.listening
         """The sockets of its `listen`, not blocking: `watch` them, and accept."""
-        self._pacing, self._beat = Pacing(own.page, self._period_ns, 0), own.page.field("heartbeat_ns")
-        ends = proc(own.kind).pause_ends and not self.time.simulated
-        self._pauses, self.held_up_s = Pauses(round(own.late_s * 1e9) if ends else 0), 0.0
+        self.held_up_s = 0.0
         """How long it was held up before this period, when that was so long that it began anew, s; else 0."""
 
     def _take_rings(self) -> None:
@@ -133,20 +127,20 @@ class UserNode:
 
     def tick(self) -> bool:
         """End this period, carry out what it is asked meanwhile; False: it has to end. Periods are system time."""
-        deadline = self._pacing.end_of_work(self.time.now_ns())
-        while not self._stopped() and (left := deadline - self.time.now_ns()) > 0:
+        deadline = self.own.pacing.end_of_work(self.time.now_ns())
+        while not self.own.stopped() and (left := deadline - self.time.now_ns()) > 0:
             if self._mailbox.has_news:
                 self.process_messages()
             else:
                 self._rest(max(left, 200_000) if self.time.simulated else left, False)
         self.process_messages()
-        self._pacing.begin_work(self.time.now_ns())
+        self.own.pacing.begin_work(self.time.now_ns())
         self.look_for_pause()
-        return not self._stop
+        return not self.stop_reason
 
     def look_for_pause(self) -> None:
         """A period begins: of the kinds that must not go on after a pause, who was held up begins anew."""
-        held_up_ns = self._pauses.next(self._period_ns)
+        held_up_ns = self.own.pauses.next(self.own.pacing.period_ns)
         self.held_up_s = held_up_ns * 1e-9
         if held_up_ns:
             for ring in self._rings.values():
@@ -154,14 +148,14 @@ class UserNode:
             self._take_rings()
             self.own.report_pause(held_up_ns)
             self.own.begin()
-            self._pauses.begin()
+            self.own.pauses.begin()
 
     def wait(self, timeout: float) -> bool:
         """Until there is news (a command, a subscribed record, a watched file) or so many s; False: it has to end."""
         end = monotonic_ns() + round(timeout * 1e9)
-        while not self._stopped() and not self.has_news() and (left := end - monotonic_ns()) > 0:
+        while not self.own.stopped() and not self.has_news() and (left := end - monotonic_ns()) > 0:
             self._rest(left, True)
-        return not self._stop
+        return not self.stop_reason
 
     def has_news(self) -> bool:
         """Whether a command, a subscribed record or a watched file waits to be looked at."""
@@ -169,14 +163,10 @@ class UserNode:
             return True
         return bool(self._files) and bool(self._poll.poll(0))
 
-    def stop(self, reason: str) -> None:
-        """It ends at the next `tick` or `wait`."""
-        self._stop = self._stop or reason
-
     @property
     def stop_reason(self) -> str:
         """Why it ends; empty while it runs."""
-        return self._stop
+        return self.own.stop_reason
 
     def _rest(self, left_ns: int, looks: bool) -> None:
         """Sleep until a command wakes us, at most so long, and not longer than what nobody wakes us for allows."""
@@ -186,16 +176,7 @@ class UserNode:
         if looks and self._files:
             self._poll.poll(min(left_ns, most, SLOWEST_NS) / 1e6)
         else:
-            self._wakeup.sleep(lambda: self._mailbox.has_news or bool(self._stop), min(left_ns, most))
-
-    def _stopped(self) -> bool:
-        self._beat[...] = now = monotonic_ns()
-        if now >= self._check_at:
-            self._check_at = now + CHECK_NS
-            allowed_s = self.own.document.supervisor_lost_s * (SIMULATED_LOST if self.time.simulated else 1)
-            if (silent_s := self.own.lost_s()) > allowed_s:
-                self.stop(f"the supervisor has not beaten for {silent_s:.1f} s")
-        return bool(self._stop)
+            self._wakeup.sleep(lambda: self._mailbox.has_news or bool(self.stop_reason), min(left_ns, most))
 
     # what it says
 
@@ -223,7 +204,7 @@ class UserNode:
 
     def beat(self) -> None:
         """Show that it lives; `tick`, `wait` and `step` do it."""
-        self._beat[...] = monotonic_ns()
+        self.own.beat()
 
     def is_wanted(self, topic: str) -> bool:
         """Whether somebody subscribes to one of its topics; what nobody wants need not be computed."""
@@ -369,16 +350,16 @@ class UserNode:
         self.setup()
         self.check_commands()
         self.own.begin(self.error)
-        self._pacing.begin(self.time.now_ns(), self.time.simulated)
+        self.own.pacing.begin(self.time.now_ns(), self.time.simulated)
 
     def step(self) -> None:
         """One period in a process that calls several: what it is asked, then its update, for whom it acts."""
         ACTING.origin = self._acting
         self.beat()
-        self._pacing.called(self.time.now_ns())
+        self.own.pacing.called(self.time.now_ns())
         self.process_messages()
         self.update()
-        self._pacing.end_of_work(self.time.now_ns())
+        self.own.pacing.end_of_work(self.time.now_ns())
         self._acting = ACTING.origin
 
     def close(self) -> None:

@@ -15,8 +15,8 @@ from trocar.procs.config import PROJECT_CONFIGS, load_system
 from trocar.procs.console import loop as console
 from trocar.procs.document.system import Process, SystemConfig
 from trocar.procs.io import loop as io
-from trocar.procs.node import runtime
-from trocar.procs.node.pauses import Pauses, duration
+from trocar.procs.node import node_memory, runtime
+from trocar.procs.node.pacing import Pauses, duration
 from trocar.procs.node.runtime import Node
 from trocar.procs.suj import loop as suj
 from trocar.procs.supervisor.memory import create_all, remove_all
@@ -110,13 +110,12 @@ def create(file: str, name: str) -> SystemConfig:
 @pytest.fixture
 def memory(world: World, monkeypatch: pytest.MonkeyPatch, clock: PausedClock) -> Iterator[Callable[[str, str], Node]]:
     """A maker of processes by system file and name; their pauses are those of `clock`."""
-    monkeypatch.setattr(runtime, "Pauses", lambda limit_ns: Pauses(limit_ns, clock))
+    monkeypatch.setattr(node_memory, "Pauses", lambda limit_ns: Pauses(limit_ns, clock))
     opened: list[Node] = []
 
     def make(file: str, name: str) -> Node:
         if not opened:
-            kind = create(file, world.name).process(name).kind
-            opened.append(Node(kind, world.name, name))
+            opened.append(Node(create(file, world.name), name))
         return opened[0]
 
     yield make
@@ -207,7 +206,7 @@ def test_a_loop_is_made_with_the_lowest_priority_unless_a_share_is_reserved(
         return [f"FIFO {row.priority}"]
 
     kind = create("kinematic.yaml", world.name).process(name).kind
-    monkeypatch.setattr(runtime, "Pauses", lambda limit_ns: Pauses(LIMIT, clock))
+    monkeypatch.setattr(node_memory, "Pauses", lambda limit_ns: Pauses(LIMIT, clock))
     monkeypatch.setattr(runtime, "arguments", lambda kind: Namespace(system=world.name, name=name))
     monkeypatch.setattr(runtime, "on_stop", lambda stop: None)
     monkeypatch.setattr(runtime, "lock_memory", lambda: "locked")

@@ -35,7 +35,7 @@ def node(world: World) -> Iterator[runtime.Node]:
     assert loaded.system is not None, loaded.errors
     memory.create_all(loaded.system)
     clock = Timekeeper(world.name, memory.simulated(loaded.system))
-    made = runtime.Node("gui", world.name, "gui")
+    made = runtime.Node(loaded.system, "gui")
     yield made
     made.close()
     clock.close()

@@ -10,6 +10,7 @@ import pytest
 from tests.conftest import World
 from trocar.procs.config import PROJECT_CONFIGS, load_system
 from trocar.procs.node import runtime
+from trocar.procs.node.life import document_of
 from trocar.procs.supervisor.memory import create_all, remove_all
 from trocar.procs.teleop.loop import IDLE_PERIODS, TeleopLoop
 from trocar.shm.mailbox.client import Client, LoopClient
@@ -42,9 +43,9 @@ def test_a_command_wakes_who_sleeps(system: str, kind: type[Client], name: str, 
 
 @pytest.mark.slow
 def test_a_tele_operation_at_rest_begins_a_cycle_when_it_is_asked(system: str) -> None:
-    node = runtime.Node("teleop", system, "MTMR_PSM1")
+    node = runtime.Node(document_of(system), "MTMR_PSM1")
     loop, client = TeleopLoop(node), Client(system, "MTMR_PSM1")
-    node._pacing.period_ns = PERIOD_NS
+    node.pacing.period_ns = PERIOD_NS
     node.ready()
 
     def ask() -> None:

@@ -17,9 +17,9 @@ from tests.conftest import World
 from trocar.procs.document.system import Process as Row
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.document.user_process import UserCommand, UserField, UserProcess, UserTopic
-from trocar.procs.filters import hosted
-from trocar.procs.filters.hosted import HostedFilter, filter_in
 from trocar.procs.supervisor.memory import create_all
+from trocar.procs.user import filters
+from trocar.procs.user.filters import HostedFilter, filter_in
 from trocar.procs.user.process import UserNode
 from trocar.shm.mailbox.client import Client
 from trocar.shm.mailbox.origins import ACTING, NOBODY
@@ -132,7 +132,7 @@ def lab(world: World, monkeypatch: pytest.MonkeyPatch) -> Iterator[Lab]:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> StillClock:
     made = StillClock()
-    monkeypatch.setattr(hosted, "monotonic_ns", made)
+    monkeypatch.setattr(filters, "monotonic_ns", made)
     return made
 
 

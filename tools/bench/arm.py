@@ -83,8 +83,8 @@ class ArmBench:
         self.arm_name = row.name
         self._keeper = Keeper(self.name)
         memory.create_all(self._system)
-        self._io_process = runtime.Node("io", self.name, row.io)
-        self._arm_process = runtime.Node("arm", self.name, row.name)
+        self._io_process = runtime.Node(self._system, row.io)
+        self._arm_process = runtime.Node(self._system, row.name)
         self._out, self._io_mailbox = self._io_process.writes("state"), self._io_process.mailbox()
         sources = [RingSource(self._io_process.reads(pid.arm, "setpoint")) for pid in self._system.io(row.io).pids]
         self._core = KinematicIo(self._system.io(row.io), lambda: self.now_ns, IoRecord(self._out.field), sources)

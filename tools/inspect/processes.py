@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from trocar.procs.document.process import ALWAYS, ELSEWHERE, Process, processes_of
 from trocar.procs.node.realtime import NO_FIFO, NOT_LOCKED, ORDINARY
 from trocar.procs.tables.lifecycle import is_meant
-from trocar.procs.tables.manifest import IN_TIME, THIRD_PARTY, late_s
+from trocar.procs.tables.manifest import FILTERS, IN_TIME, THIRD_PARTY, late_s
 from trocar.shm.memory.segment import Segment, SegmentError, names_of, segment_name, start_time
 from trocar.shm.system import directory
 from trocar.shm.time.clock import boottime_ns, monotonic_ns, pause
@@ -29,7 +29,7 @@ DEAD, FAILED, NOT_RUNNING = "dead", "failed", "not running"  # problems
 SILENT, STALLED, STOPPED = "silent", "stalled", "stopped"
 SIMULATED_LATE_S = 2.0
 LOOK_AGAIN_S = 0.02
-PACED = (IN_TIME - {SUPERVISOR}) | {"filters"}
+PACED = (IN_TIME - {SUPERVISOR}) | {FILTERS}
 SLOW = 2.0  # times its period, on the average: what these compute is then not what they were made for
 TRIES = 5
 RECENT_S = 10.0  # so long after a restart of its own accord a process is not yet well

@@ -16,9 +16,9 @@ import trocar
 from tests.conftest import World
 from trocar.procs.config import PROJECT_CONFIGS, load_system
 from trocar.procs.document.user_process import UserCommand, UserField, UserProcess
-from trocar.procs.node.pauses import Pauses
+from trocar.procs.node import node_memory
+from trocar.procs.node.pacing import Pauses
 from trocar.procs.supervisor.memory import clear_left_over, create_all, remove_all
-from trocar.procs.user import process as user_process
 from trocar.shm.mailbox.client import Client, Reply
 from trocar.shm.mailbox.origins import ACTING, NOBODY
 from trocar.shm.ring.ring import RingReader
@@ -101,7 +101,7 @@ class ProviderClock:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> ProviderClock:
     made = ProviderClock()
-    monkeypatch.setattr(user_process, "Pauses", lambda limit_ns: Pauses(limit_ns, made))
+    monkeypatch.setattr(node_memory, "Pauses", lambda limit_ns: Pauses(limit_ns, made))
     return made
 
 

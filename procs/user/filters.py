@@ -1,0 +1,148 @@
+"""Several filters of users in one process, which calls each once a period, in the order of the system file.
+
+What one of them does wrong is its own, and it is started again as processes are.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+from collections.abc import Callable
+from functools import partial
+from typing import Final
+
+from trocar.procs.document.process import Process
+from trocar.procs.document.system import WALL
+from trocar.procs.node.life import TimeUp, cause_of, limited
+from trocar.procs.tables import codes
+from trocar.procs.tables.manifest import hung_s
+from trocar.procs.user.classes import classes_in, module_named
+from trocar.procs.user.process import UserNode
+from trocar.shm.mailbox.origins import ACTING, NOBODY
+from trocar.shm.memory.layout import shorten
+from trocar.shm.time.clock import monotonic_ns
+from trocar.shm.time.control_page import ControlPage
+
+HEALTHY_NS: Final = 10_000_000_000
+WARN_EVERY_NS: Final = 60_000_000_000
+
+
+def filter_in(module: str) -> type[UserNode]:
+    """The class of a filter; ImportError when there is none, or it wants a thread of its own."""
+    found = classes_in(module_named(module), UserNode)
+    if len(found) != 1:
+        raise ImportError(f"{module} has {len(found)} subclasses of trocar.Process; there must be one")
+    if found[0].main is not UserNode.main:
+        raise ImportError(f"{module}: {found[0].__name__} has a main; what shares a process has an update")
+    return found[0]
+
+
+class HostedFilter:
+    """Its place, and the object in it while it runs."""
+
+    def __init__(self, system: str, row: Process, find: Callable[[], type[UserNode]], most_s: float) -> None:
+        """`find` gives its class; a setup or an update of more than `most_s` is an error of it."""
+        self._system, self._row, self._find, self._most_s = system, row, find, most_s
+        self._log = logging.getLogger(row.name)
+        self._process: UserNode | None = None
+        self._begin_ns: int | None = 0  # when it is to begin; None: never any more
+        self._begun_ns = self._failures = self._warn_ns = 0
+        self._why = ""  # it failed, as its page shows it until it has run well for a while
+
+    def cycle(self) -> None:
+        """Call it once."""
+        now = monotonic_ns()
+        if self._process is not None:
+            self._guarded(self._process.step)
+            self._look_at_time(monotonic_ns() - now)
+            self._show_failures(now)
+        elif self._begin_ns is not None and now >= self._begin_ns:
+            self._begun_ns, ACTING.origin = now, NOBODY
+            self._guarded(self._make)
+
+    def _make(self) -> None:
+        self._process = self._find()(self._system, self._row.name)
+        self._process.begin()
+        self._show_failures(self._begun_ns)
+
+    def _show_failures(self, now: int) -> None:
+        """Until it has run well for a while its page shows how often it failed, and why; its own words come first."""
+        process = self._process
+        if process is None or not self._failures:
+            return
+        if now - self._begun_ns > HEALTHY_NS:
+            self._failures = 0
+            if process.error == self._why:
+                process.error = ""
+        elif not process.error:
+            process.own.page.field("error")[...] = self._why.encode()
+
+    def _guarded(self, do: Callable[[], None]) -> None:
+        try:
+            limited(self._most_s, do)
+        except (Exception, SystemExit, TimeUp) as error:
+            self._log.exception("ended by an error")
+            self._end(cause_of(error))
+
+    def _look_at_time(self, took_ns: int) -> None:
+        process, now = self._process, monotonic_ns()
+        if process is not None and took_ns > self._row.period_s * 1e9 and now >= self._warn_ns:
+            self._warn_ns = now + WARN_EVERY_NS
+            process.own.events.report(codes.USER_SLOW, f"{self._row.name} took {took_ns * 1e-6:.1f} ms of a period of "
+                                      f"{self._row.period_s * 1e3:g} ms; all that share its process wait meanwhile",
+                                      self._row.name)
+
+    def _end(self, why: str) -> None:
+        """It failed: show why, and begin anew later."""
+        now = monotonic_ns()
+        self._failures += 1
+        count = "once" if self._failures == 1 else f"{self._failures} times in a row"
+        self._why = shorten(f"it has failed {count}: {why}", 399).decode(errors="ignore")
+        if self._row.on_exit != "restart" or self._failures > self._row.restart_limit:
+            self._begin_ns = None
+            why += "; not started again" if self._row.on_exit != "restart" else "; given up"
+        else:
+            self._begin_ns = now + round(self._row.backoff_s * 2 ** (self._failures - 1) * 1e9)
+        if self._process is not None:
+            self._process.own.events.report(codes.USER_ERROR, why, self._row.name)
+        self._close("FAILED", why)
+
+    def stop(self) -> None:
+        """Its process ends."""
+        if self._process is not None:
+            self._close("STOPPED", "its process ends")
+
+    def _close(self, state: str, why: str) -> None:
+        process, self._process = self._process, None
+        if process is not None:
+            try:
+                limited(self._most_s, process.quit)
+            except (Exception, SystemExit, TimeUp):
+                self._log.exception("its quit ended by an error")
+            process.close()
+        with contextlib.closing(ControlPage(self._system, self._row.name, write=True)) as page:
+            page.show(state, why)
+
+
+class FiltersLoop(UserNode):
+    """The process; it has nothing of its own but its filters."""
+
+    filters: tuple[HostedFilter, ...] = ()
+
+    def setup(self) -> None:
+        """See UserNode; none of them keeps the others from beginning."""
+        document = self.own.document
+        most_s = 0.5 * hung_s(self.own.row, simulated=document.clock != WALL)
+        self.filters = tuple(
+            HostedFilter(self.system, document.process(row.name), partial(filter_in, row.module), most_s)
+            for row in document.users if row.host == self.name)
+
+    def update(self) -> None:
+        """See UserNode."""
+        for each in self.filters:
+            each.cycle()
+
+    def quit(self) -> None:
+        """See UserNode."""
+        for each in self.filters:
+            each.stop()
