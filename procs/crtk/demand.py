@@ -1,6 +1,8 @@
-"""What a program wants of an instance: what it reads is computed from its first use on, until it is closed."""
+"""What a program wants of instances: what it reads is computed from its first use on, until it is closed."""
 
 from __future__ import annotations
+
+from collections import Counter
 
 from trocar.procs.crtk.views import OpenTopic
 from trocar.shm.mailbox.origins import program_name
@@ -8,6 +10,44 @@ from trocar.shm.system.subscriptions import Subscriber
 from trocar.shm.time.clock import monotonic_ns, pause
 
 POLL_S = 0.001
+
+
+class Wanted:
+    """What all clients of a bridge together want of all instances; what none of them wants need not be computed."""
+
+    def __init__(self, system: str, program: str) -> None:
+        """`program`: what others are told who wants it."""
+        self.system, self._program = system, program
+        self._counts: Counter[tuple[str, str, str]] = Counter()
+        self._subscribers: dict[str, Subscriber] = {}
+
+    def take(self, source: OpenTopic) -> None:
+        """One more wants a topic, with its groups; SegmentError when that cannot be asked for."""
+        entry = source.entry
+        if entry.instance not in self._subscribers:
+            self._subscribers[entry.instance] = Subscriber(self.system, entry.instance, self._program)
+        self._subscribers[entry.instance].want(entry.ring, *source.groups)
+        self._counts.update((entry.instance, entry.ring, group) for group in ("", *source.groups))
+
+    def leave(self, source: OpenTopic) -> None:
+        """One wants it no more."""
+        instance, ring, groups = source.entry.instance, source.entry.ring, source.groups
+        self._counts.subtract((instance, ring, group) for group in ("", *groups))
+        self._counts = +self._counts
+        subscriber = self._subscribers[instance]
+        over = [group for group in groups if (instance, ring, group) not in self._counts]
+        if (instance, ring, "") not in self._counts:
+            subscriber.drop(ring)
+        elif over:
+            subscriber.drop(ring, *over)
+        if not any(key[0] == instance for key in self._counts):
+            self._subscribers.pop(instance).close()
+
+    def close(self) -> None:
+        """Nothing is wanted any more."""
+        for subscriber in self._subscribers.values():
+            subscriber.close()
+        self._subscribers.clear()
 
 
 class OnDemand:

@@ -10,16 +10,15 @@ import foxglove
 import numpy as np
 from foxglove import channels as fx
 from foxglove.messages import JointState, JointStates, Log, LogLevel, Pose, PoseInFrame, Quaternion, Timestamp, Vector3
-
 from trocar.procs.crtk.frames import frame_name
 from trocar.procs.crtk.stamps import Stamps
+
+from trocar.procs.crtk.demand import Wanted
 from trocar.procs.crtk.topics import EVENT, RECORD, TopicEntry
 from trocar.procs.crtk.views import FLAGS, JS, OPERATING_STATE, STAMPS, OpenTopic
 from trocar.shm.ring.ring import RingReader
 from trocar.shm.system.events import ERROR, STATUS, WARNING
-from trocar.shm.system.subscriptions import Subscriber
 
-PROGRAM: Final = "foxglove"
 SECOND_NS: Final = 1_000_000_000
 LEVELS: Final = {STATUS: LogLevel.Info, WARNING: LogLevel.Warning, ERROR: LogLevel.Error}
 KINDS: Final = {"f": "number", "i": "integer", "u": "integer", "b": "boolean", "S": "string"}
@@ -127,32 +126,17 @@ class ShownTopic:
 class ShownRecords:
     """The topics of one ring: each is told while somebody listens, and only then."""
 
-    def __init__(self, system: str, ring: RingReader, entries: Iterable[TopicEntry]) -> None:
-        self._system, self._ring = system, ring
-        self._subscriber: Subscriber | None = None
-        self.topics = [ShownTopic(OpenTopic(system, entry, ring), frame_name(entry, ring)) for entry in entries]
+    def __init__(self, demand: Wanted, ring: RingReader, entries: Iterable[TopicEntry]) -> None:
+        self._demand, self._ring = demand, ring
+        self.topics = [ShownTopic(OpenTopic(demand.system, entry, ring), frame_name(entry, ring)) for entry in entries]
         self._sequence = 0
 
     def look(self) -> None:
         """Ask for what somebody listens to now, and for nothing else."""
         for topic in self.topics:
             if topic.channel.has_sinks() is not topic.is_wanted:
-                topic.is_wanted = not topic.is_wanted
-                self._want(topic)
-
-    def _want(self, topic: ShownTopic) -> None:
-        entry, groups = topic.source.entry, topic.source.groups
-        self._sequence = 0
-        if self._subscriber is None:
-            self._subscriber = Subscriber(self._system, entry.instance, PROGRAM)
-        if topic.is_wanted:
-            self._subscriber.want(entry.ring, *groups)
-            return
-        if groups := tuple(set(groups) - {group for other in self.topics if other.is_wanted
-                                          for group in other.source.groups}):
-            self._subscriber.drop(entry.ring, *groups)
-        if not any(other.is_wanted for other in self.topics):
-            self._subscriber.drop(entry.ring)
+                topic.is_wanted, self._sequence = not topic.is_wanted, 0
+                (self._demand.take if topic.is_wanted else self._demand.leave)(topic.source)
 
     def step(self, stamps: Stamps) -> None:
         """The newest record, once."""
@@ -161,12 +145,6 @@ class ShownRecords:
             self._sequence = self._ring.sequence
             for topic in wanted:
                 topic.tell(stamps)
-
-    def close(self) -> None:
-        """Nothing is wanted any more."""
-        if self._subscriber is not None:
-            self._subscriber.close()
-        self._ring.close()
 
 
 class ShownEvents:
@@ -191,7 +169,3 @@ class ShownEvents:
             topic = self._topics.get(self._event.item())
             if topic is not None and topic.channel.has_sinks():
                 topic.tell(stamps)
-
-    def close(self) -> None:
-        """Unmap."""
-        self._ring.close()

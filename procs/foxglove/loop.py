@@ -32,7 +32,7 @@ class FoxgloveLoop(UserNode):
             raise LastingError(MISSING)
         from trocar.procs.foxglove.server import TopicServer
 
-        self._server = TopicServer(self.own.document, row, self.time.simulated)
+        self._server = TopicServer(self.own, row)
         self.log.info("Foxglove: %s://%s", "wss" if row.certificate else "ws", row.listen)
 
     def update(self) -> None:

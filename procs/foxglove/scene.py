@@ -7,7 +7,7 @@ record names, which may be the tip of another one (ECM) or the cart.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Final
 
 import numpy as np
@@ -27,15 +27,15 @@ from foxglove.messages import (
     Vector3,
 )
 from numpy.typing import NDArray
+from trocar.procs.crtk.stamps import Stamps
 
 from trocar.procs.crtk.plain import plain
-from trocar.procs.crtk.stamps import Stamps
 from trocar.procs.document.arms import ArmConfig
 from trocar.procs.foxglove.channels import rotation_of, timestamp
 from trocar.procs.kinematics.forward import Kinematics
 from trocar.procs.kinematics.inverse.arms import carrying
 from trocar.procs.kinematics.poses import pose_from_matrix, product, turned
-from trocar.shm.system import directory
+from trocar.shm.ring.ring import RingReader
 
 FRAMES: Final = "/tf"
 SCENE: Final = "/scene"
@@ -52,9 +52,10 @@ COLOURS: Final = ((0.16, 0.47, 0.84), (0.85, 0.45, 0.12), (0.22, 0.62, 0.35), (0
 class DrawnArm:
     """One arm: its frames from its joints, its rods from its chain and instrument."""
 
-    def __init__(self, system: str, arm: ArmConfig, colour: tuple[float, float, float]) -> None:
+    def __init__(self, arm: ArmConfig, ring: RingReader, colour: tuple[float, float, float]) -> None:
+        """`ring`: its state."""
         self.arm, self._colour = arm, Color(r=colour[0], g=colour[1], b=colour[2], a=1.0)
-        self._ring = ring = directory.reader(system, arm.name, "state")
+        self._ring = ring
         self._tool, self._position, self._count = ring.field("tool"), ring.field("position"), ring.field("count")
         self._valid, self._known = ring.field("valid"), ring.field("reference_valid")
         self._reference, self._base = ring.field("reference_frame"), ring.field("base_frame")
@@ -126,10 +127,6 @@ class DrawnArm:
         return [CylinderPrimitive(pose=pose, size=Vector3(x=thickness, y=thickness, z=length), bottom_scale=1.0,
                                   top_scale=1.0, color=self._colour)]
 
-    def close(self) -> None:
-        """Unmap."""
-        self._ring.close()
-
 
 AT_ORIGIN: Final = Pose(position=Vector3(), orientation=Quaternion(w=1.0))
 
@@ -137,9 +134,11 @@ AT_ORIGIN: Final = Pose(position=Vector3(), orientation=Quaternion(w=1.0))
 class RobotScene:
     """All arms."""
 
-    def __init__(self, system: str, arms: Iterable[ArmConfig]) -> None:
+    def __init__(self, arms: Iterable[ArmConfig], reads: Callable[[str, str], RingReader]) -> None:
+        """`reads(instance, topic)` gives the reading end of a ring."""
         self._frames, self._scene = FrameTransformsChannel(FRAMES), SceneUpdateChannel(SCENE)
-        self._arms = [DrawnArm(system, arm, COLOURS[place % len(COLOURS)]) for place, arm in enumerate(arms)]
+        self._arms = [DrawnArm(arm, reads(arm.name, "state"), COLOURS[place % len(COLOURS)])
+                      for place, arm in enumerate(arms)]
         self._is_drawn = False
 
     def listens(self, name: str) -> None:
@@ -166,8 +165,3 @@ class RobotScene:
             frames = [frame for arm in self._arms for frame in arm.frames(stamps)]
             if frames:
                 self._frames.log(FrameTransforms(transforms=frames), log_time=now_ns)
-
-    def close(self) -> None:
-        """Unmap."""
-        for arm in self._arms:
-            arm.close()

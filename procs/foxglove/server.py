@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 from collections import deque
-from functools import partial
 from pathlib import Path
 from typing import Final
 
 import foxglove
 from foxglove.websocket import Capability, ChannelView, Client, ServerListener
-
 from trocar.procs.crtk.stamps import Stamps
+
+from trocar.procs.crtk.demand import Wanted
 from trocar.procs.crtk.topics import EVENT, RECORD, TopicEntry, catalogue
 from trocar.procs.document.bridges import FoxgloveServer
 from trocar.procs.document.process import host_and_port
-from trocar.procs.document.system import SystemConfig
 from trocar.procs.foxglove.channels import ShownEvents, ShownRecords
 from trocar.procs.foxglove.scene import RobotScene
 from trocar.procs.machine.port_holders import TCP, holders
-from trocar.procs.node.node_memory import Closing
+from trocar.procs.node.node_memory import NodeMemory
 from trocar.shm.system import directory
 
 LOOK_NS: Final = 100_000_000
@@ -38,8 +37,9 @@ class Listeners(ServerListener):
 class TopicServer:
     """Decides what is told, and when: what somebody listens to, and nothing else."""
 
-    def __init__(self, document: SystemConfig, row: FoxgloveServer, simulated: bool) -> None:
+    def __init__(self, own: NodeMemory, row: FoxgloveServer) -> None:
         """Begin to listen; RuntimeError where the address is taken (by whom) or a certificate cannot be used."""
+        document, simulated = own.document, own.simulated
         self._stamps, self._looked_ns, self._simulated = Stamps(simulated), 0, simulated
         self._records: list[ShownRecords] = []
         self._events: list[ShownEvents] = []
@@ -47,14 +47,14 @@ class TopicServer:
         for entry in catalogue(document.name):
             if entry.fields and not (entry.ring == "events" and entry.kind == RECORD):
                 rings.setdefault((entry.instance, entry.ring), []).append(entry)
+        demand = own.hold(Wanted(document.name, "foxglove"))
         for (instance, ring), entries in rings.items():
-            reader = partial(directory.reader, document.name, instance, ring)
+            reader = own.hold(directory.reader(document.name, instance, ring, often=ring == "events"))
             if ring == "events":
-                self._events.append(ShownEvents(document.name, reader(), [e for e in entries if e.kind == EVENT]))
+                self._events.append(ShownEvents(document.name, reader, [e for e in entries if e.kind == EVENT]))
             else:
-                self._records.append(ShownRecords(document.name, reader(often=False), entries))
-        self._scene = RobotScene(document.name, document.arms)
-        self._parts: list[Closing] = [*self._records, *self._events, self._scene]
+                self._records.append(ShownRecords(demand, reader, entries))
+        self._scene = RobotScene(document.arms, own.reads)
         self._listeners = Listeners()
         host, port = host_and_port(row.listen)
         certificate, key = (Path(name).read_bytes() if name else None for name in (row.certificate, row.key))
@@ -97,5 +97,3 @@ class TopicServer:
     def close(self) -> None:
         """Disconnect everybody."""
         self._server.stop()
-        for part in self._parts:
-            part.close()

@@ -2,8 +2,8 @@
 
 Deadlines lie on a grid: a late cycle does not shift the following ones, it is counted, and deadlines that have passed
 altogether are skipped and counted as missed. What a process does every time it waits for a deadline is in the
-native library as well (procs/native/pace.c). A loop that was paused measures for how long, on a clock that counts suspend
-as well. Pure but for the control page that the numbers are written to, and that clock.
+native library as well (procs/native/pace.c). A loop that was paused measures for how long, on a clock that counts
+suspend as well. Pure but for the control page that the numbers are written to, and that clock.
 """
 
 from __future__ import annotations

@@ -6,17 +6,17 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, Final
 
+from cyclonedds.idl import IdlStruct
 from trocar.procs.crtk.stamps import Stamps
-from trocar.procs.ros_bridge.outgoing import EVENT_MESSAGES, EventMessage, pressed
+
+from trocar.procs.ros_bridge.outgoing import EVENT_MESSAGES, OF_EVENT, stamped, time_of
 from trocar.procs.ros_bridge.publishing import ros_topic
 from trocar.procs.ros_bridge.shown import ShownTopics
-from trocar.procs.ros_bridge.stamps import stamped, time_of
 from trocar.procs.ros_messages.dds import LATCHED, Participant, TopicWriter
 from trocar.procs.ros_messages.messages import Joy, Log, OperatingState
 from trocar.shm.ring.ring import RingReader
 from trocar.shm.system.events import ERROR, STATUS, WARNING
 
-BUTTON: Final = EventMessage(Joy, pressed)
 PRESS: Final = b"button"
 """The event of io's digital inputs; `component` is the name of one."""
 NOBODY: Final[tuple[None, list[TopicWriter[Any]]]] = (None, [])
@@ -57,22 +57,19 @@ class EventTopics:
         """`names` are those of the events that there are."""
         self._ring, self._name, self._rosout = ring, instance, rosout
         self._fields = {name: ring.field(name) for name in ring.dtype.names or () if name not in ("sequence",)}
-        self._rows: dict[bytes, tuple[EventMessage, list[TopicWriter[Any]]]] = {}
+        self._rows: dict[bytes, tuple[type[IdlStruct], list[TopicWriter[Any]]]] = {}
         self.state: ToldState | None = None
         for name in names:
-            row, topics = EVENT_MESSAGES.get(name), shown.events(instance, name)
-            if row is None or not topics:
+            message, topics = EVENT_MESSAGES.get(name), shown.events(instance, name)
+            if message is None or not topics:
                 continue
-            writers = [self._writer(participant, topic, row) for topic in topics]
-            self._rows[name.encode()] = row, writers
-            if row.message is OperatingState:
+            writers: list[TopicWriter[Any]]
+            writers = [participant.writer(ros_topic(topic), message, LATCHED) for topic in topics]
+            self._rows[name.encode()] = message, writers
+            if message is OperatingState:
                 self.state = ToldState(writers, OperatingState())
-        self._buttons = {name.encode(): (BUTTON, [self._writer(participant, topic, BUTTON) for topic in topics])
+        self._buttons = {name.encode(): (Joy, [participant.writer(ros_topic(topic), Joy, LATCHED) for topic in topics])
                          for name, topics in shown.buttons(instance).items()}
-
-    @staticmethod
-    def _writer(participant: Participant, topic: str, row: EventMessage) -> TopicWriter[Any]:
-        return participant.writer(ros_topic(topic), row.message, LATCHED)
 
     def begin(self, state: str, is_homed: bool, is_busy: bool) -> None:
         """The operating state there is before the first event of it."""
@@ -92,11 +89,11 @@ class EventTopics:
 
     def _tell(self, event: dict[str, Any], ros_ns: int, now_ns: int) -> None:
         what = bytes(event["event"])
-        row, writers = self._buttons.get(bytes(event["component"]), NOBODY) if what == PRESS else self._rows.get(
+        kind, writers = self._buttons.get(bytes(event["component"]), NOBODY) if what == PRESS else self._rows.get(
             what, NOBODY)
-        if row is None:
+        if kind is None:
             return
-        message = row.of(event)
+        message = OF_EVENT[kind](event)
         if self.state is not None and writers is self.state.writers:
             self.state.message = message
             self.state.tell(ros_ns, now_ns)
@@ -108,7 +105,3 @@ class EventTopics:
         text, hint = (bytes(event[name]).rstrip(b"\0").decode(errors="replace") for name in ("text", "hint"))
         level = LEVELS.get(int(event["severity"]), LEVELS[STATUS])
         self._rosout(Log(time_of(ros_ns), level, self._name, f"{text}; {hint}" if hint else text))
-
-    def close(self) -> None:
-        """Unmap."""
-        self._ring.close()

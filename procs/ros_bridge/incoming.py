@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Any, Final, NamedTuple
 
 from cyclonedds.idl import IdlStruct
@@ -15,20 +16,16 @@ from cyclonedds.idl import IdlStruct
 from trocar.procs.ros_messages.messages import (
     Bool,
     CartesianImpedance,
-    CartesianImpedanceHalfPlaneGains,
     CartesianState,
     Empty,
     Float64,
     Float64MultiArray,
     JointStates,
     Joy,
-    Pose,
     PoseStamped,
     Quaternion,
     String,
     StringStamped,
-    Vector3,
-    Wrench,
     WrenchStamped,
 )
 from trocar.shm.commands import COMMANDS
@@ -36,6 +33,29 @@ from trocar.shm.mailbox.command_row import CommandRow
 
 Numbers = Sequence[float]
 Take = Callable[[Any], Numbers]
+
+XYZ: Final = ("x", "y", "z")
+XYZW: Final = (*XYZ, "w")
+
+
+def _within(part: str, names: Sequence[str]) -> tuple[str, ...]:
+    """Paths of these in a part of a message."""
+    return tuple(f"{part}.{name}" for name in names)
+
+
+POSE: Final = (*_within("position", XYZ), *_within("orientation", XYZW))
+WRENCH: Final = (*_within("force", XYZ), *_within("torque", XYZ))
+TWIST: Final = (*_within("linear", XYZ), *_within("angular", XYZ))
+pose_numbers: Final[Take] = attrgetter(*POSE)
+"""x y z, quaternion x y z w."""
+_STATE: Final = attrgetter(*_within("pose", POSE), *_within("twist", TWIST), *_within("wrench", WRENCH))
+_FLAGS: Final = attrgetter("pose_is_valid.data", "twist_is_valid.data", "wrench_is_valid.data")
+
+
+def _side(side: str) -> tuple[str, ...]:
+    """Paths of the gains of one side, of places and orientations by turns."""
+    return tuple(path for gain in ("p", "d", "bias", "deadband") for part in ("position", "orientation")
+                 for path in _within(f"{part}_{side}.{gain}", XYZ))
 
 
 def _nothing(message: Any) -> Numbers:
@@ -47,54 +67,21 @@ def no_text(message: Any) -> str:
     return ""
 
 
-def _vector(v: Vector3) -> tuple[float, ...]:
-    return v.x, v.y, v.z
-
-
-def _turn(q: Quaternion) -> tuple[float, ...]:
-    return q.x, q.y, q.z, q.w
-
-
-def pose_numbers(pose: Pose) -> tuple[float, ...]:
-    """x y z, quaternion x y z w."""
-    p = pose.position
-    return (p.x, p.y, p.z, *_turn(pose.orientation))
-
-
-def _wrench(wrench: Wrench) -> tuple[float, ...]:
-    return *_vector(wrench.force), *_vector(wrench.torque)
-
-
-def _posed(message: PoseStamped) -> Numbers:
-    return pose_numbers(message.pose)
-
-
-def _positions(message: JointStates) -> Numbers:
-    return message.position
-
-
 def _followed(message: JointStates) -> Numbers:
     """Positions, and velocities where there are any."""
     return [*message.position, *message.velocity]
 
 
 def _state(message: CartesianState) -> Numbers:
-    twist = message.twist
-    flags = message.pose_is_valid.data, message.twist_is_valid.data, message.wrench_is_valid.data
-    return (*pose_numbers(message.pose), *_vector(twist.linear), *_vector(twist.angular), *_wrench(message.wrench),
-            *map(float, flags))
+    return (*_STATE(message), *map(float, _FLAGS(message)))
 
 
-def _side(place: CartesianImpedanceHalfPlaneGains, orientation: CartesianImpedanceHalfPlaneGains) -> tuple[float, ...]:
-    rows = ((place.p, orientation.p), (place.d, orientation.d), (place.bias, orientation.bias),
-            (place.deadband, orientation.deadband))
-    return tuple(number for pair in rows for part in pair for number in _vector(part))
+def _number(message: Any) -> Numbers:
+    return (float(message.data),)
 
 
-def _impedance(message: CartesianImpedance) -> Numbers:
-    return (*_vector(message.force_position), *_turn(message.force_orientation), *_turn(message.torque_orientation),
-            *_side(message.position_positive, message.orientation_positive),
-            *_side(message.position_negative, message.orientation_negative))
+def _button(message: Joy) -> Numbers:
+    return tuple(map(float, message.buttons[:1]))
 
 
 class Taken(NamedTuple):
@@ -120,58 +107,28 @@ class CommandTopic:
         return STREAM if self.row.ros is not None and self.row.ros.newest else 10
 
 
-def _number(message: Any) -> Numbers:
-    return (float(message.data),)
-
-
-def _button(message: Joy) -> Numbers:
-    return tuple(map(float, message.buttons[:1]))
-
-
-def _data(message: String) -> str:
-    return message.data
-
-
-def _stamped(message: StringStamped) -> str:
-    return message.string
-
-
-def _frame(message: PoseStamped) -> str:
-    return message.header.frame_id
-
-
-def _efforts(message: JointStates) -> Numbers:
-    return message.effort
-
-
-def _velocities(message: JointStates) -> Numbers:
-    return message.velocity
-
-
-def _wrenched(message: WrenchStamped) -> Numbers:
-    return _wrench(message.wrench)
-
-
 STREAM: Final = 1
 
 MESSAGES: Final = {
     "empty": Taken(Empty),
     "bool": Taken(Bool, _number),
     "number": Taken(Float64, _number),
-    "numbers": Taken(Float64MultiArray, lambda message: message.data),
+    "numbers": Taken(Float64MultiArray, attrgetter("data")),
     "button": Taken(Joy, _button),
-    "text": Taken(String, text=_data),
-    "state": Taken(StringStamped, text=_stamped),
+    "text": Taken(String, text=attrgetter("data")),
+    "state": Taken(StringStamped, text=attrgetter("string")),
     "joint setpoint": Taken(JointStates, _followed),
-    "joint positions": Taken(JointStates, _positions),
-    "joint velocities": Taken(JointStates, _velocities),
-    "joint efforts": Taken(JointStates, _efforts),
-    "pose": Taken(PoseStamped, _posed),
-    "framed pose": Taken(PoseStamped, _posed, _frame),
-    "quaternion": Taken(Quaternion, _turn),
-    "wrench": Taken(WrenchStamped, _wrenched),
+    "joint positions": Taken(JointStates, attrgetter("position")),
+    "joint velocities": Taken(JointStates, attrgetter("velocity")),
+    "joint efforts": Taken(JointStates, attrgetter("effort")),
+    "pose": Taken(PoseStamped, attrgetter(*_within("pose", POSE))),
+    "framed pose": Taken(PoseStamped, attrgetter(*_within("pose", POSE)), attrgetter("header.frame_id")),
+    "quaternion": Taken(Quaternion, attrgetter(*XYZW)),
+    "wrench": Taken(WrenchStamped, attrgetter(*_within("wrench", WRENCH))),
     "cartesian state": Taken(CartesianState, _state),
-    "impedance": Taken(CartesianImpedance, _impedance),
+    "impedance": Taken(CartesianImpedance, attrgetter(
+        *_within("force_position", XYZ), *_within("force_orientation", XYZW), *_within("torque_orientation", XYZW),
+        *_side("positive"), *_side("negative"))),
 }
 """What the column `ros` of the command table can name."""
 

@@ -7,26 +7,23 @@ changes nothing else but that what it streamed ends.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
 from trocar.procs.crtk.stamps import Stamps
+
+from trocar.procs.crtk.demand import Wanted
 from trocar.procs.crtk.topics import EVENT, RECORD, TopicEntry, catalogue
 from trocar.procs.document.system import SystemConfig
-from trocar.procs.node.node_memory import Closing
 from trocar.procs.node.pacing import duration
 from trocar.procs.ros_bridge.carrying_out import Addressee, Commands
-from trocar.procs.ros_bridge.descriptions import Descriptions
 from trocar.procs.ros_bridge.events import EventTopics
-from trocar.procs.ros_bridge.frames import TipFrames
-from trocar.procs.ros_bridge.interval_statistics import LoopStatistics
+from trocar.procs.ros_bridge.outgoing import time_of
+from trocar.procs.ros_bridge.periodic import Descriptions, LoopStatistics, Throttle, TipFrames
 from trocar.procs.ros_bridge.publishing import RecordTopics
 from trocar.procs.ros_bridge.refusals import Refusals
 from trocar.procs.ros_bridge.services import Services
 from trocar.procs.ros_bridge.shown import READ_WRITE, ShownTopics
-from trocar.procs.ros_bridge.stamps import time_of
 from trocar.procs.ros_messages.dds import EVENT_DEPTH, Participant
 from trocar.procs.ros_messages.messages import Clock, Log, OperatingState
 from trocar.procs.ros_messages.view_messages import VIEW_MESSAGES
@@ -34,8 +31,10 @@ from trocar.procs.tables import codes
 from trocar.procs.user.loop import live
 from trocar.procs.user.process import UserNode
 from trocar.shm.mailbox.origins import ACTING
+from trocar.shm.ring.ring import RingReader
 from trocar.shm.system import directory
 from trocar.shm.time.clock import boottime_ns
+from trocar.shm.time.control_page import ControlPage
 
 IDLE_NS: Final = 100_000_000
 FRAMES_NS: Final = 20_000_000
@@ -65,27 +64,11 @@ def addressees(system: SystemConfig) -> list[Addressee]:
     ]
 
 
-@dataclass(slots=True)
-class Throttle:
-    """What is done once in so many ns of the system's time."""
-
-    period_ns: int
-    do: Callable[[int], None]
-    due_ns: int = 0
-
-    def step(self, now_ns: int) -> None:
-        """Do it when it is time."""
-        if now_ns >= self.due_ns:
-            self.due_ns = now_ns + self.period_ns
-            self.do(now_ns)
-
-
 class RosLoop(UserNode):
     """See above."""
 
     def setup(self) -> None:
         """Join the domain, and make everything that ROS looks for when it asks who is there."""
-        self._parts: list[Closing] = []
         ACTING.origin = None  # who sends commands over ROS is a person, as at the command line
         document = self.own.document
         row = document.ros
@@ -103,24 +86,26 @@ class RosLoop(UserNode):
         self._incoming = Commands(participant, self.system, asked, may_power=row.may_power, refusals=refusals)
         states = {arm.name: partial(self._state_of, arm.name) for arm in arms}
         self._questions = Services(participant, self.system, arms, states, refusals, self.time.now_ns)
-        self._parts += [self._incoming, self._questions]
+        for part in (self._incoming, self._questions):
+            self.own.hold(part)
         self._clock = participant.writer("/clock", Clock) if self.time.simulated else None
-        descriptions = Descriptions(participant, self.system, document.arms)
-        self._parts.append(descriptions)
-        self._throttled = [Throttle(IDLE_NS, lambda now_ns: descriptions.step())]
+        self._throttled = [Throttle(IDLE_NS, Descriptions(participant, document.arms, self._reads).step)]
         if row.tf:
-            frames = TipFrames(participant, self.system, [arm.name for arm in arms])
-            self._parts.append(frames)
-            self._throttled.append(Throttle(FRAMES_NS, lambda now_ns: frames.step(self._stamps)))
+            frames = TipFrames(participant, document.arms, self._reads, self._stamps)
+            self._throttled.append(Throttle(FRAMES_NS, frames.step))
         if row.stats:
-            statistics = LoopStatistics(participant, document)
-            self._parts.append(statistics)
-            self._throttled.append(Throttle(STATISTICS_NS, lambda now_ns: statistics.step(self._stamps.ns(now_ns))))
+            pages = {each.name: self.own.hold(ControlPage(self.system, each.name)) for each in document.processes}
+            self._throttled.append(Throttle(STATISTICS_NS, LoopStatistics(participant, pages, self._stamps).step))
         self._awake_ns, self._deaf_until_ns, self._forgets_all = boottime_ns(), 0, False
         self._idle_until_ns = 0
         participant.announce()
 
+    def _reads(self, instance: str, ring: str) -> RingReader:
+        """Given back with our place; that we look makes nobody start who runs on demand."""
+        return self.own.hold(directory.reader(self.system, instance, ring))
+
     def _publish_all(self, shown: ShownTopics) -> None:
+        demand = self.own.hold(Wanted(self.system, "ros_bridge"))
         rings: dict[tuple[str, str], list[TopicEntry]] = {}
         for entry in catalogue(self.system):
             if not entry.problem or entry.kind != RECORD:
@@ -128,17 +113,14 @@ class RosLoop(UserNode):
         for (instance, ring), entries in rings.items():
             if ring == "events":
                 found = [entry.event for entry in entries if entry.kind == EVENT]
-                self.events[instance] = EventTopics(self.participant, instance, shown,
-                                                    directory.reader(self.system, instance, ring), found,
-                                                    self._rosout.write)
+                self.events[instance] = EventTopics(self.participant, instance, shown, self._reads(instance, ring),
+                                                    found, self._rosout.write)
             elif ring == "state":
                 views = [(entry, name) for entry in entries if entry.kind in VIEW_MESSAGES
                          for name in shown.views(entry)]
                 if views or shown.fields(instance):
-                    self.records.append(RecordTopics(self.participant, self.system, instance,
-                                                     directory.reader(self.system, instance, ring), views,
-                                                     shown.fields(instance)))
-        self._parts += [*self.events.values(), *self.records]
+                    self.records.append(RecordTopics(self.participant, demand, instance, self._reads(instance, ring),
+                                                     views, shown.fields(instance)))
         self._begin_states()
 
     def _begin_states(self) -> None:
@@ -213,9 +195,7 @@ class RosLoop(UserNode):
             record.step(stamps)
 
     def quit(self) -> None:
-        """Leave the domain, and give everything back."""
-        for part in self._parts:
-            part.close()
+        """Leave the domain."""
         if hasattr(self, "participant"):
             self.participant.close()
 

@@ -6,20 +6,19 @@ from collections.abc import Callable, Iterable
 from typing import Any, Final
 
 from numpy.typing import NDArray
-
 from trocar.procs.crtk.frames import frame_name
-from trocar.procs.crtk.plain import plain
 from trocar.procs.crtk.stamps import Stamps
+
+from trocar.procs.crtk.demand import Wanted
+from trocar.procs.crtk.plain import plain
 from trocar.procs.crtk.topics import TopicEntry
 from trocar.procs.crtk.views import OpenTopic
-from trocar.procs.ros_bridge.outgoing import FieldTopic
-from trocar.procs.ros_bridge.stamps import stamped
+from trocar.procs.ros_bridge.outgoing import OF_FIELD, FieldTopic, stamped
 from trocar.procs.ros_messages.dds import LATCHED, Participant, TopicWriter
 from trocar.procs.ros_messages.messages import String
 from trocar.procs.ros_messages.packed_view import PackedView
 from trocar.procs.ros_messages.view_messages import VIEW_MESSAGES
 from trocar.shm.ring.ring import RingReader
-from trocar.shm.system.subscriptions import Subscriber
 
 UNSUITABLE: Final = str.maketrans(" -.()[]", "_" * 7)
 
@@ -45,11 +44,10 @@ class PublishedView:
 class RecordTopics:
     """The views and told fields of one ring."""
 
-    def __init__(self, participant: Participant, system: str, instance: str, ring: RingReader,
+    def __init__(self, participant: Participant, demand: Wanted, instance: str, ring: RingReader,
                  views: Iterable[tuple[TopicEntry, str]], told: Iterable[tuple[FieldTopic, str, int]]) -> None:
         """Views with their topics; what is told when it changes, with its topic and place (see shown.py)."""
-        self._system, self._ring = system, ring
-        self._subscriber: Subscriber | None = None
+        self._demand, self._ring = demand, ring
         self.views = [self._view(participant, entry, name) for entry, name in views]
         self._wanted: list[PublishedView] = []
         self._told = [(row, _cell(ring, row.field, place), participant.writer(ros_topic(name), row.message, LATCHED))
@@ -59,7 +57,7 @@ class RecordTopics:
 
     def _view(self, participant: Participant, entry: TopicEntry, name: str) -> PublishedView:
         writer: TopicWriter[Any] = participant.writer(ros_topic(name), VIEW_MESSAGES[entry.kind].message)
-        return PublishedView(OpenTopic(self._system, entry, self._ring), writer, frame_name(entry, self._ring))
+        return PublishedView(OpenTopic(self._demand.system, entry, self._ring), writer, frame_name(entry, self._ring))
 
     def look(self) -> None:
         """Ask for what somebody reads now, and for nothing else."""
@@ -67,18 +65,7 @@ class RecordTopics:
             if view.writer.is_read is not view.is_wanted:
                 view.is_wanted = view.writer.is_read
                 self._wanted = [each for each in self.views if each.is_wanted]
-                self._want(view)
-
-    def _want(self, view: PublishedView) -> None:
-        entry = view.source.entry
-        if self._subscriber is None:
-            self._subscriber = Subscriber(self._system, entry.instance, "ros_bridge")
-        if view.is_wanted:
-            self._subscriber.want(entry.ring, *view.source.groups)
-        elif view.source.groups:
-            self._subscriber.drop(entry.ring, *view.source.groups)
-        if not self._wanted:
-            self._subscriber.drop(entry.ring)
+                (self._demand.take if view.is_wanted else self._demand.leave)(view.source)
 
     def step(self, stamps: Stamps) -> None:
         """The newest record to whoever reads it; what was told before only where it has changed."""
@@ -93,13 +80,7 @@ class RecordTopics:
             value = cell.tobytes()
             if value != self._seen[place]:
                 self._seen[place] = value
-                writer.write(stamped(row.of(cell), stamps.ns(self._ring.stamp_ns)))
-
-    def close(self) -> None:
-        """Nothing is wanted any more."""
-        if self._subscriber is not None:
-            self._subscriber.close()
-        self._ring.close()
+                writer.write(stamped(OF_FIELD[row.message](cell), stamps.ns(self._ring.stamp_ns)))
 
 
 def _cell(ring: RingReader, name: str, place: int) -> NDArray[Any]:

@@ -12,6 +12,7 @@ import uuid
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
+from operator import attrgetter
 from typing import Any, Final
 
 import numpy as np
@@ -64,16 +65,8 @@ class Service:
     command: str = ""
 
 
-def _pose(text: str) -> Pose:
-    return pose_of(json.loads(text))
-
-
-def _version(good: bool, text: str) -> TriggerResponse:
-    return TriggerResponse(good, text)
-
-
 def _forward(good: bool, text: str) -> QueryForwardKinematicsResponse:
-    return QueryForwardKinematicsResponse(_pose(text) if good else Pose(), good, "" if good else text)
+    return QueryForwardKinematicsResponse(pose_of(json.loads(text)) if good else Pose(), good, "" if good else text)
 
 
 def _inverse(good: bool, text: str) -> QueryInverseKinematicsResponse:
@@ -88,33 +81,22 @@ def _nothing(request: Any) -> Sequence[float]:
     return ()
 
 
-def _joints(request: QueryForwardKinematicsRequest) -> Sequence[float]:
-    return request.jp
-
-
 def _goal(request: QueryInverseKinematicsRequest) -> Sequence[float]:
     return *request.jp, *pose_numbers(request.cp)
 
 
-def _input(request: ConvertFloat64ArrayRequest) -> Sequence[float]:
-    return request.input
-
-
-def _no_answer(good: bool, text: str) -> TriggerOperatingStateResponse:
-    return TriggerOperatingStateResponse()
-
-
 SERVICES: Final = (
-    Service("crtk_version", TriggerRequest, TriggerResponse, _nothing, _version, "crtk_version"),
-    Service("operating_state", TriggerOperatingStateRequest, TriggerOperatingStateResponse, _nothing, _no_answer),
-    Service("forward_kinematics", QueryForwardKinematicsRequest, QueryForwardKinematicsResponse, _joints, _forward,
-            "forward_kinematics"),
-    Service("local/forward_kinematics", QueryForwardKinematicsRequest, QueryForwardKinematicsResponse, _joints,
-            _forward, "local/forward_kinematics"),
+    Service("crtk_version", TriggerRequest, TriggerResponse, _nothing, TriggerResponse, "crtk_version"),
+    Service("operating_state", TriggerOperatingStateRequest, TriggerOperatingStateResponse, _nothing,
+            lambda good, text: TriggerOperatingStateResponse()),
+    Service("forward_kinematics", QueryForwardKinematicsRequest, QueryForwardKinematicsResponse,
+            attrgetter("jp"), _forward, "forward_kinematics"),
+    Service("local/forward_kinematics", QueryForwardKinematicsRequest, QueryForwardKinematicsResponse,
+            attrgetter("jp"), _forward, "local/forward_kinematics"),
     Service("inverse_kinematics", QueryInverseKinematicsRequest, QueryInverseKinematicsResponse, _goal, _inverse,
             "inverse_kinematics"),
-    Service("actuator_to_joint_position", ConvertFloat64ArrayRequest, ConvertFloat64ArrayResponse, _input, _converted,
-            "actuator_to_joint_position"),
+    Service("actuator_to_joint_position", ConvertFloat64ArrayRequest, ConvertFloat64ArrayResponse,
+            attrgetter("input"), _converted, "actuator_to_joint_position"),
 )
 
 

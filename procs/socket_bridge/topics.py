@@ -3,53 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections import Counter
 from typing import Any, Final
 
+from trocar.procs.crtk.demand import Wanted
 from trocar.procs.crtk.names import Unknown, none_such
 from trocar.procs.crtk.topics import EVENT, RECORD, TopicEntry, catalogue
 from trocar.procs.crtk.views import OpenTopic, state_as_event
 from trocar.shm.system import directory
-from trocar.shm.system.subscriptions import Subscriber
 
 PROGRAM: Final = "socket_bridge"
 STATE: Final = ("stamp_ns", "sequence", "state", "sub_state", "is_homed", "is_busy")
 _INF: Final = float("inf")
-
-
-class Wanted:
-    """What all clients together want of all instances."""
-
-    def __init__(self, system: str) -> None:
-        self._system = system
-        self._counts: Counter[tuple[str, str, str]] = Counter()
-        self._subscribers: dict[str, Subscriber] = {}
-
-    def take(self, instance: str, ring: str, groups: tuple[str, ...]) -> None:
-        """One more wants a topic, and these groups; SegmentError when that cannot be asked for."""
-        if instance not in self._subscribers:
-            self._subscribers[instance] = Subscriber(self._system, instance, PROGRAM)
-        self._subscribers[instance].want(ring, *groups)
-        self._counts.update((instance, ring, group) for group in ("", *groups))
-
-    def leave(self, instance: str, ring: str, groups: tuple[str, ...]) -> None:
-        """One has gone; what nobody wants any more need not be computed."""
-        self._counts.subtract((instance, ring, group) for group in ("", *groups))
-        self._counts = +self._counts
-        subscriber = self._subscribers[instance]
-        over = [group for group in groups if (instance, ring, group) not in self._counts]
-        if (instance, ring, "") not in self._counts:
-            subscriber.drop(ring)
-        elif over:
-            subscriber.drop(ring, *over)
-        if not any(key[0] == instance for key in self._counts):
-            self._subscribers.pop(instance).close()
-
-    def close(self) -> None:
-        """Nobody wants anything."""
-        for subscriber in self._subscribers.values():
-            subscriber.close()
-        self._subscribers.clear()
 
 
 class SharedTopic:
@@ -97,7 +61,7 @@ class Topics:
 
     def __init__(self, system: str) -> None:
         """Which there are is settled when a system starts."""
-        self.system, self._wanted = system, Wanted(system)
+        self.system, self._wanted = system, Wanted(system, PROGRAM)
         self.entries = {entry.name: entry for entry in catalogue(system)}
         self._open: dict[str, SharedTopic] = {}
 
@@ -113,7 +77,7 @@ class Topics:
         if source is None:
             source = SharedTopic(self.system, entry)
             try:
-                self._wanted.take(entry.instance, entry.ring, source.topic.groups)
+                self._wanted.take(source.topic)
             except BaseException:
                 source.topic.close()
                 raise
@@ -125,9 +89,8 @@ class Topics:
         """That client has left it."""
         source.users -= 1
         if not source.users:
-            entry = source.entry
-            del self._open[entry.name]
-            self._wanted.leave(entry.instance, entry.ring, source.topic.groups)
+            del self._open[source.entry.name]
+            self._wanted.leave(source.topic)
             source.topic.close()
 
     def each(self, entry: TopicEntry) -> OpenTopic:

@@ -15,7 +15,7 @@ from trocar.procs.config import PROJECT_CONFIGS, load_system
 from trocar.procs.console import loop as console
 from trocar.procs.document.system import Process, SystemConfig
 from trocar.procs.io import loop as io
-from trocar.procs.node import node_memory, runtime
+from trocar.procs.node import life, node_memory, runtime
 from trocar.procs.node.pacing import Pauses, duration
 from trocar.procs.node.runtime import Node
 from trocar.procs.suj import loop as suj
@@ -208,7 +208,7 @@ def test_a_loop_is_made_with_the_lowest_priority_unless_a_share_is_reserved(
     kind = create("kinematic.yaml", world.name).process(name).kind
     monkeypatch.setattr(node_memory, "Pauses", lambda limit_ns: Pauses(LIMIT, clock))
     monkeypatch.setattr(runtime, "arguments", lambda kind: Namespace(system=world.name, name=name))
-    monkeypatch.setattr(runtime, "on_stop", lambda stop: None)
+    monkeypatch.setattr(life, "on_stop", lambda stop: None)
     monkeypatch.setattr(runtime, "lock_memory", lambda: "locked")
     monkeypatch.setattr(runtime, "fetch_segments", lambda: None)
     monkeypatch.setattr(runtime, "realtime", asked)

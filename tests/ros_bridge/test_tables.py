@@ -85,7 +85,7 @@ def test_every_view_that_clients_of_an_arm_want_is_there_with_its_type() -> None
 
 
 def test_every_event_is_there_with_its_type() -> None:
-    assert rows(TOLD) <= {(name, short(row.message)) for name, row in EVENT_MESSAGES.items()}
+    assert rows(TOLD) <= {(name, short(message)) for name, message in EVENT_MESSAGES.items()}
     assert rows(CHANGED) <= {(row.topic, short(row.message)) for row in FIELD_TOPICS if row.kind == "arm"}
 
 

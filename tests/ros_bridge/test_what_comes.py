@@ -11,9 +11,10 @@ from typing import Any, cast
 
 import pytest
 from cyclonedds.core import DDSException
+from trocar.procs.crtk.stamps import Stamps
 
 from tests.conftest import World
-from trocar.procs.crtk.stamps import Stamps
+from trocar.procs.crtk.demand import Wanted
 from trocar.procs.ros_bridge import carrying_out
 from trocar.procs.ros_bridge.events import REPEAT_NS, ToldState
 from trocar.procs.ros_bridge.outgoing import FIELD_TOPICS
@@ -60,12 +61,12 @@ def test_the_buttons_of_a_console_have_the_stamp_of_their_record(world: World) -
     written: dict[str, list[Any]] = {}
     taker = SimpleNamespace(writer=lambda name, *_: SimpleNamespace(write=written.setdefault(name, []).append))
     told = [(row, row.topic, -1) for row in FIELD_TOPICS if row.kind == "console"]
-    topics = RecordTopics(cast("Participant", taker), world.name, "console",
-                          directory.reader(world.name, "console", "state", "console"), (), told)
+    reader = directory.reader(world.name, "console", "state", "console")
+    topics = RecordTopics(cast("Participant", taker), Wanted(world.name, "test"), "console", reader, (), told)
     topics.step(Stamps(simulated=True))
     (message,) = written["operator_present"]
     assert (message.buttons, message.header.stamp) == ([1], Time(7, 1))
-    topics.close()
+    reader.close()
     record.close()
     world.remove()
 

@@ -20,7 +20,7 @@ from trocar.procs.crtk.topics import EVENT, RECORD
 from trocar.procs.crtk.views import OpenTopic
 from trocar.procs.foxglove.channels import ShownTopic
 from trocar.procs.gui.catalogue import sources_of
-from trocar.procs.ros_bridge.outgoing import EVENT_MESSAGES, FIELD_TOPICS
+from trocar.procs.ros_bridge.outgoing import EVENT_MESSAGES, FIELD_TOPICS, OF_EVENT, OF_FIELD
 from trocar.procs.ros_messages.packed_view import PackedView
 from trocar.procs.ros_messages.view_messages import VIEW_MESSAGES
 from trocar.procs.socket_bridge.topics import SharedTopic, Topics
@@ -121,9 +121,9 @@ def reading(source: OpenTopic) -> Callable[[], None]:
             packed.pack(1)
         for row in told:
             if not source._fields[row.field].shape:
-                row.of(source._fields[row.field])
+                OF_FIELD[row.message](source._fields[row.field])
         if entry.event in EVENT_MESSAGES:
-            EVENT_MESSAGES[entry.event].of({name: cell[()] for name, cell in source._fields.items()})
+            OF_EVENT[EVENT_MESSAGES[entry.event]]({name: cell[()] for name, cell in source._fields.items()})
 
     return look
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import pytest
@@ -12,11 +14,17 @@ from tests.conftest import World
 from tests.tools.robot import ScriptedRobot, nothing_ages, robot
 from tests.tools.test_verbs import lines, run
 from trocar.procs.crtk import demand
-from trocar.procs.crtk.demand import OnDemand
+from trocar.procs.crtk.demand import OnDemand, Wanted
+from trocar.procs.crtk.topics import find
 from trocar.procs.crtk.views import open_topic
+from trocar.procs.ros_bridge.publishing import RecordTopics
 from trocar.shm.memory.segment import SegmentError
+from trocar.shm.system import directory
 from trocar.shm.system.subscriptions import Subscriber, Subscriptions
 from trocar.shm.time.clock import monotonic_ns
+
+if TYPE_CHECKING:
+    from trocar.procs.ros_messages.dds import Participant
 
 FORCE = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
 
@@ -53,6 +61,21 @@ def test_echo_wants_what_it_shows_and_nothing_afterwards(arm: Playing) -> None:
     (row,) = lines(run("echo", "PSM1/body/measured_cf", "--once", "--json", "--system", name))
     assert (row["force"], row["torque"]) == ([1, 2, 3], [4, 5, 6])
     assert not arm.is_wanted
+
+
+def test_what_one_reader_in_ros_leaves_another_still_gets(arm: Playing) -> None:
+    name, writers = arm.scripted.name, {view: SimpleNamespace(is_read=True) for view in ("body", "spatial")}
+    reader, wanted = directory.reader(name, "PSM1", "state"), Wanted(name, "test")
+    views = [(find(name, f"PSM1/{view}/measured_cf"), view) for view in writers]
+    participant = cast("Participant", SimpleNamespace(writer=lambda topic, *_: writers[topic]))
+    topics = RecordTopics(participant, wanted, "PSM1", reader, views, ())
+    for left, still in (("", True), ("body", True), ("spatial", False)):
+        if left:
+            writers[left].is_read = False
+        topics.look()
+        assert arm.is_wanted is still, left
+    wanted.close()
+    reader.close()
 
 
 @pytest.mark.slow
