@@ -54,6 +54,12 @@ def _text(value: Any) -> Any:
     raise ValueError
 
 
+def _flag(value: Any) -> bool:
+    if isinstance(value, bool):
+        return value
+    raise ValueError
+
+
 def _any_number(value: Any) -> float:
     """Also one that is not finite, which is `null` in JSON; ValueError otherwise."""
     if value is None:
@@ -81,6 +87,7 @@ NUMBERS: Final = f"a list of up to {MAX_VALUES} numbers"
 WORD: Final = MessagePart(TEXT, _text)
 NO_WORD: Final = MessagePart(TEXT, _text, "")
 SOME_NUMBERS: Final = MessagePart(NUMBERS, _numbers, ())
+FLAG: Final = MessagePart("true or false", _flag)
 VALUE: Final = MessagePart("a number", _any_number)
 VALUES: Final = MessagePart(NUMBERS, partial(_numbers, number=_any_number), ())
 """Arguments of a command: the process that gets it refuses what is not finite, and its audit has the refusal."""

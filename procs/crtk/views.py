@@ -8,6 +8,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from trocar.procs.crtk.plain import plain
 from trocar.procs.crtk.topics import EVENT, RECORD, TopicEntry, find, writer_gone
 from trocar.shm.ring.ring import RingReader
 from trocar.shm.system import directory
+from trocar.shm.time.clock import local_ns, monotonic_ns
 from trocar.shm.time.system_time import SystemTime
 
 FLAGS = {"goal_reached": "reached", "arm_clutch": "pressed", "gripper/closed": "closed", "orientation_locked": "locked"}
@@ -250,3 +252,35 @@ def state_as_event(system: str, state: TopicEntry) -> dict[str, Any] | None:
                 return known | {"event": "operating_state", "component": "", "severity": 0, "monotonic_ns": 0,
                                 "local_ns": 0}
     return None
+
+
+def frame_name(entry: TopicEntry, ring: RingReader) -> Callable[[], str]:
+    """The frame of a view on `ring`: always called the same, or as the record last read says. Empty: it has none."""
+    what = entry.name.removeprefix(f"{entry.instance}/")
+    base = "Cart" if entry.row >= 0 else f"{entry.instance}_base"
+    fixed = base if "local/" in what or what.startswith("spatial/") else entry.instance if "body/" in what else ""
+    if fixed or entry.kind not in ("cp", "cv") or "reference_frame" not in (ring.dtype.names or ()):
+        return lambda: fixed
+    cell = ring.field("reference_frame")
+    cell = cell[entry.row : entry.row + 1].reshape(()) if entry.row >= 0 else cell
+    return lambda: str(plain(cell.item()))
+
+
+class Stamps:
+    """What others call the time of a record: that of day, or the system's own where that is simulated.
+
+    Of one moment; `look` takes the next one.
+    """
+
+    def __init__(self, simulated: bool) -> None:
+        self.simulated = simulated
+        self._ahead_ns = 0
+        self.look()
+
+    def look(self) -> None:
+        """How far the time of day is ahead of the clock that records are stamped with; it may be set at any time."""
+        self._ahead_ns = 0 if self.simulated else local_ns() - monotonic_ns()
+
+    def ns(self, stamp_ns: int) -> int:
+        """Of a record's stamp, ns."""
+        return stamp_ns + self._ahead_ns

@@ -10,12 +10,10 @@ import foxglove
 import numpy as np
 from foxglove import channels as fx
 from foxglove.messages import JointState, JointStates, Log, LogLevel, Pose, PoseInFrame, Quaternion, Timestamp, Vector3
-from trocar.procs.crtk.frames import frame_name
-from trocar.procs.crtk.stamps import Stamps
 
 from trocar.procs.crtk.demand import Wanted
 from trocar.procs.crtk.topics import EVENT, RECORD, TopicEntry
-from trocar.procs.crtk.views import FLAGS, JS, OPERATING_STATE, STAMPS, OpenTopic
+from trocar.procs.crtk.views import FLAGS, JS, OPERATING_STATE, STAMPS, OpenTopic, Stamps, frame_name
 from trocar.shm.ring.ring import RingReader
 from trocar.shm.system.events import ERROR, STATUS, WARNING
 

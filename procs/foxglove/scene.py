@@ -27,9 +27,9 @@ from foxglove.messages import (
     Vector3,
 )
 from numpy.typing import NDArray
-from trocar.procs.crtk.stamps import Stamps
 
 from trocar.procs.crtk.plain import plain
+from trocar.procs.crtk.views import Stamps
 from trocar.procs.document.arms import ArmConfig
 from trocar.procs.foxglove.channels import rotation_of, timestamp
 from trocar.procs.kinematics.forward import Kinematics

@@ -12,6 +12,7 @@ from trocar.procs.crtk.stamps import Stamps
 
 from trocar.procs.crtk.demand import Wanted
 from trocar.procs.crtk.topics import EVENT, RECORD, TopicEntry, catalogue
+from trocar.procs.crtk.views import Stamps
 from trocar.procs.document.bridges import FoxgloveServer
 from trocar.procs.document.process import host_and_port
 from trocar.procs.foxglove.channels import ShownEvents, ShownRecords

@@ -18,11 +18,10 @@ from trocar.procs.crtk.held import HeldDown
 from trocar.procs.crtk.messages import MAX_BYTES, Message, WrongMessage, parsed, said
 from trocar.procs.crtk.plain import plain
 from trocar.procs.document.bridges import Rights
-from trocar.procs.gui.control import BrowserControl
+from trocar.procs.gui.control import BrowserControl, Ticks
 from trocar.procs.gui.messages import OPS
 from trocar.procs.gui.scene_source import ArmModels
 from trocar.procs.gui.sources import Sources
-from trocar.procs.gui.ticks import Ticks
 from trocar.procs.kinematics.poses import POSE
 from trocar.shm.memory.segment import SegmentError
 from trocar.shm.ring.ring import RingError

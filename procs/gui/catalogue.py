@@ -9,12 +9,11 @@ from trocar.procs.document.system import WALL, SystemConfig
 from trocar.procs.gui.buttons_source import ButtonsSource
 from trocar.procs.gui.log_source import log_of
 from trocar.procs.gui.messages_source import MessagesSource
-from trocar.procs.gui.plot_source import plot_of
+from trocar.procs.gui.plot_source import TraceSource, plot_of
 from trocar.procs.gui.processes_source import ProcessesSource
 from trocar.procs.gui.robots import PinsSource, RobotSource, gains_source, robots_of
 from trocar.procs.gui.scene_source import SceneSource
 from trocar.procs.gui.sources import Maker, RecordSource, Sources
-from trocar.procs.gui.trace_source import TraceSource
 
 KINDS: Final = frozenset({"arm", "third_party", "suj", "teleop", "console", "system", "focus", "io"})
 """Whose state pages show."""

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, Final
 
-from trocar.procs.crtk.messages import NO_WORD, SOME_NUMBERS, VALUES, WORD, MessagePart, Ops
+from trocar.procs.crtk.messages import FLAG, NO_WORD, SOME_NUMBERS, VALUES, WORD, MessagePart, Ops
 
 MAX_SOURCES: Final = 64
 MAX_NAME: Final = 160
@@ -13,12 +14,6 @@ MAX_NAME: Final = 160
 def _names(value: Any) -> Any:
     if isinstance(value, list) and len(value) <= MAX_SOURCES and all(
             isinstance(name, str) and len(name) <= MAX_NAME for name in value):
-        return value
-    raise ValueError
-
-
-def _flag(value: Any) -> Any:
-    if isinstance(value, bool):
         return value
     raise ValueError
 
@@ -34,9 +29,9 @@ TICK: Final = MessagePart("the number of a tick", _count, 0)
 OPS: Final[Ops] = {
     "want": {"sources": MessagePart(f"a list of up to {MAX_SOURCES} names", _names)},
     "beat": {"tick": TICK},
-    "control": {"take": MessagePart("true or false", _flag), "over": MessagePart("true or false", _flag, False)},
+    "control": {"take": FLAG, "over": replace(FLAG, default=False)},
     "preview": {"arm": WORD, "position": SOME_NUMBERS, "pose": SOME_NUMBERS},
-    "jog": {"arm": WORD, "twist": SOME_NUMBERS, "in_tip": MessagePart("true or false", _flag, False),
+    "jog": {"arm": WORD, "twist": SOME_NUMBERS, "in_tip": replace(FLAG, default=False),
             "tick": TICK},
     "call": {"to": WORD, "command": WORD, "values": VALUES, "text": NO_WORD, "tick": TICK},
 }

@@ -1,44 +1,39 @@
-"""One number of a topic, sample by sample, for the page Plots: `plot:PSM1/state.position[1]`."""
+"""Numbers sample by sample: `plot:PSM1/state.position[1]` for the page Plots, an axis of a robot for the page PID."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from functools import partial
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trocar.procs.crtk.field_paths import FieldCells, FieldPath, cells_of, parse_path
 from trocar.procs.crtk.topics import TopicEntry, find
 from trocar.procs.document.system import SystemConfig
-from trocar.procs.gui.sources import PROGRAM, Maker
+from trocar.procs.gui.robots import IoRobot
+from trocar.procs.gui.sources import Maker, WantedRing
 from trocar.procs.gui.validity import checked
 from trocar.shm.memory.segment import SegmentError
 from trocar.shm.ring.ring import RingReader
 from trocar.shm.system import directory
-from trocar.shm.system.subscriptions import Subscriber
+from trocar.shm.topics import IO_STATE
 
-BEFORE_NS: Final = 60_000_000_000
+PLOTTED_NS: Final = 60_000_000_000
+TRACED_NS: Final = 1_000_000_000
 """Of what was before somebody looked, as far as the ring goes back."""
+SIGNALS: Final = ("position", "setpoint_position", "velocity", "setpoint_velocity", "effort", "setpoint_effort",
+                  "disturbance", "position_error")
+CLOSEST_S: Final = 0.002
+"""Between two samples of an axis that are sent."""
 
 
-class PlotSource:
-    """The samples since the last tick; no number where its robot, or what measures it, is away."""
+class SampleSource(WantedRing, ABC):
+    """The samples of a ring since the last tick."""
 
-    def __init__(self, document: SystemConfig, entry: TopicEntry, path: FieldPath) -> None:
-        """Attach, and want it with the group of the field; SegmentError or ValueError when there is none such."""
-        system = document.name
-        self._reader: RingReader = directory.reader(system, entry.instance, entry.ring, often=False)
-        self._subscriber: Subscriber | None = None
-        try:
-            self._cells = checked(document, entry.instance, entry.ring, _number(self._reader, entry, path),
-                                  self._reader.dtype)
-            self._subscriber = Subscriber(system, entry.instance, PROGRAM)
-            group = self._cells.field.group
-            self._subscriber.want(entry.ring, *([group] if group else []))
-        except BaseException:
-            self.close()
-            raise
-        self._stamp_ns, self._seen_ns = 0, 0
+    before_ns: int
+    _stamp_ns = _seen_ns = 0
 
     def read(self, now_ns: int) -> dict[str, Any]:
         """`t`, s, and `v` of samples that are new."""
@@ -46,18 +41,54 @@ class PlotSource:
             return {"age": None}
         if self._reader.stamp_ns == self._stamp_ns:
             return {"age": round((now_ns - self._seen_ns) * 1e-9, 1), "t": [], "v": []}
-        rows = self._reader.since(max(self._stamp_ns + 1, self._reader.stamp_ns - BEFORE_NS))
+        rows = self._reader.since(max(self._stamp_ns + 1, self._reader.stamp_ns - self.before_ns))
         if not len(rows):
             return {"age": 0.0, "t": [], "v": []}
         self._stamp_ns, self._seen_ns = int(rows["stamp_ns"][-1]), now_ns
-        values = self._cells.numbers(rows)[:, 0]
-        return {"age": 0.0, "t": np.round(rows["stamp_ns"] * 1e-9, 5), "v": np.round(values, 9)}
+        return {"age": 0.0} | self._shown(rows)
 
-    def close(self) -> None:
-        """Unmap, want it no more."""
-        self._reader.close()
-        if self._subscriber is not None:
-            self._subscriber.close()
+    @abstractmethod
+    def _shown(self, rows: NDArray[Any]) -> dict[str, Any]:
+        """What is sent of these records."""
+
+
+class PlotSource(SampleSource):
+    """One number of a topic; no number where its robot, or what measures it, is away."""
+
+    before_ns = PLOTTED_NS
+
+    def __init__(self, document: SystemConfig, entry: TopicEntry, path: FieldPath) -> None:
+        """Attach, and want it with the group of the field; SegmentError or ValueError when there is none such."""
+        reader = directory.reader(document.name, entry.instance, entry.ring, often=False)
+        try:
+            self._cells = checked(document, entry.instance, entry.ring, _number(reader, entry, path), reader.dtype)
+        finally:
+            reader.close()
+        group = self._cells.field.group
+        super().__init__(document.name, entry.instance, entry.ring, *([group] if group else []))
+
+    def _shown(self, rows: NDArray[Any]) -> dict[str, Any]:
+        values = self._cells.numbers(rows)[:, 0]
+        return {"t": np.round(rows["stamp_ns"] * 1e-9, 5), "v": np.round(values, 9)}
+
+
+class TraceSource(SampleSource):
+    """What the joint controller of one axis of a robot did: in `v` a list for each of `SIGNALS`."""
+
+    before_ns = TRACED_NS
+
+    def __init__(self, system: str, robot: IoRobot, axis: int) -> None:
+        """Attach, and want it; SegmentError when it cannot be read."""
+        super().__init__(system, robot.io.name, IO_STATE.name)
+        self._axis, self._robot = robot.axes.start + axis, robot.place
+        self._each = max(1, round(CLOSEST_S / robot.io.period_s))
+
+    def _shown(self, rows: NDArray[Any]) -> dict[str, Any]:
+        rows = rows[rows["sequence"] % self._each == 0]
+        columns = [rows[name][:, self._axis].astype(np.float32) for name in SIGNALS]
+        for column in columns:  # no line while its boards are away: that is the last good value
+            column[~rows["robot_valid"][:, self._robot]] = np.nan
+        return {"t": [round(stamp * 1e-9, 4) for stamp in rows["stamp_ns"].tolist()], "v": columns}
 
 
 def _number(reader: RingReader, entry: TopicEntry, path: FieldPath) -> FieldCells:

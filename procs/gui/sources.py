@@ -36,7 +36,28 @@ class Source(Protocol):
         """Nobody wants it any more."""
 
 
-class RecordSource:
+class WantedRing:
+    """A ring that is read, and wanted as long as it is open."""
+
+    def __init__(self, system: str, instance: str, ring: str, *groups: str) -> None:
+        """Attach, and want it with these groups of fields; SegmentError when it cannot be read."""
+        self._reader = directory.reader(system, instance, ring, often=False)
+        self._subscriber: Subscriber | None = None
+        try:
+            self._subscriber = Subscriber(system, instance, PROGRAM)
+            self._subscriber.want(ring, *groups)
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Unmap, want it no more."""
+        self._reader.close()
+        if self._subscriber is not None:
+            self._subscriber.close()
+
+
+class RecordSource(WantedRing):
     """The newest record of a ring, its fields by their names."""
 
     def __init__(self, system: str, instance: str, ring: str, *, simulated: bool,
@@ -45,14 +66,7 @@ class RecordSource:
 
         `cuts`: only these fields, and of each what is at this index. `ages`: not what is written by change only.
         """
-        self._reader = directory.reader(system, instance, ring, often=False)
-        self._subscriber: Subscriber | None = None
-        try:
-            self._subscriber = Subscriber(system, instance, PROGRAM)
-            self._subscriber.want(ring)
-        except BaseException:
-            self.close()
-            raise
+        super().__init__(system, instance, ring)
         names = [name for name in self._reader.dtype.names or () if name not in UNSEEN]
         self._fields = [(name, _encoder(self._reader.field(name), None if cuts is None else cuts[name]))
                         for name in names if name != "sequence" and (cuts is None or name in cuts)]
@@ -71,12 +85,6 @@ class RecordSource:
         for name, encode in self._fields:
             found[name] = encode()
         return found
-
-    def close(self) -> None:
-        """Unmap, want it no more."""
-        self._reader.close()
-        if self._subscriber is not None:
-            self._subscriber.close()
 
 
 def _encoder(cell: np.ndarray[Any, Any], cut: Any = None) -> Callable[[], Any]:

@@ -10,8 +10,7 @@ from typing import Final
 
 from trocar.procs.recorder.disk import Disk, DiskFile
 from trocar.procs.recorder.files import KeptFile, kept, path_of, remove, too_old
-from trocar.procs.recorder.sources import SystemSources
-from trocar.procs.recorder.times import LocalTimes
+from trocar.procs.recorder.sources import LocalTimes, SystemSources
 from trocar.procs.recordings import names
 from trocar.procs.recordings.chunks import Chunk
 

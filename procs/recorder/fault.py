@@ -9,8 +9,7 @@ from typing import Final
 
 from trocar.procs.recorder.disk import Disk, DiskFile
 from trocar.procs.recorder.files import remove, too_many
-from trocar.procs.recorder.sources import RecordedRing, SystemSources
-from trocar.procs.recorder.times import LocalTimes
+from trocar.procs.recorder.sources import LocalTimes, RecordedRing, SystemSources
 from trocar.procs.recorder.watch import SeenFault
 from trocar.procs.recordings import names
 from trocar.procs.recordings.chunks import Chunk

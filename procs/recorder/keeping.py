@@ -9,8 +9,7 @@ from typing import Final
 from trocar.procs.recorder.box import BlackBox
 from trocar.procs.recorder.disk import Disk, DiskFile
 from trocar.procs.recorder.fault import FaultRecording
-from trocar.procs.recorder.sources import SystemSources
-from trocar.procs.recorder.times import LocalTimes
+from trocar.procs.recorder.sources import LocalTimes, SystemSources
 from trocar.procs.recorder.watch import SeenFault
 from trocar.shm.mailbox.received import Received
 from trocar.shm.time.clock import monotonic_ns, pause

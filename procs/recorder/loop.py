@@ -21,8 +21,7 @@ from trocar.procs.recorder.fault import FaultRecording
 from trocar.procs.recorder.files import NAME, path_of
 from trocar.procs.recorder.keeping import ASKED, FaultKeeper
 from trocar.procs.recorder.named import NamedRecording, chosen
-from trocar.procs.recorder.sources import SystemSources
-from trocar.procs.recorder.times import LocalTimes
+from trocar.procs.recorder.sources import LocalTimes, SystemSources
 from trocar.procs.recorder.watch import FaultWatch, SeenFault
 from trocar.procs.recordings import names
 from trocar.procs.recordings.chunks import COMPRESSIONS as METHODS

@@ -8,8 +8,7 @@ from typing import Final
 
 from trocar.procs.crtk.topics import TopicEntry
 from trocar.procs.recorder.disk import DiskFile
-from trocar.procs.recorder.sources import RecordedRing, RecordedView, SystemSources, usual_views
-from trocar.procs.recorder.times import LocalTimes
+from trocar.procs.recorder.sources import LocalTimes, RecordedRing, RecordedView, SystemSources, usual_views
 from trocar.procs.recordings import names
 from trocar.procs.recordings.chunks import Chunk
 from trocar.procs.ros_messages.view_messages import VIEW_MESSAGES

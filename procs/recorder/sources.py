@@ -1,15 +1,13 @@
-"""What is recorded of a ring: its records as they are, and CRTK's views on them."""
+"""What is recorded of a ring: its records as they are, CRTK's views on them, and when they were written."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Final
 
-from trocar.procs.crtk.frames import frame_name
 from trocar.procs.crtk.plain import plain
 from trocar.procs.crtk.topics import EVENT, RECORD, TopicEntry, catalogue
-from trocar.procs.crtk.views import OpenTopic
-from trocar.procs.recorder.times import LocalTimes
+from trocar.procs.crtk.views import OpenTopic, frame_name
 from trocar.procs.recordings import names
 from trocar.procs.recordings.chunks import Chunk
 from trocar.procs.recordings.layout import ENCAPSULATION
@@ -22,6 +20,8 @@ from trocar.procs.ros_messages.view_messages import VIEW_MESSAGES
 from trocar.shm.memory.segment import SegmentError
 from trocar.shm.ring.ring import RingReader
 from trocar.shm.system import directory
+from trocar.shm.time.clock import local_ns, monotonic_ns
+from trocar.shm.time.system_time import SystemTime
 
 SECOND_NS: Final = 1_000_000_000
 LEVELS: Final = {1: 20, 2: 30, 3: 40}
@@ -30,6 +30,31 @@ COMPLETE: Final = ("events", "audit")
 """Rings of which every record is kept, from the oldest that there is."""
 VIEWS: Final = ("measured_js", "setpoint_js", "measured_cp", "setpoint_cp", "jaw/measured_js", "gripper/measured_js")
 """Views of arms that are recorded where nobody says which."""
+
+
+class LocalTimes:
+    """When a record was written, by the clock on the wall: from its stamp, in whatever time the system has.
+
+    Of the stretch between two looks: both clocks are known at its ends.
+    """
+
+    def __init__(self, time: SystemTime) -> None:
+        self._time = time
+        self.system_ns = self._since_ns = time.now_ns()
+        self.monotonic_ns = monotonic_ns()
+        self.local_ns = self._since_local_ns = local_ns()
+
+    def look(self) -> None:
+        """The next stretch ends now."""
+        self._since_ns, self._since_local_ns = self.system_ns, self.local_ns
+        self.system_ns, self.monotonic_ns, self.local_ns = self._time.now_ns(), monotonic_ns(), local_ns()
+
+    def of(self, stamp_ns: int) -> int:
+        """Time of day of a stamp; simulated time went as fast as it did since the last look."""
+        behind, passed = self.system_ns - stamp_ns, self.system_ns - self._since_ns
+        if self._time.simulated and 0 < behind <= passed:
+            behind = behind * (self.local_ns - self._since_local_ns) // passed
+        return max(0, self.local_ns - behind)
 
 
 class RecordedRing:

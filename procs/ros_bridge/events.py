@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from cyclonedds.idl import IdlStruct
-from trocar.procs.crtk.stamps import Stamps
 
+from trocar.procs.crtk.views import Stamps
 from trocar.procs.ros_bridge.outgoing import EVENT_MESSAGES, OF_EVENT, stamped, time_of
 from trocar.procs.ros_bridge.publishing import ros_topic
 from trocar.procs.ros_bridge.shown import ShownTopics

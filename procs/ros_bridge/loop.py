@@ -10,10 +10,9 @@ from __future__ import annotations
 from functools import partial
 from typing import Final
 
-from trocar.procs.crtk.stamps import Stamps
-
 from trocar.procs.crtk.demand import Wanted
 from trocar.procs.crtk.topics import EVENT, RECORD, TopicEntry, catalogue
+from trocar.procs.crtk.views import Stamps
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.node.pacing import duration
 from trocar.procs.ros_bridge.carrying_out import Addressee, Commands

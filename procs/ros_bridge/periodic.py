@@ -6,9 +6,8 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from trocar.procs.crtk.stamps import Stamps
-
 from trocar.procs.crtk.plain import plain
+from trocar.procs.crtk.views import Stamps
 from trocar.procs.document.system import ArmConfig
 from trocar.procs.kinematics.inverse.arms import carrying
 from trocar.procs.kinematics.urdf import urdf

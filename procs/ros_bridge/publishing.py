@@ -12,7 +12,7 @@ from trocar.procs.crtk.stamps import Stamps
 from trocar.procs.crtk.demand import Wanted
 from trocar.procs.crtk.plain import plain
 from trocar.procs.crtk.topics import TopicEntry
-from trocar.procs.crtk.views import OpenTopic
+from trocar.procs.crtk.views import OpenTopic, Stamps, frame_name
 from trocar.procs.ros_bridge.outgoing import OF_FIELD, FieldTopic, stamped
 from trocar.procs.ros_messages.dds import LATCHED, Participant, TopicWriter
 from trocar.procs.ros_messages.messages import String

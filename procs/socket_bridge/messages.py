@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, Final
 
-from trocar.procs.crtk.messages import NO_WORD, VALUE, VALUES, WORD, MessagePart, Ops, a_number
+from trocar.procs.crtk.messages import FLAG, NO_WORD, VALUE, VALUES, WORD, MessagePart, Ops, a_number
 
 MAX_RATE_HZ: Final = 1000.0
 MIN_RATE_HZ: Final = 0.01
@@ -23,12 +24,6 @@ def _rate(value: Any) -> float:
     return rate
 
 
-def _flag(value: Any) -> bool:
-    if isinstance(value, bool):
-        return value
-    raise ValueError
-
-
 RATE: Final = f"{MIN_RATE_HZ:g} to {MAX_RATE_HZ:g}"
 OPS: Final[Ops] = {
     "hello": {"token": NO_WORD,
@@ -38,7 +33,7 @@ OPS: Final[Ops] = {
     "commands": {"of": WORD},
     "read": {"topic": WORD},
     "subscribe": {"topic": WORD, "rate_hz": MessagePart(RATE, _rate, 10.0),
-                  "last": MessagePart("true or false", _flag, True)},
+                  "last": replace(FLAG, default=True)},
     "unsubscribe": {"topic": WORD},
     "call": {"to": WORD, "command": WORD, "values": VALUES, "text": NO_WORD},
     "get": {"of": WORD},

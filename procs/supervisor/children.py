@@ -1,13 +1,14 @@
 """The life of one instance: what was asked of it, what became of it, and when it is started again.
 
 Pure: it acts on a process that it is given and reads a clock that it is given. The states are those of
-procs/tables/lifecycle.py; each way in (`start`, `stop`, `look`) is one event of that table.
+procs/tables/lifecycle.py; each way in (`start`, `stop`, `look`) is one event of that table. And who needs whom: the
+order in which the processes of a system start; they stop in reverse.
 """
 
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -197,3 +198,29 @@ class Child:
             return
         wait_s = self.row.backoff_s * 2 ** (self.failures - 1)
         self.restart_at_ns = now + round(wait_s * 1e9)
+
+
+class Circle(ValueError):
+    """Some wait for each other; the message names them."""
+
+
+def waves(rows: Sequence[Process]) -> list[list[Process]]:
+    """Rows in start order: each wave needs only instances of earlier ones. Circle when there is none."""
+    found: list[list[Process]] = []
+    left, up = list(rows), set[str]()
+    known = {row.name for row in rows}
+    while left:
+        wave = [row for row in left if all(name in up or name not in known for name in row.after)]
+        if not wave:
+            raise Circle(f"{', '.join(row.name for row in left)}: each waits for another to start first")
+        found.append(wave)
+        up |= {row.name for row in wave}
+        left = [row for row in left if row.name not in up]
+    return found
+
+
+def missing(child: Child, children: Mapping[str, Child]) -> list[str]:
+    """What an instance needs and nobody is going to start; one that runs goes on without."""
+    if child.state != lifecycle.STOPPED:
+        return []
+    return [name for name in child.row.after if name in children and children[name].is_down]

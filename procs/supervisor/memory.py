@@ -33,13 +33,15 @@ from trocar.shm.memory.segment import (
     unlink,
 )
 from trocar.shm.system import directory
+from trocar.shm.system.subscriptions import Clearing
 from trocar.shm.time.clock import monotonic_ns, pause
-from trocar.shm.time.control_page import create_control
+from trocar.shm.time.control_page import ControlPage, create_control
 from trocar.shm.time.lockstep import Table, create_clock
 
 ORPHANS_NS: Final = 10_000_000_000
 POLL_S: Final = 0.05
 MEGABYTE: Final = 1e6
+CLEAR_NS: Final = 200_000_000
 
 
 def hold_name(name: str) -> socket.socket:
@@ -199,3 +201,20 @@ def remove_all(name: str) -> None:
     """Remove every segment of a system."""
     for system, instance, what in names_of(name):
         unlink(segment_name(system, instance, what))
+
+
+class Clearings:
+    """What clients that have died wanted is wanted no more: all control pages, looked through now and then."""
+
+    def __init__(self, system: SystemConfig) -> None:
+        """The pages must be there."""
+        names = ("supervisor", *(row.name for row in system.processes))
+        self._clearings = [Clearing(ControlPage(system.name, name, write=True)) for name in names]
+        self._due_ns = 0
+
+    def beat(self, now_ns: int) -> None:
+        """Clear what is to be cleared, when it is time."""
+        if now_ns >= self._due_ns:
+            self._due_ns = now_ns + CLEAR_NS
+            for clearing in self._clearings:
+                clearing.clear()

@@ -9,8 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from trocar.procs.node.requests import Request
-from trocar.procs.supervisor.children import Child
-from trocar.procs.supervisor.dependencies import missing
+from trocar.procs.supervisor.children import Child, missing
 from trocar.procs.tables import lifecycle
 
 

@@ -20,8 +20,7 @@ from trocar.procs.machine.paths import NoStateFolder
 from trocar.procs.machine.verb_lines import DEFAULT_SYSTEM
 from trocar.procs.node.realtime import cores
 from trocar.procs.supervisor.addresses import NoAddress, at_free_addresses, free_address
-from trocar.procs.supervisor.children import Child
-from trocar.procs.supervisor.dependencies import Circle
+from trocar.procs.supervisor.children import Child, Circle
 from trocar.procs.supervisor.forking import Template
 from trocar.procs.supervisor.gui_token import told
 from trocar.procs.supervisor.listening import AddressTaken

@@ -18,15 +18,14 @@ from trocar.procs.machine.paths import made_log_folder, made_recordings_folder
 from trocar.procs.machine.verb_lines import verb_line
 from trocar.procs.node.realtime import in_words, lacking, realtime, step_back
 from trocar.procs.supervisor import memory
-from trocar.procs.supervisor.children import Child, Ending
-from trocar.procs.supervisor.clearing import Clearings
+from trocar.procs.supervisor.children import Child, Ending, missing, waves
 from trocar.procs.supervisor.demand import Demand
-from trocar.procs.supervisor.dependencies import missing, waves
 from trocar.procs.supervisor.forking import Template, reap_orphans
 from trocar.procs.supervisor.gui_token import gui_token
 from trocar.procs.supervisor.judge import HUNG, LATE, Judge, JudgedProcess
 from trocar.procs.supervisor.listening import Listening
 from trocar.procs.supervisor.log_keeper import LogKeeper
+from trocar.procs.supervisor.memory import Clearings
 from trocar.procs.supervisor.os_process import OsProcess
 from trocar.procs.supervisor.requests import Requests
 from trocar.procs.supervisor.shared_pages import lock_shared

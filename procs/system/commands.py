@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from trocar.procs.node.requests import ANSWERED, CommandRefused, Handler, Request, carry_out
-from trocar.procs.system.arms import ArmOnRing
-from trocar.procs.system.bring_up import POWER_OFF, POWER_ON, BringUp
+from trocar.procs.system.bring_up import POWER_OFF, POWER_ON, ArmOnRing, BringUp
 from trocar.procs.system.sound import Sound
 from trocar.procs.tables import codes
 from trocar.procs.tables.bring_up import HOME

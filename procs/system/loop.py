@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from trocar.procs.node import runtime
-from trocar.procs.system.arms import arms_of
+from trocar.procs.system.bring_up import arms_of
 from trocar.procs.system.commands import SystemCommands
 from trocar.procs.system.message_hub import MessageHub, MessageSource
 from trocar.procs.system.record import SystemRecord

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from trocar.procs.system.arms import ENABLED, FAULT, ArmOnRing
+from trocar.procs.system.bring_up import ENABLED, FAULT, ArmOnRing
 from trocar.procs.system.commands import SystemCommands
 from trocar.procs.system.message_hub import MessageHub
 from trocar.procs.system.sound import Sound

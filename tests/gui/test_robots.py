@@ -15,8 +15,8 @@ from tests.tools.robot import robot
 from trocar.procs.document.system import Actuator, Brake, IoConfig, Linear, Robot, from_json
 from trocar.procs.gui.catalogue import sources_of
 from trocar.procs.gui.pid_file import WAITING, PidFiles
+from trocar.procs.gui.plot_source import SIGNALS, TraceSource
 from trocar.procs.gui.robots import IoRobot, robots_of, slides
-from trocar.procs.gui.trace_source import SIGNALS, TraceSource
 from trocar.procs.tables.codes import FAULTS
 from trocar.shm.commands import COMMANDS
 from trocar.shm.system import directory

@@ -11,8 +11,7 @@ from trocar.procs.recorder.disk import Disk, DiskFile, no_room_made, open_new
 from trocar.procs.recorder.fault import FaultRecording
 from trocar.procs.recorder.files import path_of
 from trocar.procs.recorder.named import NamedRecording, chosen
-from trocar.procs.recorder.sources import SystemSources
-from trocar.procs.recorder.times import LocalTimes
+from trocar.procs.recorder.sources import LocalTimes, SystemSources
 from trocar.procs.recorder.watch import SeenFault
 from trocar.procs.recordings import names
 from trocar.procs.recordings.writing import ChannelTable

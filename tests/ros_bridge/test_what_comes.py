@@ -11,10 +11,10 @@ from typing import Any, cast
 
 import pytest
 from cyclonedds.core import DDSException
-from trocar.procs.crtk.stamps import Stamps
 
 from tests.conftest import World
 from trocar.procs.crtk.demand import Wanted
+from trocar.procs.crtk.views import Stamps
 from trocar.procs.ros_bridge import carrying_out
 from trocar.procs.ros_bridge.events import REPEAT_NS, ToldState
 from trocar.procs.ros_bridge.outgoing import FIELD_TOPICS

@@ -9,8 +9,7 @@ import pytest
 from tests.supervisor.played import Clock, PlayedProcess, PlayedRequest, played
 from trocar.procs.document.process import ON_DEMAND
 from trocar.procs.node.setup_error import STAYS, LastingError, SetupError, exit_code
-from trocar.procs.supervisor.children import SETUP_S, TRACE_S, Child, Ending
-from trocar.procs.supervisor.dependencies import Circle, waves
+from trocar.procs.supervisor.children import SETUP_S, TRACE_S, Child, Circle, Ending, waves
 from trocar.procs.supervisor.requests import Requests
 from trocar.procs.supervisor.run import by_state
 from trocar.procs.supervisor.supervisor import BEAT_S

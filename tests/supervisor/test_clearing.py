@@ -5,7 +5,7 @@ from __future__ import annotations
 from tests.conftest import World
 from trocar.procs.document.system import Process, SystemConfig
 from trocar.procs.supervisor import memory
-from trocar.procs.supervisor.clearing import CLEAR_NS, Clearings
+from trocar.procs.supervisor.memory import CLEAR_NS, Clearings
 from trocar.shm.system.subscriptions import Subscriber, Subscriptions
 from trocar.shm.time.control_page import ControlPage
 

@@ -12,8 +12,8 @@ from trocar.procs.gui.catalogue import record
 from trocar.procs.gui.pages.assets import script
 from trocar.procs.gui.pages.parts import Part, box, live, switch
 from trocar.procs.gui.pages.robot_io import tabs
+from trocar.procs.gui.plot_source import SIGNALS
 from trocar.procs.gui.robots import IoRobot, slides
-from trocar.procs.gui.trace_source import SIGNALS
 from trocar.shm.topics import IO_GAINS
 
 NAMES: Final = {"p_gain": "P", "d_gain": "D", "i_gain": "I", "p_deadband": "dead band",
