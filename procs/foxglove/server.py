@@ -8,7 +8,6 @@ from typing import Final
 
 import foxglove
 from foxglove.websocket import Capability, ChannelView, Client, ServerListener
-from trocar.procs.crtk.stamps import Stamps
 
 from trocar.procs.crtk.demand import Wanted
 from trocar.procs.crtk.topics import EVENT, RECORD, TopicEntry, catalogue

@@ -99,45 +99,36 @@ def slides(robot: Robot, pid: PidConfig | None) -> list[bool]:
     return [kind == "PRISMATIC" for kind in kinds]
 
 
-class RobotSource:
+class RobotSource(RecordSource):
     """The state of one robot: its share of the io's record, and its fault in words."""
 
     def __init__(self, system: str, robot: IoRobot, *, simulated: bool) -> None:
         """Attach; SegmentError when it cannot be read."""
         self._name = robot.robot.name
-        self._record = RecordSource(system, robot.io.name, IO_STATE.name, simulated=simulated,
-                                    cuts=robot.cuts(IO_STATE.fields))
+        super().__init__(system, robot.io.name, IO_STATE.name, simulated=simulated, cuts=robot.cuts(IO_STATE.fields))
 
     def read(self, now_ns: int) -> dict[str, Any]:
         """Its fields; `cause` and `remedy` of a latched fault. Its age is that of its boards' last good sample."""
-        found = self._record.read(now_ns)
+        found = super().read(now_ns)
         _as_old_as(found, "sample_age_ns")
         fault = fault_of(found.get("fault") or 0)
         if fault is not None:
             found["cause"], found["remedy"] = fault.cause, fault.remedy_for(self._name)
         return found
 
-    def close(self) -> None:
-        """Unmap."""
-        self._record.close()
 
-
-class PinsSource:
+class PinsSource(RecordSource):
     """Inputs and outputs of an io, as old as the oldest sample of a board: whoever shows them cannot tell which."""
 
     def __init__(self, system: str, io: str, *, simulated: bool) -> None:
         """Attach; SegmentError when it cannot be read."""
-        self._record = RecordSource(system, io, IO_STATE.name, simulated=simulated, cuts=dict.fromkeys(PINS, WHOLE))
+        super().__init__(system, io, IO_STATE.name, simulated=simulated, cuts=dict.fromkeys(PINS, WHOLE))
 
     def read(self, now_ns: int) -> dict[str, Any]:
         """`input` and `output`."""
-        found = self._record.read(now_ns)
+        found = super().read(now_ns)
         _as_old_as(found, "age_ns")
         return found
-
-    def close(self) -> None:
-        """Unmap."""
-        self._record.close()
 
 
 def _as_old_as(found: dict[str, Any], field: str) -> None:

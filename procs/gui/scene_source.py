@@ -1,4 +1,4 @@
-"""The robot in space: where the links of every arm are, from its joints and its kinematic chain."""
+"""The robot in space: where the links of every arm and setup arm are, from its joints and its kinematic chain."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from trocar.procs.crtk.names import none_such
 from trocar.procs.document.arms import ArmConfig
+from trocar.procs.document.cart import Cart, CartArm
 from trocar.procs.document.system import SystemConfig
-from trocar.procs.gui.cart_scene import SceneCart
 from trocar.procs.kinematics.forward import Kinematics
 from trocar.procs.kinematics.inverse.arms import carrying, inverse_carrying
 from trocar.procs.kinematics.inverse.solver import InverseSolver
@@ -117,14 +117,57 @@ class SceneArm:
         self._reader.close()
 
 
-def frames_of(kinematics: Kinematics, q: Array, base: Array) -> list[float]:
-    """Poses of base, joints and tip, 7 numbers each, of an arm whose base is there."""
+class SceneCart:
+    """One cart."""
+
+    def __init__(self, system: str, cart: Cart) -> None:
+        """Attach; SegmentError when its record cannot be read."""
+        self._reader = directory.reader(system, cart.name, "state", "suj", often=False)
+        self._positions, self._valid = (self._reader.field(name) for name in ("position", "setup_valid"))
+        self._arms = [(place, arm, Kinematics(arm.chain)) for place, arm in enumerate(cart.arms)
+                      if arm.chain is not None and arm.world is not None and arm.tip is not None]
+        self._sequence, self._seen_ns = 0, 0
+        self._shown: dict[str, tuple[bytes, list[float]]] = {}
+
+    def read(self, now_ns: int) -> dict[str, Any]:
+        """Of each setup arm: `frames` in the cart, x y z and quaternion x y z w of its base, of each joint and of the
+        base of the arm that it carries; whether its joints are known."""
+        if not self._reader.newest():
+            return {}
+        if self._reader.sequence != self._sequence:
+            self._sequence, self._seen_ns = self._reader.sequence, now_ns
+        late = now_ns - self._seen_ns > LATE_NS
+        return {arm.name: {"frames": self._frames(place, arm, kinematics), "late": late,
+                           "valid": bool(self._valid[place])} for place, arm, kinematics in self._arms}
+
+    def _frames(self, place: int, arm: CartArm, kinematics: Kinematics) -> list[float]:
+        position = np.nan_to_num(self._positions[place, :arm.joints])
+        key, before = position.tobytes(), self._shown.get(arm.name)
+        if before is None or before[0] != key:  # setup arms stand nearly all the time
+            before = self._shown[arm.name] = key, setup_frames(arm, kinematics, position)
+        return before[1]
+
+    def close(self) -> None:
+        """Unmap."""
+        self._reader.close()
+
+
+def setup_frames(arm: CartArm, kinematics: Kinematics, position: Array) -> list[float]:
+    """Poses of base, joints and carried base, 7 numbers each; joints without potentiometers stand at 0."""
+    q = np.zeros(kinematics.n)
+    q[:len(position)] = position
+    return frames_of(kinematics, q, np.array(arm.world), np.array(arm.tip))
+
+
+def frames_of(kinematics: Kinematics, q: Array, base: Array, carried: Array | None = None) -> list[float]:
+    """Poses of base, joints and tip, or what is `carried` there, 7 numbers each, of an arm whose base is there."""
     poses = [pose_from_matrix(base)]
     matrix = np.eye(4)
     for frame in kinematics.links.frames(q.tolist()):
         matrix[:3] = np.reshape(frame, (3, 4))
         poses.append(pose_from_matrix(base @ matrix))
-    poses.append(pose_from_matrix(base @ kinematics.fk(q)))
+    tip = base @ kinematics.fk(q)
+    poses.append(pose_from_matrix(tip if carried is None else tip @ carried))
     return [round(float(value), 5) for value in np.concatenate(poses)]
 
 

@@ -6,8 +6,6 @@ from collections.abc import Callable, Iterable
 from typing import Any, Final
 
 from numpy.typing import NDArray
-from trocar.procs.crtk.frames import frame_name
-from trocar.procs.crtk.stamps import Stamps
 
 from trocar.procs.crtk.demand import Wanted
 from trocar.procs.crtk.plain import plain

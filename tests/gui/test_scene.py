@@ -13,8 +13,7 @@ from tests.conftest import World
 from tests.gui.test_browsers import Console, play
 from trocar.procs.config import PROJECT_CONFIGS, load_system
 from trocar.procs.document.system import SystemConfig
-from trocar.procs.gui.cart_scene import SceneCart, setup_frames
-from trocar.procs.gui.scene_source import frames_of, joint_velocity, slowed
+from trocar.procs.gui.scene_source import SceneCart, frames_of, joint_velocity, setup_frames, slowed
 from trocar.procs.kinematics.forward import Kinematics
 from trocar.procs.kinematics.inverse.arms import carrying, inverse_carrying
 from trocar.procs.kinematics.poses import matrix_from_pose
