@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 from trocar.procs.document.gravity_parameters import MasterGravityParameters
+from trocar.procs.document.keys import Key
 from trocar.procs.document.user_process import UserCommand
 
 Matrix = tuple[tuple[float, ...], ...]
@@ -116,13 +118,18 @@ class ArmConfig:
     reference_frame: str = ""
     base_from: str = ""  # the process `suj` that gives its base frame; "": none
     base_setup: str = ""  # the setup arm there that carries it
-    use_setpoint_v: bool = True
+    use_setpoint_v: Annotated[bool, Key()] = True
     calibration_mode: bool = False
-    jerk_time_s: float = 0.0  # of moves: acceleration takes so long to come up to its limit; 0: no jerk limit
-    client_timeout_s: float = 0.0  # a stream of servo commands that stops for so long is held; 0: never
-    effort_timeout_s: float = 0.1  # efforts other than 0 that are not asked for again in that time end; 0: never
-    effort_speed_ratio: float = 1.0  # of the speeds of `arm_types`, which efforts may bring joints to; 0: no limit
-    effort_zone_ratio: float = 1.0  # of the zones there, in which efforts are held off position limits; 0: nowhere
+    jerk_time_s: Annotated[
+        float, Key(0.0, 2.0, "s in which moves come up to their acceleration; 0: no jerk limit")] = 0.0
+    client_timeout_s: Annotated[
+        float, Key(0.0, 10.0, "s after the last servo command of a stream, then hold; 0: never")] = 0.0
+    effort_timeout_s: Annotated[
+        float, Key(0.0, 10.0, "s that efforts last that are not asked for again; 0: for ever")] = 0.1
+    effort_speed_ratio: Annotated[
+        float, Key(0.0, 5.0, "times the usual limits of speed in effort mode; 0: none")] = 1.0
+    effort_zone_ratio: Annotated[
+        float, Key(0.0, 5.0, "times the usual zones of the soft walls at joint limits; 0: none")] = 1.0
     source: str = ""
     derived: str = ""  # a user's own class that is its process, module:Class; "": that of its type
     commands: tuple[UserCommand, ...] = ()  # which that class carries out besides those of every arm

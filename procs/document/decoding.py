@@ -36,6 +36,8 @@ def _decode(kind: Any, value: Any) -> Any:
         if value is None:
             return None
         return _decode(next(a for a in arguments if a is not types.NoneType), value)
+    if origin is typing.Literal:
+        return arguments[arguments.index(value)]
     if origin is tuple:
         if len(arguments) == 2 and arguments[1] is Ellipsis:
             return tuple(_decode(arguments[0], item) for item in value)

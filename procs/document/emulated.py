@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
+
+from trocar.procs.document.keys import Key
 
 Linear = tuple[float, float]  # scale, offset
 
@@ -15,16 +18,20 @@ MADE_FOR: dict[str, dict[int, tuple[str, ...]]] = {
 }
 
 
+Switch = Annotated[bool, Key(is_optional=True)]
+Factor = Annotated[float, Key(0.0, 10.0, "factor")]
+
+
 @dataclass(frozen=True, slots=True)
 class Quirks:
     """Oddities of the real firmware that emulated boards have unless switched off."""
 
-    direction_lag: bool = True  # the first edge after a reversal counts in the old direction
-    sticky_overflow: bool = True  # a preload does not clear a counter's overflow bit
-    repeated_amp_bits: bool = True  # Rev 8 on: status bits 3:0 repeat the feedback, not the requests
-    longest_pwm_holds: bool = True  # a PWM count of 65535 is held for ever, as 0 is
-    playing_hides_table: bool = True  # a table being played reads as the entry that is on
-    late_deviation: bool = True  # dRA1: a current too far off is noticed when the amplifier goes off for another reason
+    direction_lag: Switch = True  # the first edge after a reversal counts in the old direction
+    sticky_overflow: Switch = True  # a preload does not clear a counter's overflow bit
+    repeated_amp_bits: Switch = True  # Rev 8 on: status bits 3:0 repeat the feedback, not the requests
+    longest_pwm_holds: Switch = True  # a PWM count of 65535 is held for ever, as 0 is
+    playing_hides_table: Switch = True  # a table being played reads as the entry that is on
+    late_deviation: Switch = True  # dRA1: too large a current error is noticed when the amplifier goes off anyway
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,12 +64,12 @@ class ModelVariation:
     """How an emulated robot differs from its files: what a controller does not know of a real one."""
 
     robot: str
-    friction: float = 1.0  # factor on the friction of every joint
-    inertia: float = 1.0  # factor on the motors' inertia
-    mass: float = 1.0  # factor on the masses of the links
-    payload: float = 0.0  # kg at the tip
-    backlash: tuple[float, ...] = ()  # play between actuator and joint, rad or m, by actuator
-    pot_offset: tuple[float, ...] = ()  # error of the potentiometers, rad or m, by actuator
+    friction: Factor = 1.0  # on the friction of every joint
+    inertia: Annotated[float, Key(0.1, 10.0, "factor")] = 1.0  # on the motors' inertia
+    mass: Factor = 1.0  # on the masses of the links
+    payload: Annotated[float, Key(0.0, 5.0, "kg at the tip")] = 0.0
+    backlash: Annotated[tuple[float, ...], Key(0.0, 0.5, "rad or m")] = ()  # between actuator and joint, by actuator
+    pot_offset: Annotated[tuple[float, ...], Key(-10.0, 10.0, "rad or m")] = ()  # potentiometers' error, by actuator
 
 
 @dataclass(frozen=True, slots=True)

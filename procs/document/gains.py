@@ -1,4 +1,4 @@
-"""THE TABLE of gains, which can be changed while the robot runs: key in PID files, place in `PidAxis`, what may be."""
+"""THE TABLE of gains, which can be changed while the robot runs: `PidAxis`, a field for each with what is allowed."""
 
 from __future__ import annotations
 
@@ -6,31 +6,35 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Annotated, Final
+
+from trocar.procs.document.keys import Key, keys_in
 
 LARGEST_STEP: Final = 10.0  # of what may grow while the joint controller is on: more is a slip of the decimal point
+LARGEST: Final = 1e6  # far above what any arm has, far below what overflows in a computation
+STIFF: Final = "too much of it shakes or throws the arm"
 
 
 @dataclass(frozen=True, slots=True)
 class PidAxis:
-    """Gains of one actuator; meaning and traps: docs of `procs/io/pid.py`."""
+    """Gains of one actuator, as PID files have them; meaning and traps: docs of `procs/io/pid.py`."""
 
     name: str
     joint_type: str
-    p_gain: float
-    d_gain: float
-    i_gain: float
-    p_deadband: float = 0.0
-    p_deadband_outer: float = 0.0
-    i_forget_rate: float = 1.0
-    i_limit: float = 0.0
-    offset: float = 0.0
-    pid_max_output: float = 0.0
-    tolerance: float = 0.0
-    v_low_pass_cutoff: float = 1.0
-    use_disturbance_observer: bool = False
-    nominal_mass: float = 0.0
-    disturbance_cutoff: float = 0.0
+    p_gain: Annotated[float, Key(0.0, LARGEST), STIFF]
+    d_gain: Annotated[float, Key(0.0, LARGEST), STIFF]
+    i_gain: Annotated[float, Key(0.0, LARGEST), STIFF]
+    p_deadband: Annotated[float, Key(0.0, LARGEST)] = 0.0
+    p_deadband_outer: Annotated[float, Key(0.0, LARGEST)] = 0.0
+    i_forget_rate: Annotated[float, Key(0.0, 1.0, "factor each cycle")] = 1.0
+    i_limit: Annotated[float, Key(0.0, LARGEST)] = 0.0
+    offset: Annotated[float, Key(-LARGEST, LARGEST)] = 0.0
+    pid_max_output: Annotated[float, Key(-LARGEST, LARGEST, "negative: no limit")] = 0.0
+    tolerance: Annotated[float, Key(0.0, LARGEST, "rad or m", name="p_measured_setpoint_tolerance")] = 0.0
+    v_low_pass_cutoff: Annotated[float, Key(0.0, 1.0, "weight of the newest sample", above=True)] = 1.0
+    use_disturbance_observer: Annotated[bool, Key()] = False
+    nominal_mass: Annotated[float, Key(0.0, LARGEST), STIFF] = 0.0
+    disturbance_cutoff: Annotated[float, Key(0.0, LARGEST), STIFF] = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,11 +43,11 @@ class Gain:
 
     key: str
     field: str
-    low: float = 0.0
-    high: float = 1e6  # far above what any arm has, far below what overflows in a computation
-    above: bool = False  # `low` itself is not allowed
-    switch: bool = False  # 1 or 0
-    stiff: bool = False  # too much of it shakes or throws the arm
+    low: float
+    high: float
+    above: bool  # `low` itself is not allowed
+    switch: bool  # 1 or 0
+    stiff: bool  # too much of it shakes or throws the arm
 
     def wrong(self, value: float) -> str:
         """What is allowed, when `value` is not; empty when it is."""
@@ -55,22 +59,10 @@ class Gain:
         return f"{'above' if self.above else 'from'} {low:g} up to {high:g}"
 
 
-GAINS: Final = (
-    Gain("p_gain", "p_gain", stiff=True),
-    Gain("d_gain", "d_gain", stiff=True),
-    Gain("i_gain", "i_gain", stiff=True),
-    Gain("p_deadband", "p_deadband"),
-    Gain("p_deadband_outer", "p_deadband_outer"),
-    Gain("i_forget_rate", "i_forget_rate", high=1.0),
-    Gain("i_limit", "i_limit"),
-    Gain("offset", "offset", low=-1e6),
-    Gain("pid_max_output", "pid_max_output", low=-1e6),
-    Gain("p_measured_setpoint_tolerance", "tolerance"),
-    Gain("v_low_pass_cutoff", "v_low_pass_cutoff", high=1.0, above=True),
-    Gain("use_disturbance_observer", "use_disturbance_observer", switch=True),
-    Gain("nominal_mass", "nominal_mass", stiff=True),
-    Gain("disturbance_cutoff", "disturbance_cutoff", stiff=True),
-)
+GAINS: Final = tuple(
+    Gain(key.name or field.name, field.name, key.low or 0.0, key.high or 1.0, key.above, hint.__origin__ is bool,
+         STIFF in hint.__metadata__)
+    for field, hint, key in keys_in(PidAxis))
 BY_KEY: Final = {gain.key: gain for gain in GAINS}
 
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Annotated, Final, Literal, get_args
 
+from trocar.procs.document.keys import Key, keys_in
 from trocar.procs.document.user_process import Property, UserProcess
 
 NAME: Final = "recorder"
-COMPRESSIONS: Final = ("zstd", "lz4", "none")
+Compression = Literal["zstd", "lz4", "none"]
+COMPRESSIONS: Final = get_args(Compression)
 MAX_RATE_HZ: Final = 50.0
 
 
@@ -16,19 +18,20 @@ MAX_RATE_HZ: Final = 50.0
 class Recorder:
     """What the black box keeps; `folder`: where; empty: with the system's logs."""
 
-    folder: str = ""
-    rate_hz: float = 50.0
-    minutes: float = 10.0
-    size_mb: float = 500.0
-    compression: str = "zstd"
-    faults: int = 10
+    folder: Annotated[str, Key(max_length=200, text="a folder with one for each system, or none")] = ""
+    rate_hz: Annotated[float, Key(1.0, MAX_RATE_HZ, "Hz")] = 50.0
+    minutes: Annotated[float, Key(0.1, 1440.0, "min that the black box goes back")] = 10.0
+    size_mb: Annotated[float, Key(1.0, 1e6, "MB of the black box's files together")] = 500.0
+    compression: Annotated[Compression, Key()] = "zstd"
+    faults: Annotated[int, Key(1, 1000, "recordings of faults that are kept")] = 10
 
     @property
     def declared(self) -> UserProcess:
         """Its properties, as processes of users' own declare theirs."""
+        of = {field.name: (key.low, key.high) for field, _, key in keys_in(Recorder)}
         return UserProcess(NAME, "", 1.0 / MAX_RATE_HZ, properties=(
-            Property("rate_hz", "float", self.rate_hz, 1.0, MAX_RATE_HZ, "Hz", "records of the black box in a second"),
-            Property("minutes", "float", self.minutes, 0.1, 1440.0, "min", "how far back the black box goes"),
-            Property("size_mb", "float", self.size_mb, 1.0, 1e6, "MB", "all files of the black box together"),
-            Property("faults", "int", self.faults, 1, 1000, "", "recordings of faults that are kept"),
+            Property("rate_hz", "float", self.rate_hz, *of["rate_hz"], "Hz", "records of the black box in a second"),
+            Property("minutes", "float", self.minutes, *of["minutes"], "min", "how far back the black box goes"),
+            Property("size_mb", "float", self.size_mb, *of["size_mb"], "MB", "all files of the black box together"),
+            Property("faults", "int", self.faults, *of["faults"], "", "recordings of faults that are kept"),
             Property("compression", "text[8]", text=" or ".join(COMPRESSIONS), words=self.compression)))

@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Annotated, TypeVar
 
 from trocar.procs.document.arms import ArmConfig as ArmConfig
 from trocar.procs.document.arms import ArmInputs as ArmInputs
@@ -37,6 +37,7 @@ from trocar.procs.document.emulated import ModelVariation as ModelVariation
 from trocar.procs.document.emulated import Quirks as Quirks
 from trocar.procs.document.emulated_names import with_names_on_boards
 from trocar.procs.document.gains import PidAxis as PidAxis
+from trocar.procs.document.keys import Key
 from trocar.procs.document.process import Process as Process
 from trocar.procs.document.recorder import NAME as RECORDER
 from trocar.procs.document.recorder import Recorder as Recorder
@@ -204,13 +205,14 @@ class IoConfig:
     robots: tuple[Robot, ...]
     pids: tuple[PidConfig, ...]
     digital_inputs: tuple[DigitalInput, ...]
-    setpoint_timeout_s: float = 0.03  # without a fresh setpoint of the arm for this long, hold
-    arm_lost_s: float = 3.0  # then an error is raised, still holding
-    arm_lost_power_off_s: float = 0.0  # 0: never; else power off after this long without the arm
-    current_error_a: float = 0.0  # measured minus requested current that is too much, A; 0: not compared
-    current_error_s: float = 0.05  # for longer than this
-    spin_us: float = 50.0
-    query_wait_us: float = 0.0  # from a query of all boards to the read; 0: as long as they need
+    setpoint_timeout_s: Annotated[float, Key(0.001, 1.0, "s of an old setpoint, then hold")] = 0.03
+    arm_lost_s: Annotated[float, Key(0.01, 3600.0, "s without the arm, then an error")] = 3.0
+    arm_lost_power_off_s: Annotated[float, Key(0.0, 3600.0, "s without the arm; 0: never")] = 0.0
+    current_error_a: Annotated[float, Key(0.0, 20.0, "A between measured and requested current; 0: not compared")] = 0.0
+    current_error_s: Annotated[float, Key(0.0, 10.0, "s of that, then power off")] = 0.05
+    spin_us: Annotated[float, Key(0.0, 50.0, "µs of busy waiting before a cycle and a reply")] = 50.0
+    query_wait_us: Annotated[
+        float, Key(0.0, 1000.0, "µs from a query of all boards to the read; 0: as long as they need")] = 0.0
     instrument_readers: tuple[InstrumentReader, ...] = ()
     digital_outputs: tuple[DigitalOutput, ...] = ()
     calibration_mode: bool = False  # potentiometers and currents are being calibrated: what compares them is off

@@ -10,7 +10,7 @@ from contextlib import ExitStack, closing
 from functools import partial
 from typing import Final
 
-from trocar.procs.config.loading.placement import ROBOTS
+from trocar.procs.config.loading.processes import ROBOTS
 from trocar.procs.document.process import ELSEWHERE, ON_DEMAND
 from trocar.procs.document.system import WALL, Process, SystemConfig
 from trocar.procs.machine.log_files import put_run_aside

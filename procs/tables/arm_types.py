@@ -85,7 +85,7 @@ class ArmType:
     the stock PID files of the generations that there are. `moves`, `servo` and `efforts` bound each joint,
     `kinematic_home` is where a KINEMATIC arm homes to, rad or m. `views` (first words of names) and `events` are those
     that only some types have. Without an `inverse` its tip takes no goals. For `physical`, the links with masses of a
-    generation, see `trocar.procs.config.loading.weights`; `plant` is its emulated robot by generation, whose axes are
+    generation, see `trocar.procs.config.loading.chains`; `plant` is its emulated robot by generation, whose axes are
     loose without one.
     """
 

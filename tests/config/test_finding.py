@@ -20,8 +20,6 @@ from trocar.procs.config.read.problem import WARNING, FileProblem, key_text, val
 from trocar.procs.config.read.search import expanded, search_path
 from trocar.procs.config.read.source import SourceFile, read_bytes, read_source
 
-FILE = SourceFile(Path("x.yaml"), {}, {})
-
 
 @pytest.fixture
 def folders(tmp_path: Path) -> list[Path]:
@@ -147,7 +145,7 @@ class Findings:
     def __init__(self) -> None:
         self.said: list[str] = []
 
-    def error(self, source: object, key: object, text: str, allowed: str = "") -> None:
+    def error(self, key: object, text: str, allowed: str = "") -> None:
         self.said.append(f"{text}; {allowed}")
 
 
@@ -159,14 +157,14 @@ def test_matrices_are_what_they_should_be_to_the_edge() -> None:
     found: Any = Findings()
     edge, beyond, mirrored = np.eye(4), np.eye(4), np.diag((1.0, 1.0, -1.0, 1.0))
     edge[0, 1], beyond[0, 1] = 1e-3, 1.001e-3
-    assert check_rigid(found, FILE, (), rows(edge)) and not check_rigid(found, FILE, (), rows(beyond))
-    assert not check_rigid(found, FILE, (), rows(mirrored)) and not check_rigid(found, FILE, (), rows(np.eye(3)))
-    assert check_invertible(found, FILE, (), rows(np.diag((1e-6, 1.0))), 2)
-    assert check_invertible(found, FILE, (), rows(np.diag((-1e-6, 1.0))), 2)
+    assert check_rigid(found, (), rows(edge)) and not check_rigid(found, (), rows(beyond))
+    assert not check_rigid(found, (), rows(mirrored)) and not check_rigid(found, (), rows(np.eye(3)))
+    assert check_invertible(found, (), rows(np.diag((1e-6, 1.0))), 2)
+    assert check_invertible(found, (), rows(np.diag((-1e-6, 1.0))), 2)
     for matrix in (np.diag((0.99e-6, 1.0)), np.diag((1e200, 1e200)), np.full((2, 2), np.nan)):
-        assert not check_invertible(found, FILE, (), rows(matrix), 2)
-    assert not check_size(found, FILE, (), ((1.0,), (1.0, 2.0)), 2) and not check_size(found, FILE, (), (), 2)
-    assert check_size(found, FILE, (), ((1.0, 2.0), (3.0, 4.0)), 2)
+        assert not check_invertible(found, (), rows(matrix), 2)
+    assert not check_size(found, (), ((1.0,), (1.0, 2.0)), 2) and not check_size(found, (), (), 2)
+    assert check_size(found, (), ((1.0, 2.0), (3.0, 4.0)), 2)
     rigid = "orthonormal right-handed axes, to 0.001"
     inverse = "has no inverse; an invertible matrix"
     assert found.said == [f"not a rotation (off by 0.001); {rigid}", f"not a rotation (off by 0); {rigid}",

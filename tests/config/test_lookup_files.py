@@ -34,7 +34,7 @@ def loaded(folder: Path, *robots: dict[str, Any]) -> tuple[dict[tuple[Path, int]
     content, problems = validate(IoFile, source)
     assert content is not None and not problems, problems
     context = Context(search_path((folder / "search",)))
-    tables = load_tables(context, Opened(source, content))
+    tables = load_tables(Opened(context, source, content))
     return tables, [f"{Path(problem.file).name} {problem.key}: {problem.text}" for problem in context.problems]
 
 

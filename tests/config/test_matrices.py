@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from trocar.procs.config.read.matrices import check_rigid
-from trocar.procs.config.read.source import SourceFile
-
-FILE = SourceFile(Path("x.yaml"), {}, {})
 
 
 class SystemReport:
@@ -20,7 +16,7 @@ class SystemReport:
     def __init__(self) -> None:
         self.errors: list[str] = []
 
-    def error(self, source: SourceFile, key: object, text: str, allowed: str = "") -> None:
+    def error(self, key: object, text: str, allowed: str = "") -> None:
         self.errors.append(text)
 
 
@@ -37,5 +33,5 @@ def changed(row: int, column: int, value: float) -> np.ndarray:
 ])
 def test_a_transform_turns_and_shifts_and_nothing_else(matrix: np.ndarray, wrong: str) -> None:
     reported: Any = SystemReport()
-    assert check_rigid(reported, FILE, (), tuple(map(tuple, matrix.tolist()))) is (wrong == "")
+    assert check_rigid(reported, (), tuple(map(tuple, matrix.tolist()))) is (wrong == "")
     assert [text[: len(wrong)] for text in reported.errors] == [wrong] * bool(wrong)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tests.config.conftest import SYSTEM, Home
-from trocar.procs.config.loading.placement import Placement, placed
+from trocar.procs.config.loading.processes import Placement, placed
 from trocar.procs.tables.manifest import proc
 
 FOUR = tuple((number,) for number in range(4))

@@ -13,10 +13,10 @@ from typing import Any
 import pytest
 
 from tests.traces import Trace
+from trocar.procs.config.loading.arms import base_frame_of
 from trocar.procs.config.loading.context import Context, Opened
 from trocar.procs.config.loading.io_checks import board_ids, check_bus, check_io_file
 from trocar.procs.config.models.arm_file import EcmFile, MtmFile, PsmFile
-from trocar.procs.config.models.base_frame import base_frame_of
 from trocar.procs.config.models.emulation_section import EmulationOptions
 from trocar.procs.config.models.io_file import IoFile
 from trocar.procs.config.models.kinematic_file import ToolFile
@@ -123,13 +123,14 @@ def found(model: type[Any], data: dict[str, Any], *, calibration: bool = False) 
     content, problems = validate(model, source, unknown=ERROR if model is EmulationOptions else "warning")
     context.problems += problems
     if isinstance(content, IoFile):
-        opened = Opened(source, content)
-        check_io_file(context, opened)
-        check_bus(context, [opened])
+        opened = Opened(context, source, content)
+        check_io_file(opened)
+        check_bus([opened])
         context.notes.append(str(board_ids(content)))
     if isinstance(content, SystemFile):
+        system = Opened(context, source, content)
         for place, keys in enumerate(content.arms):
-            context.notes.append(f"base frame {base_frame_of(context, source, ('arms', place), keys)}")
+            context.notes.append(f"base frame {base_frame_of(system, ('arms', place), keys)}")
     return [*map(str, context.problems), *context.notes]
 
 
@@ -202,8 +203,8 @@ def test_files_of_one_bus_share_neither_names_nor_axes() -> None:
         source = source_of(changed("$version", "6", **robot), name)
         content, _ = validate(IoFile, source)
         assert content is not None
-        opened.append(Opened(source, content))
-    check_bus(context, opened)
+        opened.append(Opened(context, source, content))
+    check_bus(opened)
     said = [f"{problem.file} {problem.key}: {problem.text}" for problem in context.problems]
     trace = Trace()
     for line in said:

@@ -15,7 +15,6 @@ from pydantic import BaseModel
 from tests.config.conftest import SYSTEM, Home
 from tests.examples import examples
 from trocar.procs.config import models
-from trocar.procs.config.loading.tasks import TaskKeys
 from trocar.procs.config.read.problem import FileProblem, value_text
 from trocar.procs.config.read.source import SourceFile
 from trocar.procs.config.read.validate import fields_of, validate
@@ -26,7 +25,7 @@ KEYS = [(model, key) for model in (
     *(model for module in pkgutil.iter_modules(models.__path__)
       for model in vars(importlib.import_module(f"{models.__name__}.{module.name}")).values()
       if isinstance(model, type) and issubclass(model, BaseModel)
-      and model.__module__ == f"{models.__name__}.{module.name}"), TaskKeys) for key in fields_of(model)]
+      and model.__module__ == f"{models.__name__}.{module.name}"),) for key in fields_of(model)]
 texts = st.sampled_from(("", "udp:", "eth:a/", "fw:", "fw:9999", "127.0.0.", "[::1]:", "9" * 30)).map(
     lambda start: f"{start}{MARK}")
 values: st.SearchStrategy[Any] = st.one_of(

@@ -11,7 +11,7 @@ import pytest
 from tests.conftest import ROOT
 from tests.io.harness import IoHarness, gains
 from trocar.procs.config import load_system
-from trocar.procs.config.loading.tasks import TaskKeys
+from trocar.procs.config.models.user_section import TaskKeys
 from trocar.procs.config.read.yamltext import parse_yaml
 from trocar.procs.document.system import PidConfig, TaskRow
 from trocar.procs.document.tasks import Sample, TaskRobot

@@ -16,9 +16,9 @@ pytestmark = [pytest.mark.slow, pytest.mark.simulated,
               pytest.mark.skipif(len(os.sched_getaffinity(0)) < 4, reason="needs four cores")]
 SUPERVISOR = """
 from trocar.procs.config.loading import load
-from trocar.procs.config.loading.placement import placed
+from trocar.procs.config.loading.processes import placed
 from trocar.procs.supervisor import loop
-load.placement = lambda system, options, cores: placed([(cpu,) for core in cores for cpu in core], {"IO1": None})
+load.placement = lambda system, made, cores: placed([(cpu,) for core in cores for cpu in core], {"IO1": None})
 loop.main()
 """
 

@@ -51,7 +51,7 @@ def test_the_types_of_commands_are_those_that_carry_them_out() -> None:
     psm = ArmHarness().arm._commands
     for command in COMMANDS["arm"]:
         if command.types:
-            assert (command.name in psm._rows) is ("PSM" in command.types), command.name
+            assert (command.name in psm.rows) is ("PSM" in command.types), command.name
 
 
 @pytest.mark.parametrize("name", ARM_TYPES)

@@ -108,7 +108,7 @@ def test_a_program_wants_wrenches_from_its_first_look_until_it_is_closed(arm: Pl
 
 def test_a_program_is_told_what_was_not_computed(arm: Playing, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(arm, "bit", 0)
-    monkeypatch.setattr("trocar.tools.client.record.FRESH_S", 0.05)
+    monkeypatch.setattr("trocar.tools.client.shared.FRESH_S", 0.05)
     with (trocar.arm("PSM1", system=arm.scripted.name) as psm,
           pytest.raises(TimeoutError, match=r"PSM1/body/measured_cf was not computed within 0\.05 s")):
         psm.body.measured_cf()

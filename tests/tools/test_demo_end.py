@@ -58,7 +58,7 @@ def test_a_demo_that_is_stopped_from_outside_says_so(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(demo, "up_meanwhile", lambda *_: contextlib.nullcontext(StoppedSupervisor()))
     for name in ("web_addresses", "_bring_up"):
         monkeypatch.setattr(demo, name, lambda *_: [])
-    for name in ("_operate", "power_off"):
+    for name in ("_operate", "bring_all"):
         monkeypatch.setattr(demo, name, lambda *_, **__: gone())
     result = CliRunner().invoke(cli.build("demo"), ["demo", "--json"])
     assert result.exit_code == 1 and json.loads(result.stdout)["problems"] == [demo.STOPPED]

@@ -124,11 +124,11 @@ def test_the_mailbox_lets_a_process_through_with_an_operators_command_or_where_n
 def test_the_command_line_and_python_are_operators_whose_commands_always_count(
         world: World, kind: str, box: Mailbox) -> None:
     with Remote(world.name, OWNER) as remote:
-        assert isinstance(remote._client, Client)
+        assert isinstance(remote, Client)
         for row, text, values in cases(kind):
             remote.send(row.name, values, text)
             assert came(box) == [row.name], (row.name, text, values)
-            remote._client.poll()
+            remote.poll()
 
 
 @pytest.mark.parametrize("rights", [Rights(True, False, False), Rights(True, True, False), Rights(True, True, True)])

@@ -1,53 +1,83 @@
-"""What a system serves elsewhere: `trocar.socket`, `trocar.gui` and `trocar.foxglove`."""
+"""What a system serves elsewhere, and keeps: `trocar.socket`, `gui`, `foxglove`, `ros` and `recorder`."""
 
 from __future__ import annotations
 
-from trocar.procs.config.loading.context import Context
-from trocar.procs.config.models.bridge_section import CertificateKeys, FoxgloveKeys, GuiKeys, SocketKeys, TlsKeys
-from trocar.procs.config.read.source import SourceFile
+from trocar.procs.config.loading.buses import SystemFiles
+from trocar.procs.config.loading.convert import by_name
+from trocar.procs.config.models.bridge_section import CertificateKeys, GuiKeys, SocketKeys, TlsKeys
+from trocar.procs.config.read.search import expanded
 from trocar.procs.document.bridges import FoxgloveServer, SocketBridge, WebConsole, is_loopback
+from trocar.procs.document.recorder import Recorder
+from trocar.procs.document.ros import RosBridge
 
 
-def load_socket(context: Context, source: SourceFile, keys: SocketKeys | None) -> SocketBridge | None:
+def load_ros(system: SystemFiles) -> RosBridge | None:
+    """None without one. Who is on this machine alone may power, unless it says otherwise."""
+    options = system.options.ros
+    if options is None:
+        return None
+    here = options.interface == "lo" or options.interface.startswith("127.")
+    may_power = here if options.may_power is None else options.may_power
+    if not here:
+        what = "see, command, power and home" if may_power else "see and command"
+        system.note(f"ros: whoever is on the network of {options.interface} may {what} the robot")
+    return by_name(RosBridge, options, may_power=may_power)
+
+
+def load_recorder(system: SystemFiles, usually: bool) -> Recorder | None:
+    """None without one; `usually`: whether there is one where the file does not say."""
+    keys = system.options.recorder
+    if not (usually if keys.on is None else keys.on):
+        return None
+    return by_name(Recorder, keys, folder=str(expanded(keys.folder).absolute()) if keys.folder else "")
+
+
+def load_socket(system: SystemFiles) -> SocketBridge | None:
     """None without one. Who listens to other machines has to know who comes: an error when nothing says so."""
+    keys = system.options.socket
     if keys is None:
         return None
-    outside = _outside(context, source, keys)
+    outside = _outside(system, keys)
     if outside:
-        context.notes.append(f"socket_bridge: listens to other machines at {', '.join(outside)}")
+        system.note(f"socket_bridge: listens to other machines at {', '.join(outside)}")
     if outside and keys.grants == "command":
-        context.notes.append(f"socket_bridge: clients at {', '.join(outside)} may command"
+        system.note(f"socket_bridge: clients at {', '.join(outside)} may command"
                              + (", and power" if keys.may_power else ""))
-    return SocketBridge(keys.listen, _file(context, source, ("socket", "token_file"), keys.token_file),
-                        *_tls(context, source, "socket", keys.tls), keys.grants, keys.may_power, keys.max_clients)
+    token_file = _file(system, "socket", "token_file", keys.token_file)
+    certificate, key, authorities = _tls(system, "socket", keys.tls)
+    return by_name(SocketBridge, keys, token_file=token_file, certificate=certificate, key=key, authorities=authorities)
 
 
-def load_gui(context: Context, source: SourceFile, keys: GuiKeys | None) -> WebConsole | None:
+def load_gui(system: SystemFiles) -> WebConsole | None:
     """None without one. Where nothing says who may come from other machines, a token is made at each start."""
+    keys = system.options.gui
     if keys is None:
         return None
     outside = [address for address in keys.listen if not is_loopback(address)]
     makes_token = bool(outside) and not _knows_who(keys)
-    made = WebConsole(keys.listen, _file(context, source, ("gui", "token_file"), keys.token_file),
-                      *_tls(context, source, "gui", keys.tls), keys.max_clients, makes_token)
-    context.notes.append(f"gui: the robot in a browser: {', '.join(made.links())}")
+    token_file = _file(system, "gui", "token_file", keys.token_file)
+    certificate, key, authorities = _tls(system, "gui", keys.tls)
+    made = by_name(WebConsole, keys, token_file=token_file, certificate=certificate, key=key, authorities=authorities,
+                   makes_token=makes_token)
+    system.note(f"gui: the robot in a browser: {', '.join(made.links())}")
     if outside:
         token = "the token that is made at each start" if makes_token else "the token"
-        context.notes.append(f"gui: who has {token} may take control at {', '.join(outside)}")
+        system.note(f"gui: who has {token} may take control at {', '.join(outside)}")
     return made
 
 
-def load_foxglove(context: Context, source: SourceFile, keys: FoxgloveKeys | None) -> FoxgloveServer | None:
+def load_foxglove(system: SystemFiles) -> FoxgloveServer | None:
     """None without one. Its clients cannot show a token, and only look; elsewhere at least nobody else listens."""
+    keys = system.options.foxglove
     if keys is None:
         return None
     if not is_loopback(keys.listen):
         if keys.tls is None:
-            context.error(source, ("trocar", "foxglove", "listen"), f"the network could read along at {keys.listen}",
+            system.error(("trocar", "foxglove", "listen"), f"the network could read along at {keys.listen}",
                           "tls with certificate and key; or an address of this machine alone, 127.0.0.1:8765")
-        context.notes.append(f"foxglove: whoever comes to {keys.listen} may look")
-    certificate, key, _ = _tls(context, source, "foxglove", keys.tls)
-    return FoxgloveServer(keys.listen, keys.rate_hz, certificate, key)
+        system.note(f"foxglove: whoever comes to {keys.listen} may look")
+    certificate, key, _ = _tls(system, "foxglove", keys.tls)
+    return by_name(FoxgloveServer, keys, certificate=certificate, key=key)
 
 
 def _knows_who(keys: SocketKeys | GuiKeys) -> bool:
@@ -55,28 +85,27 @@ def _knows_who(keys: SocketKeys | GuiKeys) -> bool:
     return bool(keys.token_file or (keys.tls and keys.tls.clients))
 
 
-def _outside(context: Context, source: SourceFile, keys: SocketKeys) -> list[str]:
+def _outside(system: SystemFiles, keys: SocketKeys) -> list[str]:
     """Addresses that are not loopback."""
     outside = [address for address in keys.listen if not is_loopback(address)]
     if outside and not _knows_who(keys):
-        context.error(source, ("trocar", "socket", "listen"), f"anybody could come to {', '.join(outside)}",
+        system.error(("trocar", "socket", "listen"), f"anybody could come to {', '.join(outside)}",
                       "a token_file, or tls with clients; or an address of this machine alone, "
                       f"{type(keys)().listen[0]}")
     return outside
 
 
-def _tls(context: Context, source: SourceFile, section: str,
-         keys: TlsKeys | CertificateKeys | None) -> tuple[str, str, str]:
+def _tls(system: SystemFiles, section: str, keys: TlsKeys | CertificateKeys | None) -> tuple[str, str, str]:
     """Paths of certificate and key, and of the clients' authorities; empty where there is none."""
     if keys is None:
         return "", "", ""
-    at = section, "tls"
     clients = keys.clients if isinstance(keys, TlsKeys) else ""
-    return (_file(context, source, at, keys.certificate), _file(context, source, at, keys.key),
-            _file(context, source, at, clients))
+    certificate, key, authorities = (_file(system, section, "tls", name)
+                                     for name in (keys.certificate, keys.key, clients))
+    return certificate, key, authorities
 
 
-def _file(context: Context, source: SourceFile, key: tuple[str, ...], name: str) -> str:
+def _file(system: SystemFiles, section: str, key: str, name: str) -> str:
     """The path of a file on the search path; empty without a name."""
-    found = context.find(source, ("trocar", *key), (name,)) if name else None
+    found = system.find(("trocar", section, key), name) if name else None
     return str(found.absolute()) if found is not None else ""

@@ -1,4 +1,8 @@
-"""The `IOs` of a system with every IO file that belongs to them, from arms, consoles and their own lists."""
+"""The `IOs` of a system with every IO file that belongs to them, from arms, consoles and their own lists.
+
+What belongs to an arm there besides its robot is known by its name in the IO files, which begins with that of the arm:
+PSM1_arm_clutch, PSM1_dallas.
+"""
 
 from __future__ import annotations
 
@@ -8,15 +12,25 @@ from pathlib import Path
 
 from trocar.procs.config.loading.context import Context, Opened
 from trocar.procs.config.loading.io_checks import board_ids, check_bus, check_io_file
-from trocar.procs.config.models.io_file import IoFile, RobotKeys
+from trocar.procs.config.models.io_file import DallasKeys, IoFile, RobotKeys
 from trocar.procs.config.models.lookup_file import load_tables
 from trocar.procs.config.models.system_file import IoDeviceKeys, IoKeys, SystemFile
+from trocar.procs.config.models.trocar_section import ProcessKeys, TrocarSection
 from trocar.procs.config.read.problem import Key
-from trocar.procs.config.read.source import SourceFile
+from trocar.procs.document import system as document
 from trocar.procs.fpga.port_name import PortName, PortNameError
 
 MAX_PERIOD_S = 0.001
 MAX_WATCHDOG_S = 0.3
+
+INPUTS = {
+    "clutch": "arm_clutch",
+    "adapter": "adapter",
+    "tool": "tool",
+    "suj_clutch": "SUJ_clutch",
+    "suj_clutch_2": "SUJ_clutch_2",
+}
+"""Fields of `document.ArmInputs`, and how the names of these inputs end."""
 
 
 @dataclass(slots=True)
@@ -26,20 +40,25 @@ class BusFiles:
     keys: IoKeys
     key: Key
     files: dict[Path, Opened[IoFile] | None] = field(default_factory=dict)
-    own: list[Path] = field(default_factory=list)  # its configuration_files
     tables: dict[tuple[Path, int], str] = field(default_factory=dict)  # of digital potentiometers, by file and robot
 
     def opened(self) -> list[Opened[IoFile]]:
         """The files that could be read, in order."""
         return [opened for opened in self.files.values() if opened is not None]
 
-    def add(self, context: Context, path: Path) -> Opened[IoFile] | None:
+    def contents(self) -> list[IoFile]:
+        """What these say."""
+        return [opened.content for opened in self.opened()]
+
+    def add(self, context: Context, path: Path | None) -> Opened[IoFile] | None:
         """Read an IO file once."""
+        if path is None:
+            return None
         if path not in self.files:
             opened = context.open(IoFile, path)
             if opened is not None:
-                check_io_file(context, opened)
-                self.tables |= load_tables(context, opened)
+                check_io_file(opened)
+                self.tables |= load_tables(opened)
             self.files[path] = opened
         return self.files[path]
 
@@ -52,95 +71,115 @@ class BusFiles:
     @property
     def has_boards(self) -> bool:
         """Whether any file names a board."""
-        return any(board_ids(opened.content) for opened in self.opened())
-
-    def robot(self, path: Path, name: str) -> tuple[Opened[IoFile], int, RobotKeys] | None:
-        """The robot `name` of the file `path`, with its place in the file."""
-        opened = self.files.get(path)
-        for index, robot in enumerate(opened.content.robots if opened else ()):
-            if opened is not None and robot.name == name:
-                return opened, index, robot
-        return None
+        return any(map(board_ids, self.contents()))
 
 
-def load_buses(context: Context, source: SourceFile, system: SystemFile, *, emulated: bool) -> dict[str, BusFiles]:
-    """All buses with the files they name themselves."""
-    buses: dict[str, BusFiles] = {}
-    for index, keys in enumerate(system.IOs):
+@dataclass(frozen=True, slots=True)
+class SystemFiles(Opened[SystemFile]):
+    """A system file with its `trocar:` section, and the files of its buses; `emulated`: its boards are."""
+
+    options: TrocarSection
+    emulated: bool
+    buses: dict[str, BusFiles] = field(default_factory=dict)
+
+    def own(self, name: str) -> ProcessKeys:
+        """What `trocar.processes` says of a process."""
+        return self.options.processes.get(name) or ProcessKeys()
+
+    def find_bus(self, key: Key, name: str) -> BusFiles | None:
+        """The bus called `name`; None with an error at `key`."""
+        bus = self.buses.get(name)
+        if bus is None:
+            known = ", ".join(self.buses)
+            self.error(key, "no IO of this name", f"one of {known}" if known else "a name listed under IOs")
+        return bus
+
+    def file_of(self, device: IoDeviceKeys) -> IoFile | None:
+        """What a device's own IO file says; None when that has errors of its own."""
+        bus, path = self.buses.get(device.IO), self.context.search.find(device.IO_file)
+        opened = bus.files.get(path) if bus is not None and path is not None else None
+        return opened.content if opened is not None else None
+
+
+def load_buses(system: SystemFiles) -> None:
+    """All buses with the files they name themselves, and those of pedals, head sensors and the focus controller."""
+    for index, keys in enumerate(system.content.IOs):
         key: Key = ("IOs", index)
-        _check_numbers(context, source, key, keys)
-        if not emulated:
-            _check_port(context, source, (*key, "port"), keys.port)
-        bus = buses.setdefault(keys.name, BusFiles(keys, key))
+        _check_numbers(system, key, keys)
+        if not system.emulated:
+            _check_port(system, (*key, "port"), keys.port)
+        bus = system.buses.setdefault(keys.name, BusFiles(keys, key))
         for number, name in enumerate(keys.configuration_files):
-            path = context.find(source, (*key, "configuration_files", number), (name,))
-            if path is not None:
-                bus.own.append(path)
-                bus.add(context, path)
-    return buses
+            bus.add(system.context, system.find((*key, "configuration_files", number), name))
+    devices: list[tuple[Key, IoDeviceKeys | None]] = []
+    for index, console in enumerate(system.content.consoles):
+        devices += [(("consoles", index, "IO_pedals"), console.IO_pedals),
+                    (("consoles", index, "IO_head_sensor"), console.IO_head_sensor)]
+    for key, device in (*devices, (("ISI_focus_controller",), system.content.ISI_focus_controller)):
+        if device is not None:
+            found = system.find_bus((*key, "IO"), device.IO)
+            path = system.find((*key, "IO_file"), device.IO_file)
+            if found is not None:
+                found.add(system.context, path)
 
 
-def add_devices(context: Context, source: SourceFile, system: SystemFile, buses: dict[str, BusFiles]) -> None:
-    """The IO files of pedals, head sensors and the focus controller."""
-    for index, console in enumerate(system.consoles):
-        key: Key = ("consoles", index)
-        for name, device in (("IO_pedals", console.IO_pedals), ("IO_head_sensor", console.IO_head_sensor)):
-            if device is not None:
-                _add_device(context, source, (*key, name), device, buses)
-    if system.ISI_focus_controller is not None:
-        _add_device(context, source, ("ISI_focus_controller",), system.ISI_focus_controller, buses)
-
-
-def find_bus(context: Context, source: SourceFile, key: Key, name: str, buses: dict[str, BusFiles]) -> BusFiles | None:
-    """The bus called `name`; None with an error at `key`."""
-    bus = buses.get(name)
-    if bus is None:
-        known = ", ".join(buses)
-        context.error(source, key, "no IO of this name", f"one of {known}" if known else "a name listed under IOs")
-    return bus
-
-
-def file_of_device(context: Context, device: IoDeviceKeys, buses: dict[str, BusFiles]) -> IoFile | None:
-    """What a device's own IO file says; None when that has errors of its own."""
-    bus, path = buses.get(device.IO), context.search.find(device.IO_file)
-    opened = bus.files.get(path) if bus is not None and path is not None else None
-    return opened.content if opened is not None else None
-
-
-def check_buses(context: Context, buses: dict[str, BusFiles]) -> None:
+def check_buses(system: SystemFiles) -> None:
     """What must hold between the files of each bus."""
-    for bus in buses.values():
-        check_bus(context, bus.opened())
+    for bus in system.buses.values():
+        check_bus(bus.opened())
 
 
-def _add_device(context: Context, source: SourceFile, key: Key, device: IoDeviceKeys,
-                buses: dict[str, BusFiles]) -> None:
-    bus = find_bus(context, source, (*key, "IO"), device.IO, buses)
-    path = context.find(source, (*key, "IO_file"), (device.IO_file,))
-    if bus is not None and path is not None:
-        bus.add(context, path)
-
-
-def _check_port(context: Context, source: SourceFile, key: Key, port: str) -> None:
+def _check_port(system: SystemFiles, key: Key, port: str) -> None:
     try:
         PortName.parse(port)
     except PortNameError as error:
-        context.error(source, key, error.what, f"{error.allowed}, or emulated boards (--boards)")
+        system.error(key, error.what, f"{error.allowed}, or emulated boards (--boards)")
 
 
-def _check_numbers(context: Context, source: SourceFile, key: Key, keys: IoKeys) -> None:
+def _check_numbers(system: SystemFiles, key: Key, keys: IoKeys) -> None:
     if keys.period > MAX_PERIOD_S:
         text = "slow: gains and safety checks are made for 1 ms or less"
-        context.warning(source, (*key, "period"), text, f"up to {MAX_PERIOD_S} s")
+        system.warning((*key, "period"), text, f"up to {MAX_PERIOD_S} s")
     watchdog = keys.watchdog_timeout
     if watchdog > MAX_WATCHDOG_S:
-        text = f"{MAX_WATCHDOG_S} s is used instead"
-        context.warning(source, (*key, "watchdog_timeout"), text, f"up to {MAX_WATCHDOG_S} s")
+        system.warning((*key, "watchdog_timeout"), f"{MAX_WATCHDOG_S} s is used instead", f"up to {MAX_WATCHDOG_S} s")
     if watchdog <= 0.0:
         text = "the watchdog of the boards is off: motors stay powered when this computer dies"
-        context.warning(source, (*key, "watchdog_timeout"), text, f"above 0, up to {MAX_WATCHDOG_S} s")
+        system.warning((*key, "watchdog_timeout"), text, f"above 0, up to {MAX_WATCHDOG_S} s")
 
 
 def watchdog_s(keys: IoKeys) -> float:
     """The watchdog time as it will be written to the boards; 0 is off."""
     return min(max(keys.watchdog_timeout, 0.0), MAX_WATCHDOG_S)
+
+
+def inputs_of(bus: BusFiles | None, arm: str, robot: str) -> document.ArmInputs:
+    """The digital inputs of an arm, which has this robot."""
+    there = {row.name for content in (bus.contents() if bus else ()) for row in content.digital_inputs}
+    found = {field: next((name for name in _names(arm, robot, end) if name in there), "")
+             for field, end in INPUTS.items()}
+    return document.ArmInputs(**found)
+
+
+def reader_of(bus: BusFiles | None, arm: str, robot: str, keys: RobotKeys | None) -> str:
+    """What reads the memory of an arm's instruments: by its name, else the only one on the boards of its robot."""
+    readers: list[DallasKeys] = [row for content in (bus.contents() if bus else ()) for row in content.dallas_chips]
+    for name in _names(arm, robot, "dallas"):
+        if any(row.name == name for row in readers):
+            return name
+    boards = {actuator.board_id for actuator in keys.actuators} if keys is not None else set()
+    own = [row.name for row in readers if row.board_id in boards]
+    return own[0] if len(own) == 1 else ""
+
+
+def gripper_of(gripper_file: IoFile | None, arm: str, robot: str) -> str:
+    """The robot of a master's gripper: by its name, else the only one of its file."""
+    robots = [row.name for row in gripper_file.robots] if gripper_file is not None else []
+    for name in _names(arm, robot, "gripper"):
+        if name in robots:
+            return name
+    return robots[0] if len(robots) == 1 else ""
+
+
+def _names(arm: str, robot: str, end: str) -> tuple[str, ...]:
+    return f"{robot}_{end}", f"{arm}_{end}"

@@ -8,16 +8,14 @@ from pathlib import Path
 from typing import Final, TypeAlias, TypeVar
 
 from trocar.procs.config.loading import convert
-from trocar.procs.config.loading.buses import BusFiles
-from trocar.procs.config.loading.chains import check_dh, convention_of
+from trocar.procs.config.loading.buses import BusFiles, SystemFiles
+from trocar.procs.config.loading.chains import KINEMATIC, check_dh, convention_of
 from trocar.procs.config.loading.context import Context, Opened
-from trocar.procs.config.loading.kinematic_arms import KINEMATIC
 from trocar.procs.config.models.setup_file import FixedSetupFile, SetupArmKeys, SetupFile, SiArmKeys, SiSetupFile
 from trocar.procs.config.models.system_file import ArmKeys, SystemFile
 from trocar.procs.config.models.trocar_section import TrocarSection
 from trocar.procs.config.read.matrices import check_rigid
-from trocar.procs.config.read.problem import Key
-from trocar.procs.config.read.source import SourceFile
+from trocar.procs.config.read.problem import Key, count
 from trocar.procs.config.read.validate import Section
 from trocar.procs.document import cart
 from trocar.procs.document import system as document
@@ -32,23 +30,18 @@ JOINT_ROOM: Final = 8
 
 FileType = TypeVar("FileType", bound=Section)
 Geometry: TypeAlias = tuple[document.Chain, document.Matrix, document.Matrix]
-PotRows: TypeAlias = tuple[tuple[float, ...] | None, tuple[float, ...] | None]
 
 
-def load_carts(
-    context: Context, source: SourceFile, content: SystemFile, buses: dict[str, BusFiles], options: TrocarSection,
-    emulated: bool,
-) -> tuple[cart.Cart, ...]:
+def load_carts(system: SystemFiles) -> tuple[cart.Cart, ...]:
     """All setup joints of the system, without those that have errors."""
-    carries = _carried(content)
+    carries = _carried(system.content)
     found = []
-    for index, keys in enumerate(content.arms):
+    for index, keys in enumerate(system.content.arms):
         if keys.type.startswith("SUJ"):
-            loader = _CartLoader(context, source, index, keys, emulated, carries.get(keys.name, {}))
-            made = loader.load(buses.get(keys.IO))
+            made = _CartLoader(system, index, keys, carries.get(keys.name, {})).load(system.buses.get(keys.IO))
             if made is not None:
-                found.append(_with_period(made, keys, options))
-    _check_base_frames(context, source, content, found)
+                found.append(made)
+    _check_base_frames(system, found)
     return tuple(found)
 
 
@@ -56,10 +49,9 @@ def with_base_frames(
     arms: Sequence[document.ArmConfig], carts: Sequence[cart.Cart]
 ) -> tuple[document.ArmConfig, ...]:
     """The arms, each with the name of the setup joints that carry it."""
-    by_name = {arm.carries: (one.name, arm.name) for one in carts for arm in one.arms if arm.carries}
-    nowhere = ("", "")
-    return tuple(dataclasses.replace(arm, base_from=by_name.get(arm.name, nowhere)[0],
-                                     base_setup=by_name.get(arm.name, nowhere)[1]) for arm in arms)
+    setups = {arm.carries: (one.name, arm.name) for one in carts for arm in one.arms if arm.carries}
+    return tuple(dataclasses.replace(arm, base_from=name, base_setup=setup)
+                 for arm in arms for name, setup in (setups.get(arm.name, ("", "")),))
 
 
 def with_brakes(ios: Sequence[document.IoConfig], carts: Sequence[cart.Cart]) -> tuple[document.IoConfig, ...]:
@@ -98,45 +90,36 @@ def _carried(content: SystemFile) -> dict[str, dict[str, str]]:
     return found
 
 
-def _check_base_frames(
-    context: Context, source: SourceFile, content: SystemFile, found: Sequence[cart.Cart]
-) -> None:
-    carts, listed = {one.name: one for one in found}, {keys.name for keys in content.arms if keys.type[:3] == "SUJ"}
+def _check_base_frames(system: SystemFiles, found: Sequence[cart.Cart]) -> None:
+    arms = system.content.arms
+    carts, listed = {one.name: one for one in found}, {keys.name for keys in arms if keys.type[:3] == "SUJ"}
     taken: dict[tuple[str, str], str] = {}
-    for index, keys in enumerate(content.arms):
+    for index, keys in enumerate(arms):
         frame = keys.base_frame
         if frame is None or frame.component is None or frame.interface is None or frame.transform is not None:
             continue
         where: Key = ("arms", index, "base_frame")
         if frame.component not in listed:
-            context.notes.append(f"not started yet: base frame of {keys.name} from {frame.component}/{frame.interface}")
+            system.note(f"not started yet: base frame of {keys.name} from {frame.component}/{frame.interface}")
             continue
         names = [arm.name for arm in carts[frame.component].arms] if frame.component in carts else []
         if names and frame.interface not in names:
             text = f"{frame.component} has no setup arm {frame.interface}"
-            context.error(source, (*where, "interface"), text, f"one of {', '.join(names)}")
+            system.error((*where, "interface"), text, f"one of {', '.join(names)}")
         place = (frame.component, frame.interface)
         if place in taken:
             text = f"{frame.component}/{frame.interface} carries {taken[place]} already"
-            context.error(source, (*where, "interface"), text, "a setup arm of its own for every arm")
+            system.error((*where, "interface"), text, "a setup arm of its own for every arm")
         taken.setdefault(place, keys.name)
-
-
-def _with_period(made: cart.Cart, keys: ArmKeys, options: TrocarSection) -> cart.Cart:
-    own = options.processes.get(made.name)
-    stated = keys.period if "period" in keys.model_fields_set else PERIOD_S
-    return dataclasses.replace(made, period_s=(own.period_s if own else None) or stated)
 
 
 @dataclasses.dataclass(slots=True)
 class _CartLoader:
     """One entry of the `arms` list, on its way to a cart."""
 
-    context: Context
-    source: SourceFile
+    system: SystemFiles
     index: int
     keys: ArmKeys
-    emulated: bool
     carries: dict[str, str]
 
     @property
@@ -146,7 +129,7 @@ class _CartLoader:
 
     def load(self, bus: BusFiles | None) -> cart.Cart | None:
         """The cart; None with errors."""
-        before = len(self.context.problems)
+        before = len(self.system.context.problems)
         match self.keys.type:
             case "SUJ_Classic":
                 made = self._classic(bus)
@@ -154,27 +137,28 @@ class _CartLoader:
                 made = self._si()
             case _:
                 made = self._fixed()
-        errors = [p for p in self.context.problems[before:] if p.severity == "error"]
-        return None if errors else made
+        return None if count(self.system.context.problems[before:]) else made
 
     def _open(self, model: type[FileType]) -> Opened[FileType] | None:
         where: Key = ("arms", self.index, "arm_file")
         if not self.keys.arm_file:
-            self.context.error(self.source, where, f"this key is required for {self.keys.type}", "a file")
+            self.system.error(where, f"this key is required for {self.keys.type}", "a file")
             return None
-        path = self.context.find(self.source, where, (self.keys.arm_file,))
-        return self.context.open(model, path) if path is not None else None
+        return self.system.open(model, where, self.keys.arm_file)
 
-    def _cart(self, kind: str, source: SourceFile, arms: Sequence[cart.CartArm], reference: str) -> cart.Cart:
-        names = [arm.name for arm in arms]
+    def _cart(self, kind: str, opened: Opened[object], found: Sequence[cart.CartArm | None],
+              reference: str) -> cart.Cart:
+        made = tuple(arm for arm in found if arm is not None)
+        names = [arm.name for arm in made]
         if reference not in names and reference != "ECM":  # the usual one may be missing: then there is none
-            self.context.error(source, ("reference_arm",), f"no setup arm {reference}", f"one of {', '.join(names)}")
+            opened.error(("reference_arm",), f"no setup arm {reference}", f"one of {', '.join(names)}")
         for place, name in enumerate(names):
             if name in names[:place]:
                 text = f"{name} is that of arms[{names.index(name)}], too"
-                self.context.error(source, ("arms", place, "name"), text, "one of its own for every arm")
-        return cart.Cart(self.keys.name, kind, self.keys.simulation, PERIOD_S, tuple(arms), reference,
-                         source=str(source.path))
+                opened.error(("arms", place, "name"), text, "one of its own for every arm")
+        stated = self.keys.period if "period" in self.keys.model_fields_set else PERIOD_S
+        return cart.Cart(self.keys.name, kind, self.keys.simulation, self.system.own(self.keys.name).period_s or stated,
+                         made, reference, source=str(opened.source.path))
 
     # -- Classic -------------------------------------------------------------------------------------------------------
 
@@ -182,21 +166,20 @@ class _CartLoader:
         opened = self._open(SetupFile)
         if opened is None:
             return None
-        check_plugs(self.context, opened)
-        arms = [self._classic_arm(opened.source, place, keys) for place, keys in enumerate(opened.content.arms)]
-        made = self._cart(cart.CLASSIC, opened.source, [a for a in arms if a is not None],
-                          opened.content.reference_arm)
+        _check_plugs(opened)
+        arms = [self._classic_arm(opened, place, keys) for place, keys in enumerate(opened.content.arms)]
+        made = self._cart(cart.CLASSIC, opened, arms, opened.content.reference_arm)
         if self.is_kinematic or bus is None:
             return made
         robot = self.keys.name_on_IO or self.keys.name
         self._check_bus(bus, robot, any(arm.lifts for arm in made.arms))
         return dataclasses.replace(made, io=self.keys.IO, robot=robot)
 
-    def _classic_arm(self, source: SourceFile, place: int, keys: SetupArmKeys) -> cart.CartArm | None:
+    def _classic_arm(self, opened: Opened[SetupFile], place: int, keys: SetupArmKeys) -> cart.CartArm | None:
         where: Key = ("arms", place)
-        geometry = self._geometry(source, where, keys)
+        geometry = self._geometry(opened, where, keys)
         joints = len(geometry[0].links) if geometry else 0
-        pots = self._pots(source, where, keys, joints)
+        pots = self._pots(opened, where, keys, joints)
         if geometry is None or pots is None:
             return None
         chain, world, tip = geometry
@@ -205,26 +188,26 @@ class _CartLoader:
             primary, secondary = ((*row[:ECM_JOINTS], *((0.0, 0.0),) * len(row[ECM_JOINTS:])) for row in pots[:2])
         return cart.CartArm(
             keys.name, self.carries.get(keys.name, ""), chain, joints, world, tip,
-            self._position(source, where, keys.simulated_position, joints), None, primary, secondary, weight,
+            self._position(opened, where, keys.simulated_position, joints), None, primary, secondary, weight,
             keys.plug_number, keys.brake_release_current, keys.brake_engaged_current, keys.type == "Motorized PSM")
 
     def _check_bus(self, bus: BusFiles, name: str, lifts: bool) -> None:
         where: Key = ("arms", self.index, "IO")
+        file = f"no file of {bus.keys.name}"
         robot = next((robot for _, _, robot in bus.robots() if robot.name == name), None)
         if robot is None or len(robot.actuators) != 4 or any(a.axis_id > 3 for a in robot.actuators):
-            text = f"no file of {bus.keys.name} has a robot {name} with an actuator for each of 4 plugs, axes 0 to 3"
-            self.context.error(self.source, where, text, "an IO_file that has it")
-        outputs = {row.name for opened in bus.opened() for row in opened.content.digital_outputs}
+            text = f"{file} has a robot {name} with an actuator for each of 4 plugs, axes 0 to 3"
+            self.system.error(where, text, "an IO_file that has it")
+        outputs = {row.name for content in bus.contents() for row in content.digital_outputs}
         missing = [row for row in cart.MULTIPLEXER_OUTPUTS + (cart.LIFT_OUTPUTS if lifts else ()) if row not in outputs]
         if missing:
-            text = f"no file of {bus.keys.name} has the digital outputs {', '.join(missing)}"
-            self.context.error(self.source, where, text, "an IO_file that has them")
-        inputs = {row.name for opened in bus.opened() for row in opened.content.digital_inputs}
+            self.system.error(where, f"{file} has the digital outputs {', '.join(missing)}", "an IO_file that has them")
+        inputs = {row.name for content in bus.contents() for row in content.digital_inputs}
         clutches = [f"SUJ_clutch_{plug}" for plug in range(1, 5)]
         absent = [name for name in clutches + (["motor_up", "motor_down"] if lifts else []) if name not in inputs]
         if absent:
-            text = f"no file of {bus.keys.name} has the buttons {', '.join(absent)}: nobody can press them"
-            self.context.warning(self.source, where, text, "digital inputs of these names")
+            text = f"{file} has the buttons {', '.join(absent)}: nobody can press them"
+            self.system.warning(where, text, "digital inputs of these names")
 
     # -- Si ------------------------------------------------------------------------------------------------------------
 
@@ -232,39 +215,40 @@ class _CartLoader:
         opened = self._open(SiSetupFile)
         if opened is None:
             return None
-        source, content = opened.source, opened.content
-        arms = [self._si_arm(source, place, keys) for place, keys in enumerate(content.arms)]
-        made = self._cart(cart.SI, source, [a for a in arms if a is not None], content.reference_arm)
+        content = opened.content
+        arms = [self._si_arm(opened, place, keys) for place, keys in enumerate(content.arms)]
+        made = self._cart(cart.SI, opened, arms, content.reference_arm)
         if self.is_kinematic:
             return made
         if content.base_arduino_mac is None:
             text = "this key is required: the first joint of every arm hangs on the base's board"
-            self.context.error(source, ("base_arduino_mac",), text, "a Bluetooth address")
-        if self.emulated:
-            self.context.notes.append(f"{made.name}: potentiometer boards emulated, no Bluetooth is used")
-        return dataclasses.replace(made, base_board=content.base_arduino_mac or "", emulated=self.emulated)
+            opened.error(("base_arduino_mac",), text, "a Bluetooth address")
+        emulated = self.system.emulated
+        if emulated:
+            self.system.note(f"{made.name}: potentiometer boards emulated, no Bluetooth is used")
+        return dataclasses.replace(made, base_board=content.base_arduino_mac or "", emulated=emulated)
 
-    def _si_arm(self, source: SourceFile, place: int, keys: SiArmKeys) -> cart.CartArm | None:
+    def _si_arm(self, opened: Opened[SiSetupFile], place: int, keys: SiArmKeys) -> cart.CartArm | None:
         where: Key = ("arms", place)
-        geometry = self._geometry(source, where, keys)
+        geometry = self._geometry(opened, where, keys)
         if geometry is None:
             return None
         chain, world, tip = geometry
         joints = len(chain.links) - FIXED_LINKS
         if joints not in SI_JOINTS:
             rows = " or ".join(str(count + FIXED_LINKS) for count in SI_JOINTS)
-            self.context.error(source, (*where, "DH"), f"{len(chain.links)} rows", f"{rows} rows, the last two fixed")
-        pots = self._pots(source, where, keys, joints)
+            opened.error((*where, "DH"), f"{len(chain.links)} rows", f"{rows} rows, the last two fixed")
+        pots = self._pots(opened, where, keys, joints)
         if keys.name not in BASE_POTS:
-            self.context.error(source, (*where, "name"), "no Si setup arm", f"one of {', '.join(BASE_POTS)}")
+            opened.error((*where, "name"), "no Si setup arm", f"one of {', '.join(BASE_POTS)}")
         elif not self.is_kinematic and keys.arduino_mac is None:
-            self.context.error(source, (*where, "arduino_mac"), "this key is required", "a Bluetooth address")
+            opened.error((*where, "arduino_mac"), "this key is required", "a Bluetooth address")
         if pots is None or keys.name not in BASE_POTS:
             return None
         primary, secondary, weight = pots
         return cart.CartArm(
             keys.name, self.carries.get(keys.name, ""), chain, joints, world, tip,
-            self._position(source, where, keys.simulated_position, joints), None, primary, secondary, weight,
+            self._position(opened, where, keys.simulated_position, joints), None, primary, secondary, weight,
             board=keys.arduino_mac or "", base_pot=BASE_POTS.index(keys.name))
 
     # -- fixed ---------------------------------------------------------------------------------------------------------
@@ -273,19 +257,18 @@ class _CartLoader:
         opened = self._open(FixedSetupFile)
         if opened is None:
             return None
-        arms = []
-        for place, keys in enumerate(opened.content.arms):
-            if check_rigid(self.context, opened.source, ("arms", place, "measured_cp"), keys.measured_cp):
-                arms.append(cart.CartArm(keys.name, self.carries.get(keys.name, ""), pose=keys.measured_cp))
+        arms = [cart.CartArm(keys.name, self.carries.get(keys.name, ""), pose=keys.measured_cp)
+                for place, keys in enumerate(opened.content.arms)
+                if check_rigid(opened, ("arms", place, "measured_cp"), keys.measured_cp)]
         reference = opened.content.reference_arm_as_before or opened.content.reference_arm
-        return self._cart(cart.FIXED, opened.source, arms, reference)
+        return self._cart(cart.FIXED, opened, arms, reference)
 
     # -- parts of an arm -----------------------------------------------------------------------------------------------
 
-    def _geometry(self, source: SourceFile, where: Key, keys: SetupArmKeys | SiArmKeys) -> Geometry | None:
+    def _geometry(self, opened: Opened[object], where: Key, keys: SetupArmKeys | SiArmKeys) -> Geometry | None:
         missing = [name for name in ("DH", "world_origin_to_SUJ", "SUJ_tip_to_tool_origin") if not getattr(keys, name)]
         for name in missing:
-            self.context.error(source, (*where, name), "this key is required", "an object")
+            opened.error((*where, name), "this key is required", "an object")
         if keys.DH is None or keys.world_origin_to_SUJ is None or keys.SUJ_tip_to_tool_origin is None:
             return None
         poses = []
@@ -293,20 +276,20 @@ class _CartLoader:
                             ("SUJ_tip_to_tool_origin", keys.SUJ_tip_to_tool_origin)):
             rows = tuple((*row, x) for row, x in zip(frame.Rotation, frame.Translation, strict=False))
             matrix: document.Matrix = (*rows, (0.0, 0.0, 0.0, 1.0))
-            if not check_rigid(self.context, source, (*where, name, "Rotation"), matrix):
+            if not check_rigid(opened, (*where, name, "Rotation"), matrix):
                 return None
             poses.append(matrix)
         links = convert.links(keys.DH)
-        if not check_dh(self.context, source, (*where, "DH"), keys.DH):
+        if not check_dh(opened, (*where, "DH"), keys.DH):
             return None
         if len(links) > JOINT_ROOM or not links or links[0].joint_type != "prismatic":
             text = "the first joint must be prismatic" if links else "no rows"
-            self.context.error(source, (*where, "DH"), text, f"up to {JOINT_ROOM} rows, the first one prismatic")
+            opened.error((*where, "DH"), text, f"up to {JOINT_ROOM} rows, the first one prismatic")
             return None
-        return document.Chain(convention_of(keys.DH), links, source=str(source.path)), poses[0], poses[1]
+        return document.Chain(convention_of(keys.DH), links, source=str(opened.source.path)), poses[0], poses[1]
 
     def _pots(
-        self, source: SourceFile, where: Key, keys: SetupArmKeys | SiArmKeys, joints: int
+        self, opened: Opened[object], where: Key, keys: SetupArmKeys | SiArmKeys, joints: int
     ) -> tuple[tuple[cart.Linear, ...], tuple[cart.Linear, ...], tuple[float, ...]] | None:
         """Conversions of both potentiometers of every joint, and the weight of the first; none are needed when played.
 
@@ -314,55 +297,57 @@ class _CartLoader:
         """
         if self.is_kinematic:
             return (), (), ()
-        rows: dict[str, PotRows] = {"primary": (keys.primary_scales, keys.primary_offsets),
-                                    "secondary": (keys.secondary_scales, keys.secondary_offsets)}
         made, fine = [], True
-        for name, (scales, offsets) in rows.items():
+        for name in ("primary", "secondary"):
+            scales, offsets = getattr(keys, f"{name}_scales"), getattr(keys, f"{name}_offsets")
             for what, values in (("scales", scales), ("offsets", offsets)):
                 key = (*where, f"{name}_{what}")
                 if values is None:
-                    self.context.error(source, key, "this key is required", f"{joints or JOINT_ROOM} numbers")
+                    opened.error(key, "this key is required", f"{joints or JOINT_ROOM} numbers")
                 elif joints and len(values) != joints:
-                    self.context.error(source, key, f"{len(values)} numbers for {joints} joints", f"{joints} numbers")
+                    opened.error(key, f"{len(values)} numbers for {joints} joints", f"{joints} numbers")
                 fine = fine and values is not None and len(values) == joints
             made.append(tuple(zip(scales or (), offsets or (), strict=False)))
-        weight = self._weight(source, (*where, "primary_secondary_weight"), keys.primary_secondary_weight, joints)
+        weight = _weight(opened, (*where, "primary_secondary_weight"), keys.primary_secondary_weight, joints)
         return (made[0], made[1], weight) if fine and weight else None
 
-    def _weight(self, source: SourceFile, key: Key, given: object, joints: int) -> tuple[float, ...]:
-        values = list(given) if isinstance(given, list | tuple) else [given] * joints
-        good = [float(v) for v in values if isinstance(v, int | float) and not isinstance(v, bool) and 0.0 <= v <= 1.0]
-        if len(good) != joints or len(values) != joints:
-            allowed = f"a number from 0 to 1, or {joints} of them"
-            self.context.error(source, key, f"not the weight of the primary potentiometers: {given}", allowed)
-            return ()
-        return tuple(good)
-
-    def _position(self, source: SourceFile, where: Key, given: tuple[float, ...] | None, joints: int) -> tuple[float,
-                                                                                                               ...]:
+    def _position(self, opened: Opened[object], where: Key, given: tuple[float, ...] | None,
+                  joints: int) -> tuple[float, ...]:
         if given is not None and len(given) != joints and joints:
             key = (*where, "simulated_position")
-            self.context.error(source, key, f"{len(given)} numbers for {joints} joints", f"{joints} numbers")
+            opened.error(key, f"{len(given)} numbers for {joints} joints", f"{joints} numbers")
         return tuple(given or ())
+
+
+def _weight(opened: Opened[object], key: Key, given: object, joints: int) -> tuple[float, ...]:
+    values = list(given) if isinstance(given, list | tuple) else [given] * joints
+    good = [float(v) for v in values if isinstance(v, int | float) and not isinstance(v, bool) and 0.0 <= v <= 1.0]
+    if len(good) != joints or len(values) != joints:
+        allowed = f"a number from 0 to 1, or {joints} of them"
+        opened.error(key, f"not the weight of the primary potentiometers: {given}", allowed)
+        return ()
+    return tuple(good)
 
 
 def check_cart(context: Context, path: Path, kind: str) -> None:
     """A file of setup joints by itself: everything in it but what its potentiometers hang on."""
-    source = context.read(path)
-    arms = source.data.get("arms") if source is not None else None
+    read = context.read(path)
+    if read is None:
+        return
+    arms = read.source.data.get("arms")
     rows = arms if isinstance(arms, list) else []
     measured = any(isinstance(arm, dict) and "primary_offsets" in arm for arm in rows)
     keys = ArmKeys.model_validate({"name": "SUJ", "type": f"SUJ_{kind}", "arm_file": str(path),
                                    "simulation": "NONE" if measured else KINEMATIC})
-    if source is not None:
-        _CartLoader(context, source, 0, keys, False, {}).load(None)
+    system = SystemFiles(context, read.source, SystemFile.model_construct(), TrocarSection(), emulated=False)
+    _CartLoader(system, 0, keys, {}).load(None)
 
 
-def check_plugs(context: Context, opened: Opened[SetupFile]) -> None:
+def _check_plugs(opened: Opened[SetupFile]) -> None:
     """Every arm has a plug of its own."""
     taken: dict[int, str] = {}
     for index, arm in enumerate(opened.content.arms):
         if arm.plug_number in taken:
             text = f"{arm.plug_number} is that of {taken[arm.plug_number]}, too"
-            context.error(opened.source, ("arms", index, "plug_number"), text, "one of its own for every arm")
+            opened.error(("arms", index, "plug_number"), text, "one of its own for every arm")
         taken[arm.plug_number] = f"arms[{index}]"

@@ -1,25 +1,43 @@
-"""Kinematic files, tools and the tool index: read, checked, converted."""
+"""Kinematic files and tools, and what gravity compensation of an arm goes by: read, checked, converted.
+
+Arms with `"simulation": "KINEMATIC"` have robots made from their chains, which the process `io` plays. There is no
+board, no motor and no gain: actuators go where their setpoints are. What is left of a robot is how many actuators it
+has and how far they may go. The first ones are those of the chain, through its coupling where it has one; what an
+instrument turns (the rest of a PSM's) goes as far as the discs of a PSM do.
+"""
 
 from __future__ import annotations
 
 import dataclasses
+import math
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Final
+
+import numpy as np
 
 from trocar.procs.config.loading import convert
 from trocar.procs.config.loading.context import Context, Opened
+from trocar.procs.config.models.arm_file import ArmFile, MtmFile
+from trocar.procs.config.models.gravity_file import load_master_gravity
 from trocar.procs.config.models.kinematic_file import DhKeys, KinematicFile, ToolFile
 from trocar.procs.config.read.matrices import check_invertible, check_rigid
 from trocar.procs.config.read.problem import Key
-from trocar.procs.config.read.source import SourceFile
 from trocar.procs.document import system as document
+from trocar.procs.document.gravity_parameters import MasterGravityParameters
+from trocar.procs.tables.arm_types import ARM_TYPES
 
 ENGAGED_AXES = 4  # a tool is turned by the last four actuators
+KINEMATIC: Final = "KINEMATIC"
+KINEMATIC_IO: Final = "io"  # the process that plays them all
+DISC_RANGE: Final = math.radians(172.0)
+_COUPLING: Key = ("coupling", "ActuatorToJointPosition")
 
 
-def load_chain(context: Context, path: Path) -> document.Chain | None:
-    """A kinematic file as a chain; None with errors."""
+def load_chain(context: Context, path: Path | None) -> document.Chain | None:
+    """A kinematic file as a chain; None with errors, or without a path."""
     opened = context.open(KinematicFile, path)
-    if opened is None or not check_chain(context, opened):
+    if opened is None or not check_chain(opened):
         return None
     content = opened.content
     return document.Chain(
@@ -31,17 +49,41 @@ def load_chain(context: Context, path: Path) -> document.Chain | None:
     )
 
 
-def check_chain(context: Context, opened: Opened[KinematicFile]) -> bool:
+def arm_chain(opened: Opened[ArmFile]) -> document.Chain | None:
+    """The chain an arm file names."""
+    return load_chain(opened.context, opened.find(("kinematic",), opened.content.kinematic))
+
+
+def weighing_links(opened: Opened[ArmFile], family: str) -> document.Chain | None:
+    """The links of an arm with their masses; None: it needs none, or with errors."""
+    row = ARM_TYPES[family]
+    name = opened.content.kinematic_gc or row.physical.get(opened.content.generation, "")
+    if not name or not row.physical_links:
+        return None
+    chain = load_chain(opened.context, opened.find(("kinematic_gc",), name))
+    if chain is None or len(chain.links) in row.physical_links:
+        return chain
+    allowed = f"{' or '.join(map(str, row.physical_links))} rows for gravity compensation of this arm"
+    opened.error(("kinematic_gc",), f"chain of {len(chain.links)} rows", allowed)
+    return None
+
+
+def measured_weight(opened: Opened[ArmFile]) -> MasterGravityParameters | None:
+    """What a master's gravity-compensation file says; None: it is no master, names none, or with errors."""
+    name = opened.content.gravity_compensation if isinstance(opened.content, MtmFile) else ""
+    path = opened.find(("gravity_compensation",), name) if name else None
+    return load_master_gravity(opened.context, path) if path is not None else None
+
+
+def check_chain(opened: Opened[KinematicFile]) -> bool:
     """Whether rows and matrices of a kinematic file make sense."""
-    source, content = opened.source, opened.content
-    fine = check_dh(context, source, ("DH",), content.DH)
+    content = opened.content
+    fine = check_dh(opened, ("DH",), content.DH)
     if content.base_offset is not None:
-        fine = check_rigid(context, source, ("base-offset",), content.base_offset) and fine
+        fine = check_rigid(opened, ("base-offset",), content.base_offset) and fine
     if content.coupling is not None:
-        matrix = content.coupling.ActuatorToJointPosition
         size = len(content.DH.joints or content.DH.links)
-        key: Key = ("coupling", "ActuatorToJointPosition")
-        fine = check_invertible(context, source, key, matrix, size) and fine
+        fine = check_invertible(opened, _COUPLING, content.coupling.ActuatorToJointPosition, size) and fine
     return fine
 
 
@@ -49,26 +91,25 @@ def load_tool(context: Context, path: Path, name: str) -> document.Tool | None:
     """A tool file, read once; None with errors."""
     if path not in context.tools:
         opened = context.open(ToolFile, path)
-        fine = opened is not None and check_tool(context, opened)
+        fine = opened is not None and check_tool(opened)
         context.tools[path] = convert.tool(opened.content, name, str(path)) if opened is not None and fine else None
     found = context.tools[path]
     return dataclasses.replace(found, name=name) if found is not None else None
 
 
-def check_tool(context: Context, opened: Opened[ToolFile]) -> bool:
+def check_tool(opened: Opened[ToolFile]) -> bool:
     """Whether rows, matrices and ranges of a tool file make sense."""
-    source, content = opened.source, opened.content
-    fine = check_dh(context, source, ("DH",), content.DH)
-    fine = check_rigid(context, source, ("tooltip_offset",), content.tooltip_offset) and fine
-    key: Key = ("coupling", "ActuatorToJointPosition")
-    fine = check_invertible(context, source, key, content.coupling.ActuatorToJointPosition, ENGAGED_AXES) and fine
+    content = opened.content
+    fine = check_dh(opened, ("DH",), content.DH)
+    fine = check_rigid(opened, ("tooltip_offset",), content.tooltip_offset) and fine
+    fine = check_invertible(opened, _COUPLING, content.coupling.ActuatorToJointPosition, ENGAGED_AXES) and fine
     if content.jaw.qmin > content.jaw.qmax:
-        context.error(source, ("jaw", "qmin"), "above qmax", f"at most {content.jaw.qmax}")
+        opened.error(("jaw", "qmin"), "above qmax", f"at most {content.jaw.qmax}")
         fine = False
     for name in ("lower", "upper"):
         count = len(getattr(content.tool_engage_position, name))
         if count != ENGAGED_AXES:
-            context.error(source, ("tool_engage_position", name), f"{count} numbers", f"{ENGAGED_AXES} numbers")
+            opened.error(("tool_engage_position", name), f"{count} numbers", f"{ENGAGED_AXES} numbers")
             fine = False
     return fine
 
@@ -79,21 +120,56 @@ def convention_of(keys: DhKeys) -> str:
     return keys.convention or (rows[0].convention if rows else None) or ""
 
 
-def check_dh(context: Context, source: SourceFile, where: Key, keys: DhKeys) -> bool:
+def check_dh(opened: Opened[object], where: Key, keys: DhKeys) -> bool:
     """Whether the rows at `where` make a chain."""
     kind = "joints" if keys.joints else "links"
     rows = keys.joints or keys.links
     if not rows or (keys.joints and keys.links):
-        context.error(source, where, "one list of rows must be given", "either joints or links")
+        opened.error(where, "one list of rows must be given", "either joints or links")
         return False
     fine = True
     for number, row in enumerate(rows):
         key: Key = (*where, kind, number)
         convention = row.convention or keys.convention
         if convention is None or convention != convention_of(keys):
-            context.error(source, (*key, "convention"), "one convention must hold for all rows", "standard or modified")
+            opened.error((*key, "convention"), "one convention must hold for all rows", "standard or modified")
             fine = False
         if row.qmin > row.qmax:
-            context.error(source, (*key, "qmin"), "above qmax", f"at most {row.qmax}")
+            opened.error((*key, "qmin"), "above qmax", f"at most {row.qmax}")
             fine = False
     return fine
+
+
+def kinematic_robot(
+    opened: Opened[ArmFile], name: str, place: int, chain: document.Chain, actuators: int
+) -> tuple[document.Robot, document.PidConfig] | None:
+    """The robot of the arm `name`, and a joint controller without gains; None with an error in its arm file.
+
+    `place` is that of the arm in the system: what has no board gets a number below 0, so that no two share one.
+    """
+    links = chain.links[:actuators]
+    if chain.actuator_to_joint is not None and len(links) != len(chain.actuator_to_joint):
+        opened.error(("kinematic",), f"chain of {len(chain.links)} rows for {actuators} actuators", f"{actuators} rows")
+        return None
+    discs = range(actuators - len(links))
+    names = [link.name or f"joint_{place + 1}" for place, link in enumerate(links)]
+    names += [f"disc_{place + 1}" for place in discs]
+    types = [link.joint_type.upper() for link in links] + ["REVOLUTE" for _ in discs]
+    ranges = _ranges(chain, links) + [(-DISC_RANGE, DISC_RANGE) for _ in discs]
+    nothing = document.Linear()
+    rows = tuple(
+        document.Actuator(-1 - place, axis, joint_type, 0.0, nothing, nothing, maximum_current=0.0,
+                          encoder=document.Encoder(nothing, lower, upper, "SOFTWARE"))
+        for axis, (joint_type, (lower, upper)) in enumerate(zip(types, ranges, strict=True)))
+    gains = tuple(document.PidAxis(*row, 0.0, 0.0, 0.0) for row in zip(names, types, strict=True))
+    robot = document.Robot(name, "", KINEMATIC, rows, "NONE", source=str(opened.source.path))
+    return robot, document.PidConfig(name, name, gains)
+
+
+def _ranges(chain: document.Chain, links: Sequence[document.DhLink]) -> list[tuple[float, float]]:
+    """How far the actuators of the chain go: the box around all positions within the joint limits."""
+    limits = np.array([(link.lower, link.upper) for link in links])
+    if chain.actuator_to_joint is not None:
+        parts = np.linalg.inv(np.array(chain.actuator_to_joint))[:, :, None] * limits
+        limits = np.stack((parts.min(axis=2).sum(axis=1), parts.max(axis=2).sum(axis=1)), axis=1)
+    return [(float(lower), float(upper)) for lower, upper in limits]

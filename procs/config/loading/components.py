@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from trocar.procs.config.loading.context import Context
-from trocar.procs.config.read.source import SourceFile
+from trocar.procs.config.loading.context import Opened
+from trocar.procs.config.models.system_file import SystemFile
 
 KEY: Final = ("component_manager",)
 _THIRD_PARTY: Final = "docs/third-party-masters.md"
@@ -27,8 +27,9 @@ _INSTEAD: Final = (
 _OTHERS: Final = f"a process of your own: a script (docs/python.md), or a program in an arm's place ({_THIRD_PARTY})"
 
 
-def warn_of_components(context: Context, source: SourceFile, manager: object) -> None:
+def warn_of_components(system: Opened[SystemFile]) -> None:
     """One warning that names every component of the file that is not started, and what does its job."""
+    manager = system.content.component_manager
     if not manager:
         return
     jobs: dict[str, list[str]] = {}
@@ -37,7 +38,7 @@ def warn_of_components(context: Context, source: SourceFile, manager: object) ->
     names = [name for group in jobs.values() for name in group]
     left_out = ", ".join(names) if names else "all it loads"
     allowed = "; ".join(f"for {', '.join(group)}: {job}" for job, group in jobs.items()) or _OTHERS
-    context.warning(source, KEY, f"left out, everything else is started: {left_out}", allowed)
+    system.warning(KEY, f"left out, everything else is started: {left_out}", allowed)
 
 
 def _instead_of(words: str) -> str:

@@ -1,17 +1,20 @@
-"""The `consoles` of a system: their inputs, and the teleoperations that join arms, as rows of the document."""
+"""Who operates a system: its consoles with their inputs, teleoperations that join arms, the focus controller, and
+third-party programs in the place of arms (`_GENERIC` types) and pedals (`COMPONENTS`)."""
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-from trocar.procs.config.loading.buses import BusFiles, file_of_device
-from trocar.procs.config.loading.context import Context
-from trocar.procs.config.loading.third_parties import COMPONENTS, GENERIC, place_of
+from trocar.procs.config.loading.arms import base_frame_of
+from trocar.procs.config.loading.buses import BusFiles, SystemFiles
+from trocar.procs.config.loading.convert import by_name
 from trocar.procs.config.models.hid_file import load_hid
 from trocar.procs.config.models.system_file import (
+    RESERVED,
     ConsoleKeys,
     InterfaceKeys,
     IoDeviceKeys,
@@ -22,7 +25,6 @@ from trocar.procs.config.models.system_file import (
     TeleopPsmParameters,
 )
 from trocar.procs.config.read.problem import Key
-from trocar.procs.config.read.source import SourceFile
 from trocar.procs.document.cart import Cart
 from trocar.procs.document.consoles import (
     GOOVIS,
@@ -35,6 +37,15 @@ from trocar.procs.document.consoles import (
 )
 from trocar.procs.document.third_party import ThirdParty
 
+GENERIC: Final = "_GENERIC"
+COMPONENTS: Final = "COMPONENTS"
+BUTTONS: Final = ("clutch", "camera", "operator_present")
+FOCUS: Final = "ISI_focus_controller"
+FOCUS_NAME: Final = "focus_controller"
+FOCUS_OUTPUTS: Final = ("endoscope_focus_in", "endoscope_focus_out")
+FOCUS_PEDALS: Final = ("focus_plus", "focus_minus")  # in, out
+_WORD: Final = re.compile(r"[A-Za-z0-9_-]{1,40}\Z")
+_MAX_BUTTON: Final = 24  # what an event has room for
 PERIOD_S: Final = 0.01
 PEDALS: Final = "IO_pedals"
 HEAD: Final = "IO_head_sensor"
@@ -49,51 +60,42 @@ _NEEDS = {
     "PEDALS_DVRK_HEAD_SENSOR": (PEDALS, HEAD),
     "PEDALS_GOOVIS_HEAD_SENSOR": (PEDALS, "HID_file"),
     "SIMULATED": (),
-    "COMPONENTS": ("clutch", "camera", "operator_present"),
+    "COMPONENTS": BUTTONS,
 }
 _HEAD_NAME = re.compile(r"head", re.IGNORECASE)
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class Operation:
-    """Who operates a system, and with what: its consoles came to the first three."""
+    """Who operates a system, and with what."""
 
-    consoles: tuple[Console, ...] = ()
-    teleop_psms: tuple[TeleopPsmConfig, ...] = ()
-    teleop_ecms: tuple[TeleopEcmConfig, ...] = ()
-    third_parties: tuple[ThirdParty, ...] = ()
-    focuses: tuple[Focus, ...] = ()
-
-    @property
-    def names(self) -> set[str]:
-        """Names of all of them."""
-        rows: list[Console | TeleopPsmConfig | TeleopEcmConfig | ThirdParty | Focus] = [
-            *self.consoles, *self.teleop_psms, *self.teleop_ecms, *self.third_parties, *self.focuses]
-        return {row.name for row in rows}
+    consoles: tuple[Console, ...]
+    teleop_psms: tuple[TeleopPsmConfig, ...]
+    teleop_ecms: tuple[TeleopEcmConfig, ...]
+    focuses: tuple[Focus, ...]
 
 
-def load_consoles(
-    context: Context, source: SourceFile, content: SystemFile, buses: dict[str, BusFiles], arms: Collection[str],
-    carts: Sequence[Cart] = (),
-) -> Operation:
+def load_consoles(system: SystemFiles, arms: Sequence[str], carts: Sequence[Cart],
+                  third_parties: tuple[ThirdParty, ...]) -> Operation:
     """All consoles with their teleoperations; those whose arms do not run are noted and left out.
 
-    `arms` are the names of those that run. Missing parts, unknown arms and teleoperations listed twice are errors.
+    `arms` are the names of ours that run. Missing parts, unknown arms and teleoperations listed twice are errors.
     """
+    running = [*arms, *(row.name for row in third_parties if row.type)]
     setups = {cart.name: [arm.name for arm in cart.arms] for cart in carts}
-    loader = _ConsoleLoader(context, source, content, buses, arms, setups)
-    made = tuple(loader.console(index, keys) for index, keys in enumerate(content.consoles))
-    return Operation(made, tuple(loader.psms), tuple(loader.ecms))
+    loader = _ConsoleLoader(system, running, setups)
+    consoles = tuple(loader.console(index, keys) for index, keys in enumerate(system.content.consoles))
+    rows: list[Console | TeleopPsmConfig | TeleopEcmConfig | ThirdParty] = [
+        *consoles, *loader.psms, *loader.ecms, *third_parties]
+    focuses = _load_focus(system, {row.name for row in rows})
+    return Operation(consoles, tuple(loader.psms), tuple(loader.ecms), focuses)
 
 
 @dataclass(slots=True)
 class _ConsoleLoader:
     """All consoles of one file."""
 
-    context: Context
-    source: SourceFile
-    content: SystemFile
-    buses: dict[str, BusFiles]
+    system: SystemFiles
     arms: Collection[str]
     setups: dict[str, list[str]]  # setup arms by the setup joints that run
     taken: dict[str, str] = field(default_factory=dict)
@@ -105,7 +107,7 @@ class _ConsoleLoader:
         key: Key = ("consoles", index)
         for name in _NEEDS[keys.input_type]:
             if not getattr(keys, name):
-                self.context.error(self.source, (*key, name),
+                self.system.error((*key, name),
                                    f"this key is required with input_type {keys.input_type}")
         ecms = [self._ecm((*key, "teleop_ECMs", place), keys.name, row) for place, row in enumerate(keys.teleop_ECMs)]
         psms = [self._psm((*key, "teleop_PSMs", place), keys.name, row) for place, row in enumerate(keys.teleop_PSMs)]
@@ -117,10 +119,10 @@ class _ConsoleLoader:
     # -- inputs --------------------------------------------------------------------------------------------------------
 
     def _with_inputs(self, key: Key, keys: ConsoleKeys, teleops: tuple[str, ...]) -> Console:
+        period_s = self.system.own(keys.name).period_s or PERIOD_S
         if keys.input_type == COMPONENTS:
-            clutch, camera, present = (self._component((*key, button), getattr(keys, button))
-                                       for button in ("clutch", "camera", "operator_present"))
-            return Console(keys.name, keys.input_type, PERIOD_S, teleops, clutch, camera, (present,) if present else ())
+            clutch, camera, present = (self._component((*key, button), getattr(keys, button)) for button in BUTTONS)
+            return Console(keys.name, keys.input_type, period_s, teleops, clutch, camera, (present,) if present else ())
         wired = keys.input_type.startswith("PEDALS")
         pedals = keys.IO_pedals if wired else None
         clutch, camera = (self._input((*key, PEDALS), pedals, name) for name in ("clutch", "camera"))
@@ -136,28 +138,30 @@ class _ConsoleLoader:
         elif keys.input_type == "PEDALS_DVRK_HEAD_SENSOR" and keys.IO_head_sensor is not None:
             head = self._head_input((*key, HEAD), keys.IO_head_sensor)
             seen = (head,) if head else ()
-        return Console(keys.name, keys.input_type, PERIOD_S, teleops, clutch, camera, seen, count, turn_off,
+        return Console(keys.name, keys.input_type, period_s, teleops, clutch, camera, seen, count, turn_off,
                        self._head_on_usb(key, keys.HID_file) if keys.input_type == GOOVIS else None)
 
     def _head_on_usb(self, key: Key, name: str) -> HidSensor | None:
-        path = self.context.find(self.source, (*key, "HID_file"), (name,)) if name else None
-        return load_hid(self.context, path) if path is not None else None
+        path = self.system.find((*key, "HID_file"), name) if name else None
+        return load_hid(self.system.context, path) if path is not None else None
 
     def _component(self, key: Key, keys: InterfaceKeys | None) -> WiredInput | None:
         """A digital input of an io, or a button of somebody's program."""
-        bus = self.buses.get(keys.component) if keys is not None else None
-        if keys is None or bus is None:
-            return WiredInput(place_of(self.content, keys.component), keys.interface) if keys is not None else None
-        names = [row.name for file in bus.opened() for row in file.content.digital_inputs]
+        if keys is None:
+            return None
+        bus = self.system.buses.get(keys.component)
+        if bus is None:
+            return WiredInput(place_of(self.system.content, keys.component), keys.interface)
+        names = [row.name for content in bus.contents() for row in content.digital_inputs]
         if keys.interface not in names:
-            self.context.error(self.source, (*key, "interface"), f"{keys.component} has no such digital input",
+            self.system.error((*key, "interface"), f"{keys.component} has no such digital input",
                                f"one of {', '.join(names)}" if names else "an IO whose files have digital inputs")
             return None
         return WiredInput(keys.component, keys.interface)
 
     def _names(self, device: IoDeviceKeys, outputs: bool = False) -> list[str] | None:
         """Digital inputs (or outputs) of a device's own file; None when that has errors of its own."""
-        file = file_of_device(self.context, device, self.buses)
+        file = self.system.file_of(device)
         if file is None:
             return None
         return [row.name for row in (file.digital_outputs if outputs else file.digital_inputs)]
@@ -169,7 +173,7 @@ class _ConsoleLoader:
         if name not in names:
             text = f"{device.IO_file} has no digital input {name}: nobody can press it"
             allowed = f"a file that has it; this one has {', '.join(names) or 'none'}"
-            self.context.warning(self.source, (*key, "IO_file"), text, allowed)
+            self.system.warning((*key, "IO_file"), text, allowed)
             return None
         return WiredInput(device.IO, name)
 
@@ -184,7 +188,7 @@ class _ConsoleLoader:
         if len(heads) != 1:
             text = f"{device.IO_file} has {len(heads)} digital inputs that may be the head sensor"
             allowed = f"the name of one of {', '.join(names)}" if names else "a file with a digital input"
-            self.context.error(self.source, (*key, "name"), text, allowed)
+            self.system.error((*key, "name"), text, allowed)
             return None
         return WiredInput(device.IO, heads[0])
 
@@ -197,33 +201,33 @@ class _ConsoleLoader:
         given = keys.configure_parameter or TeleopPsmParameters()
         where = (*key, "configure_parameter")
         if given.align_MTM and not given.MTM_is_haptic:
-            self.context.error(self.source, (*where, "align_MTM"), "an MTM that is not haptic cannot align", "false")
+            self.system.error((*where, "align_MTM"), "an MTM that is not haptic cannot align", "false")
         if given.gripper_scaling.zero == given.gripper_scaling.max:
             text = "equal to zero's value"
-            self.context.error(self.source, (*where, "gripper_scaling", "max"), text, "another angle")
+            self.system.error((*where, "gripper_scaling", "max"), text, "another angle")
         name = self._named(key, console, {"MTM": keys.MTM, "PSM": keys.PSM})
         if not self._runs(name, keys, (keys.MTM, keys.PSM)):
             return None
         frame = keys.PSM_base_frame
         if frame is not None and not self._has_base_frame(name, (*key, "PSM_base_frame"), frame):
             return None
-        return TeleopPsmConfig(
-            name, keys.MTM, keys.PSM, keys.period, console, given.scale, given.rotation_locked,
-            given.translation_locked, given.align_MTM, given.start_orientation_tolerance,
-            given.orientation_tolerance_after_clutch, given.start_gripper_threshold, given.start_roll_threshold,
-            given.ignore_jaw, given.jaw_rate, given.jaw_rate_after_clutch, given.gripper_scaling.zero,
-            given.gripper_scaling.max, given.use_MTM_linear_velocity, given.use_MTM_angular_velocity,
-            given.MTM_is_haptic, frame.component if frame else "", frame.interface if frame else "")
+        return by_name(
+            TeleopPsmConfig, keys, given, name=name, period_s=self._period_s(name, keys), console=console,
+            gripper_zero=given.gripper_scaling.zero, gripper_max=given.gripper_scaling.max,
+            base_frame_from=frame.component if frame else "", base_frame_interface=frame.interface if frame else "",
+            wrench_timeout_s=self.system.options.arm.effort_timeout_s)
 
     def _ecm(self, key: Key, console: str, keys: TeleopEcmKeys) -> TeleopEcmConfig | None:
         given = keys.configure_parameter or TeleopEcmParameters()
         name = self._named(key, console, {"MTML": keys.MTML, "MTMR": keys.MTMR, "ECM": keys.ECM})
         if keys.MTML == keys.MTMR:
-            self.context.error(self.source, (*key, "MTMR"), "the same arm as MTML", "another MTM")
+            self.system.error((*key, "MTMR"), "the same arm as MTML", "another MTM")
         if not self._runs(name, keys, (keys.MTML, keys.MTMR, keys.ECM)):
             return None
-        return TeleopEcmConfig(name, keys.MTML, keys.MTMR, keys.ECM, keys.period, console, given.scale,
-                                  given.camera_roll_offset)
+        return by_name(TeleopEcmConfig, keys, given, name=name, period_s=self._period_s(name, keys), console=console)
+
+    def _period_s(self, name: str, keys: TeleopPsmKeys | TeleopEcmKeys) -> float:
+        return self.system.own(name).period_s or keys.period
 
     def _has_base_frame(self, teleop: str, key: Key, frame: InterfaceKeys) -> bool:
         """What carries the PSM is an arm that runs, or a setup arm (`interface`) of setup joints (`component`).
@@ -233,15 +237,15 @@ class _ConsoleLoader:
         if frame.component in self.setups:
             known = self.setups[frame.component]
             if frame.interface not in known:
-                self.context.error(self.source, (*key, "interface"), f"{frame.component} has no such setup arm",
+                self.system.error((*key, "interface"), f"{frame.component} has no such setup arm",
                                    f"one of {', '.join(known)}")
-        elif frame.component not in self.arms and self.content.component_manager:
-            self.context.notes.append(f"not started: teleop {teleop} (its PSM_base_frame is from {frame.component}, no "
+        elif frame.component not in self.arms and self.system.content.component_manager:
+            self.system.note(f"not started: teleop {teleop} (its PSM_base_frame is from {frame.component}, no "
                                       "arm and no setup joints; components of component_manager are left out)")
             return False
         elif frame.component not in self.arms:
             running = ", ".join((*self.setups, *self.arms))
-            self.context.error(self.source, (*key, "component"), "no arm and no setup joints of this name are started",
+            self.system.error((*key, "component"), "no arm and no setup joints of this name are started",
                                f"one of {running}")
         return True
 
@@ -250,46 +254,125 @@ class _ConsoleLoader:
         for role, arm in parts.items():
             self._check_arm((*key, role), role, arm)
         name = "_".join(parts.values())
-        others = {row.name for rows in (self.content.IOs, self.content.arms, self.content.consoles) for row in rows}
+        content = self.system.content
+        others = {row.name for rows in (content.IOs, content.arms, content.consoles) for row in rows}
         if name in self.taken:
             text = f"teleop {name} is listed twice, first in {self.taken[name]}"
-            self.context.error(self.source, key, text)
+            self.system.error(key, text)
         elif name in others:
             text = f"teleop {name} has the name of something else in this file"
-            self.context.error(self.source, key, text, "a name of its own for every IO, arm, console and teleop")
+            self.system.error(key, text, "a name of its own for every IO, arm, console and teleop")
         elif len(name) > MAX_NAME:
             text = f"teleop {name} has a name of {len(name)} letters"
-            self.context.error(self.source, key, text, f"arms whose names are at most {MAX_NAME} letters together")
+            self.system.error(key, text, f"arms whose names are at most {MAX_NAME} letters together")
         self.taken.setdefault(name, f"console {console}")
         return name
 
     def _check_arm(self, key: Key, role: str, arm: str) -> None:
         family = role[:3]
-        families = {row.name: row.type.split("_")[0] for row in self.content.arms}
+        families = {row.name: row.type.split("_")[0] for row in self.system.content.arms}
         if families.get(arm) == family:
             return
         known = [name for name, other in families.items() if other == family]
         text = f"no {family}" if arm in families else "no arm of this name"
-        self.context.error(self.source, key, text, f"one of {', '.join(known)}" if known else
+        self.system.error(key, text, f"one of {', '.join(known)}" if known else
                            f"a {family} listed under arms")
 
     def _runs(self, name: str, keys: TeleopPsmKeys | TeleopEcmKeys, arms: tuple[str, ...]) -> bool:
         """Whether it can be started; a note when it cannot."""
         absent = [arm for arm in arms if arm not in self.arms]
         if keys.type.endswith("_GENERIC"):
-            self.context.notes.append(
+            self.system.note(
                 f"not started: teleop {name} ({keys.type}): {keys.component or 'its component'} is for the original "
                 "software; a teleoperation of your own is a program that reads arms and asks them (docs/python.md), "
                 "or one of ours with an arm of your own (docs/third-party-masters.md)")
             return False
         if keys.type.endswith("_DERIVED"):
-            self.context.notes.append(f"teleop {name} ({keys.type}) is started as {keys.type.removesuffix('_DERIVED')}:"
+            self.system.note(f"teleop {name} ({keys.type}) is started as {keys.type.removesuffix('_DERIVED')}:"
                                       f" {keys.component or 'its component'} is for the original software")
         if absent:
-            self.context.notes.append(f"not started: teleop {name} ({', '.join(absent)} not started)")
+            self.system.note(f"not started: teleop {name} ({', '.join(absent)} not started)")
         given = keys.configure_parameter if isinstance(keys, TeleopPsmKeys) else None
-        generic = arms[0] in [row.name for row in self.content.arms if row.type.endswith(GENERIC)]
+        generic = arms[0] in [row.name for row in self.system.content.arms if row.type.endswith(GENERIC)]
         if generic and isinstance(keys, TeleopPsmKeys) and (given is None or given.MTM_is_haptic):
-            self.context.notes.append(f"teleop {name}: {arms[0]} is a third-party program; unless that carries "
+            self.system.note(f"teleop {name}: {arms[0]} is a third-party program; unless that carries "
                                       "out move_cp and body/servo_cf, say MTM_is_haptic: false and align_MTM: false")
         return not absent
+
+
+def load_third_parties(system: SystemFiles) -> tuple[ThirdParty, ...]:
+    """Generic arms, then other components that a console has its inputs from, with the buttons asked of each."""
+    content = system.content
+    found = {row.name: ThirdParty(row.name, row.type, (), base_frame_of(system, ("arms", index), row),
+                                  (row.base_frame.reference_frame or "") if row.base_frame else "")
+             for index, row in enumerate(content.arms) if row.type.endswith(GENERIC)}
+    for index, row in enumerate(content.arms):
+        if row.name in found and row.base_frame is not None and row.base_frame.transform is None:
+            system.warning(("arms", index, "base_frame"), "the program that is this arm has to take it into account "
+                           "itself", "reference_frame and transform")
+    for index, console in enumerate(content.consoles):
+        for button in BUTTONS if console.input_type == COMPONENTS else ():
+            _ask_button(system, ("consoles", index, button), getattr(console, button), found)
+    return tuple(found.values())
+
+
+def place_of(content: SystemFile, component: str) -> str:
+    """Name of the process or place that stands for a component of the file: a generic arm goes by both its names."""
+    return next((row.name for row in content.arms if row.type.endswith(GENERIC) and component == row.component),
+                component)
+
+
+def _ask_button(system: SystemFiles, key: Key, keys: InterfaceKeys | None, found: dict[str, ThirdParty]) -> None:
+    """One input of a console; those of an io are not ours."""
+    content = system.content
+    if keys is None or keys.component in [row.name for row in content.IOs]:
+        return
+    name = place_of(content, keys.component)
+    if name not in found:
+        taken = RESERVED | {row.name for rows in (content.arms, content.consoles) for row in rows}
+        for console in content.consoles:
+            taken |= {f"{row.MTM}_{row.PSM}" for row in console.teleop_PSMs}
+            taken |= {f"{row.MTML}_{row.MTMR}_{row.ECM}" for row in console.teleop_ECMs}
+        if name in taken or not _WORD.match(name):
+            text = "something else that has no buttons" if name in taken else "not a name for a place in the system"
+            system.error((*key, "component"), text, "an IO, an arm of a _GENERIC type, or a name of its own of "
+                         "letters, digits, _ and -, at most 40, for a program of yours")
+            return
+        found[name] = ThirdParty(name, "")
+    if not 0 < len(keys.interface.encode()) <= _MAX_BUTTON:
+        system.error((*key, "interface"), "not a name for a button", f"1 to {_MAX_BUTTON} bytes")
+    elif keys.interface not in found[name].inputs:
+        found[name] = dataclasses.replace(found[name], inputs=(*found[name].inputs, keys.interface))
+
+
+def _load_focus(system: SystemFiles, operators: Collection[str]) -> tuple[Focus, ...]:
+    """The focus controller, nothing without one or with errors; `operators` are names that are taken."""
+    keys, content = system.content.ISI_focus_controller, system.content
+    if keys is None:
+        return ()
+    name = keys.name or FOCUS_NAME
+    taken = RESERVED | {row.name for rows in (content.IOs, content.arms) for row in rows}.union(operators)
+    if name in taken or not _WORD.match(name):
+        system.error((FOCUS, "name"), "not a name of its own", "letters, digits, _ and -, at most 40")
+        return ()
+    file = system.file_of(keys)
+    if file is None:
+        return ()  # said already
+    outputs = [row.name for row in file.digital_outputs]
+    missing = [output for output in FOCUS_OUTPUTS if output not in outputs]
+    if missing:
+        system.error((FOCUS, "IO_file"), f"{keys.IO_file} has no digital output {', '.join(missing)}",
+                     f"a file with {' and '.join(FOCUS_OUTPUTS)}; this one has {', '.join(outputs) or 'none'}")
+        return ()
+    pedals = [_pedal(system.buses, pedal) for pedal in FOCUS_PEDALS]
+    found = tuple(pedal for pedal in pedals if pedal is not None)
+    if len(found) < len(FOCUS_PEDALS):  # with one alone there would be no way back
+        system.note(f"{name}: no pedals {' and '.join(FOCUS_PEDALS)}, commands alone move the lens")
+        found = ()
+    return (Focus(name, PERIOD_S, keys.IO, FOCUS_OUTPUTS, found),)
+
+
+def _pedal(buses: dict[str, BusFiles], name: str) -> WiredInput | None:
+    """The first digital input of that name."""
+    return next((WiredInput(io, name) for io, bus in buses.items() for content in bus.contents()
+                 for row in content.digital_inputs if row.name == name), None)

@@ -17,14 +17,7 @@ from trocar.procs.machine.paths import ADDS_FOLDER
 
 ADDED: Final = f"{ADDS_FOLDER}, for stock files the dVRK's sawIntuitiveResearchKit/share"
 ModelType = TypeVar("ModelType", bound=BaseModel)
-
-
-@dataclass(frozen=True, slots=True)
-class Opened(Generic[ModelType]):
-    """A file and what it says."""
-
-    source: SourceFile
-    content: ModelType
+Content = TypeVar("Content", covariant=True)
 
 
 @dataclass(slots=True)
@@ -37,38 +30,54 @@ class Context:
     calibration_mode: bool = False  # what a calibration is to mend is a warning
     tools: dict[Path, document.Tool | None] = field(default_factory=dict)  # files read already
 
-    def error(self, source: SourceFile, key: Key, text: str, allowed: str = "") -> None:
-        """An error at a place of a file."""
-        self.problems.append(source.problem(key, text, allowed=allowed))
-
-    def warning(self, source: SourceFile, key: Key, text: str, allowed: str = "") -> None:
-        """A warning at a place of a file."""
-        self.problems.append(source.problem(key, text, allowed=allowed, severity=WARNING))
-
-    def read(self, path: Path) -> SourceFile | None:
-        """Any file; None (and an error) when it cannot be read."""
+    def read(self, path: Path) -> Opened[None] | None:
+        """Any file, whatever it says; None (and an error) when it cannot be read."""
         source, problems = read_source(path)
         self.problems += problems
-        return source
+        return Opened(self, source, None) if source is not None else None
 
-    def open(self, model: type[ModelType], path: Path) -> Opened[ModelType] | None:
-        """A file as `model`; None (and errors) when it is not one."""
-        source = self.read(path)
-        if source is None:
+    def open(self, model: type[ModelType], path: Path | None) -> Opened[ModelType] | None:
+        """A file as `model`; None (and errors) when it is not one; None without a path."""
+        read = self.read(path) if path is not None else None
+        if read is None:
             return None
-        source = source.renamed(getattr(model, "OLD_KEYS", {}))
+        source = read.source.renamed(getattr(model, "OLD_KEYS", {}))
         content, problems = validate(model, source)
         self.problems += problems
-        return Opened(source, content) if content is not None else None
+        return Opened(self, source, content) if content is not None else None
 
-    def find(self, asked_by: SourceFile, key: Key, names: tuple[str, ...],
-             search: SearchPath | None = None) -> Path | None:
-        """The file called by one of `names`; an error at `key` of the file that asks for it when there is none."""
-        where = search or self.search
+
+@dataclass(frozen=True, slots=True)
+class Opened(Generic[Content]):
+    """A file and what it says; what is wrong with it goes to its context."""
+
+    context: Context
+    source: SourceFile
+    content: Content
+
+    def error(self, key: Key, text: str, allowed: str = "") -> None:
+        """An error at a place of this file."""
+        self.context.problems.append(self.source.problem(key, text, allowed=allowed))
+
+    def warning(self, key: Key, text: str, allowed: str = "") -> None:
+        """A warning at a place of this file."""
+        self.context.problems.append(self.source.problem(key, text, allowed=allowed, severity=WARNING))
+
+    def note(self, text: str) -> None:
+        """What is worth knowing, and no mistake."""
+        self.context.notes.append(text)
+
+    def find(self, key: Key, *names: str, beside: tuple[Path, ...] = ()) -> Path | None:
+        """The file called by one of `names`, looked for beside this one, or in `beside`, first; None with an error."""
+        where = self.context.search.first(*(beside or (self.source.path.parent,)))
         found = where.find(*names)
         if found is None:
             nearest = where.nearest(names[0])
             hint = f" (did you mean {nearest}?)" if nearest else ""
             text = f"no file {' or '.join(names)}{hint}; looked in {where}"
-            self.error(asked_by, key, text, f"a file on the search path; {ADDED}")
+            self.error(key, text, f"a file on the search path; {ADDED}")
         return found
+
+    def open(self, model: type[ModelType], key: Key, *names: str) -> Opened[ModelType] | None:
+        """The file that `find` finds, as `model`; None (and errors) without it or when it is not one."""
+        return self.context.open(model, self.find(key, *names))

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from trocar.procs.config.loading.buses import BusFiles
-from trocar.procs.config.loading.context import Context, Opened
+from trocar.procs.config.loading.buses import SystemFiles
+from trocar.procs.config.loading.context import Opened
 from trocar.procs.config.loading.io_checks import AXES, board_ids, parts_of
 from trocar.procs.config.models.emulation_section import (
     ControllerKeys,
@@ -17,7 +17,6 @@ from trocar.procs.config.models.emulation_section import (
 )
 from trocar.procs.config.models.io_file import IoFile
 from trocar.procs.config.read.problem import Key
-from trocar.procs.config.read.source import SourceFile
 from trocar.procs.config.read.validate import Section
 from trocar.procs.document import system as document
 from trocar.procs.document.emulated import MADE_FOR
@@ -35,12 +34,15 @@ _UNKNOWN = "HARDWARE_UNDEFINED"
 class BusPlace:
     """One emulated bus, what is said of it, and where mistakes are reported."""
 
-    context: Context
-    source: SourceFile
+    system: SystemFiles
     name: str
     keys: EmulatedBusKeys
-    options: EmulationOptions
-    files: tuple[Opened[IoFile], ...]  # empty where the system has no IOs
+    files: list[Opened[IoFile]]  # empty where the system has no IOs
+
+    @property
+    def options(self) -> EmulationOptions:
+        """What is said of all buses."""
+        return self.system.options.emulation
 
     @property
     def key(self) -> Key:
@@ -64,12 +66,8 @@ class BusPlace:
 
     def where(self, name: str, board: int | None = None) -> Key:
         """Where a bus or one of its boards gets this value from: the nearest place that has the key."""
-        own = (*self.key, "controllers", str(board))
-        return next(((*key, name) for key in (own, self.key, EMULATION) if self.source.has((*key, name))), self.key)
-
-    def error(self, key: Key, text: str, allowed: str) -> None:
-        """A mistake in the system file."""
-        self.context.error(self.source, key, text, allowed)
+        nearest = ((*self.key, "controllers", str(board)), self.key, EMULATION)
+        return next(((*key, name) for key in nearest if self.system.source.has((*key, name))), self.key)
 
 
 def _merged(model: type[Keys], *levels: Section) -> Keys:
@@ -85,27 +83,23 @@ def _merged(model: type[Keys], *levels: Section) -> Keys:
     return model(**reported)
 
 
-def bus_files(bus: BusFiles) -> tuple[Opened[IoFile], ...]:
-    """The IO files of a bus that could be read."""
-    return tuple(bus.opened())
-
-
 def controllers(place: BusPlace) -> tuple[document.Controller, ...]:
     """Every board that an IO file uses or the section names; by board id, the hub first."""
     hardware = _hardware_of_files(place)
     rows = []
     for name in place.keys.controllers:
         if name not in map(str, range(BOARDS)):
-            place.error((*place.key, "controllers", name), "no board has this id", f"0 to {BOARDS - 1}")
+            place.system.error((*place.key, "controllers", name), "no board has this id", f"0 to {BOARDS - 1}")
         elif int(name) not in hardware:
             hardware[int(name)] = _UNKNOWN
             if place.files:
-                place.context.notes.append(f"{place.name}: board {name} is in no IO file")
+                place.system.note(f"{place.name}: board {name} is in no IO file")
     for board in sorted(hardware):
         rows.append(_controller(place, board, hardware[board]))
     hub = place.keys.hub
     if hub is not None and hub not in hardware:
-        place.error((*place.key, "hub"), "no such board on this bus", f"one of {', '.join(map(str, sorted(hardware)))}")
+        allowed = f"one of {', '.join(map(str, sorted(hardware)))}"
+        place.system.error((*place.key, "hub"), "no such board on this bus", allowed)
     return tuple(sorted(rows, key=lambda row: row.board_id != hub))
 
 
@@ -123,7 +117,7 @@ def _controller(place: BusPlace, board: int, of_files: str) -> document.Controll
     hardware = reported.hardware or ("QLA1" if of_files == _UNKNOWN else of_files)
     if of_files not in (_UNKNOWN, hardware):
         text = f"board {board} of {place.name} is a {of_files} in its IO file"
-        place.error(place.where("hardware", board), text, of_files)
+        place.system.error(place.where("hardware", board), text, of_files)
     _check_axes(place, board, hardware)
     firmware = reported.firmware or (OF_ETHERNET if place.ethernet else USUAL)
     fpga = reported.fpga or _usual_fpga(place, hardware, firmware)
@@ -151,15 +145,16 @@ def _check_made(place: BusPlace, board: int, hardware: str, firmware: int, fpga:
     firmware_key, fpga_key = place.where("firmware", board), place.where("fpga", board)
     made = MADE_FOR[hardware]
     if place.ethernet and firmware != OF_ETHERNET:
-        place.error(firmware_key, f"{who} needs FireWire with firmware {firmware}", f"{OF_ETHERNET}, or network bridge")
+        text = f"{who} needs FireWire with firmware {firmware}"
+        place.system.error(firmware_key, text, f"{OF_ETHERNET}, or network bridge")
     elif place.ethernet and fpga != "V3":
-        place.error(fpga_key, f"{who} needs FireWire with FPGA {fpga}", "V3, or network bridge")
+        place.system.error(fpga_key, f"{who} needs FireWire with FPGA {fpga}", "V3, or network bridge")
     elif firmware not in made:
         text = f"there is no firmware {firmware} for a {hardware} ({who})"
-        place.error(firmware_key, text, " or ".join(map(str, made)))
+        place.system.error(firmware_key, text, " or ".join(map(str, made)))
     elif fpga not in made[firmware]:
         text = f"there is no firmware {firmware} for a {hardware} on FPGA {fpga} ({who})"
-        place.error(fpga_key, text, " or ".join(made[firmware]))
+        place.system.error(fpga_key, text, " or ".join(made[firmware]))
 
 
 def _check_axes(place: BusPlace, board: int, hardware: str) -> None:
@@ -171,9 +166,9 @@ def _check_axes(place: BusPlace, board: int, hardware: str) -> None:
                 text = f"board {board} of {place.name} has no axis {max(used)} as a {hardware}"
                 enough = " or ".join(name for name in MADE_FOR if AXES[name] > max(used))
                 if place.of_board(board).hardware:
-                    place.error(place.where("hardware", board), text, enough)
+                    place.system.error(place.where("hardware", board), text, enough)
                 else:
-                    place.context.error(opened.source, ("robots", index, "hardware_version"), text, enough)
+                    opened.error(("robots", index, "hardware_version"), text, enough)
 
 
 def _qla(place: BusPlace, board: int, hardware: str, firmware: int) -> str:
@@ -182,10 +177,10 @@ def _qla(place: BusPlace, board: int, hardware: str, firmware: int) -> str:
     who = f"board {board} of {place.name}"
     if qla is not None and hardware == "dRA1":
         if str(board) in key:  # what is said for all does not mean boards without a QLA
-            place.error(key, f"{who} is a dRA1: it has no QLA", "nothing")
+            place.system.error(key, f"{who} is a dRA1: it has no QLA", "nothing")
         return usual
     if qla == "1.5" and firmware == 7:
-        place.error(key, f"firmware 7 knows nothing of QLA {qla} ({who})", f"{usual}, or firmware 8 or 9")
+        place.system.error(key, f"firmware 7 knows nothing of QLA {qla} ({who})", f"{usual}, or firmware 8 or 9")
     return qla or usual
 
 
@@ -204,7 +199,7 @@ def check_broadcasts(place: BusPlace, rows: tuple[document.Controller, ...], pro
     if protocol != "sequential-read-write" and old and len(old) < len(rows):
         key = place.where("firmware", old[0])
         text = f"{protocol} cannot mix firmware 7 (board {', '.join(map(str, old))} of {place.name}) with others"
-        place.error(key, text, "7 for all boards, 8 and 9 for all, or protocol sequential-read-write")
+        place.system.error(key, text, "7 for all boards, 8 and 9 for all, or protocol sequential-read-write")
 
 
 def check_hub_memory(place: BusPlace, rows: tuple[document.Controller, ...]) -> None:
@@ -213,4 +208,4 @@ def check_hub_memory(place: BusPlace, rows: tuple[document.Controller, ...]) -> 
     if quads > blocks.MAX_HUB_QUADS:
         key = (*place.key, "controllers") if place.keys.controllers else place.key
         text = f"the {len(rows)} boards of {place.name} have {quads} quadlets in hub memory"
-        place.error(key, text, f"up to {blocks.MAX_HUB_QUADS}: 15 QLA1 (16 with firmware 7), or 8 DQLA or dRA1")
+        place.system.error(key, text, f"up to {blocks.MAX_HUB_QUADS}: 15 QLA1 (16 with firmware 7), or 8 DQLA or dRA1")

@@ -4,32 +4,36 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from ipaddress import IPv4Address
 
 from trocar.procs.config.loading.arms import LoadedArm
-from trocar.procs.config.loading.buses import BusFiles
-from trocar.procs.config.loading.context import Context
+from trocar.procs.config.loading.buses import BusFiles, SystemFiles
+from trocar.procs.config.loading.context import Opened
 from trocar.procs.config.loading.controllers import (
     BOARDS,
     EMULATION,
     BusPlace,
-    bus_files,
     check_broadcasts,
     check_hub_memory,
     controllers,
 )
-from trocar.procs.config.models.emulation_section import EVERYWHERE, RAW, EmulatedBusKeys, EmulationOptions
-from trocar.procs.config.models.io_file import RobotKeys
+from trocar.procs.config.loading.convert import by_name
+from trocar.procs.config.models.emulation_section import EVERYWHERE, RAW, EmulatedBusKeys
+from trocar.procs.config.models.io_file import IoFile, RobotKeys
+from trocar.procs.config.models.setup_file import PLUGS, SetupArmKeys, SetupFile
 from trocar.procs.config.models.system_file import PROTOCOLS
 from trocar.procs.config.read.problem import Key
-from trocar.procs.config.read.source import SourceFile
+from trocar.procs.document import emulated
 from trocar.procs.document import system as document
+from trocar.procs.document.cart import LIFT_OUTPUTS, MULTIPLEXER_OUTPUTS
 from trocar.procs.document.catalogue import find
 from trocar.procs.document.emulated_names import names_on_boards
 
 MAX_BUSES = 15  # addresses 127.x.y.16 to 127.x.y.240
 LAST_OCTET = 254
+OUTPUTS = (*MULTIPLEXER_OUTPUTS, *LIFT_OUTPUTS)
+_ROOM = {"QLA1": 4, "DQLA": 8}  # axes and outputs alike
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,40}\Z")
 
 
@@ -41,46 +45,35 @@ def default_addresses(system_name: str) -> Callable[[int], str]:
 
 
 def build_emulation(
-    context: Context,
-    source: SourceFile,
-    buses: list[BusFiles],
-    arms: list[LoadedArm],
-    options: EmulationOptions,
-    address: Callable[[int], str],
+    system: SystemFiles, arms: list[LoadedArm], address: Callable[[int], str]
 ) -> document.EmulationConfig | None:
-    """The emulation of all `buses`, or, without any, of those the section names; says in the notes what it replaced.
+    """The emulation of all buses, or, without any, of those the section names; says in the notes what it replaced.
 
     None when there is no controller at all.
     """
+    options = system.options.emulation
     rows: list[document.BusConfig] = []
-    places = list(_places(context, source, buses, options))
+    places = list(_places(system))
     if len(places) > MAX_BUSES:
-        key = ("IOs",) if buses else (*EMULATION, "buses")
-        context.error(source, key, f"{len(places)} buses with emulated boards", f"at most {MAX_BUSES}")
+        key = ("IOs",) if system.buses else (*EMULATION, "buses")
+        system.error(key, f"{len(places)} buses with emulated boards", f"at most {MAX_BUSES}")
         return None
-    by_name = {bus.keys.name: bus for bus in buses}
     for place in places:
-        bus = _bus(place, address(len(rows)))
+        bus, files = _bus(place, address(len(rows))), system.buses.get(place.name)
         if bus.controllers:
             rows.append(bus)
-            _note(place, bus, by_name.get(place.name))
+            _note(place, bus, files)
             check_hub_memory(place, bus.controllers)
-        if place.name in by_name:
+        if files is not None:
             if bus.address.startswith(RAW):
-                _check_raw_port(place, bus, by_name[place.name])
-            check_broadcasts(place, bus.controllers, PROTOCOLS[by_name[place.name].keys.protocol])
+                _check_raw_port(place, bus, files)
+            check_broadcasts(place, bus.controllers, PROTOCOLS[files.keys.protocol])
     _check_addresses(places, rows)
-    robots = _robots(buses)
     if not rows:
         return None
-    return document.EmulationConfig(
-        period_s=options.period_s,
-        buses=tuple(rows),
-        seed=options.seed,
-        pot_noise_v=options.pot_noise_v,
-        instruments=_instruments(context, source, arms, options),
-        model_variations=_model_variations(context, source, robots, options),
-    )
+    return by_name(
+        document.EmulationConfig, options, buses=tuple(rows), instruments=_instruments(system, arms),
+        model_variations=_model_variations(system))
 
 
 def ports_of(buses: Iterable[document.BusConfig]) -> dict[str, str]:
@@ -99,22 +92,20 @@ def _could_do_without_firewire(bus: document.BusConfig) -> bool:
     return bus.controllers[0].firmware >= 9 and bus.controllers[0].fpga == "V3"
 
 
-def _places(
-    context: Context, source: SourceFile, buses: list[BusFiles], options: EmulationOptions
-) -> Iterable[BusPlace]:
-    names = {bus.keys.name: bus_files(bus) for bus in buses}
-    if not buses:
-        names = dict.fromkeys(options.buses, ())
-    for name in options.buses:
+def _places(system: SystemFiles) -> Iterable[BusPlace]:
+    given = system.options.emulation.buses
+    names: dict[str, list[Opened[IoFile]]] = {name: bus.opened() for name, bus in system.buses.items()}
+    names = names or {name: [] for name in given}
+    for name in given:
         key = (*EMULATION, "buses", name)
         if name not in names:
-            context.error(source, key, "no IO of this name", f"one of {', '.join(names)}")
+            system.error(key, "no IO of this name", f"one of {', '.join(names)}")
         elif not _NAME.match(name):
-            context.error(source, key, "not a name for a bus", "letters, digits, _ and -, at most 40")
-        elif not buses and not options.buses[name].controllers:
-            context.error(source, (*key, "controllers"), "a bus without an IO needs controllers", 'e.g. {"0": {}}')
+            system.error(key, "not a name for a bus", "letters, digits, _ and -, at most 40")
+        elif not system.buses and not given[name].controllers:
+            system.error((*key, "controllers"), "a bus without an IO needs controllers", 'e.g. {"0": {}}')
     for name, files in names.items():
-        yield BusPlace(context, source, name, options.buses.get(name, EmulatedBusKeys()), options, files)
+        yield BusPlace(system, name, given.get(name, EmulatedBusKeys()), files)
 
 
 def _bus(place: BusPlace, address: str) -> document.BusConfig:
@@ -123,7 +114,7 @@ def _bus(place: BusPlace, address: str) -> document.BusConfig:
     without = [row.board_id for row in rows if row.hardware == "dRA1"]
     if testboard and without:
         text = f"the test board fits a QLA, not a dRA1 (board {', '.join(map(str, without))} of {place.name})"
-        place.error(place.where("testboard"), text, "false")
+        place.system.error(place.where("testboard"), text, "false")
     return document.BusConfig(
         io=place.name,
         address=place.keys.address or address,
@@ -140,7 +131,7 @@ def _note(place: BusPlace, bus: document.BusConfig, files: BusFiles | None) -> N
     text = f"{bus.io}: {replaced}emulated boards {boards} at {bus.address}"
     if bus.testboard:
         text += ", wired to the test board instead of robots"
-    place.context.notes.append(text)
+    place.system.note(text)
 
 
 def _check_raw_port(place: BusPlace, bus: document.BusConfig, files: BusFiles) -> None:
@@ -148,9 +139,9 @@ def _check_raw_port(place: BusPlace, bus: document.BusConfig, files: BusFiles) -
     key: Key = (*files.key, "port")
     if not files.keys.port.startswith("eth"):
         text = f"the emulated boards of {place.name} are on raw Ethernet ({bus.address})"
-        place.error(key, text, "eth:INTERFACE, the other end of their cable")
+        place.system.error(key, text, "eth:INTERFACE, the other end of their cable")
     elif bus.network == "bridge" and not files.keys.port.startswith("ethfw") and _could_do_without_firewire(bus):
-        place.error(key, f"the boards of {place.name} would be asked without FireWire", "ethfw:INTERFACE")
+        place.system.error(key, f"the boards of {place.name} would be asked without FireWire", "ethfw:INTERFACE")
 
 
 def _check_addresses(places: list[BusPlace], rows: list[document.BusConfig]) -> None:
@@ -163,63 +154,118 @@ def _check_addresses(places: list[BusPlace], rows: list[document.BusConfig]) -> 
         key: Key = (*place.key, "address")
         if bus.address == EVERYWHERE:
             if len(rows) > 1:
-                place.error(key, f"{EVERYWHERE} leaves no address to the other buses", "127.x.y.z")
+                place.system.error(key, f"{EVERYWHERE} leaves no address to the other buses", "127.x.y.z")
             continue
         if bus.address.startswith(RAW):
             if bus.address in interfaces:
-                place.error(key, f"{bus.address} belongs to {interfaces[bus.address]}", "an interface for every bus")
+                text = f"{bus.address} belongs to {interfaces[bus.address]}"
+                place.system.error(key, text, "an interface for every bus")
             interfaces[bus.address] = bus.io
             continue
         base = IPv4Address(bus.address)
         shift = max((row.board_id for row in bus.controllers if row.firmware >= 9), default=0)
         room = LAST_OCTET - int(base) % 256
         if shift > room:
-            allowed = f"up to {base + room - shift}"
-            place.error(key, f"board {shift} of {bus.io} has this address plus {shift}: it leaves its block", allowed)
+            text = f"board {shift} of {bus.io} has this address plus {shift}: it leaves its block"
+            place.system.error(key, text, f"up to {base + room - shift}")
         count = BOARDS if bus.network == "ethernet" else shift + 1  # what is for all is known by its sender there
         for own in (base + number for number in range(count)):
             if own in taken:
-                place.error(key, f"{own} belongs to {taken[own]}", "addresses of its own for every bus")
+                place.system.error(key, f"{own} belongs to {taken[own]}", "addresses of its own for every bus")
                 break
             taken[own] = bus.io
 
 
-def _robots(buses: list[BusFiles]) -> dict[str, RobotKeys]:
+def _robots(system: SystemFiles) -> dict[str, RobotKeys]:
     """All robots on the buses, by their names on the boards."""
-    robots = {(bus.keys.name, robot.name): robot
-              for bus in buses for opened in bus.opened() for robot in opened.content.robots}
+    robots = {(io, robot.name): robot for io, bus in system.buses.items() for _, _, robot in bus.robots()}
     names = names_on_boards(robots)
     return {names[place]: robot for place, robot in robots.items()}
 
 
-def _instruments(
-    context: Context, source: SourceFile, arms: list[LoadedArm], options: EmulationOptions
-) -> tuple[tuple[str, str], ...]:
+def _instruments(system: SystemFiles, arms: list[LoadedArm]) -> tuple[tuple[str, str], ...]:
     instruments = {item.arm.name: item.arm.tool.name for item in arms if item.arm.tool is not None}
-    names = [item.arm.name for item in arms]
     tools = {item.arm.name: item.arm.tools for item in arms}
-    for arm, tool in options.instruments.items():
-        if arm not in names:
+    for arm, tool in system.options.emulation.instruments.items():
+        if arm not in tools:
             key = (*EMULATION, "instruments", arm)
-            allowed = f"one of {', '.join(names)}" if names else "nothing"
-            context.error(source, key, "no arm of this name is emulated", allowed)
+            allowed = f"one of {', '.join(tools)}" if tools else "nothing"
+            system.error(key, "no arm of this name is emulated", allowed)
         found = find(tool, tools.get(arm, ())).entry
         instruments[arm] = found.name if found is not None else tool  # otherwise it has been told of
     return tuple(sorted(instruments.items()))
 
 
-def _model_variations(
-    context: Context, source: SourceFile, robots: dict[str, RobotKeys], options: EmulationOptions
-) -> tuple[document.ModelVariation, ...]:
-    for name, keys in options.robots.items():
+def _model_variations(system: SystemFiles) -> tuple[document.ModelVariation, ...]:
+    robots, found = _robots(system), []
+    for name, keys in system.options.emulation.robots.items():
         key = (*EMULATION, "robots", name)
-        robot = robots.get(name)
-        if robot is None:
+        made = by_name(document.ModelVariation, keys, robot=name)
+        found.append(made)
+        if name not in robots:
             allowed = f"one of {', '.join(robots)}" if robots else "nothing"
-            context.error(source, key, "no robot of this name is emulated", allowed)
+            system.error(key, "no robot of this name is emulated", allowed)
             continue
-        count = len(robot.actuators)
-        for what, values in (("backlash", keys.backlash), ("pot_offset", keys.pot_offset)):
+        count = len(robots[name].actuators)
+        for what, values in (("backlash", made.backlash), ("pot_offset", made.pot_offset)):
             if values and len(values) != count:
-                context.error(source, (*key, what), f"{len(values)} values", f"{count}, one an actuator")
-    return tuple(document.ModelVariation(name, **keys.model_dump()) for name, keys in options.robots.items())
+                system.error((*key, what), f"{len(values)} values", f"{count}, one an actuator")
+    return tuple(found)
+
+
+# -- Classic setup joints: their file, and the outputs and axes that reach them ----------------------------------------
+
+
+def setup_joints_of(
+    system: SystemFiles, emulation: document.EmulationConfig, ios: Sequence[document.IoConfig]
+) -> tuple[emulated.EmulatedSetupJoints, ...]:
+    """The Classic setup joints among the arms that the emulated boards of `ios` have."""
+    found = []
+    for index, keys in enumerate(system.content.arms):
+        if keys.type == "SUJ_Classic" and keys.IO and keys.arm_file and keys.simulation == "NONE":
+            where: Key = ("arms", index)
+            opened = system.open(SetupFile, (*where, "arm_file"), keys.arm_file)
+            if opened is None:
+                continue
+            io = next((io for io in ios if io.name == keys.IO), None)
+            name = keys.name_on_IO or keys.name
+            robot = next((r for r in io.robots if r.name == name), None) if io is not None else None
+            made = _fitted(emulation, io, robot, opened.content) if io is not None and robot is not None else None
+            if made is not None:
+                found.append(made)
+                continue
+            need = f"{PLUGS} actuators and the outputs {', '.join(OUTPUTS)}, all on one QLA1 or DQLA"
+            system.warning(where, f"emulated without setup joints: {keys.IO} has not all it takes", need)
+    return tuple(found)
+
+
+def _fitted(
+    emulation: document.EmulationConfig, io: document.IoConfig, robot: document.Robot, content: SetupFile
+) -> emulated.EmulatedSetupJoints | None:
+    """The setup joints on the board that has their actuators and outputs; None when no board has them all."""
+    named = {row.name: row for row in io.digital_outputs}
+    outputs = [named[name] for name in OUTPUTS if name in named]
+    boards = [actuator.board_id for actuator in robot.actuators] + [output.board_id for output in outputs]
+    axes, bits = [actuator.axis_id for actuator in robot.actuators], [output.bit_id for output in outputs]
+    if len(set(boards)) != 1 or len(axes) != PLUGS or len(bits) != len(OUTPUTS):
+        return None
+    hardware = [row.hardware for bus in emulation.buses if bus.io == io.name
+                for row in bus.controllers if row.board_id == boards[0]]
+    if not hardware or max(*axes, *bits) >= _ROOM.get(hardware[0], 0):
+        return None
+    arms = tuple(map(_setup_arm, content.arms))
+    reset, increment, pwm, disable = bits
+    return emulated.EmulatedSetupJoints(robot.name, io.name, boards[0], tuple(axes), reset, increment, pwm, disable,
+                                        arms)
+
+
+def _setup_arm(keys: SetupArmKeys) -> emulated.EmulatedSetupArm:
+    return emulated.EmulatedSetupArm(
+        name=keys.name,
+        plug=keys.plug_number,
+        primary=tuple(zip(keys.primary_scales or (), keys.primary_offsets or (), strict=False)),
+        secondary=tuple(zip(keys.secondary_scales or (), keys.secondary_offsets or (), strict=False)),
+        release_current=keys.brake_release_current,
+        lifts=keys.type == "Motorized PSM",
+        position=keys.simulated_position or (),
+    )

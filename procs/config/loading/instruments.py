@@ -6,13 +6,12 @@ import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
 
+from trocar.procs.config.loading.buses import SystemFiles
 from trocar.procs.config.loading.chains import load_tool
 from trocar.procs.config.loading.context import ADDED, Context, Opened
 from trocar.procs.config.models.arm_file import PsmFile
 from trocar.procs.config.models.kinematic_file import InstrumentKeys, ToolIndexFile
-from trocar.procs.config.models.trocar_section import TrocarSection
 from trocar.procs.config.read.problem import Key
-from trocar.procs.config.read.source import SourceFile
 from trocar.procs.document import system as document
 from trocar.procs.document.catalogue import find, full_name
 
@@ -39,73 +38,66 @@ class PsmTools:
     all: tuple[document.Tool, ...]
 
 
-def psm_tools(
-    context: Context, system: SourceFile, arm: str, opened: Opened[PsmFile], options: TrocarSection
-) -> PsmTools:
-    """The instruments of the arm called `arm` in the file `system`.
+def psm_tools(system: SystemFiles, arm: str, opened: Opened[PsmFile]) -> PsmTools:
+    """The instruments of the arm called `arm`.
 
     With FIXED detection, those of the index that are neither named nor inserted are not read.
     """
-    listed = listed_for(context, opened)
-    fixed = psm_tool(context, opened, listed)
-    name = options.emulation.instruments.get(arm)
+    listed = listed_for(opened)
+    fixed = psm_tool(opened, listed)
+    name = system.options.emulation.instruments.get(arm)
     key = ("trocar", "emulation", "instruments", arm)
-    inserted = _named(context, opened, listed, (system, key), name) if name is not None else None
+    inserted = _named(opened, listed, system, key, name) if name is not None else None
     tools = [tool for tool in (fixed, inserted) if tool is not None]
     if opened.content.tool_detection != "FIXED":
-        tools += _loadable(context, opened, listed, arm)
+        tools += _loadable(opened, listed, arm)
     return PsmTools(fixed, tuple({tool.name: tool for tool in tools}.values()))
 
 
-def psm_tool(
-    context: Context, opened: Opened[PsmFile], listed: tuple[Listed, ...] | None = None
-) -> document.Tool | None:
+def psm_tool(opened: Opened[PsmFile], listed: tuple[Listed, ...] | None = None) -> document.Tool | None:
     """The tool an arm file names, required when detection is FIXED."""
-    source, content = opened.source, opened.content
+    content = opened.content
     if not content.tool:
         if content.tool_detection == "FIXED":
-            context.error(source, ("tool",), "this key is required with tool_detection FIXED", "NAME:MODEL")
+            opened.error(("tool",), "this key is required with tool_detection FIXED", "NAME:MODEL")
         return None
-    listed = listed_for(context, opened) if listed is None else listed
-    return _named(context, opened, listed, (source, ("tool",)), content.tool)
+    return _named(opened, listed_for(opened) if listed is None else listed, opened, ("tool",), content.tool)
 
 
-def listed_for(context: Context, opened: Opened[PsmFile]) -> tuple[Listed, ...]:
+def listed_for(opened: Opened[PsmFile]) -> tuple[Listed, ...]:
     """The custom index of an arm (if any), then every `tool/index` on the search path.
 
     An instrument of an earlier index hides those of the same model and name in later ones.
     """
-    source, content = opened.source, opened.content
-    search = context.search.first(source.path.parent)
-    paths = search.find_all(INDEX)
-    if content.custom_tool_index:
-        names = (content.custom_tool_index, f"tool/{content.custom_tool_index}")
-        custom = context.find(source, ("custom_tool_index",), names, search)
+    paths = opened.context.search.first(opened.source.path.parent).find_all(INDEX)
+    name = opened.content.custom_tool_index
+    if name:
+        custom = opened.find(("custom_tool_index",), name, f"tool/{name}")
         paths = ((custom,) if custom is not None else ()) + paths
     found: list[Listed] = []
     for path in dict.fromkeys(paths):
-        index = context.open(ToolIndexFile, path)
-        if index is not None and check_index(context, index):
+        index = opened.context.open(ToolIndexFile, path)
+        if index is not None and check_index(index):
             taken = {(entry.model, name) for entry in found for name in entry.names}
             found += [Listed(row.names, row.model, row.version_min, row.version_max, row, path)
                       for row in index.content.instruments if not taken & {(row.model, name) for name in row.names}]
     return tuple(found)
 
 
-def check_index(context: Context, opened: Opened[ToolIndexFile]) -> bool:
+def check_index(opened: Opened[ToolIndexFile]) -> bool:
     """Whether one entry at most is good for every name, model and version."""
     fine, rows = True, opened.content.instruments
     for number, row in enumerate(rows):
         key: Key = ("instruments", number)
         low, high = _versions(row)
         if low > high:
-            context.error(opened.source, (*key, "version_max"), "below version_min", f"from {row.version_min}")
+            opened.error((*key, "version_max"), "below version_min", f"from {row.version_min}")
             fine = False
         for other in rows[:number]:
             first, last = _versions(other)
             if other.model == row.model and set(other.names) & set(row.names) and low <= last and first <= high:
                 text = f"model {row.model} is listed twice for the same versions"
-                context.error(opened.source, (*key, "model"), text, "version_min and version_max that tell them apart")
+                opened.error((*key, "model"), text, "version_min and version_max that tell them apart")
                 fine = False
                 break
     return fine
@@ -120,35 +112,32 @@ def _versions(row: InstrumentKeys) -> tuple[float, float]:
     return (row.version_min or 0, float("inf") if row.version_max is None else row.version_max)
 
 
-def _named(
-    context: Context, opened: Opened[PsmFile], listed: tuple[Listed, ...], asked_by: tuple[SourceFile, Key], name: str
-) -> document.Tool | None:
+def _named(opened: Opened[PsmFile], listed: tuple[Listed, ...], asked_by: Opened[object], key: Key,
+           name: str) -> document.Tool | None:
     """The tool called `name`; None with an error where it is asked for."""
-    source, key = asked_by
     found = find(name, listed)
     if found.note:
-        context.notes.append(f"{source.path.name}: {key[-1]} {name} {found.note}")
+        opened.note(f"{asked_by.source.path.name}: {key[-1]} {name} {found.note}")
     if found.entry is None:
         nothing = f"NAME:MODEL of a tool/index.json or index.yaml on the search path; {ADDED}"
-        context.error(source, key, found.reason, ", ".join(found.candidates) or nothing)
+        asked_by.error(key, found.reason, ", ".join(found.candidates) or nothing)
         return None
-    file = found.entry.keys.file
-    search = context.search.first(opened.source.path.parent).first(found.entry.index.parent)
-    path = context.find(source, key, (file, f"tool/{file}"), search)
-    return _loaded(context, path, found.entry) if path is not None else None
+    file, beside = found.entry.keys.file, (found.entry.index.parent, opened.source.path.parent)
+    path = asked_by.find(key, file, f"tool/{file}", beside=beside)
+    return _loaded(opened.context, path, found.entry) if path is not None else None
 
 
-def _loadable(context: Context, opened: Opened[PsmFile], listed: tuple[Listed, ...], arm: str) -> list[document.Tool]:
+def _loadable(opened: Opened[PsmFile], listed: tuple[Listed, ...], arm: str) -> list[document.Tool]:
     """All instruments that have a file; the others are noted."""
     tools, missing = [], []
     for entry in listed:
-        path = file_of(context, entry.index, entry.keys.file)
-        tool = _loaded(context, path, entry) if path is not None else None
+        path = file_of(opened.context, entry.index, entry.keys.file)
+        tool = _loaded(opened.context, path, entry) if path is not None else None
         tools += [tool] if tool is not None else []
         missing += [entry.keys.file] if path is None else []
     if missing:
         text = f"{arm}: {len(missing)} of {len(listed)} instruments of the tool index have no file"
-        context.notes.append(f"{text} and cannot be chosen: {', '.join(missing[:3])}{', …' if missing[3:] else ''}")
+        opened.note(f"{text} and cannot be chosen: {', '.join(missing[:3])}{', …' if missing[3:] else ''}")
     return tools
 
 

@@ -8,23 +8,29 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from trocar.procs.config.loading.arms import arm_chain, check_pid
+from trocar.procs.config.loading.arms import check_pid
 from trocar.procs.config.loading.buses import BusFiles
 from trocar.procs.config.loading.carts import check_cart
-from trocar.procs.config.loading.chains import check_chain, check_tool, load_tool
-from trocar.procs.config.loading.context import Context, Opened
+from trocar.procs.config.loading.chains import (
+    arm_chain,
+    check_chain,
+    check_tool,
+    load_tool,
+    measured_weight,
+    weighing_links,
+)
+from trocar.procs.config.loading.context import Context, ModelType, Opened
 from trocar.procs.config.loading.instruments import check_index, file_of, psm_tool
 from trocar.procs.config.loading.io_checks import check_bus
 from trocar.procs.config.loading.load import load_system
-from trocar.procs.config.loading.weights import measured_weight, weighing_links
-from trocar.procs.config.models.arm_file import ArmFile, MtmFile, PsmFile
+from trocar.procs.config.models.arm_file import ArmFile, PsmFile
 from trocar.procs.config.models.gravity_file import load_master_gravity
 from trocar.procs.config.models.hid_file import load_hid
 from trocar.procs.config.models.kinematic_file import KinematicFile, ToolFile, ToolIndexFile
 from trocar.procs.config.models.lookup_file import check_table
 from trocar.procs.config.models.pid_file import PidFile
 from trocar.procs.config.models.system_file import IoKeys
-from trocar.procs.config.read.problem import WARNING, FileProblem, Key
+from trocar.procs.config.read.problem import WARNING, FileProblem
 from trocar.procs.config.read.search import search_beside
 from trocar.procs.config.read.source import SourceFile, read_source
 from trocar.procs.document.cart import CLASSIC, FIXED, SI
@@ -134,60 +140,41 @@ def _unknown(source: SourceFile) -> FileProblem:
 def _check_io(context: Context, path: Path) -> None:
     bus = BusFiles(IoKeys(name="IO", port="fw"), ())
     bus.add(context, path)
-    check_bus(context, bus.opened())
+    check_bus(bus.opened())
 
 
-def _check_pid(context: Context, path: Path) -> None:
-    opened = context.open(PidFile, path)
+def _check(context: Context, path: Path, model: type[ModelType], check: Callable[[Opened[ModelType]], object]) -> None:
+    opened = context.open(model, path)
     if opened is not None:
-        check_pid(context, opened, None)
+        check(opened)
 
 
-def _check_arm(context: Context, path: Path, arm_type: str) -> None:
-    opened = context.open(class_of(ARM_TYPES[arm_type].arm_file, ArmFile), path)
-    if opened is None:
-        return
-    arm_chain(context, opened)
-    weighing_links(context, opened.source, opened.content, arm_type)
+def _check_arm(opened: Opened[ArmFile], arm_type: str) -> None:
+    arm_chain(opened)
+    weighing_links(opened, arm_type)
     if isinstance(opened.content, PsmFile):
-        psm_tool(context, Opened(opened.source, opened.content))
-    if isinstance(opened.content, MtmFile):
-        measured_weight(context, opened.source, opened.content)
+        psm_tool(Opened(opened.context, opened.source, opened.content))
+    measured_weight(opened)
 
 
-def _check_kinematic(context: Context, path: Path) -> None:
-    opened = context.open(KinematicFile, path)
-    if opened is not None:
-        check_chain(context, opened)
-
-
-def _check_tool(context: Context, path: Path) -> None:
-    opened = context.open(ToolFile, path)
-    if opened is not None:
-        check_tool(context, opened)
-
-
-def _check_index(context: Context, path: Path) -> None:
-    opened = context.open(ToolIndexFile, path)
-    if opened is None:
-        return
-    check_index(context, opened)
+def _check_index(opened: Opened[ToolIndexFile]) -> None:
+    check_index(opened)
     for number, row in enumerate(opened.content.instruments):
-        found = file_of(context, path, row.file)
+        found = file_of(opened.context, opened.source.path, row.file)
         if found is None:
-            where: Key = ("instruments", number, "file")
-            context.warning(opened.source, where, "no such file: it cannot be chosen", "a tool file")
+            opened.warning(("instruments", number, "file"), "no such file: it cannot be chosen", "a tool file")
         else:
-            load_tool(context, found, row.file)
+            load_tool(opened.context, found, row.file)
 
 
 _CHECKS: dict[str, Callable[[Context, Path], object]] = {
     "io": _check_io,
-    "pid": _check_pid,
-    **{name.lower(): partial(_check_arm, arm_type=name) for name in ARM_TYPES},
-    "kinematic": _check_kinematic,
-    "tool": _check_tool,
-    "tool index": _check_index,
+    "pid": partial(_check, model=PidFile, check=partial(check_pid, robot=None)),
+    **{name.lower(): partial(_check, model=class_of(row.arm_file, ArmFile), check=partial(_check_arm, arm_type=name))
+       for name, row in ARM_TYPES.items()},
+    "kinematic": partial(_check, model=KinematicFile, check=check_chain),
+    "tool": partial(_check, model=ToolFile, check=check_tool),
+    "tool index": partial(_check, model=ToolIndexFile, check=_check_index),
     "setup joints, Classic": partial(check_cart, kind=CLASSIC),
     "setup joints, Si": partial(check_cart, kind=SI),
     "setup joints, fixed": partial(check_cart, kind=FIXED),

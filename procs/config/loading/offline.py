@@ -6,13 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from trocar.procs.config.loading.arms import arm_chain
-from trocar.procs.config.loading.chains import load_chain, load_tool
+from trocar.procs.config.loading.chains import arm_chain, load_chain, load_tool, measured_weight, weighing_links
 from trocar.procs.config.loading.context import Context, Opened
 from trocar.procs.config.loading.instruments import psm_tool
 from trocar.procs.config.loading.kinds import kind_of
-from trocar.procs.config.loading.weights import measured_weight, weighing_links
-from trocar.procs.config.models.arm_file import ArmFile, EcmFile, MtmFile, PsmFile
+from trocar.procs.config.models.arm_file import ArmFile, EcmFile, PsmFile
 from trocar.procs.config.read.problem import ERROR, FileProblem
 from trocar.procs.config.read.search import search_beside
 from trocar.procs.document import system as document
@@ -69,24 +67,24 @@ def load_offline(
 
 
 def _of_arm_file(context: Context, path: Path, kinematic: Path | None) -> OfflineArm | None:
-    source = context.read(path)
-    if source is None:
+    read = context.read(path)
+    if read is None:
         return None
-    arm_type = kind_of(source.data).upper()
+    arm_type = kind_of(read.source.data).upper()
     if arm_type not in ARM_TYPES:
         *most, last = (name.lower() for name in ARM_TYPES)
-        context.error(source, ("$id",), "is no arm file", f"dvrk-{', dvrk-'.join(most)} or dvrk-{last}.schema.json")
+        read.error(("$id",), "is no arm file", f"dvrk-{', dvrk-'.join(most)} or dvrk-{last}.schema.json")
         return None
     opened = context.open(class_of(ARM_TYPES[arm_type].arm_file, ArmFile), path)
     if opened is None:
         return None
-    source, content = opened.source, opened.content
-    chain = load_chain(context, kinematic) if kinematic is not None else arm_chain(context, opened)
+    content = opened.content
+    chain = load_chain(context, kinematic) if kinematic is not None else arm_chain(opened)
     if chain is None:
         return None
-    weights = weighing_links(context, source, content, arm_type)
-    tool = psm_tool(context, Opened(source, content)) if isinstance(content, PsmFile) else None
-    parameters = measured_weight(context, source, content) if isinstance(content, MtmFile) else None
+    weights = weighing_links(opened, arm_type)
+    tool = psm_tool(Opened(context, opened.source, content)) if isinstance(content, PsmFile) else None
+    parameters = measured_weight(opened)
     camera = None
     if isinstance(content, EcmFile):
         camera, weights = endoscope(content.endoscope), weights or chain

@@ -1,15 +1,17 @@
-"""`--set key=value`: changes to the `trocar:` section from the command line."""
+"""What the `trocar:` section says in another way: `--set key=value` on the command line, and lists of processes."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from trocar.procs.config.loading.context import Opened
 from trocar.procs.config.read.jsontext import TextError
 from trocar.procs.config.read.problem import FileProblem, Key, value_text
 from trocar.procs.config.read.source import SourceFile
 from trocar.procs.config.read.yamltext import parse_yaml
 
 SECTION = "trocar"
+_PROCESSES: Key = (SECTION, "processes")
 
 
 def apply_overrides(source: SourceFile, sets: Mapping[str, str] | Sequence[str]) -> tuple[SourceFile,
@@ -65,3 +67,28 @@ def _write(data: dict[str, object], key: tuple[str, ...], value: object) -> bool
         here = inner
     here[key[-1]] = value
     return True
+
+def with_named_processes(system: Opened[None]) -> SourceFile:
+    """A list of processes with names means the same as an object with these names as keys."""
+    source = system.source
+    rows = source.at(_PROCESSES)
+    section = source.at((SECTION,))
+    if not isinstance(rows, list) or not isinstance(section, dict):
+        return source
+    named: dict[str, object] = {}
+    names: dict[int, str] = {}
+    for index, row in enumerate(rows):
+        name = row.get("name") if isinstance(row, dict) else None
+        if not isinstance(row, dict) or not isinstance(name, str):
+            system.error((*_PROCESSES, index), "a row without a name", "rows with name, module and so on")
+        elif name in named:
+            system.error((*_PROCESSES, index, "name"), "this name occurs twice", "a name of its own")
+        else:
+            named[name], names[index] = {key: value for key, value in row.items() if key != "name"}, name
+    data = {**source.data, SECTION: {**section, "processes": named}}
+    depth = len(_PROCESSES)
+    lines: dict[Key, int] = {}
+    for key, line in source.lines.items():
+        row = key[depth] if key[:depth] == _PROCESSES and len(key) > depth else None
+        lines[(*_PROCESSES, names[row], *key[depth + 1 :]) if isinstance(row, int) and row in names else key] = line
+    return SourceFile(source.path, data, lines, source.overrides)

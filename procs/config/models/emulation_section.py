@@ -10,7 +10,8 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
-from trocar.procs.config.read.validate import Rows, Section
+from trocar.procs.config.read.validate import Section, keys_of
+from trocar.procs.document.emulated import ModelVariation, Quirks
 
 EVERYWHERE = "0.0.0.0"  # every address of this machine
 RAW = "eth:"  # then an interface: raw Ethernet instead of UDP
@@ -42,19 +43,11 @@ Hardware = Annotated[Literal["QLA1", "DQLA", "dRA1"], Field()]
 Address = Annotated[str, AfterValidator(_known_address), Field(description=_ADDRESSES)]
 Serial = Annotated[str, Field(pattern=r"^[0-9]{4}-[0-9]{2,3}$", description="dddd-dd")]
 QlaVersion = Annotated[Literal["1.4", "1.5"], BeforeValidator(_as_text)]
-Play = Annotated[float, Field(ge=0.0, le=0.5, description="rad or m")]
-PotError = Annotated[float, Field(ge=-10.0, le=10.0, description="rad or m")]
 
 
+@keys_of(Quirks)
 class QuirkKeys(Section):
     """Oddities of the real firmware, by their names in the document; absent: as real boards have them."""
-
-    direction_lag: bool | None = None
-    sticky_overflow: bool | None = None
-    repeated_amp_bits: bool | None = None
-    longest_pwm_holds: bool | None = None
-    playing_hides_table: bool | None = None
-    late_deviation: bool | None = None
 
 
 class BoardKeys(Section):
@@ -88,15 +81,9 @@ class EmulatedBusKeys(NetworkKeys):
     controllers: dict[str, ControllerKeys] = Field(default_factory=dict)
 
 
+@keys_of(ModelVariation)
 class ModelVariationKeys(Section):
     """How one robot differs from its files, by its name there."""
-
-    friction: float = Field(default=1.0, ge=0.0, le=10.0, description="factor")
-    inertia: float = Field(default=1.0, ge=0.1, le=10.0, description="factor")
-    mass: float = Field(default=1.0, ge=0.0, le=10.0, description="factor")
-    payload: float = Field(default=0.0, ge=0.0, le=5.0, description="kg at the tip")
-    backlash: Rows[Play] = ()
-    pot_offset: Rows[PotError] = ()
 
 
 class EmulationOptions(NetworkKeys):

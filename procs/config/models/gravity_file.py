@@ -51,7 +51,7 @@ LENGTHS: Final = {
 def load_master_gravity(context: Context, path: Path) -> MasterGravityParameters | None:
     """The parameters of one master; None with errors."""
     opened = context.open(GravityFile, path)
-    if opened is None or not _check(context, opened):
+    if opened is None or not _check(opened):
         return None
     keys = opened.content.GC_controller
     return MasterGravityParameters(
@@ -60,13 +60,13 @@ def load_master_gravity(context: Context, path: Path) -> MasterGravityParameters
         dead_band=keys.db_vel_vec, saturation=keys.sat_vec_vec, friction=keys.fric_comp_ratio_vec)
 
 
-def _check(context: Context, opened: Opened[GravityFile]) -> bool:
+def _check(opened: Opened[GravityFile]) -> bool:
     """Whether every list has its length, and limits and velocities are in order; the first joint that is not."""
-    source, keys = opened.source, opened.content.GC_controller
+    keys = opened.content.GC_controller
     wrong = [name for name, count in LENGTHS.items() if len(getattr(keys, name)) != count]
     for name in wrong:
         text, allowed = f"{len(getattr(keys, name))} numbers", f"{LENGTHS[name]} numbers"
-        context.error(source, ("GC_controller", name), text, allowed)
+        opened.error(("GC_controller", name), text, allowed)
     if wrong:
         return False
     fine = True
@@ -76,7 +76,7 @@ def _check(context: Context, opened: Opened[GravityFile]) -> bool:
         for joint, (low, high) in enumerate(zip(lows, highs, strict=True)):
             if low > high or (words != "at most" and not 0.0 <= low < high):
                 above = "is above the upper limit" if words == "at most" else "is no dead band"
-                context.error(source, ("GC_controller", name, joint), above, f"{words} {high}")
+                opened.error(("GC_controller", name, joint), above, f"{words} {high}")
                 fine = False
                 break
     return fine

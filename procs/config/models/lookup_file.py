@@ -14,13 +14,12 @@ from trocar.procs.config.loading.context import Context, Opened
 from trocar.procs.config.models.io_file import IoFile, RobotKeys
 from trocar.procs.config.read.problem import Key
 from trocar.procs.config.read.search import expanded
-from trocar.procs.config.read.source import SourceFile
 from trocar.procs.fpga import lookup
 
 ROW: Final = f"{lookup.ENTRIES} numbers a row, or {{from, to}} within ±{lookup.MISSING_ABOVE:g}"
 
 
-def load_tables(context: Context, opened: Opened[IoFile]) -> dict[tuple[Path, int], str]:
+def load_tables(opened: Opened[IoFile]) -> dict[tuple[Path, int], str]:
     """The packed tables of a file's robots with DIGITAL potentiometers, by path and place of the robot.
 
     A table is beside the IO file, in a `path` of the robot or on the search path.
@@ -33,11 +32,10 @@ def load_tables(context: Context, opened: Opened[IoFile]) -> dict[tuple[Path, in
             continue
         key: Key = ("robots", index, "potentiometers", "lookup_table_file")
         if not pots.lookup_table_file:
-            context.error(opened.source, key, "this key is required for DIGITAL potentiometers", "a file")
+            opened.error(key, "this key is required for DIGITAL potentiometers", "a file")
             continue
-        search = context.search.first(*(expanded(text) for text in robot.path), beside)
-        path = context.find(opened.source, key, (pots.lookup_table_file,), search)
-        table = _table(context, opened, key, robot, path) if path is not None else ""
+        path = opened.find(key, pots.lookup_table_file, beside=(*(expanded(text) for text in robot.path), beside))
+        table = _table(opened, key, robot, path) if path is not None else ""
         if table:
             tables[opened.source.path, index] = table
     return tables
@@ -45,44 +43,44 @@ def load_tables(context: Context, opened: Opened[IoFile]) -> dict[tuple[Path, in
 
 def check_table(context: Context, path: Path) -> None:
     """A table by itself: its rows, and the serial number that its name must have."""
-    source = context.read(path)
-    if source is None:
+    table = context.read(path)
+    if table is None:
         return
-    serial = source.at(("serial",))
+    serial = table.source.at(("serial",))
     if not isinstance(serial, str) or not serial or serial not in path.name:
-        context.error(source, ("serial",), "the name of the file must contain it", "the text of a serial number")
-    _packed(context, source)
+        table.error(("serial",), "the name of the file must contain it", "the text of a serial number")
+    _packed(table)
 
 
-def _table(context: Context, opened: Opened[IoFile], key: Key, robot: RobotKeys, path: Path) -> str:
+def _table(opened: Opened[IoFile], key: Key, robot: RobotKeys, path: Path) -> str:
     """The packed table; empty, with errors, where the file is not this robot's."""
     serial = robot.serial_number
     if serial not in path.name:
         text = f"the name of a table must contain the robot's serial number {serial}: it may be another arm's"
-        context.error(opened.source, key, text, f"*{serial}*.json")
-    source = context.read(path)
-    if source is None:
+        opened.error(key, text, f"*{serial}*.json")
+    table = opened.context.read(path)
+    if table is None:
         return ""
-    if source.at(("serial",)) != serial:
-        context.error(source, ("serial",), f"is not that of robot {robot.name}", serial)
-    rows, count = source.at(("lookup",)), len(robot.actuators)
+    if table.source.at(("serial",)) != serial:
+        table.error(("serial",), f"is not that of robot {robot.name}", serial)
+    rows, count = table.source.at(("lookup",)), len(robot.actuators)
     if isinstance(rows, list) and len(rows) != count:
-        context.error(source, ("lookup",), "wrong number of rows", f"{count}, one an actuator of {robot.name}")
+        table.error(("lookup",), "wrong number of rows", f"{count}, one an actuator of {robot.name}")
         return ""
-    return _packed(context, source)
+    return _packed(table)
 
 
-def _packed(context: Context, source: SourceFile) -> str:
+def _packed(table: Opened[None]) -> str:
     """The rows of a table as text; empty, with an error, where they are none."""
-    rows = source.at(("lookup",))
+    rows = table.source.at(("lookup",))
     rows = [_spread(row) for row in rows] if isinstance(rows, list) else []
     if not rows or not all(isinstance(row, list) for row in rows):
-        context.error(source, ("lookup",), "must be a list of rows", ROW)
+        table.error(("lookup",), "must be a list of rows", ROW)
         return ""
     try:
         return lookup.pack(rows)
     except ValueError as error:
-        context.error(source, ("lookup",), str(error), ROW)
+        table.error(("lookup",), str(error), ROW)
         return ""
 
 

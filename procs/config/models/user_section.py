@@ -1,10 +1,10 @@
-"""What a process of one's own declares in `trocar.processes`: topics, commands, properties."""
+"""Users' own code in the `trocar:` section: topics, commands and properties of processes, and tasks in the cycle."""
 
 from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from trocar.procs.config.read.validate import Rows, Section
 from trocar.procs.document.user_process import BYTES, TYPE
@@ -58,3 +58,37 @@ class PropertyKeys(Section):
     max: float | None = None
     unit: str = Field(default="", max_length=40)
     text: str = Field(default="", max_length=400)
+
+
+def _plain(options: dict[str, object]) -> dict[str, object]:
+    for name, value in options.items():
+        if not _is_plain(value):
+            raise ValueError(f"{name} is no plain value")
+    return options
+
+
+def _is_plain(value: object) -> bool:
+    """What JSON can carry to io; Section's own check lets no inf and no nan through in fields, but not in here."""
+    if isinstance(value, list):
+        return all(_is_plain(item) for item in value)
+    if isinstance(value, dict):
+        return all(isinstance(name, str) and _is_plain(item) for name, item in value.items())
+    if isinstance(value, float):
+        return value - value == 0.0
+    return isinstance(value, (bool, int, str))
+
+
+_OPTIONS = "numbers (no inf, no nan), texts, true, false, lists and objects of these"
+Options = Annotated[dict[str, object], AfterValidator(_plain), Field(description=_OPTIONS)]
+Maker = Annotated[str, Field(pattern=r"^[A-Za-z_]\w*$", description="the name of a class or function")]
+
+
+class TaskKeys(Section):
+    """One task; absent robots: all that have a joint controller."""
+
+    module: Annotated[str, Field(min_length=1, description="a .py file, or an importable module")]
+    name: Maker
+    robots: Rows[str] = ()
+    budget_us: float = Field(default=50.0, ge=1.0, le=1000.0, description="µs")
+    over_budget: int = Field(default=10, ge=1, le=1000, description="cycles in a row")
+    options: Options = Field(default_factory=dict, description=_OPTIONS)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from trocar.procs.config.loading.context import Context
+from trocar.procs.config.loading.context import Opened
 from trocar.procs.config.read.problem import Key
-from trocar.procs.config.read.source import SourceFile
 
 Rows = tuple[tuple[float, ...], ...]
 
@@ -14,40 +13,40 @@ _ORTHONORMAL = 1e-3  # files round cosines to four digits
 _MIN_DETERMINANT = 1e-6
 
 
-def check_size(context: Context, source: SourceFile, key: Key, matrix: Rows, size: int) -> bool:
+def check_size(opened: Opened[object], key: Key, matrix: Rows, size: int) -> bool:
     """Whether `matrix` is size × size; an error otherwise."""
     if len(matrix) == size and all(len(row) == size for row in matrix):
         return True
     shape = f"{len(matrix)} rows of {'/'.join(str(n) for n in sorted({len(row) for row in matrix}))}"
-    context.error(source, key, f"wrong size: {shape} numbers", f"{size} rows of {size} numbers")
+    opened.error(key, f"wrong size: {shape} numbers", f"{size} rows of {size} numbers")
     return False
 
 
-def check_rigid(context: Context, source: SourceFile, key: Key, matrix: Rows) -> bool:
+def check_rigid(opened: Opened[object], key: Key, matrix: Rows) -> bool:
     """Whether `matrix` is a 4 × 4 rigid transform; an error otherwise."""
-    if not check_size(context, source, key, matrix, 4):
+    if not check_size(opened, key, matrix, 4):
         return False
     values = np.array(matrix)
     rotation = values[:3, :3]
     if not np.array_equal(values[3], [0.0, 0.0, 0.0, 1.0]):
-        context.error(source, key, f"last row is {list(matrix[3])}", "0, 0, 0, 1")
+        opened.error(key, f"last row is {list(matrix[3])}", "0, 0, 0, 1")
         return False
     with np.errstate(all="ignore"):  # absurd numbers overflow, and are refused like any other
         off = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
         handed = float(np.linalg.det(rotation))
     if not off <= _ORTHONORMAL or not handed > 0.0:
-        context.error(source, key, f"not a rotation (off by {off:.2g})", "orthonormal right-handed axes, to 0.001")
+        opened.error(key, f"not a rotation (off by {off:.2g})", "orthonormal right-handed axes, to 0.001")
         return False
     return True
 
 
-def check_invertible(context: Context, source: SourceFile, key: Key, matrix: Rows, size: int) -> bool:
+def check_invertible(opened: Opened[object], key: Key, matrix: Rows, size: int) -> bool:
     """Whether `matrix` is size × size and has an inverse; an error otherwise."""
-    if not check_size(context, source, key, matrix, size):
+    if not check_size(opened, key, matrix, size):
         return False
     with np.errstate(all="ignore"):
         determinant = abs(float(np.linalg.det(np.array(matrix))))
     if not _MIN_DETERMINANT <= determinant < np.inf:
-        context.error(source, key, "has no inverse", "an invertible matrix")
+        opened.error(key, "has no inverse", "an invertible matrix")
         return False
     return True

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 import difflib
 import re
 import types
 import typing
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 from annotated_types import Ge, Gt, Le, Lt, MinLen
@@ -15,6 +16,8 @@ from pydantic.fields import FieldInfo
 
 from trocar.procs.config.read.problem import ERROR, WARNING, FileProblem, Key
 from trocar.procs.config.read.source import SourceFile
+from trocar.procs.document.keys import Key as DeclaredKey
+from trocar.procs.document.keys import keys_in
 from trocar.procs.fpga.port_name import PortNameError
 
 Item = TypeVar("Item")
@@ -45,6 +48,37 @@ class Section(BaseModel):
     model_config = ConfigDict(strict=True, frozen=True, extra="ignore", allow_inf_nan=False)
     counts_when_empty: ClassVar[bool] = False
     """That it is there says something, also without a key in it."""
+
+
+def keys_of(kind: type, *, after: str = "") -> Callable[[type[ModelType]], type[ModelType]]:
+    """A section that also has the keys declared beside the fields of the document's `kind`: last, or `after` a key."""
+
+    def add(model: type[ModelType]) -> type[ModelType]:
+        own = dict(model.model_fields)
+        behind = {name: own.pop(name) for name in list(own)[list(own).index(after) + 1 :]} if after else {}
+        model.model_fields.clear()
+        declared = {field.name: _field_of(field, hint, key) for field, hint, key in keys_in(kind)}
+        model.model_fields.update({**own, **declared, **behind})
+        model.__annotations__ = {name: field.annotation for name, field in model.model_fields.items()}
+        model.model_rebuild(force=True)
+        return model
+
+    return add
+
+
+def _field_of(field: dataclasses.Field[Any], hint: Any, key: DeclaredKey) -> FieldInfo:
+    """A declared key as pydantic wants it."""
+    hint = typing.get_args(hint)[0]
+    default = ... if field.default is dataclasses.MISSING else None if key.is_optional else field.default
+    limits: dict[str, Any] = {"gt" if key.above else "ge": key.low, "le": key.high, "pattern": key.pattern or None,
+                              "max_length": key.max_length, "description": key.text or None}
+    if typing.get_origin(hint) is tuple:
+        rows: Any = Rows
+        annotated: Any = Annotated
+        hint, limits = rows[annotated[typing.get_args(hint)[0], Field(**limits)]], {}
+    elif key.is_optional:
+        hint = hint | None
+    return FieldInfo.from_annotated_attribute(hint, Field(default, alias=key.name or None, **limits))
 
 
 def validate(

@@ -1,0 +1,140 @@
+"""The processes of a system, one row an instance, in the order in which they start; and which cores each may run on.
+
+Each bus has a core to itself, what moves robots comes next, the rest keeps away. Only where time is real, boards are,
+and there are four cores or more; a `cpu` that a file gives to a process counts before all that. The first cores are for
+everything else, as those are where interrupts and other programs usually run.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+from trocar.procs.config.loading.buses import SystemFiles
+from trocar.procs.config.models.trocar_section import ProcessKeys, TrocarSection
+from trocar.procs.document import system as document
+from trocar.procs.document.process import ELSEWHERE, ON_DEMAND
+from trocar.procs.tables.manifest import PROCS, Proc, proc
+
+HIGHEST: Final = 98
+ABOVE: Final = 5
+_DECLARED: Final = {"module", "topics", "commands", "properties", "host"}  # of a process of one's own
+LEAST: Final = 4
+ROBOTS: Final = ("io", "arm", "above arms")
+"""Whose priority is one of these moves robots; an io without boards needs no core of its own."""
+Core = tuple[int, ...]
+"""Numbers of the processors that are one core (with hyper-threading two)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Placement:
+    """Processors by number; empty: any."""
+
+    ios: Mapping[str, Core] = field(default_factory=dict)
+    robots: tuple[int, ...] = ()
+    others: tuple[int, ...] = ()
+
+    def of(self, kind: Proc, name: str) -> tuple[int, ...]:
+        """Of an instance."""
+        return self.ios.get(name) or (self.robots if kind.priority in ROBOTS else self.others)
+
+
+def placed(cores: Sequence[Core], ios: Mapping[str, int | None]) -> Placement:
+    """`ios`: each bus, with the processor that a file gives it. Nobody is placed on fewer than LEAST cores."""
+    if len(cores) < LEAST or not ios:
+        return Placement()
+    taken = {cpu for cpu in ios.values() if cpu is not None}
+    free = [core for core in cores if not taken & set(core)]
+    unplaced = [name for name, cpu in ios.items() if cpu is None]
+    own = free[max(len(free) - len(unplaced), 2) :]  # two are left at least: for robots, and for the others
+    if len(free) < 2 or len(own) < len(unplaced):
+        return Placement()  # more buses than cores
+    rest = free[: len(free) - len(own)]
+    count = max(1, len(rest) // 3)
+    return Placement({name: core[:1] for name, core in zip(unplaced, own, strict=True)}, _all(rest[count:]),
+                     _all(rest[:count]))
+
+
+def _all(cores: Sequence[Core]) -> tuple[int, ...]:
+    return tuple(sorted(cpu for core in cores for cpu in core))
+
+
+def build_processes(system: SystemFiles, made: document.SystemConfig,
+                    places: Placement) -> tuple[document.Process, ...]:
+    """All instances of all kinds, see `trocar.procs.tables.manifest`; `places`: what `placement` says.
+
+    Third-party programs are listed, too: nobody here starts them, but they have places of their own.
+    """
+    found = [(kind, row) for kind in PROCS for row in kind.instances(made)]
+    known = dict.fromkeys(row.name for _, row in found)
+    users = {name for row in made.users for name in (row.name, row.host) if name}
+    hosts = {row.name: row.host for row in made.users}
+    for name in users & {row.name for kind, row in found if not kind.declared}:
+        system.error(("trocar", "processes", name), "this name is taken by a process of Trocar", "a name of its own")
+    for name in system.options.processes:
+        if name not in known:
+            allowed = f"one of {', '.join(known)}"
+            system.error(("trocar", "processes", name), "no process of this name is started", allowed)
+    rows = []
+    for kind, row in found:
+        after = tuple(name for name in dict.fromkeys(row.after) if name in known)
+        priority, cpu = _scheduled(kind.priority, system.options)
+        usual = document.Process(row.name, kind.kind, row.period_s or kind.period_s, after, priority=priority,
+                                 cpus=places.of(kind, row.name) if cpu is None else (cpu,),
+                                 start=row.start or kind.start, host=hosts.get(row.name, ""), listen=row.listen)
+        rows.append(_with_options(usual, system.own(row.name)))
+    waits = {row.name for row in rows if row.start == ON_DEMAND}  # for somebody who wants it: nobody waits for it
+    given = tuple(dataclasses.replace(row, after=tuple(name for name in row.after if name not in waits))
+                  for row in rows)
+    _check_demand(system, given)
+    return given
+
+
+def _check_demand(system: SystemFiles, rows: tuple[document.Process, ...]) -> None:
+    """What drives a robot is always there, and takes no connections; an address is one process's."""
+    taken: dict[str, str] = {}
+    for row in rows:
+        key = ("trocar", "processes", row.name)
+        if proc(row.kind).realtime and row.start == ON_DEMAND:
+            system.error((*key, "start"), "it drives a robot, and is always there", "always")
+        if row.listen and (proc(row.kind).realtime or row.start == ELSEWHERE):
+            system.error((*key, "listen"), "it takes no connections", "no address")
+        if row.start == ELSEWHERE and system.own(row.name).start:
+            system.error((*key, "start"), "nobody here starts it", "a module, if the system is to start it")
+        for address in row.listen:
+            if address in taken:
+                system.error((*key, "listen"), f"{taken[address]} listens at {address}", "one of its own")
+            taken[address] = row.name
+
+
+def placement(system: SystemFiles, made: document.SystemConfig, cores: Sequence[Core]) -> Placement:
+    """Where processes run whose `cpu` nobody gives: nowhere in particular unless boards and time are real."""
+    if system.options.placement == "none" or made.emulation is not None or made.clock != document.WALL:
+        return Placement()
+    own = {io.name: system.own(io.name).cpu for io in made.ios if io.port}
+    return placed(cores, {name: system.options.io.cpu if cpu is None else cpu for name, cpu in own.items()})
+
+
+def _scheduled(priority: str, options: TrocarSection) -> tuple[int, int | None]:
+    """(priority, core) as the manifest names it."""
+    arm = options.arm
+    if priority == "least":  # above the other programs of the machine, which must not hold it up
+        return min(arm.priority, 1), None
+    if priority == "above arms":
+        return min(arm.priority + ABOVE, HIGHEST) if arm.priority else 0, arm.cpu
+    of_section = {"emulation": (options.emulation.priority, options.emulation.cpu),
+                  "io": (options.io.priority, options.io.cpu), "arm": (arm.priority, arm.cpu)}
+    return of_section.get(priority, (0, None))
+
+
+def _with_options(row: document.Process, own: ProcessKeys) -> document.Process:
+    given = own.model_dump(exclude=_DECLARED, exclude_none=True, exclude_defaults=True)
+    if (cpu := given.pop("cpu", None)) is not None:
+        given["cpus"] = (cpu,)
+    if "start" not in given and (row.listen or "listen" in given) and not proc(row.kind).realtime:
+        given["start"] = ON_DEMAND  # the first who connects starts it
+    if row.start == ELSEWHERE:
+        given.pop("start", None)
+    return dataclasses.replace(row, **given)

@@ -1,0 +1,230 @@
+"""Users' own code in the `trocar:` section: processes, arms of a `_DERIVED` type, tasks in the cycle of io.
+
+It is found here, and what it declares is checked; none of it is run.
+"""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import importlib.util
+import math
+import re
+from collections.abc import Collection, Iterable, Sequence
+from pathlib import Path
+from typing import Final
+
+from trocar.procs.config.loading.buses import SystemFiles
+from trocar.procs.config.loading.context import Opened
+from trocar.procs.config.loading.convert import by_name
+from trocar.procs.config.models.system_file import RESERVED, ArmKeys
+from trocar.procs.config.models.trocar_section import ProcessKeys
+from trocar.procs.config.models.user_section import CommandKeys, PropertyKeys, TopicKeys
+from trocar.procs.config.read.problem import Key
+from trocar.procs.config.read.search import expanded
+from trocar.procs.document import system as document
+from trocar.procs.document.process import ON_DEMAND
+from trocar.procs.document.user_process import (
+    PROPERTIES,
+    SAVE_PROPERTIES,
+    SET_PROPERTY,
+    Property,
+    UserCommand,
+    UserProcess,
+    UserTopic,
+    shape_of,
+    size_of,
+)
+
+DERIVED: Final = "_DERIVED"
+PERIOD_S: Final = 0.01
+_NAME: Final = re.compile(r"[A-Za-z0-9_-]{1,40}\Z")
+_PROCESSES: Key = ("trocar", "processes")
+_TASKS: Key = ("trocar", "io", "tasks")
+_TAKEN: Final = {"events", "audit", "control", "mailbox", "clock", "document", "faults", PROPERTIES}
+_OF_A_PROCESS: Final = ("period_s", "cpu", "priority", "late_s", "hung_s", "start", "linger_s", "listen")
+_MAX_RECORD, _MAX_NUMBERS, _MAX_TEXT = 1_000_000, 64, 64
+_LARGEST_SHARE = 0.5  # of a period, for the tasks of one bus together
+
+# -- modules ---------------------------------------------------------------------------------------------------------
+
+
+def _module_of(system: Opened[object], key: Key, name: str) -> str:
+    """A file beside the system file, or in the working folder, as an absolute path; else an installed module's name."""
+    folder = system.source.path.resolve().parent
+    file = expanded(name if name.endswith(".py") else f"{name.replace('.', '/')}.py")
+    for path in (folder / file, Path.cwd() / file):
+        if path.is_file():
+            _check_syntax(system, key, path)
+            return str(path)
+    if name.endswith(".py"):
+        system.error(key, "no such file", f"a file; relative paths are meant from {folder}")
+    elif not all(part.isidentifier() for part in name.split(".")):
+        system.error(key, "not the name of a module", "a path that ends in .py, or a name like my_lab.damping")
+    elif importlib.util.find_spec(name.split(".")[0]) is None:  # the first part alone: nothing is imported for it
+        system.error(key, "no such module", f"a file in {folder}, or an installed module")
+    return name
+
+
+def _check_syntax(system: Opened[object], key: Key, path: Path) -> None:
+    """That Python can read it; nothing of it is run."""
+    try:
+        ast.parse(path.read_bytes(), str(path))
+    except SyntaxError as wrong:
+        system.error(key, f"{path} line {wrong.lineno}: {wrong.msg}", "Python without syntax errors")
+    except (OSError, ValueError) as wrong:
+        system.error(key, f"{path}: {wrong}", "a file with Python that can be read")
+
+
+# -- tasks in the cycle of io ----------------------------------------------------------------------------------------
+
+
+def with_tasks(system: SystemFiles, ios: tuple[document.IoConfig, ...]) -> tuple[document.IoConfig, ...]:
+    """The buses with the tasks of their robots."""
+    rows = system.options.io.tasks
+    controlled = [pid.robot for io in ios for pid in io.pids]
+    modules = [_module_of(system, (*_TASKS, index, "module"), row.module) for index, row in enumerate(rows)]
+    for index, row in enumerate(rows):
+        for place, robot in enumerate(row.robots):
+            if robot not in controlled:
+                allowed = f"one of {', '.join(controlled)}" if controlled else "there is none"
+                system.error((*_TASKS, index, "robots", place), "no joint controller of this name", allowed)
+    whole = []
+    for io in ios:
+        tasks = []
+        for row, module in zip(rows, modules, strict=True):
+            robots = tuple(pid.robot for pid in io.pids if not row.robots or pid.robot in row.robots)
+            if robots:
+                budget_s = row.budget_us * 1e-6
+                tasks.append(by_name(document.TaskRow, row, module=module, robots=robots, budget_s=budget_s))
+        _check_budgets(system, io, tasks)
+        whole.append(dataclasses.replace(io, tasks=tuple(tasks)))
+    return tuple(whole)
+
+
+def _check_budgets(system: SystemFiles, io: document.IoConfig, tasks: list[document.TaskRow]) -> None:
+    """The joint controllers, the boards and everything else need their time, too."""
+    together_s = sum(task.budget_s * len(task.robots) for task in tasks)
+    if together_s > _LARGEST_SHARE * io.period_s:
+        text = f"the budgets of {io.name} add up to {together_s * 1e6:.0f} µs (each robot counts)"
+        system.error(_TASKS, text, f"half its period, {_LARGEST_SHARE * io.period_s * 1e6:.0f} µs")
+
+
+# -- arms ------------------------------------------------------------------------------------------------------------
+
+
+def derived_class(system: SystemFiles, key: Key, keys: ArmKeys) -> str:
+    """The class that is an arm, as module:Class; "" where its type's own is."""
+    module, _, name = keys.component.rpartition(".")
+    if not keys.type.endswith(DERIVED) or not module:
+        return ""
+    if not name.isidentifier():
+        system.error(key, "not the name of a class", "module.Class; the module is a file beside this one")
+    return f"{_module_of(system, key, module)}:{name}"
+
+
+def derived_commands(system: SystemFiles, keys: ArmKeys) -> tuple[UserCommand, ...]:
+    """The commands that it carries out besides those of every arm, as `trocar.processes` declares them."""
+    if not keys.type.endswith(DERIVED):
+        return ()
+    return _commands(system, (*_PROCESSES, keys.name, "commands"), system.own(keys.name).commands)
+
+
+# -- processes -------------------------------------------------------------------------------------------------------
+
+
+def load_user_processes(system: SystemFiles, derived: Collection[str],
+                        places: Collection[str]) -> tuple[UserProcess, ...]:
+    """Those with a module; `derived` arms have commands of their own, too, `places` are third-party arms and pedals."""
+    found = []
+    for name, row in system.options.processes.items():
+        key = (*_PROCESSES, name)
+        if row.module is not None:
+            period_s = _check_host(system, key, row, row.host) if row.host else row.period_s or PERIOD_S
+            if name in places:
+                _check_place(system, key, row)
+            found.append(_process(system, key, name, row, period_s))
+        elif row.host or row.topics or row.properties or (row.commands and name not in derived):
+            system.error(key, "what a process of ours has is not declared here", "a module, if it is yours")
+    return tuple(found)
+
+
+def _check_place(system: SystemFiles, key: Key, row: ProcessKeys) -> None:
+    """It has a record of its own already, and is silent when another process is."""
+    _check_once(system, (*key, "topics"), [topic.name for topic in row.topics], {"state"})
+    if row.host:
+        system.error((*key, "host"), "it is an arm, or has pedals", "no host: a process of its own")
+
+
+def _check_host(system: SystemFiles, key: Key, row: ProcessKeys, name: str) -> float:
+    """The period of the process that calls its update, s."""
+    host = system.own(name)
+    if name in RESERVED or host.module is not None or host.host is not None:
+        system.error((*key, "host"), "something else has this name",
+                     "a name of its own for the process of those that say the same host")
+    for given in (given for given in _OF_A_PROCESS if getattr(row, given)):
+        system.error((*key, given), f"{name} calls its update", f"this key at {name}, or no host")
+    if host.start == ON_DEMAND:
+        system.error((*_PROCESSES, name, "start"), "several share it", "always")
+    return host.period_s or PERIOD_S
+
+
+def _process(system: SystemFiles, key: Key, name: str, row: ProcessKeys, period_s: float) -> UserProcess:
+    if name in RESERVED:
+        system.error(key, "this name is taken by a process of Trocar", "a name of its own")
+    if not _NAME.match(name):
+        system.error(key, f"{name!r} is no name of a process", "letters, digits, _ and -, at most 40")
+    if row.priority and not row.host:
+        system.error((*key, "priority"), "it runs as programs usually do, and holds no robot up", "0, or none")
+    _check_once(system, (*key, "topics"), [topic.name for topic in row.topics], _TAKEN)
+    _check_once(system, (*key, "properties"), [prop.name for prop in row.properties], set())
+    return UserProcess(
+        name, _module_of(system, (*key, "module"), row.module or ""), period_s,
+        tuple(_topic(system, (*key, "topics", i), topic) for i, topic in enumerate(row.topics)),
+        _commands(system, (*key, "commands"), row.commands),
+        tuple(_property(system, (*key, "properties", i), prop) for i, prop in enumerate(row.properties)),
+        row.host or "")
+
+
+def _check_once(system: SystemFiles, key: Key, names: Iterable[str], taken: set[str]) -> None:
+    seen = set(taken)
+    for index, name in enumerate(names):
+        if name in seen:
+            system.error((*key, index, "name"), "this name is taken", f"none of {', '.join(sorted(seen))}")
+        seen.add(name)
+
+
+def _topic(system: SystemFiles, key: Key, row: TopicKeys) -> UserTopic:
+    _check_once(system, (*key, "fields"), [field.name for field in row.fields], {"sequence", "stamp_ns"})
+    size = sum(size_of(field.type) for field in row.fields)
+    if size > _MAX_RECORD:
+        system.error(key, f"a record of {size} bytes", f"at most {_MAX_RECORD}")
+    for index, field in enumerate(row.fields):
+        bare, shape = shape_of(field.type)
+        if bare == "text" and (len(shape) > 1 or (shape and shape[0] > 9999)):
+            system.error((*key, "fields", index, "type"), "too long a text", "text[1] to text[9999]")
+    return by_name(UserTopic, row)
+
+
+def _commands(system: SystemFiles, key: Key, rows: Sequence[CommandKeys]) -> tuple[UserCommand, ...]:
+    _check_once(system, key, [command.name for command in rows], {SET_PROPERTY, SAVE_PROPERTIES})
+    for index, row in enumerate(rows):
+        _check_once(system, (*key, index, "arguments"), [field.name for field in row.arguments], set())
+        texts = [field for field in row.arguments if shape_of(field.type)[0] == "text"]
+        numbers = sum(math.prod(shape_of(field.type)[1]) for field in row.arguments if field not in texts)
+        if numbers > _MAX_NUMBERS or len(texts) > 1 or any(size_of(field.type) > _MAX_TEXT for field in texts):
+            system.error((*key, index), f"{numbers} numbers and {len(texts)} texts",
+                         f"{_MAX_NUMBERS} numbers and one text of {_MAX_TEXT} bytes at most")
+    return tuple(by_name(UserCommand, row) for row in rows)
+
+
+def _property(system: SystemFiles, key: Key, row: PropertyKeys) -> Property:
+    default = row.default
+    number, words = (0.0, default) if isinstance(default, str) else (float(default or 0.0), "")
+    made = by_name(Property, row, default=number, lower=row.min, upper=row.max, words=words)
+    if made.is_text and len(row.name) + 1 + size_of(row.type) > _MAX_TEXT:
+        system.error((*key, "type"), "too long a text",
+                     f"text[{_MAX_TEXT - 1 - len(row.name)}]: {_MAX_TEXT} bytes with its name")
+    if wrong := made.objection(made.first if default is None else default):
+        system.error((*key, "default"), wrong, "a value of its type, within its bounds")
+    return made

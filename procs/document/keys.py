@@ -1,0 +1,39 @@
+"""What files may say for a field of the document: declared beside the field, and nowhere else.
+
+    supervisor_lost_s: Annotated[float, Key(0.1, 60.0, "s")] = 1.0
+
+The sections of `trocar.procs.config.models` take such fields with `keys_of`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, get_type_hints
+
+
+@dataclass(frozen=True, slots=True)
+class Key:
+    """Bounds of a number (of each in a list), and in words what it is; `pattern`: of a text.
+
+    `name`: the key in files, where that is not the field's. `is_optional`: absent it is what follows from other keys.
+    """
+
+    low: float | None = None
+    high: float | None = None
+    text: str = ""
+    above: bool = False  # `low` itself is not allowed
+    pattern: str = ""
+    max_length: int | None = None
+    name: str = ""
+    is_optional: bool = False
+
+
+def keys_in(kind: type) -> Iterator[tuple[dataclasses.Field[Any], Any, Key]]:
+    """The fields of a dataclass that files may set: each with its annotation, and what is allowed."""
+    hints = get_type_hints(kind, include_extras=True)
+    for field in dataclasses.fields(kind):
+        for key in getattr(hints[field.name], "__metadata__", ()):
+            if isinstance(key, Key):
+                yield field, hints[field.name], key
