@@ -99,7 +99,10 @@ class ArmCommands:
         control = self._control
         if control.machine.state is not ArmState.HOMED:
             reason = f"arm not ready, it is in {control.machine.sub_state} and must be in {ArmState.HOMED}"
-            raise control.refusal(codes.NOT_READY, name, reason, REPORT_NS)
+            control.report(codes.NOT_READY, f"{name}: {reason}", REPORT_NS)
+            is_fault = control.machine.state is ArmState.FAULT
+            remedy = "trocar status says why" if is_fault else codes.NOT_READY.remedy_for(control.arm.name)
+            raise CommandRefused(f"{reason}; {remedy}")
         if ready is Ready.CARTESIAN and not control.cartesian.valid:
             raise CommandRefused("there is no instrument, so no tip")
         if ready is Ready.JAW and not control.joints.has_jaw:

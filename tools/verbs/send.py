@@ -62,7 +62,8 @@ def send(
         colon = ", " if row.move or row.stream else ": "  # done, clipped: insertion 5.000 → 0.240 m
         tell(reply.outcome + (f"{colon}{reply.text}" if reply.text else ""))
     else:
-        raise Problem(f"{component} {command} {reply.outcome}: {reply.text or 'no reason given'}")
+        reason = reply.text.removeprefix(f"{command}: ") or "no reason given"
+        raise Problem(f"{component} {command} {reply.outcome}: {reason}")
     return 0 if good else 1
 
 
