@@ -163,9 +163,11 @@ class IoCommands:
     def _power_on(self, robot: int, command: Request) -> None:
         if sum(waiting == robot for waiting, _ in self._powering) >= MAX_POWERING:
             raise CommandRefused("power-on is under way and asked for often enough")
-        if not self._record.power_requested[robot]:
+        was_on = bool(self._record.power_requested[robot])
+        if why := self._power.on(robot, self._now_ns):
+            raise CommandRefused(why)
+        if not was_on:
             self._record.fault[robot] = 0
-        self._power.on(robot, self._now_ns)
         command.accept()
         self._powering.append((robot, command))
 

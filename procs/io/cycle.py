@@ -43,6 +43,7 @@ from trocar.procs.io.stages import stages
 from trocar.procs.io.start import restore
 from trocar.procs.io.tasks import Tasks
 from trocar.procs.io.timing import Timing
+from trocar.procs.io.watchdogs import Watchdogs
 from trocar.procs.native.progress import BAD, CHECKED, CONTROLLED, DECODED, ENCODED, NONE, READY, SENT
 from trocar.procs.node.inputs import FOR_EVER_NS
 from trocar.procs.node.requests import Request
@@ -78,12 +79,11 @@ class RobotIo:
                  cells: Sequence[OwnCell] = (), is_over: Callable[[], bool] = bool,
                  over_ns: Callable[[], int] = lambda: FOR_EVER_NS,
                  report: Callable[[DesiredCommand, str, str], None] | None = None) -> None:
-        """`sources` in the order of `io.pids`; `preset` (axes,) says which encoders kept a preload.
+        """Write watchdog periods. `sources` in the order of `io.pids`; `preset` (axes,) says which encoders are set.
 
-        `cells`, in the order of `io.robots`, say since when commands count: see shm/mailbox/generations.py. `is_over`:
-        we were held up in the middle of this cycle; `over_ns`: from when on that is so, on CLOCK_BOOTTIME. `report`
-        hears what became of arms' desired states. `gains` and `instruments` give the fields of these records; None:
-        nobody looks.
+        `cells`, in the order of `io.robots`: since when commands count (shm/mailbox/generations.py). `is_over`: this
+        cycle was interrupted; `over_ns`: from when on it counts as that, on CLOCK_BOOTTIME. `report` gets what became
+        of arms' desired states. `gains` and `instruments` give the fields of these records.
         """
         self.io, self.record, self.reports = io, record, IoReports()
         self.port, self._now_ns, self._is_over, self._over_ns = port, now_ns, is_over, over_ns
@@ -98,7 +98,8 @@ class RobotIo:
         self.pid = Pid(configured_gains(io, robots), robots.maximum_effort, io.period_s, arrays=(
             record.setpoint_position, record.setpoint_velocity, record.setpoint_effort, record.position_error,
             record.disturbance, record.effort_mode))
-        self.power = Power(robots, port, record, self.outputs, self.reports, samples, self._brakes)
+        self._watchdogs = Watchdogs(robots, port, self.reports, now_ns())
+        self.power = Power(robots, port, record, self.outputs, self.reports, samples, self._brakes, self._watchdogs)
         self.gains = JointGains(robots, samples, self.pid, self.reports, gains)
         self.safety = Safety(robots, samples, record, self.reports)
         self.follow = SetpointTracker(io, robots, samples, self.pid, record, self.reports, sources)
@@ -227,7 +228,8 @@ class RobotIo:
         if self._lost:
             self._lost = False
             self.reports.status("the controllers answer again")
-            self._bias.forget(restore(self.robots, self.port, self.digital_outputs, ~self.port.away))
+            back = ~self.port.away
+            self._bias.forget(restore(self.robots, self.port, self._watchdogs, self.digital_outputs, back, now_ns))
         power, safety = self.power, self.safety
         if _news(self.stages.decode, DECODED, done) or now_ns >= power.wake_ns:
             power.step(now_ns)
@@ -245,6 +247,7 @@ class RobotIo:
         power.not_preloaded.clear()
         self._brakes.step((now_ns - self._before_ns) * 1e-9)
         self._bias.step()
+        self._watchdogs.step(now_ns)
 
     def _show_validity(self, good: bool, now_ns: int) -> None:
         """Which robots were sampled in this cycle; those with a board that is away are reported, and switched off."""
@@ -287,7 +290,7 @@ class RobotIo:
         for robot, boards in enumerate(robots.on_board):
             if (boards & left).any():
                 self._trip_away(robot)
-        self._bias.forget(restore(self.robots, self.port, self.digital_outputs, back))
+        self._bias.forget(restore(robots, self.port, self._watchdogs, self.digital_outputs, back, self._now_ns()))
         for row in np.flatnonzero(back).tolist():
             self.reports.status(f"board {ids[row]} is back", self.io.name)
         for row in np.flatnonzero(left & ~robots.on_board.any(axis=0)).tolist():  # it has inputs and outputs only

@@ -26,6 +26,7 @@ from trocar.procs.io.record import Flags, Floats, IoRecord
 from trocar.procs.io.reports import IoReports
 from trocar.procs.io.robots import Robots, Samples
 from trocar.procs.io.setpoint_tracker import SetpointTracker
+from trocar.procs.io.watchdogs import Watchdogs
 from trocar.procs.node.inputs import FOR_EVER_NS
 from trocar.procs.tables import codes
 
@@ -60,9 +61,9 @@ class Power:
     """Power state machines of all robots; works only when a status changed or a time ran out."""
 
     def __init__(self, robots: Robots, port: BusPort, record: IoRecord, outputs: Outputs, reports: IoReports,
-                 samples: Samples, brakes: Brakes) -> None:
+                 samples: Samples, brakes: Brakes, watchdogs: Watchdogs) -> None:
         """Looks at the status words that the port leaves in its `blocks`; its boards are discovered."""
-        self._brakes = brakes
+        self._brakes, self._watchdogs = brakes, watchdogs
         self._robots, self._record, self._outputs, self._reports = robots, record, outputs, reports
         self._samples = samples
         self._status = port.blocks[:, blocks.STATUS]
@@ -88,21 +89,26 @@ class Power:
         self._preload_ns = 0
         self.changed = False  # limits that depend on power must be looked at again
 
-    def on(self, robot: int, now_ns: int) -> None:
-        """Begin the power sequence; while it runs or after it, asking again changes nothing."""
+    def on(self, robot: int, now_ns: int) -> str:
+        """Begin the power sequence; while it runs or after it, asking again changes nothing. Returns why not, or ""."""
         if self._record.power_requested[robot]:
-            return
+            return ""
+        if why := self._watchdogs.objection(robot):
+            return why
         self._record.power_requested[robot] = True
         self._supplies[robot] = Supply(SUPPLY, now_ns)
         self.reached[robot] = False
         self.wake_ns, self.changed = 0, True
         if self._robots.motors_off[robot]:
             self._reports.warn(codes.CALIBRATION_MOTORS, self._robots.names[robot])
+        return ""
 
     def supply(self, robot: int, now_ns: int, for_s: float) -> str:
         """Close the relay and switch the motor supply on for a while, amplifiers off; returns why not, or ""."""
         if self._record.power_requested[robot]:
             return "it is powered"
+        if why := self._watchdogs.objection(robot):
+            return why
         self._supplies[robot] = Supply(ALONE, now_ns, until_ns=now_ns + round(for_s * 1e9))
         self.wake_ns, self.changed = 0, True
         return ""
@@ -267,17 +273,18 @@ class KinematicPower:
         self.changed = False
         self.reached = record.amps_on
 
-    def on(self, robot: int, now_ns: int) -> None:
-        """On at once, held at position 0."""
+    def on(self, robot: int, now_ns: int) -> str:
+        """On at once, held at position 0; nothing is in the way: ""."""
         record, axes = self._record, self._robots.slices[robot]
         if record.power_requested[robot]:
-            return
+            return ""
         self._show(robot, True)
         record.position[axes] = 0.0
         record.tracking_check[robot] = False
         self._pid.check_tracking(axes, False)
         self._follow.enable(robot, True, now_ns)
         self._reports.status("power on (KINEMATIC)", self._robots.names[robot])
+        return ""
 
     def supply(self, robot: int, now_ns: int, for_s: float) -> str:
         """Why not."""

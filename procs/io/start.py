@@ -1,6 +1,6 @@
-"""What io does before its loop: find and check boards and arms, set watchdogs, see which encoders kept a preload.
+"""What io does before its loop: find and check boards and arms, see which encoders kept a preload.
 
-The last two again for boards that return: they may have been without power.
+The last again for boards that return: they may have been without power.
 
 The controllers of Si arms (dRA1) let no amplifier on before the arm's encoders were preloaded, and the arm knows its
 own serial number.
@@ -21,10 +21,10 @@ from trocar.procs.io.bus.transport import PortError
 from trocar.procs.io.digital_outputs import DigitalOutputs
 from trocar.procs.io.record import Flags
 from trocar.procs.io.robots import Robots
+from trocar.procs.io.watchdogs import Watchdogs
 from trocar.shm.time.clock import pause
 
 POWER_OFF: Final = registers.CONTROL_POWER_OFF | registers.CONTROL_AMPS_OFF
-WATCHDOG_WRITES: Final = 3  # at most, until it is read back
 FLASH_PAUSE_S: Final = 0.01  # for the arm to answer a command to its memory
 FLASH_WORDS: Final = 16
 
@@ -37,21 +37,20 @@ def prepare(robots: Robots, port: BusPort) -> Flags:
     port.open()
     check(robots, port.discover())
     port.write_quadlet(ALL_BOARDS, registers.STATUS, POWER_OFF)
-    port.write_quadlet(ALL_BOARDS, registers.WATCHDOG, registers.watchdog_counts(robots.io.watchdog_s))
     for robot in range(len(robots.names)):
         _prepare_si(robots, port, robot)
     return _preset(robots, port)
 
 
-def restore(robots: Robots, port: BusPort, outputs: DigitalOutputs, rows: Flags) -> Flags:
+def restore(robots: Robots, port: BusPort, watchdogs: Watchdogs, outputs: DigitalOutputs, rows: Flags, now_ns: int
+            ) -> Flags:
     """Give boards (by row) that return what they had; which encoders (axes,) on them are not set any more.
 
     Boards are asked as between two cycles. One that does not answer counts as after power-up.
     """
     lost: Flags = robots.has_encoder & rows[robots.board_row[: robots.axes]]
+    watchdogs.write(rows, now_ns)
     with contextlib.suppress(PortError):  # it is away again, and will return
-        for row in np.flatnonzero(rows).tolist():
-            _set_watchdog(port, robots.board_ids[row], registers.watchdog_counts(robots.io.watchdog_s))
         outputs.restore(rows)
         for axis in np.flatnonzero(lost).tolist():
             word = port.peek(*robots.preload_register(axis))
@@ -59,15 +58,6 @@ def restore(robots: Robots, port: BusPort, outputs: DigitalOutputs, rows: Flags)
                 break
             lost[axis] = not _is_set(int(word[0]))
     return lost
-
-
-def _set_watchdog(port: BusPort, board: int, counts: int) -> None:
-    """Write the watchdog period of a board until it is read back."""
-    for _ in range(WATCHDOG_WRITES):
-        port.write_quadlet(board, registers.WATCHDOG, counts)
-        shown = port.peek(board, registers.WATCHDOG)
-        if shown is not None and int(shown[0]) & 0xFFFF == counts:
-            return
 
 
 def _is_set(preload: int) -> bool:

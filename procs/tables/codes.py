@@ -1,7 +1,6 @@
 """THE TABLE of codes: every warning and error of any process, whose it is, its cause and what a person can do about it.
 
 Faults of io have a number as well, which travels in `fault` of io's record (0: none) and is never reused.
-Processes give rows, not names, to what tells events: a code that is not here cannot be reported.
 docs/errors.md is generated from it: `python -m trocar.tools.pages.errors`.
 """
 
@@ -12,7 +11,6 @@ from typing import Final
 
 WARNING: Final = 2
 ERROR: Final = 3
-
 NOTHING: Final = 0
 STOP: Final = 1  # joint controller off, zero current
 POWER_OFF: Final = 2  # and amplifiers and motor power off
@@ -27,9 +25,8 @@ BUSY: Final = "the computer is too slow or too busy: trocar doctor, docs/operati
 class Code:
     """One row: `cause` says what is wrong in one sentence, `remedy` what a person can do.
 
-    `owner`: the kinds of process that tell it, "any": all. What follows is of io's faults: `action` is NOTHING, STOP,
-    POWER_OFF or CUT; `unit` of the value and limit that come with it: JOINT is rad or m as the axis is; empty: they
-    come with none. `bound` says what the limit is.
+    `owner`: the kinds of process that report it, "any": all. Of io's faults: `action` is NOTHING, STOP, POWER_OFF or
+    CUT; `unit` is that of value and limit, JOINT: rad or m as the axis is, empty: none. `bound` says what the limit is.
     """
 
     code: str
@@ -84,6 +81,9 @@ POWER_FAULT: Final = Code(
 WATCHDOG: Final = Code(
     "watchdog", ERROR, "io", "a controller's watchdog has cut the amplifiers",
     "trocar home NAME; if it returns, the computer is too slow or too busy: trocar doctor", 12, POWER_OFF)
+WATCHDOG_UNCONFIRMED: Final = Code(
+    "watchdog-unconfirmed", WARNING, "io", "the watchdog period was written, and the controller does not show it",
+    "it gets no power until it does; check its cable and its supply", 33, NOTHING)
 AMPLIFIER: Final = Code(
     "amplifier", ERROR, "io, arm", "an amplifier is off although it should be on",
     "check the motor cable; a short circuit or overheating makes an amplifier fail", 13, POWER_OFF)

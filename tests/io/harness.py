@@ -306,6 +306,7 @@ class IoHarness:
         self.arms_alive, self.held_up = True, False
         self.core = RobotIo(self.io, self.port, self.clock, self.record, sources or self.arms, np.full(axes, preset),
                             is_over=lambda: self.held_up)
+        self.port.quadlets.clear()
 
     def run(self, cycles: int = 1, *commands: FakeCommand) -> None:
         for _ in range(cycles):

@@ -212,13 +212,12 @@ def test_generations_go_on_after_a_restart() -> None:
     assert not harness.record.powered[0]
 
 
-def test_start_sets_watchdogs_and_reads_preloads() -> None:
+def test_start_switches_power_off_and_reads_preloads() -> None:
     robots, port = Robots(document(2)), FakePort((0, 1, 2, 3))
     for board in (2, 3):
         for axis in range(4):
             port.registers[board, registers.axis_register(axis, registers.ENCODER_PRELOAD)] = 0x800123
     assert prepare(robots, port).tolist() == [False] * 7 + [True] * 7
-    assert (0x3F, registers.WATCHDOG, 5760) in port.quadlets
     assert port.quadlets[0] == (0x3F, registers.STATUS, 0x00080F00)
 
 

@@ -1,0 +1,76 @@
+"""The boards' watchdogs: a board that has not shown the period that was written to it gets no power.
+
+A board that returns may have been without power, and then has its own period. The period is written again, every
+0.1 s, until the board shows it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from typing import Final
+
+import numpy as np
+
+from trocar.procs.fpga import registers
+from trocar.procs.io.bus.bus_port import BusPort
+from trocar.procs.io.bus.transport import PortError
+from trocar.procs.io.record import Flags
+from trocar.procs.io.reports import IoReports
+from trocar.procs.io.robots import Robots
+from trocar.procs.node.inputs import FOR_EVER_NS
+from trocar.procs.tables import codes
+
+TRIES: Final = 3  # at once: a datagram may be lost
+RETRY_NS: Final = 100_000_000
+PERIOD_BITS: Final = 0xFFFF
+
+
+class Watchdogs:
+    """Those of all boards of a bus. `unconfirmed` (boards,): the board has not shown the period yet."""
+
+    def __init__(self, robots: Robots, port: BusPort, reports: IoReports, now_ns: int) -> None:
+        """Write all periods; the boards of `port` are discovered."""
+        self._robots, self._port, self._reports = robots, port, reports
+        self._counts = registers.watchdog_counts(robots.io.watchdog_s)
+        self.unconfirmed: Flags = np.zeros(len(robots.board_ids), dtype=bool)
+        self._next_ns = FOR_EVER_NS
+        self.write(np.ones(len(robots.board_ids), dtype=bool), now_ns)
+
+    def write(self, rows: Flags, now_ns: int) -> None:
+        """Write the period to these boards, and look whether they show it. Each try takes up to a cycle's time."""
+        self.unconfirmed |= rows
+        for row in np.flatnonzero(rows).tolist():
+            any(self._try(row) for _ in range(TRIES))
+        missing = np.flatnonzero(rows & self.unconfirmed).tolist()
+        if missing:
+            boards = tuple(self._robots.board_ids[row] for row in missing)
+            self._reports.warn(codes.WATCHDOG_UNCONFIRMED, self._robots.io.name, boards=boards)
+            self._next_ns = now_ns + RETRY_NS
+
+    def step(self, now_ns: int) -> None:
+        """Try the next board that is still to be confirmed: one each time, for it costs the cycle time."""
+        if now_ns < self._next_ns:
+            return
+        self._next_ns = now_ns + RETRY_NS
+        answering = np.flatnonzero(self.unconfirmed & ~self._port.away)
+        if len(answering):
+            self._try(int(answering[0]))
+        if not self.unconfirmed.any():
+            self._next_ns = FOR_EVER_NS
+            self._reports.status("all boards have confirmed their watchdog period", self._robots.io.name)
+
+    def objection(self, robot: int) -> str:
+        """Why a robot gets no power; empty: nothing."""
+        rows = np.flatnonzero(self.unconfirmed & self._robots.on_board[robot]).tolist()
+        boards = ", ".join(str(self._robots.board_ids[row]) for row in rows)
+        return f"board {boards} has not confirmed its watchdog period" if rows else ""
+
+    def _try(self, row: int) -> bool:
+        """True: the board has shown the period, or is away."""
+        board = self._robots.board_ids[row]
+        with contextlib.suppress(PortError):  # it is away again, and will return
+            self._port.write_quadlet(board, registers.WATCHDOG, self._counts)
+            shown = self._port.peek(board, registers.WATCHDOG)
+            self.unconfirmed[row] = shown is None or int(shown[0]) & PERIOD_BITS != self._counts
+            return not self.unconfirmed[row]
+        return True
