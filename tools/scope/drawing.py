@@ -27,13 +27,15 @@ def plot_lines(times: Numbers, values: Numbers, first: float, last: float, *, wi
     good = np.isfinite(values)
     if not good.any():
         return [" " * LABEL + "│ no value in this window"]
-    low, high = _range(float(values[good].min()), float(values[good].max()))
+    lowest, highest = float(values[good].min()), float(values[good].max())
+    low, high = _range(lowest, highest)
     grid = np.zeros((rows, columns), np.bool_)
     _draw(grid, times, values, first, last, low, high)
     texts = _ascii(grid) if ascii_only else _braille(grid)
-    labels = {0: high, height - 1: low}
+    is_flat = (low, high) != (lowest, highest)
+    labels = {height // 2: _short(lowest)} if is_flat else dict(zip((0, height - 1), _apart(high, low), strict=True))
     bar = "|" if ascii_only else "│"
-    return [f"{_short(labels[k]) if k in labels else '':>{LABEL}}{bar}{text}" for k, text in enumerate(texts)]
+    return [f"{labels.get(k, ''):>{LABEL}}{bar}{text}" for k, text in enumerate(texts)]
 
 
 def axis_line(first: float, last: float, *, width: int = 80, ascii_only: bool = False) -> str:
@@ -101,8 +103,14 @@ def _ascii(grid: NDArray[np.bool_]) -> list[str]:
     return ["".join("*" if dot else " " for dot in line) for line in grid.tolist()]
 
 
-def _short(value: float) -> str:
-    return f"{value:.4g}"
+def _short(value: float, digits: int = 4) -> str:
+    return f"{value:.{digits}g}"
+
+
+def _apart(high: float, low: float) -> tuple[str, str]:
+    """Both with as many digits as it takes to tell them apart."""
+    return next(((top, bottom) for top, bottom in ((_short(high, n), _short(low, n)) for n in range(4, 12))
+                 if top != bottom), (_short(high), _short(low)))
 
 
 def changes(times: Numbers, values: NDArray[Any]) -> list[tuple[float, Any]]:
