@@ -15,6 +15,7 @@ from trocar.shm.time.clock import pause
 from trocar.shm.time.system_time import Patience
 from trocar.tools.client.remote import Remote
 from trocar.tools.examples.operator_sim import OperatorSim, SeenRecord, SimTeleop
+from trocar.tools.output.closable import Closable
 from trocar.tools.output.errors import Problem
 
 Array = NDArray[np.float64]
@@ -32,7 +33,7 @@ def figure_eight(angle: float, size_m: float) -> Array:
     return size_m * np.array((math.sin(angle), 0.5 * math.sin(2.0 * angle), 0.0))
 
 
-class Hand:
+class Hand(Closable):
     """A hand at the master of a teleoperation; a context manager that lets go.
 
     It works on one operator's command that enables teleoperation. When following ends by anything but the clutch, or a
@@ -138,9 +139,3 @@ class Hand:
             self._post("press", (0.0,), pedal)
         self._boards.close()
         self._seen.ring.close()
-
-    def __enter__(self) -> Hand:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()

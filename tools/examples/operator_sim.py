@@ -14,6 +14,7 @@ from trocar.shm.system import directory
 from trocar.shm.time.clock import pause
 from trocar.shm.time.system_time import Patience
 from trocar.tools.client.remote import Remote
+from trocar.tools.output.closable import Closable
 from trocar.tools.output.errors import Problem
 from trocar.tools.output.printing import plain
 from trocar.tools.systems.find import instances_of_kind
@@ -57,7 +58,7 @@ class SimTeleop(SeenRecord):
         return f"{self.name} is {state}" + (f" ({reason})" if reason else "")
 
 
-class OperatorSim:
+class OperatorSim(Closable):
     """One console with its teleoperations; a context manager."""
 
     def __init__(self, system: str, console: str) -> None:
@@ -117,10 +118,8 @@ class OperatorSim:
             self.wait()
         return [teleop.name for teleop in self.teleops if teleop.name in found]
 
-    def __enter__(self) -> OperatorSim:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
+    def close(self) -> None:
+        """Detach."""
         self._stack.close()
 
 

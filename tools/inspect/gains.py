@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -67,11 +68,8 @@ def _of_robot(system: str, io: IoConfig, robot: str) -> Present:
     pid = next(pid for pid in io.pids if pid.robot == robot)
     names = [r.name for r in io.robots]
     first = sum(len(r.actuators) for r in io.robots[: names.index(robot)])
-    ring = directory.reader(system, io.name, IO_GAINS.name, "io")
-    try:
+    with contextlib.closing(directory.reader(system, io.name, IO_GAINS.name, "io")) as ring:
         if ring.gone or not ring.newest():
             raise Problem(f"{io.name}, which has the gains of {robot}, does not run (trocar status)")
         values = {gain.key: ring.field(gain.key)[first : first + len(pid.axes)].astype(np.float64) for gain in GAINS}
-    finally:
-        ring.close()
     return Present(robot, pid.arm, io.name, pid.source, tuple(axis.name for axis in pid.axes), values, pid.axes)

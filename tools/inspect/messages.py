@@ -50,11 +50,8 @@ def in_full(system: str, instance: str, text: str) -> str:
     if not text.endswith(MORE):
         return text
     with contextlib.suppress(SegmentError):
-        reader = directory.reader(system, instance, "events", often=False)
-        try:
+        with contextlib.closing(directory.reader(system, instance, "events", often=False)) as reader:
             found = [text_of({name: plain(row[name]) for name in row.dtype.names}) for row in reader.last(ALL)]
-        finally:
-            reader.close()
         begin = text.removesuffix(MORE)
         for start in (begin, begin.partition(": ")[2]):  # "the arm went FAULT: " and what the event says
             if start:

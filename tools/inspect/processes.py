@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import os
 from collections.abc import Mapping
@@ -148,12 +149,10 @@ def statuses(system: str) -> list[ProcessStatus]:
             lost = PAGE_GONE if (system, name, "control") not in there else str(error)
             found.append(_without_page(name, known, lost))
             continue
-        try:
+        with contextlib.closing(page):
             lost = lost_of(page, [what for _, instance, what in there if instance == name])
             process = _life(name, page, known, simulated, rows.get(name), lost)
             found.append(dataclasses.replace(process, simulation=str(reported.get("simulation", ""))))
-        finally:
-            page.close()
     if found[0].state != "RUNNING":  # it is being stopped as a whole
         return found
     slow, speed = waited_for(system) if simulated else ("", 1.0)
@@ -197,14 +196,12 @@ def _ledger(system: str) -> dict[str, dict[str, Any]]:
         reader = directory.reader(system, SUPERVISOR, "state", SUPERVISOR, often=False)
     except SegmentError:
         return {}
-    try:
+    with contextlib.closing(reader):
         if not reader.newest():
             return {}
         names = ("instance", "kind", "lifecycle", "restarts", "exit_reason")
         columns = {name: plain(reader.field(name)) for name in names}
         ended = endings(reader.last(ALL))
-    finally:
-        reader.close()
     rows = [dict(zip(names, values, strict=True)) for values in zip(*columns.values(), strict=True)]
     return {str(row["instance"]): {**row, "endings": ended.get(str(row["instance"]), ())} for row in rows
             if row["instance"]}

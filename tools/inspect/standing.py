@@ -82,12 +82,10 @@ def standings(system: str, processes: Sequence[ProcessStatus]) -> list[Standing]
         read = readers.get(process.kind)
         if read is not None:
             with contextlib.suppress(SegmentError):
-                reader = directory.reader(system, process.name, "state", process.kind, often=False)
-                try:
+                with contextlib.closing(
+                        directory.reader(system, process.name, "state", process.kind, often=False)) as reader:
                     one = read(system, process, reader) if reader.newest() else Standing(
                         process.name, process.kind, NEVER, reason=_untaken(process))
-                finally:
-                    reader.close()
                 one = _with_what_is_left(one, process, processes)
                 is_old = one.state != NEVER and (process.problem == SILENT or not process.lives)
                 found.append(dataclasses.replace(one, age_s=process.silent_s or 0.0) if is_old else one)
@@ -177,11 +175,8 @@ def _enable(console: str) -> str:
 
 def _events(system: str, process: ProcessStatus) -> NDArray[Any]:
     """All events of an instance that there still are."""
-    reader = directory.reader(system, process.name, "events", process.kind, often=False)
-    try:
+    with contextlib.closing(directory.reader(system, process.name, "events", process.kind, often=False)) as reader:
         return reader.last(reader.depth)
-    finally:
-        reader.close()
 
 
 def _last_error(events: NDArray[Any] | None) -> dict[str, Any] | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from contextlib import closing
 from typing import Any
 
 from trocar.procs.crtk.topics import RECORD
@@ -37,9 +38,9 @@ class Sight:
 
 def snapshot(system: str, window_s: float = WINDOW_S) -> Sight:
     """Look at everything once; takes as long as rates need."""
-    topics, events, asked = TopicsData(system), EventsData(system), CommandsData(system)
     processes = ProcessesData()
-    try:
+    with closing(TopicsData(system)) as topics, closing(EventsData(system)) as events, \
+            closing(CommandsData(system)) as asked:
         processes.rows(overview(system).processes)
         topics.rows()
         pause(window_s)
@@ -47,9 +48,6 @@ def snapshot(system: str, window_s: float = WINDOW_S) -> Sight:
         rows = asked.rows()
         return Sight(found, processes.rows(found.processes), topics.rows(found.silences), _values(system, topics),
                         events.rows()[-EVENTS:], under_way(rows, found.processes), rows[-COMMANDS:])
-    finally:
-        for part in (topics, events, asked):
-            part.close()
 
 
 def _values(system: str, topics: TopicsData) -> dict[str, Any]:

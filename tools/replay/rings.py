@@ -17,9 +17,10 @@ from trocar.shm.memory.layout import Schema
 from trocar.shm.memory.segment import Segment, segment_name
 from trocar.shm.ring.ring import RingReader
 from trocar.shm.system import directory
+from trocar.tools.output.closable import Closable
 
 
-class WholeRings:
+class WholeRings(Closable):
     """A recording of every ring at full rate; a context manager. `take` is called before rings come round."""
 
     def __init__(self, system: str, stream: BinaryIO, name: str) -> None:
@@ -75,12 +76,6 @@ class WholeRings:
             reader.close()
         self._file.note(names.LOSSES, {name: str(count) for name, count in self.lost.items()})
         self._file.finish()
-
-    def __enter__(self) -> WholeRings:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
 
 
 def new_file(path: Path) -> BinaryIO:

@@ -29,6 +29,7 @@ from trocar.shm.time.control_page import ControlPage, create_control
 from trocar.shm.topics import TOPICS, Topic
 from trocar.tools.analysis.choosing import Stretch, run_begin_ns
 from trocar.tools.inspect.replayed import REPLAY, info_of_replay
+from trocar.tools.output.closable import Closable
 from trocar.tools.output.errors import Problem
 from trocar.tools.output.printing import Say
 from trocar.tools.systems.cleanup import Keeper
@@ -57,7 +58,7 @@ class ReplayedTopic:
         return int(self.rows["stamp_ns"][self.at])
 
 
-class Showing:
+class Showing(Closable):
     """The system that is shown; a context manager that leaves nothing behind, however it ends."""
 
     def __init__(self, system: str, recording: RecordingReader, topics: Sequence[str], part: Stretch) -> None:
@@ -158,12 +159,6 @@ class Showing:
     def close(self) -> None:
         """Take it away."""
         self._held.close()
-
-    def __enter__(self) -> Showing:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
 
 
 def _declared(row: RecordedTopic) -> list[Topic]:

@@ -19,6 +19,7 @@ from trocar.shm.memory.segment import SegmentError
 from trocar.shm.system import directory
 from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.shm.time.system_time import SystemTime
+from trocar.tools.output.closable import Closable
 from trocar.tools.output.errors import Misuse, Problem
 from trocar.tools.scope.grammar import Comparison, Condition, EventSeen, FaultSeen, Leaf, leaves
 from trocar.tools.scope.trigger import Test, Trigger, event_test, field_test
@@ -57,7 +58,7 @@ class Capture:
     unseen: dict[str, float]
 
 
-class Capturing:
+class Capturing(Closable):
     """The rings of some fields and of a condition, open; a context manager."""
 
     def __init__(self, system: str, paths: Sequence[FieldPath], condition: Condition | None) -> None:
@@ -222,10 +223,8 @@ class Capturing:
         gaps = tuple(gap for topic, part in rows.items() for gap in gaps_of(topic, part))
         return Capture(moment_ns, tuple(self._scoped), rows, gaps, short, unseen)
 
-    def __enter__(self) -> Capturing:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
+    def close(self) -> None:
+        """Unmap."""
         self._stack.close()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from typing import Annotated
 
 import typer
@@ -85,9 +86,6 @@ def _owners(system: str) -> list[str]:
 
 def _values(system: str, instance: str) -> dict[str, float | str]:
     """What its newest record says; nothing before it has begun."""
-    reader = directory.reader(system, instance, PROPERTIES, often=False)
-    try:
+    with contextlib.closing(directory.reader(system, instance, PROPERTIES, often=False)) as reader:
         names = [name for name in reader.dtype.names or () if name not in HIDDEN]
         return {name: plain(reader.field(name)[()]) for name in names} if reader.newest() else {}
-    finally:
-        reader.close()
