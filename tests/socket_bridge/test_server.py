@@ -23,7 +23,7 @@ from trocar.shm.mailbox.mailbox import Mailbox
 from trocar.shm.system import directory
 from trocar.shm.system.subscriptions import Subscriptions
 from trocar.shm.time.clock import monotonic_ns
-from trocar.tools.inspect.asked import rows_of
+from trocar.tools.inspect.messages import asked_rows
 
 TOKEN = b"0123456789abcdef"
 
@@ -103,7 +103,7 @@ def test_what_is_not_finite_is_refused_by_the_arm_and_is_in_its_list_of_commands
             client.say("call", id="m", to="PSM1", command="move_jp", values=[0.1, 0, 0.12, 0, 0, value])
             await made.until(lambda: [carry_out(request, lambda _: None, 6) for request in arm.drain(0)])
             assert (await client.hear("reply"))["outcome"] == "refused"
-        (row,) = rows_of(world.name, "PSM1", 20)[0]
+        (row,) = asked_rows(world.name, "PSM1", 20)[0]
         assert row["outcome"] == "refused" and "finite" in row["reason"]
 
 

@@ -20,7 +20,7 @@ from trocar.shm.mailbox.mailbox_map import create_mailbox
 from trocar.shm.mailbox.origins import Origin
 from trocar.shm.system.directory import create_ring, topic_of, writer
 from trocar.tools import cli
-from trocar.tools.inspect.asked import in_words, rows_of
+from trocar.tools.inspect.messages import asked_line, asked_rows
 from trocar.tools.output.errors import Problem
 
 
@@ -49,25 +49,25 @@ def test_commands_of_all_processes_come_in_order_with_whose_they_are(system: str
     loop.on_behalf(Origin(0x4D2, 3, "trocar home"))
     asked(system, "PSM1", loop)
     asked(system, "ECM", LoopClient(system, "ECM"))
-    reported = [in_words(row).split("  ", 1)[1] for row in rows_of(system, None, 20)[0]]
+    reported = [asked_line(row).split("  ", 1)[1] for row in asked_rows(system, None, 20)[0]]
     assert [line.partition(" by pid")[0] for line in reported] == [
         "PSM1: state_command home: accepted; for trocar home, number 4d2, generation 3",
         "PSM1: state_command home: done (HOMED); for trocar home, number 4d2, generation 3",
         "ECM: state_command home: refused (not authorized: needs an operator's command given after the last fault or "
         "power-off); for nobody"]
-    assert [row["process"] for row in rows_of(system, "ECM", 20)[0]] == ["ECM"]
+    assert [row["process"] for row in asked_rows(system, "ECM", 20)[0]] == ["ECM"]
 
 
 def test_a_process_that_is_not_there_is_named(system: str) -> None:
     with pytest.raises(Problem, match="PSM9: there is no such process"):
-        rows_of(system, "PSM9", 20)
+        asked_rows(system, "PSM9", 20)
 
 
 def test_the_newest_of_all_are_shown_and_the_rest_counted(system: str) -> None:
     for _ in range(3):
         asked(system, "PSM1", Client(system, "PSM1"))
     asked(system, "ECM", Client(system, "ECM"))
-    rows, older = rows_of(system, None, 3)
+    rows, older = asked_rows(system, None, 3)
     assert [row["process"] for row in rows] == ["PSM1", "ECM", "ECM"] and older == 5
     result = CliRunner().invoke(cli.build("logs"), ["logs", "--commands", "-n", "3", "--system", system])
     assert result.stdout.splitlines()[0] == "… 5 older commands: -n 30"
@@ -75,7 +75,7 @@ def test_the_newest_of_all_are_shown_and_the_rest_counted(system: str) -> None:
 
 def test_the_commands_of_a_system_that_is_down_are_not_silently_none(world: World) -> None:
     with pytest.raises(Problem, match="is down: commands are kept while the system is up"):
-        rows_of(world.name, None, 20)
+        asked_rows(world.name, None, 20)
 
 
 def test_streams_of_an_arm_and_its_jaw_side_by_side_are_told_once_each(system: str) -> None:
@@ -86,7 +86,7 @@ def test_streams_of_an_arm_and_its_jaw_side_by_side_are_told_once_each(system: s
         person.send(word, (0.1,) * (6 if word == "servo_jp" else word == "jaw/servo_jp"))
         for command in owner.drain():
             command.done("")
-    assert [row["command"] for row in rows_of(system, None, 20)[0]] == [
+    assert [row["command"] for row in asked_rows(system, None, 20)[0]] == [
         "servo_jp", "jaw/servo_jp", "hold", "servo_jp", "jaw/servo_jp"]
     for part in (person, owner, ring):
         part.close()

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from trocar.procs.fpga import registers
-from trocar.tools.inspect import register_names, samples, serials
-from trocar.tools.inspect.bus_client import FoundBoard
+from trocar.tools.inspect import register_names, samples
+from trocar.tools.inspect.bus_client import FoundBoard, serial_of
 from trocar.tools.output.errors import Misuse, Problem
 
 QLA, DQLA, DRA = (FoundBoard(2, 0, hardware, 8, 2, 0, True) for hardware in ("QLA1", "DQLA", "dRA1"))
@@ -100,4 +100,4 @@ def test_sample_tells_velocity_and_overflow() -> None:
 @pytest.mark.parametrize(("data", "reported"), [
     (b"FPGA 1234-56\xff\xff", "1234-56"), (b"QLA 1234-56\0\xff", ""), (b"\xff" * 16, ""), (b"\0" * 16, "")])
 def test_serial_numbers_end_where_text_ends(data: bytes, reported: str) -> None:
-    assert serials.text_of(data, "FPGA") == reported
+    assert serial_of(data, "FPGA") == reported

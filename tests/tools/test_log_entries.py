@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from trocar.tools import cli
-from trocar.tools.inspect.log_entries import MAX_LINES, newest
+from trocar.tools.verbs.logs import MAX_LINES, newest
 
 TRACEBACK = ["Traceback (most recent call last):", '  File "box.py", line 3, in update', "ZeroDivisionError: no more"]
 

@@ -24,8 +24,7 @@ from trocar.shm.time.control_page import STATES
 from trocar.tools import cli
 from trocar.tools.client.bring_up import ArmBringUp
 from trocar.tools.inspect import standing
-from trocar.tools.inspect.processes import SENTENCES, ProcessStatus, _problem
-from trocar.tools.inspect.segments import PAGE_GONE
+from trocar.tools.inspect.processes import PAGE_GONE, SENTENCES, ProcessStatus, _problem
 from trocar.tools.inspect.standing import Standing, first_thing, next_step
 
 APP = cli.build()

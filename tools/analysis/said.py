@@ -8,8 +8,7 @@ from typing import Any
 
 from trocar.shm.system.events import STATUS
 from trocar.tools.analysis.choosing import opened
-from trocar.tools.inspect.asked import in_words
-from trocar.tools.inspect.messages import line
+from trocar.tools.inspect.messages import asked_line, line
 from trocar.tools.output.printing import note
 
 
@@ -40,7 +39,7 @@ def recorded_lines(file: Path, instance: str | None, most: int, commands: bool) 
         if "values" in data:
             data["values"] = data["values"][: data.pop("count")]
         if commands:
-            found.append(SaidLine(data, in_words(data)))
+            found.append(SaidLine(data, asked_line(data)))
         elif int(row["severity"]) >= STATUS and (kinds.get(name) != "system" or instance is not None):
             found.append(SaidLine(data, f"{name}  {line(data)}"))
     return found[-most:] if most else []

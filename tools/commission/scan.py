@@ -9,8 +9,7 @@ from trocar.procs.document.system import IoConfig, Robot, SystemConfig
 from trocar.procs.fpga import blocks
 from trocar.procs.node.fault_report import place
 from trocar.tools.commission.finding import Finding, Outcome
-from trocar.tools.inspect import serials
-from trocar.tools.inspect.bus_client import BusClient, FoundBoard
+from trocar.tools.inspect.bus_client import NO_SERIALS, BusClient, FoundBoard
 
 UNKNOWN: Final = "HARDWARE_UNDEFINED"
 
@@ -42,8 +41,7 @@ def run(bench: Scanned) -> Outcome:
 
 def _figures(desk: BusClient, board: FoundBoard, asks: bool) -> dict[str, Any]:
     return {"board": board.board, "node": board.node, "hardware": board.hardware, "firmware": board.firmware,
-            "fpga": board.fpga, "fpga_serial": serials.of_fpga(desk, board) if asks else "",
-            "qla_serial": serials.of_qla(desk, board) if asks else ""}
+            "fpga": board.fpga, **(desk.serials(board) if asks else NO_SERIALS)}
 
 
 def boards_of(io: IoConfig) -> dict[int, str]:

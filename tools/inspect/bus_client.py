@@ -10,7 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
+from trocar.procs.fpga import registers
 from trocar.procs.machine.paths import ROOT
+from trocar.shm.time.clock import pause
 from trocar.tools.inspect.watch import document_of
 from trocar.tools.output.closable import Closable
 from trocar.tools.output.errors import Misuse, Problem
@@ -19,6 +21,13 @@ from trocar.tools.systems.find import all_up
 
 FAREWELL_S: Final = 3.0
 SERVER: Final = ("-m", "trocar.procs.io.bus.bus_server")
+FPGA_COMMAND: Final = 0x031F_FF00  # read the page with the serial number; the only one FPGA V3 heeds
+QLA_COMMAND: Final = 0xFE00_0003  # read four quadlets from the PROM's start
+QUADS: Final = 4
+LOOKS: Final = 20
+LOOK_S: Final = 0.001
+BUSY: Final = 7  # low bits of the state of a PROM's interface
+NO_SERIALS: Final = {"fpga_serial": "", "qla_serial": ""}
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +52,12 @@ def shared_id(boards: Sequence[FoundBoard]) -> str:
     """What is to be said of boards with one id: nobody can tell which of them would answer."""
     nodes = " and ".join(str(info.node) for info in boards)
     return f"{len(boards)} boards have id {boards[0].board} (nodes {nodes}); set every rotary switch differently"
+
+
+def serial_of(data: bytes, kind: str) -> str:
+    """`FPGA 1234-56` up to the first byte that is no text, without its kind; empty for anything else."""
+    text = data.split(b"\xff")[0].split(b"\0")[0].decode("ascii", "replace")
+    return text.removeprefix(f"{kind} ") if text.startswith(f"{kind} ") else ""
 
 
 def _emulated_elsewhere(port: str) -> str:
@@ -94,6 +109,28 @@ class BusClient(Closable):
     def write(self, board: int, address: int, value: int) -> None:
         """One register; every write refreshes the board's watchdog."""
         self._asked("write", board=board, address=address, value=value)
+
+    def serials(self, board: FoundBoard) -> dict[str, str]:
+        """Serial numbers of FPGA board and QLA, 1234-56, out of their PROMs; empty where none was ever written.
+
+        Asking writes command registers, which refreshes the watchdog.
+        """
+        fpga = self._serial(board, "FPGA", registers.PROM_COMMAND, FPGA_COMMAND, registers.PROM_COMMAND,
+                            registers.FPGA_PROM)
+        qla = self._serial(board, "QLA", registers.QLA_PROM_COMMAND, QLA_COMMAND, registers.QLA_PROM_STATUS,
+                           registers.QLA_PROM_BUFFER) if board.hardware == "QLA1" else ""
+        return {"fpga_serial": fpga, "qla_serial": qla}
+
+    def _serial(self, board: FoundBoard, kind: str, at: int, command: int, state: int, buffer: int) -> str:
+        self.write(board.board, at, command)
+        for _ in range(LOOKS):
+            pause(LOOK_S)
+            if not self.read(board.board, state) & BUSY:
+                break
+        else:
+            return ""
+        quads = self.block(board.board, buffer, QUADS)
+        return serial_of(b"".join(quad.to_bytes(4, "big") for quad in quads), kind)
 
     def driver(self) -> str:
         """Who drives the bus, here or on another machine; empty when nobody does: then it is ours while this is open.

@@ -1,4 +1,4 @@
-"""Events as people read them: one line each, with the time of day, the same in every verb."""
+"""Events and commands as people read them: one line each, with the time of day, the same in every verb."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ from typing import Any, Final
 from trocar.shm.memory.segment import SegmentError
 from trocar.shm.system import directory
 from trocar.shm.system.events import SEVERITIES, STATUS
+from trocar.tools.output.errors import Problem
 from trocar.tools.output.printing import number, plain
 
+AUDIT: Final = "audit"
 MORE: Final = "…"
 ALL: Final = 1 << 16  # records: more than any ring has
 
@@ -65,3 +67,42 @@ def in_full(system: str, instance: str, text: str) -> str:
 def line(row: Mapping[str, Any]) -> str:
     """One event on one line."""
     return f"{time_of_day(int(row['local_ns']))}  {kind_of(row)}  {text_of(row)}".rstrip()
+
+
+def asked_rows(system: str, instance: str | None, most: int) -> tuple[list[dict[str, Any]], int]:
+    """The newest `most` commands to all processes, or to one, oldest first, and how many are older.
+
+    Problem: the process takes no commands, or the system is down.
+    """
+    rings, found, count = directory.rings(system), [], 0
+    if not any(topic == AUDIT for _, topic in rings):
+        raise Problem(f"{system} is down: commands are kept while the system is up; recordings have them: "
+                      "trocar recordings, trocar logs --commands --recording FILE")
+    for name, topic in rings:
+        if topic == AUDIT and instance in (None, name):
+            with contextlib.closing(directory.reader(system, name, AUDIT)) as ring:
+                kept = ring.last(ring.depth)
+            count += len(kept)
+            found += [{"process": name, **_asked_row(row)} for row in kept[len(kept) - min(most, len(kept)):]]
+    if not found and instance is not None and (instance, AUDIT) not in rings:
+        raise Problem(f"{instance}: there is no such process, or it takes no commands; trocar status lists them")
+    found.sort(key=lambda row: row["monotonic_ns"])
+    shown = found[len(found) - min(most, len(found)):]
+    return shown, count - len(shown)
+
+
+def _asked_row(row: Any) -> dict[str, Any]:
+    found = {name: plain(row[name]) for name in row.dtype.names if name not in ("sequence", "count")}
+    return found | ({"values": found["values"][: int(row["count"])]} if "values" in found else {})
+
+
+def asked_line(row: dict[str, Any]) -> str:
+    """One line: when, who was asked, for what, the outcome, whose command that was."""
+    values = (row.get("values") or ())[: row.get("count")]
+    words = (row["command"], row["text"], *(number(value, ".6g") for value in values))
+    asked = " ".join(filter(None, words))
+    why = f" ({row['reason']})" if row["reason"] else ""
+    whose = f"{row['program'] or 'a program'}, number {row['origin']:x}, generation {row['generation']}"
+    through = f" by pid {row['pid']}" if row["pid"] else ""
+    return (f"{time_of_day(row['local_ns'])}  {row['process']}: {asked}: {row['outcome']}{why}; "
+            f"{f'for {whose}' if row['origin'] else 'for nobody'}{through}")

@@ -5,7 +5,8 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import os
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -19,9 +20,8 @@ from trocar.shm.memory.segment import Segment, SegmentError, names_of, segment_n
 from trocar.shm.system import directory
 from trocar.shm.time.clock import boottime_ns, monotonic_ns, pause
 from trocar.shm.time.control_page import ControlPage
-from trocar.tools.inspect.replayed import recorded_clock
-from trocar.tools.inspect.segments import PAGE_GONE, lost_of
-from trocar.tools.inspect.slow_time import waited_for
+from trocar.shm.time.system_time import SystemTime
+from trocar.tools.inspect.replayed import is_replay, recorded_clock
 from trocar.tools.output.printing import number, plain
 from trocar.tools.systems.find import alive, is_simulated
 from trocar.tools.systems.processes import SUPERVISOR
@@ -50,6 +50,14 @@ ENDING = ("STOPPING", "RESTARTING")  # the process may not have heard of it yet
 COUNTS = ("cycles", "missed", "overruns", "pauses")
 STATISTICS = ("period", "work", "latency")
 PARTS = ("avg", "std", "min", "max", "p99")
+OF_THE_SYSTEM = ("document", "faults")  # segments that the supervisor has for all
+GONE = "gone from shared memory"
+PAGE_GONE = f"its control page is {GONE}"
+SLOW_TIME = 0.02
+"""Simulated over real time; a busy machine alone does not make it so slow."""
+LOOKS = 20
+EVERY_S = 0.01
+NEARLY_ALWAYS = 0.8
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,15 +158,49 @@ def statuses(system: str) -> list[ProcessStatus]:
             found.append(_without_page(name, known, lost))
             continue
         with contextlib.closing(page):
-            lost = lost_of(page, [what for _, instance, what in there if instance == name])
+            lost = _lost_of(page, [what for _, instance, what in there if instance == name])
             process = _life(name, page, known, simulated, rows.get(name), lost)
             found.append(dataclasses.replace(process, simulation=str(reported.get("simulation", ""))))
     if found[0].state != "RUNNING":  # it is being stopped as a whole
         return found
-    slow, speed = waited_for(system) if simulated else ("", 1.0)
+    slow, speed = _waited_for(system) if simulated else ("", 1.0)
     said = f"its cycles take so long that simulated time runs at {speed:.3f} of real time"
     found = [dataclasses.replace(one, problem=said) if one.name == slow and not one.problem else one for one in found]
     return [dataclasses.replace(one, problem=STOPPED) if _is_stopped(one, rows) else one for one in found]
+
+
+def _lost_of(page: ControlPage, there: Collection[str]) -> str:
+    """What of the segments that its control page names is not `there` any more, in words; empty: nothing."""
+    if is_replay(page.segment.header.info):
+        return ""
+    wanted = page.segment.header.info.get("wanted")
+    topics = {str(name).partition("/")[0] for name in wanted} if isinstance(wanted, list) else set()
+    topics |= {"mailbox"} if "audit" in topics else set()
+    topics |= set(OF_THE_SYSTEM) if page.instance == SUPERVISOR else set()
+    lost = sorted(topics - set(there))
+    return f"its {', '.join(lost)} {'is' if len(lost) == 1 else 'are'} {GONE}" if lost else ""
+
+
+def _waited_for(system: str) -> tuple[str, float]:
+    """The process whose cycles take so long that time hardly passes, and how fast it does; "": none, or time is held.
+
+    Looks for 0.2 s, where the last second was slow.
+    """
+    with contextlib.suppress(SegmentError), SystemTime(system) as time, contextlib.ExitStack() as held:
+        if time.speed >= SLOW_TIME or time.is_held:
+            return "", 1.0
+        pages = {name: held.enter_context(contextlib.closing(ControlPage(system, name))) for name in time.members}
+        awake: Counter[str] = Counter()
+        begin_ns, begin_real_ns = time.now_ns(), monotonic_ns()
+        for _ in range(LOOKS):
+            pause(EVERY_S)
+            awake.update(name for name, page in pages.items() if not page.get("wakeup"))
+        speed = (time.now_ns() - begin_ns) / (monotonic_ns() - begin_real_ns)
+        ((name, times),) = awake.most_common(1) or [("", 0)]
+        if speed >= SLOW_TIME or time.is_held or times < NEARLY_ALWAYS * LOOKS:
+            return "", 1.0
+        return name, speed
+    return "", 1.0
 
 
 def _is_stopped(one: ProcessStatus, rows: Mapping[str, Process]) -> bool:

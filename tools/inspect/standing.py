@@ -22,6 +22,7 @@ from trocar.tools.inspect.processes import (
     DEAD,
     DETACHED,
     FAILED,
+    GONE,
     NOT_ATTACHED,
     NOT_RUNNING,
     SENTENCES,
@@ -30,7 +31,6 @@ from trocar.tools.inspect.processes import (
     STOPPED,
     ProcessStatus,
 )
-from trocar.tools.inspect.segments import GONE
 from trocar.tools.output.printing import plain, span
 from trocar.tools.systems.processes import SUPERVISOR, commissioning
 

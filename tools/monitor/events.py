@@ -15,8 +15,7 @@ from trocar.shm.memory.segment import SegmentError
 from trocar.shm.ring.ring import RingReader
 from trocar.shm.system import directory
 from trocar.shm.system.events import SEVERITIES, STATUS
-from trocar.tools.inspect.asked import AUDIT
-from trocar.tools.inspect.messages import kind_of, text_of, time_of_day
+from trocar.tools.inspect.messages import AUDIT, kind_of, text_of, time_of_day
 from trocar.tools.inspect.processes import ProcessStatus
 
 STREAMS = frozenset(row.name for rows in COMMANDS.values() for row in rows if row.stream)

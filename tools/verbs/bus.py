@@ -11,8 +11,8 @@ import typer
 
 from trocar.procs.fpga import registers
 from trocar.shm.time.clock import monotonic_ns, pause
-from trocar.tools.inspect import register_names, samples, serials
-from trocar.tools.inspect.bus_client import BusClient, FoundBoard, shared_id
+from trocar.tools.inspect import register_names, samples
+from trocar.tools.inspect.bus_client import NO_SERIALS, BusClient, FoundBoard, shared_id
 from trocar.tools.output.errors import Misuse, Problem
 from trocar.tools.output.printing import emit, note, number, page, table, tell
 from trocar.tools.verbs.options import JsonOption
@@ -65,12 +65,10 @@ def _scanned(desk: BusClient, board: FoundBoard, *, ask_proms: bool) -> dict[str
     """A board as a row; of boards that share an id nothing more is known."""
     alike = [info for info in desk.boards if info.board == board.board]
     if len(alike) > 1:
-        return {**dataclasses.asdict(board), "fpga_serial": "", "qla_serial": "", "status": None, "watchdog_s": None,
+        return {**dataclasses.asdict(board), **NO_SERIALS, "status": None, "watchdog_s": None,
                 "state": shared_id(alike)}
     status = desk.read(board.board, registers.STATUS)
-    row = dataclasses.asdict(board)
-    row["fpga_serial"] = serials.of_fpga(desk, board) if ask_proms else ""
-    row["qla_serial"] = serials.of_qla(desk, board) if ask_proms else ""
+    row = dataclasses.asdict(board) | (desk.serials(board) if ask_proms else NO_SERIALS)
     watchdog = desk.read(board.board, registers.WATCHDOG)
     state = [f"power {_on(status & registers.STATUS_POWER)}",
              f"relay {'closed' if status & registers.STATUS_RELAY else 'open'}",

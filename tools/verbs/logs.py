@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import os
 from collections import deque
-from collections.abc import Container
+from collections.abc import Container, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, TextIO
 
@@ -16,12 +17,11 @@ from trocar.procs.machine.log_files import is_old
 from trocar.procs.machine.paths import is_folder, log_folder
 from trocar.shm.memory.segment import SegmentError
 from trocar.shm.system import directory
-from trocar.shm.system.loglines import LogLine, parsed
+from trocar.shm.system.loglines import LogLine, is_about, parsed
 from trocar.shm.time.clock import pause
 from trocar.tools.analysis.as_system import RecordingOption
 from trocar.tools.analysis.said import recorded_lines
-from trocar.tools.inspect.asked import in_words, rows_of
-from trocar.tools.inspect.log_entries import about, in_order, left_out, newest
+from trocar.tools.inspect.messages import asked_line, asked_rows
 from trocar.tools.output.errors import Problem
 from trocar.tools.output.printing import emit, need_reader, tell
 from trocar.tools.systems.find import all_up, chosen_system, unknown
@@ -29,6 +29,8 @@ from trocar.tools.verbs.options import JsonOption, SystemOption
 
 POLL_S = 0.1
 LAST = 3  # systems that are named where none is up
+MAX_LINES = 100
+"""Of an entry at most, the newest ones: what a process prints has no stamps, and may be long."""
 
 
 def logs(
@@ -56,10 +58,10 @@ def logs(
             emit(said.row) if as_json else tell(said.text)
         return 0
     if commands:
-        rows, older = rows_of(system or chosen_system(), instance, lines)
+        rows, older = asked_rows(system or chosen_system(), instance, lines)
         _tell_older(left_out(older, "commands", lines), as_json)
         for row in rows:
-            emit(row) if as_json else tell(in_words(row))
+            emit(row) if as_json else tell(asked_line(row))
         return 0
     folder = log_folder(os.environ, system or _chosen(instance))
     if not is_folder(folder):
@@ -128,6 +130,54 @@ def _news(file: TextIO, only: str | None) -> list[str]:
     return lines if only is None else about(lines, only)
 
 
+def about(lines: Sequence[str], name: str) -> list[str]:
+    """The entries of one of several that write to the same file."""
+    found: list[str] = []
+    is_wanted = False
+    for text in lines:
+        line = parsed(text)
+        is_wanted = is_about(line.text, name) if line.local else is_wanted
+        found += [text] if is_wanted else []
+    return found
+
+
+def newest(files: Mapping[str, Sequence[str]], most: int) -> tuple[list[tuple[str, LogLine]], int]:
+    """The newest `most` entries of several processes as they were written, and how many lines were left out."""
+    found = [(entry[0].monotonic_s, name, entry) for name, lines in files.items() for entry in _last(lines, most)]
+    found.sort(key=lambda row: row[0])
+    shown = [(name, line) for _, name, entry in found[len(found) - min(most, len(found)):] for line in entry]
+    return shown, sum(map(len, files.values())) - len(shown)
+
+
+def _last(lines: Sequence[str], most: int) -> list[list[LogLine]]:
+    """The newest entries of one process."""
+    entries: list[list[LogLine]] = [[]]
+    for line in map(parsed, itertools.islice(reversed(lines), MAX_LINES * most)):
+        if len(entries) > most:
+            break
+        entries[-1].append(line)
+        if line.local:
+            entries.append([])
+    return [entry[:MAX_LINES][::-1] for entry in reversed(entries[:most]) if entry]
+
+
+def left_out(older: int, what: str, most: int) -> str:
+    """What a person is told first of what is not shown; empty: that is all."""
+    return f"… {older} older {what if older != 1 else what.removesuffix('s')}: -n {10 * most}" if older and most else ""
+
+
+def in_order(lines: Mapping[str, Iterable[str]]) -> list[tuple[str, LogLine]]:
+    """Lines of several processes by their stamps; one without goes with the line before it."""
+    found: list[tuple[float, str, LogLine]] = []
+    for name, each in lines.items():
+        since_s = 0.0
+        for line in map(parsed, each):
+            since_s = line.monotonic_s or since_s
+            found.append((since_s, name, line))
+    found.sort(key=lambda row: row[0])
+    return [(name, line) for _, name, line in found]
+
+
 def _print(name: str, line: LogLine, several: bool, as_json: bool) -> None:
     if as_json:
         emit({"process": name, "local": line.local or None, "monotonic_s": line.monotonic_s or None,
@@ -142,5 +192,5 @@ def tail(path: Path, lines: int) -> str:
     if not path.exists():
         return ""
     with path.open(errors="replace") as file:
-        newest = map(parsed, deque(file, maxlen=lines))
-        return "\n".join(f"{line.level} {line.text}".lstrip() for line in newest).rstrip()
+        found = map(parsed, deque(file, maxlen=lines))
+        return "\n".join(f"{line.level} {line.text}".lstrip() for line in found).rstrip()

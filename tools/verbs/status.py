@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterable
+from contextlib import closing, suppress
 
+from trocar.procs.document.recorder import NAME as RECORDER
 from trocar.procs.node.realtime import lacking, refused
+from trocar.shm.memory.segment import SegmentError
+from trocar.shm.system import directory
 from trocar.shm.time.system_time import WALL, SystemTime
 from trocar.tools.inspect import standing
-from trocar.tools.inspect.fault_file import fault_recording
 from trocar.tools.inspect.processes import COLUMNS, RIGHT, cells, remarks, statuses
 from trocar.tools.inspect.replayed import clock_in_words, recorded_clock
 from trocar.tools.inspect.standing import first_thing, in_a_line, standings
-from trocar.tools.output.printing import emit, table, tell
+from trocar.tools.output.printing import emit, plain, table, tell
 from trocar.tools.systems.find import chosen_system
 from trocar.tools.verbs.options import JsonOption, SystemOption
 
@@ -29,7 +33,7 @@ def status(as_json: JsonOption = False, system: SystemOption = None) -> int:
     processes = statuses(name)
     found = standings(name, processes)
     first = first_thing(processes, found)
-    recorded = fault_recording(name, [one.since_ns for one in found]) if any(one.is_fault for one in found) else ""
+    recorded = _fault_recording(name, [one.since_ns for one in found]) if any(one.is_fault for one in found) else ""
     with SystemTime(name) as time:
         clock, speed, reported = recorded_clock(name) or time.clock, time.speed, clock_in_words(name, time)
     policies = {process.name: process.scheduling for process in processes} if clock == WALL else {}
@@ -50,3 +54,13 @@ def status(as_json: JsonOption = False, system: SystemOption = None) -> int:
             tell(f"what led to it was recorded: {recorded}")
         tell(in_a_line(processes, found))
     return 1 if any(process.problem for process in processes) or any(one.is_fault for one in found) else 0
+
+
+def _fault_recording(system: str, faults_ns: Iterable[int]) -> str:
+    """The file of one of these faults, which began then (monotonic); empty: there is none, or none yet."""
+    with suppress(SegmentError), closing(directory.reader(system, RECORDER, "state", RECORDER, often=False)) as state:
+        if state.newest():
+            first_ns, last_ns = (int(state.field(name)[()]) for name in ("fault_first_ns", "fault_last_ns"))
+            if any(first_ns <= at_ns <= last_ns for at_ns in faults_ns if at_ns):
+                return str(plain(state.field("fault_path").item()))
+    return ""
