@@ -53,11 +53,20 @@ def need_reader() -> None:
         raise BrokenPipeError("nobody reads the output")
 
 
-def emit(row: Any) -> None:
-    """One JSON object on one line, out at once; what is not printable is escaped, and comes back as it was."""
-    text = json.dumps(plain(row), ensure_ascii=False)
-    print(text if text.isprintable() else "".join(c if c.isprintable() else json.dumps(c)[1:-1] for c in text),
-          flush=True)
+def emit(*rows: Any) -> None:
+    """JSON objects, a line each, out at once; what is not printable is escaped, and comes back as it was."""
+    for row in rows:
+        text = json.dumps(plain(row), ensure_ascii=False)
+        print(text if text.isprintable() else "".join(c if c.isprintable() else json.dumps(c)[1:-1] for c in text),
+              flush=True)
+
+
+def answer(row: Any, text: str, as_json: bool) -> None:
+    """One result: JSON for programs, a line for a person."""
+    if as_json:
+        emit(row)
+    else:
+        tell(text)
 
 
 def width(stream: TextIO | None = None) -> int:

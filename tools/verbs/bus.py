@@ -14,7 +14,7 @@ from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.tools.inspect import register_names, samples
 from trocar.tools.inspect.bus_client import NO_SERIALS, BusClient, FoundBoard, shared_id
 from trocar.tools.output.errors import Misuse, Problem
-from trocar.tools.output.printing import emit, note, number, page, table, tell
+from trocar.tools.output.printing import answer, emit, note, number, page, table, tell
 from trocar.tools.verbs.options import JsonOption
 
 PERIOD_S: Final = 0.1  # of the live view
@@ -46,8 +46,7 @@ def scan(
         rows = [_scanned(desk, board, ask_proms=ask) for board in desk.boards]
     code = 1 if any(row["status"] is None for row in rows) else 0
     if as_json:
-        for row in rows:
-            emit(row)
+        emit(*rows)
         return code
     table("", ("board", "node", "hardware", "Rev", "FPGA", "serials", "state"), [_cells(row) for row in rows])
     if driver:
@@ -104,8 +103,7 @@ def read(
         rows = [_valued(info, address, desk.read(wanted, address))
                 for address in register_names.addresses(register, info, count)]
     if as_json:
-        for row in rows:
-            emit(row)
+        emit(*rows)
         return 0
     if len(rows) == 1:
         row = rows[0]
@@ -155,10 +153,8 @@ def write(
         desk.write(ALL_BOARDS if wanted is None else wanted, address, new)
         for info in targets:
             now = _valued(info, address, desk.read(info.board, address))
-            if as_json:
-                emit({**now, "old": old[info.board], "written": new})
-            else:
-                tell(f"written; board {info.board} now reads {now['hex']}  {now['meaning']}".rstrip())
+            answer({**now, "old": old[info.board], "written": new},
+                   f"written; board {info.board} now reads {now['hex']}  {now['meaning']}".rstrip(), as_json)
     return 0
 
 
@@ -239,10 +235,7 @@ def _stream(desk: BusClient, board: FoundBoard, *, once: bool, as_json: bool) ->
     with contextlib.suppress(KeyboardInterrupt):
         while True:
             sample = watching.sample()
-            if as_json:
-                emit(sample.as_dict())
-            else:
-                tell(_page(sample, ""))
+            answer(sample.as_dict(), _page(sample, ""), as_json)
             if once:
                 return
             pause(PERIOD_S)

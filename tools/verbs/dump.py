@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from trocar.procs.recordings.names import DUMP
-from trocar.tools.output.printing import emit, note, progress, tell
+from trocar.tools.output.printing import answer, note, progress
 from trocar.tools.systems.dumping import dump as dumped
 from trocar.tools.systems.dumping import dump_by_time
 from trocar.tools.systems.find import chosen_system, is_up
@@ -35,9 +35,7 @@ def dump(
         found = dump_by_time(name, DUMP, reason, say) if file is None else dumped(name, file, reason, say)
     for problem in found.problems:
         note(problem)
-    if as_json:
-        emit(dataclasses.asdict(found) | {"file": str(found.file)})
-    else:
-        tell(f"{found.file}: {sum(found.records.values())} records of {len(found.records)} rings, "
-              f"{found.bytes / 1e6:.1f} MB")
+    answer(dataclasses.asdict(found) | {"file": str(found.file)},
+           f"{found.file}: {sum(found.records.values())} records of {len(found.records)} rings, "
+           f"{found.bytes / 1e6:.1f} MB", as_json)
     return 1 if found.problems else 0

@@ -22,7 +22,7 @@ from trocar.tools.analysis.choosing import (
 )
 from trocar.tools.analysis.exporting import CSV, PARQUET, ROSBAG2, STDOUT, RecordingTables, arrow
 from trocar.tools.output.errors import Misuse, Problem
-from trocar.tools.output.printing import emit, note, progress, tell
+from trocar.tools.output.printing import answer, note, progress
 from trocar.tools.verbs.options import JsonOption
 
 FORMATS = (CSV, PARQUET, ROSBAG2)
@@ -81,10 +81,8 @@ def export(
         except OSError as error:
             raise Problem(f"{error.filename or folder}: {error.strerror}") from None
         code = _told(recording.problems)
-    if as_json:
-        emit({"folder": str(folder), "files": [str(path) for path in written], "topics": wanted})
-    else:
-        tell(f"{folder}: {', '.join(path.name for path in written)}")
+    answer({"folder": str(folder), "files": [str(path) for path in written], "topics": wanted},
+           f"{folder}: {', '.join(path.name for path in written)}", as_json)
     return code
 
 

@@ -37,8 +37,7 @@ def list_topics(
     """
     entries = catalogue(chosen_system(system))
     if as_json:
-        for entry in entries:
-            emit(_described(entry))
+        emit(*map(_described, entries))
     elif verbose:
         for entry in entries:
             rate = f", nominal {entry.rate_hz:g} Hz" if entry.rate_hz else ""
@@ -92,8 +91,7 @@ def hz(
     entries = [find(name, path.topic) for path in paths] if paths else [e for e in catalogue(name) if e.kind == RECORD]
     rows = measured(name, entries, window, paths)
     if as_json:
-        for row in rows:
-            emit(row)
+        emit(*rows)
     elif csv:
         with columns_file(csv, list(rows[0]) if rows else []) as file:
             for row in rows:

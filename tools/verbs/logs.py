@@ -23,7 +23,7 @@ from trocar.tools.analysis.as_system import RecordingOption
 from trocar.tools.analysis.said import recorded_lines
 from trocar.tools.inspect.messages import asked_line, asked_rows
 from trocar.tools.output.errors import Problem
-from trocar.tools.output.printing import emit, need_reader, tell
+from trocar.tools.output.printing import answer, emit, need_reader, tell
 from trocar.tools.systems.find import all_up, chosen_system, unknown
 from trocar.tools.verbs.options import JsonOption, SystemOption
 
@@ -55,13 +55,13 @@ def logs(
     """
     if recording is not None:
         for said in recorded_lines(recording, instance, lines, commands):
-            emit(said.row) if as_json else tell(said.text)
+            answer(said.row, said.text, as_json)
         return 0
     if commands:
         rows, older = asked_rows(system or chosen_system(), instance, lines)
         _tell_older(left_out(older, "commands", lines), as_json)
         for row in rows:
-            emit(row) if as_json else tell(asked_line(row))
+            answer(row, asked_line(row), as_json)
         return 0
     folder = log_folder(os.environ, system or _chosen(instance))
     if not is_folder(folder):

@@ -14,7 +14,7 @@ from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.tools.client.remote import Remote
 from trocar.tools.inspect.gains import ALL, Present, present
 from trocar.tools.output.errors import Misuse, Problem
-from trocar.tools.output.printing import emit, note, table, tell
+from trocar.tools.output.printing import answer, emit, note, table, tell
 from trocar.tools.systems.find import chosen_system, unknown
 from trocar.tools.verbs.options import JsonOption, SystemOption
 
@@ -81,12 +81,10 @@ def set_gains(
     _confirm(name, found.robot, places, pairs)
     for number in places:
         old = found.row(number)
-        if as_json:
-            emit({"robot": found.robot, "axis": number, "name": found.names[number],
-                  "old": {key: old[key] for key, _ in pairs}, "new": dict(pairs)})
-        else:
-            steps = ", ".join(f"{key} {old[key]:.9g} → {value:.9g}" for key, value in pairs)
-            tell(f"{found.robot} axis {number} {found.names[number]}: {steps}")
+        steps = ", ".join(f"{key} {old[key]:.9g} → {value:.9g}" for key, value in pairs)
+        answer({"robot": found.robot, "axis": number, "name": found.names[number],
+                "old": {key: old[key] for key, _ in pairs}, "new": dict(pairs)},
+               f"{found.robot} axis {number} {found.names[number]}: {steps}", as_json)
     return 0
 
 

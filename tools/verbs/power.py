@@ -66,8 +66,8 @@ def _verb(goal: str, arms: list[str] | None, timeout: float, as_json: bool, syst
     with progress(f"{goal}…") as say:
         problems = bring(name, names, goal, timeout, say, note)
     if as_json:
-        for arm, problem in problems.items():
-            emit({"arm": arm, "goal": goal, "done": not problem, "problem": problem or None})
+        emit(*({"arm": arm, "goal": goal, "done": not problem, "problem": problem or None}
+               for arm, problem in problems.items()))
     else:
         rows = [(arm, goal if not problem else "NOT " + goal, problem) for arm, problem in problems.items()]
         table("", ("arm", "result", "why"), rows)

@@ -15,7 +15,7 @@ from trocar.shm.system import directory
 from trocar.tools.client.remote import Remote
 from trocar.tools.inspect.watch import document_of
 from trocar.tools.output.errors import Misuse, Problem, Refused
-from trocar.tools.output.printing import emit, note, progress, tell
+from trocar.tools.output.printing import answer, note, progress
 from trocar.tools.systems.find import chosen_system, unknown
 from trocar.tools.systems.processes import SUPERVISOR
 from trocar.tools.verbs.options import JsonOption, SystemOption
@@ -115,8 +115,5 @@ def _asked(what: str, name: str, as_json: bool, system: str) -> int:
         reply = remote.settled(what, text=name, timeout=PATIENCE_S)
     if reply.outcome != "done":
         raise Refused(reply.text or f"{what} {name} {became(reply.outcome)}")
-    if as_json:
-        emit({"process": name, "outcome": reply.outcome, "text": reply.text})
-    else:
-        tell(reply.text)
+    answer({"process": name, "outcome": reply.outcome, "text": reply.text}, reply.text, as_json)
     return 0

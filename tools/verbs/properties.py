@@ -11,7 +11,7 @@ from trocar.procs.document.user_process import PROPERTIES, SET_PROPERTY
 from trocar.shm.system import directory
 from trocar.tools.client.remote import Remote
 from trocar.tools.output.errors import Misuse
-from trocar.tools.output.printing import emit, plain, tell
+from trocar.tools.output.printing import answer, plain, tell
 from trocar.tools.systems.find import chosen_system, unknown
 from trocar.tools.verbs.options import JsonOption, SystemOption
 
@@ -38,10 +38,8 @@ def get(
         if wanted and wanted not in values:
             raise unknown("property", wanted, values, instance)
         for key in [wanted] if wanted else values:
-            if as_json:
-                emit({"name": instance, "property": key, "value": values[key]})
-            else:
-                tell(f"{instance}.{key} = {values[key]}")
+            answer({"name": instance, "property": key, "value": values[key]}, f"{instance}.{key} = {values[key]}",
+                   as_json)
     return 0
 
 

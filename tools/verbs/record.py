@@ -19,7 +19,7 @@ from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.shm.time.system_time import SystemTime
 from trocar.tools.client.remote import Remote
 from trocar.tools.output.errors import Misuse, Problem, Refused
-from trocar.tools.output.printing import Say, emit, note, number, plain, progress, tell
+from trocar.tools.output.printing import Say, answer, emit, note, number, plain, progress, tell
 from trocar.tools.systems.find import chosen_system
 from trocar.tools.verbs.options import JsonOption, SystemOption
 
@@ -171,10 +171,7 @@ def _in_words(found: dict[str, Any]) -> str:
 
 def _ended(said: str, found: dict[str, Any], as_json: bool) -> int:
     """The last word; 1 where something is missing."""
-    if as_json:
-        emit(found)
-    else:
-        tell(said)
+    answer(found, said, as_json)
     if found.get("problem"):
         note(f"the disk: {found['problem']}")
     return int(bool(found.get("lost")))
@@ -185,5 +182,5 @@ def _kept(remote: Remote, why: str, as_json: bool) -> int:
     if reply.outcome != "done":
         raise Refused(reply.text)
     path = reply.text.removeprefix("kept in ")
-    emit({"path": path}) if as_json else tell(f"kept in {path}")
+    answer({"path": path}, f"kept in {path}", as_json)
     return 0

@@ -46,8 +46,7 @@ def recordings(
     for problem in unread:
         note(problem)
     if as_json:
-        for row in rows:
-            emit(row)
+        emit(*rows)
         return 0
     if not rows:
         tell(f"no recordings{' of this kind' if kinds else ''} in {folder}")

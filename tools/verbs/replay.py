@@ -16,7 +16,7 @@ from trocar.tools.analysis.comparing import DIFFERENT, Comparing, as_dict
 from trocar.tools.analysis.differences import STAMP
 from trocar.tools.inspect.watch import arm_names
 from trocar.tools.output.errors import Misuse, Problem
-from trocar.tools.output.printing import emit, note, number, progress, table, tell
+from trocar.tools.output.printing import answer, emit, note, number, progress, table, tell
 from trocar.tools.replay import asking, live
 from trocar.tools.replay.fresh import run_again
 from trocar.tools.replay.shown import Showing
@@ -73,7 +73,7 @@ def replay(
                     shown = showing.play(speed, say)
                 except KeyboardInterrupt:
                     return 0
-            emit({"system": name, "records": shown}) if as_json else tell(f"{shown} records shown")
+            answer({"system": name, "records": shown}, f"{shown} records shown", as_json)
             return 0
         return _live(recording, chosen_system(system), arms, part, speed, commands, real, as_json, say)
 

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from trocar.tools.output.errors import Problem
-from trocar.tools.output.printing import emit, note, progress, tell
+from trocar.tools.output.printing import answer, note, progress
 from trocar.tools.verbs.options import JsonOption, SystemOption
 
 
@@ -43,8 +43,6 @@ def report(
         raise Problem(f"{file}: cannot be written: {error.strerror or error}") from None
     for problem in found.problems:
         note(problem)
-    if as_json:
-        emit(dataclasses.asdict(found) | {"file": str(file), "bytes": size})
-    else:
-        tell(f"{file}: {len(found.files)} files, {size / 1e6:.1f} MB")
+    answer(dataclasses.asdict(found) | {"file": str(file), "bytes": size},
+           f"{file}: {len(found.files)} files, {size / 1e6:.1f} MB", as_json)
     return 0

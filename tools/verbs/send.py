@@ -77,8 +77,7 @@ def renamed(command: str, words: list[str]) -> tuple[str, list[str]]:
 def _listed(component: str, rows: list[dict[str, Any]], as_json: bool) -> int:
     """Every command of a component with its text, its numbers and what it does."""
     if as_json:
-        for row in rows:
-            emit({"component": component, **row})
+        emit(*({"component": component, **row} for row in rows))
     else:
         cells = [(str(row["name"]), _takes(row).replace("|", " | "), str(row.get("doc", ""))) for row in rows]
         table("", ("command", "takes", "meaning"), cells)
