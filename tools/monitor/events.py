@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import contextlib
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 from trocar.procs.crtk.plain import plain
 from trocar.procs.crtk.reported import event_rings, message_of
@@ -36,20 +36,14 @@ R = TypeVar("R", bound=Ordered)
 class RingRows(Generic[R]):
     """Rows made of the records of a ring of all processes, those from before too."""
 
-    KEPT: ClassVar[int]
-    A_LOOK: ClassVar[int]
-    """Records of one process that one look takes in."""
-
-    def __init__(self, rings: Iterable[tuple[str, RingReader]]) -> None:
-        self._rings = list(rings)
-        self._rows: deque[R] = deque(maxlen=self.KEPT)
+    def __init__(self, rings: Iterable[tuple[str, RingReader]], made: Callable[[str, dict[str, Any]], R], kept: int,
+                 a_look: int) -> None:
+        """`made`: the row of a record of one process; `a_look`: records of one process that one look takes in."""
+        self._rings, self._made, self._a_look = list(rings), made, a_look
+        self._rows: deque[R] = deque(maxlen=kept)
         for _, reader in self._rings:
-            reader.rewind(self.KEPT)
-        self._take(self.KEPT)
-
-    def made(self, name: str, record: dict[str, Any]) -> R:
-        """The row of a record of one process."""
-        raise NotImplementedError
+            reader.rewind(kept)
+        self._take(kept)
 
     @property
     def names(self) -> list[str]:
@@ -63,7 +57,7 @@ class RingRows(Generic[R]):
 
     def rows(self) -> list[R]:
         """All that are known, the oldest first."""
-        self._take(self.A_LOOK)
+        self._take(self._a_look)
         return list(self._rows)
 
     def _take(self, most: int) -> None:
@@ -72,7 +66,7 @@ class RingRows(Generic[R]):
             for _ in range(most):
                 if not reader.next():
                     break
-                found.append(self.made(name, {key: reader.field(key)[()] for key in reader.dtype.names or ()}))
+                found.append(self._made(name, {key: reader.field(key)[()] for key in reader.dtype.names or ()}))
         self._rows.extend(sorted(found, key=lambda row: row.order))
 
     def close(self) -> None:
@@ -95,17 +89,9 @@ class EventRow:
     data: dict[str, Any]
 
 
-class EventsData(RingRows[EventRow]):
+def events_of(system: str) -> RingRows[EventRow]:
     """The events of all processes."""
-
-    KEPT, A_LOOK = 2000, 500
-
-    def __init__(self, system: str) -> None:
-        super().__init__(event_rings(system))
-
-    def made(self, name: str, record: dict[str, Any]) -> EventRow:
-        """An event."""
-        return _event_row(name, record)
+    return RingRows(event_rings(system), _event_row, kept=2000, a_look=500)
 
 
 def _event_row(name: str, event: dict[str, Any]) -> EventRow:
@@ -115,14 +101,12 @@ def _event_row(name: str, event: dict[str, Any]) -> EventRow:
                     text_of({**data, "hint": ""}), str(message["hint"]), data)
 
 
-def chosen(rows: Iterable[EventRow], severity: str = "", who: str = "", words: str = "") -> list[EventRow]:
-    """Those of this severity or a worse one ("": all, also what is no message), of one process, with these words."""
+def chosen(rows: Iterable[EventRow], severity: str, who: str = "") -> list[EventRow]:
+    """Those of this severity or a worse one ("": all, also what is no message), of one process ("": of all)."""
     least = SEVERITIES.index(severity) if severity in SEVERITIES else 0
-    sought = words.casefold()
     return [row for row in rows
             if (not least or (row.severity in SEVERITIES and SEVERITIES.index(row.severity) >= max(STATUS, least)))
-            and who in ("", row.who)
-            and sought in f"{row.who} {row.what} {row.text} {row.hint}".casefold()]
+            and who in ("", row.who)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,17 +130,9 @@ class AskedRow:
         return [self.at, self.who, self.command, self.outcome, self.whose, self.reason]
 
 
-class CommandsData(RingRows[AskedRow]):
+def commands_of(system: str) -> RingRows[AskedRow]:
     """What all processes were asked for, from their audit rings."""
-
-    KEPT = A_LOOK = 1000
-
-    def __init__(self, system: str) -> None:
-        super().__init__(_audit_rings(system))
-
-    def made(self, name: str, record: dict[str, Any]) -> AskedRow:
-        """A command."""
-        return _asked_row(name, record)
+    return RingRows(_audit_rings(system), _asked_row, kept=1000, a_look=1000)
 
 
 def _audit_rings(system: str) -> Iterator[tuple[str, RingReader]]:

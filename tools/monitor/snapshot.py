@@ -10,7 +10,7 @@ from trocar.procs.crtk.topics import RECORD
 from trocar.shm.time.clock import monotonic_ns, pause
 from trocar.tools.inspect import standing
 from trocar.tools.inspect.processes import COLUMNS, RIGHT, cells
-from trocar.tools.monitor.events import UNDER_WAY, CommandsData, EventRow, EventsData, under_way
+from trocar.tools.monitor.events import UNDER_WAY, EventRow, commands_of, events_of, under_way
 from trocar.tools.monitor.overview import Overview, overview
 from trocar.tools.monitor.processes import ProcessesData
 from trocar.tools.monitor.topics import TopicsData
@@ -39,8 +39,8 @@ class Sight:
 def snapshot(system: str, window_s: float = WINDOW_S) -> Sight:
     """Look at everything once; takes as long as rates need."""
     processes = ProcessesData()
-    with closing(TopicsData(system)) as topics, closing(EventsData(system)) as events, \
-            closing(CommandsData(system)) as asked:
+    with closing(TopicsData(system)) as topics, closing(events_of(system)) as events, \
+            closing(commands_of(system)) as asked:
         processes.rows(overview(system).processes)
         topics.rows()
         pause(window_s)

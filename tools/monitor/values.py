@@ -11,7 +11,7 @@ import numpy as np
 
 from trocar.procs.crtk.demand import OnDemand
 from trocar.procs.crtk.field_paths import FieldCells, all_cells
-from trocar.procs.crtk.topics import EVENT, TopicEntry
+from trocar.procs.crtk.topics import TopicEntry
 from trocar.procs.crtk.views import OpenTopic
 from trocar.shm.memory.segment import SegmentError
 from trocar.shm.time.clock import monotonic_ns
@@ -158,11 +158,6 @@ def shown_value(value: Any) -> str:
         value += 0.0  # no -0
         return f"{value:.5g}" if abs(value) < 1e7 else f"{value:.6e}"
     return str(value) if value != "" else "(empty)"
-
-
-def shown_entries(entries: list[TopicEntry]) -> list[TopicEntry]:
-    """The topics whose values can be looked at: records and views."""
-    return [entry for entry in entries if entry.kind != EVENT]
 
 
 def open_values(system: str, entry: TopicEntry) -> ValuesData | str:

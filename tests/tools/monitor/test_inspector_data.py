@@ -173,9 +173,9 @@ def test_values_are_readable(value: Any, shown: str) -> None:
     assert shown_value(value) == shown
 
 
-def test_events_are_chosen_by_severity_process_and_words(played: ScriptedRobot) -> None:
+def test_events_are_chosen_by_severity_and_process(played: ScriptedRobot) -> None:
     played.events.status("PSM1: HOMED", "PSM1")
-    data = events.EventsData(played.name)
+    data = events.events_of(played.name)
     try:
         assert [row.text for row in data.rows()] == ["PSM1: HOMED"]
         played.events.operating_state("ENABLED", "HOMED", True, False)
@@ -183,7 +183,7 @@ def test_events_are_chosen_by_severity_process_and_words(played: ScriptedRobot) 
         rows = data.rows()
         assert [row.severity for row in rows] == ["status", "", "error"] and rows[2].hint == codes.TRACKING.remedy
         assert events.chosen(rows, "warning") == [rows[2]] and events.chosen(rows, "status") == [rows[0], rows[2]]
-        assert events.chosen(rows, "", "IO1") == [] and events.chosen(rows, "", "PSM1", "FOLLOW") == [rows[2]]
+        assert events.chosen(rows, "", "IO1") == [] and events.chosen(rows, "", "PSM1") == rows
         assert rows[2].data["limit"] == 0.05 and data.names[0] == "IO1" and data.lost == 0
     finally:
         data.close()
@@ -205,7 +205,7 @@ def test_events_that_come_while_it_opens_are_kept(played: ScriptedRobot, monkeyp
     played.events.status("PSM1: HOMED", "PSM1")
     meanwhile = once(events._event_row, lambda: played.events.status("PSM1: meanwhile", "PSM1"))
     monkeypatch.setattr(events, "_event_row", meanwhile)
-    data = events.EventsData(played.name)
+    data = events.events_of(played.name)
     try:
         assert [row.text for row in data.rows()] == ["PSM1: HOMED", "PSM1: meanwhile"] and data.lost == 0
     finally:
@@ -217,7 +217,7 @@ def test_commands_that_come_while_it_opens_are_kept(played: ScriptedRobot, monke
     ring.field("command")[...], ring.field("outcome")[...] = b"hold", b"accepted"
     ring.publish(monotonic_ns())
     monkeypatch.setattr(events, "_asked_row", once(events._asked_row, lambda: ring.publish(monotonic_ns())))
-    data = events.CommandsData(played.name)
+    data = events.commands_of(played.name)
     try:
         assert [row.command for row in data.rows()] == ["hold", "hold"] and len(data.rows()) == 2
     finally:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import dataclasses
 from collections.abc import Awaitable, Callable
 from typing import Any
@@ -15,6 +16,8 @@ from tests.conftest import World
 from tests.tools.robot import ScriptedRobot, robot
 from trocar.procs.tables import codes
 from trocar.shm.memory.segment import segment_name, unlink
+from trocar.shm.system import directory
+from trocar.shm.time.clock import monotonic_ns
 from trocar.tools.monitor.app import PAGES, InspectorApp
 from trocar.tools.monitor.pages.page import DARK, LIGHT, InspectorPage
 from trocar.tools.monitor.pages.table import WIDE, Head, TableRow
@@ -206,6 +209,27 @@ def test_a_fault_is_shown_with_its_remedy(world: World) -> None:
         await pilot.press("2")
         head = str(app.query_one("#head", Static).render()).replace("\n", " ")
         await until(app, pilot, *head.split()[-4:])
+
+    play(world, story)
+
+
+def test_words_find_commands_and_arms(world: World) -> None:
+    async def story(app: InspectorApp, pilot: Pilot[None], played: ScriptedRobot) -> None:
+        played.events.report(codes.TRACKING, "PSM1 axis 2: cannot follow", "PSM1", 2, 0.06, 0.05, 6)
+        played.show_arm(0.1, "FAULT")
+        with contextlib.closing(directory.writer(played.name, "PSM1", "audit", "arm")) as ring:
+            for command in (b"move_jp", b"crtk_version"):
+                ring.field("command")[...], ring.field("outcome")[...] = command, b"done"
+                ring.publish(monotonic_ns())
+        for page, words, found in (("6", "MOVE", "move_jp"), ("5", "Tracking", "tracking")):
+            await pilot.press(page)
+            await until(app, pilot, found)
+            await pilot.press("slash", *words, "enter")
+            await until(app, pilot, f'with "{words}"', found)
+            assert app.page.table.row_count == 1
+            await pilot.press("slash", *" and more", "enter")
+            await until(app, pilot, f'with "{words} and more"')
+            assert not app.page.table.row_count
 
     play(world, story)
 

@@ -9,23 +9,22 @@ from typing import TYPE_CHECKING, NamedTuple
 from textual.binding import Binding
 from textual.message import Message
 
-from trocar.procs.crtk.topics import TopicEntry
+from trocar.procs.crtk.topics import EVENT, TopicEntry
 from trocar.tools.inspect.standing import Standing
 from trocar.tools.monitor.events import (
     ACCEPTED,
     UNDER_WAY,
     AskedRow,
-    CommandsData,
     EventRow,
-    EventsData,
     chosen,
+    commands_of,
+    events_of,
     under_way,
 )
 from trocar.tools.monitor.pages.page import InspectorPage
 from trocar.tools.monitor.pages.table import Head, TableRow
 from trocar.tools.monitor.processes import ProcessesData, ProcessRow, process_cells, standing_cells, standing_details
 from trocar.tools.monitor.topics import TopicRow, TopicsData
-from trocar.tools.monitor.values import shown_entries
 from trocar.tools.output.printing import number, span
 
 if TYPE_CHECKING:
@@ -87,7 +86,7 @@ class TopicsPage(InspectorPage):
     @property
     def entries(self) -> list[TopicEntry]:
         """Those whose values can be looked at."""
-        return shown_entries(self.data.entries) if self.data is not None else []
+        return [entry for entry in self.data.entries if entry.kind != EVENT] if self.data is not None else []
 
     @property
     def remark(self) -> str:
@@ -136,7 +135,7 @@ class EventsPage(InspectorPage):
     COLUMNS = (Head("at", 12), Head("from", 11), Head("what", 20), Head("text", 0))
     EVERY_S = 0.3
     AT_END = True
-    DATA = (EventsData,)
+    DATA = (events_of,)
     BINDINGS = [  # noqa: RUF012  # as textual wants it
         Binding("s", "severity", "severity"), Binding("c", "component", "process"),
     ]
@@ -224,7 +223,7 @@ class CommandsPage(InspectorPage):
                Head("reason", 0, is_wide=True))
     EVERY_S = 0.5
     DETAILS = 2
-    DATA = (CommandsData,)
+    DATA = (commands_of,)
 
     @property
     def remark(self) -> str:
