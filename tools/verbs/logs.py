@@ -8,7 +8,7 @@ import os
 from collections import deque
 from collections.abc import Container, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, TextIO
+from typing import Annotated, Any, TextIO
 
 import typer
 
@@ -17,13 +17,15 @@ from trocar.procs.machine.log_files import is_old
 from trocar.procs.machine.paths import is_folder, log_folder
 from trocar.shm.memory.segment import SegmentError
 from trocar.shm.system import directory
+from trocar.shm.system.events import STATUS
 from trocar.shm.system.loglines import LogLine, is_about, parsed
 from trocar.shm.time.clock import pause
 from trocar.tools.analysis.as_system import RecordingOption
-from trocar.tools.analysis.said import recorded_lines
+from trocar.tools.analysis.choosing import opened
 from trocar.tools.inspect.messages import asked_line, asked_rows
+from trocar.tools.inspect.messages import line as event_line
 from trocar.tools.output.errors import Problem
-from trocar.tools.output.printing import answer, emit, need_reader, tell
+from trocar.tools.output.printing import answer, emit, need_reader, note, tell
 from trocar.tools.systems.find import all_up, chosen_system, unknown
 from trocar.tools.verbs.options import JsonOption, SystemOption
 
@@ -54,8 +56,8 @@ def logs(
     Of a recording: its newest messages, from the clock of its time, or with --commands what was asked for.
     """
     if recording is not None:
-        for said in recorded_lines(recording, instance, lines, commands):
-            answer(said.row, said.text, as_json)
+        for row, text in _recorded(recording, instance, lines, commands):
+            answer(row, text, as_json)
         return 0
     if commands:
         rows, older = asked_rows(system or chosen_system(), instance, lines)
@@ -90,6 +92,31 @@ def logs(
         for file in files.values():
             file.close()
     return 0
+
+
+def _recorded(file: Path, instance: str | None, most: int, commands: bool) -> list[tuple[dict[str, Any], str]]:
+    """The newest messages, or commands with what became of them, of all processes or one, oldest first: data and words.
+
+    What the process `system` repeats of others is left out.
+    """
+    with opened(file) as recording:
+        rows = recording.commands() if commands else recording.events()
+        for problem in recording.problems:
+            note(f"{file}: {problem}")
+        kinds = {topic.instance: topic.kind for topic in recording.topics.values() if topic.kind}
+    found = []
+    for row in rows:
+        name = row["instance"]
+        if instance not in (None, name):
+            continue
+        data = {"process": name, **{key: value for key, value in row.items() if key not in ("instance", "sequence")}}
+        if "values" in data:
+            data["values"] = data["values"][: data.pop("count")]
+        if commands:
+            found.append((data, asked_line(data)))
+        elif int(row["severity"]) >= STATUS and (kinds.get(name) != "system" or instance is not None):
+            found.append((data, f"{name}  {event_line(data)}"))
+    return found[-most:] if most else []
 
 
 def _chosen(instance: str | None) -> str:
