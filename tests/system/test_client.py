@@ -15,9 +15,9 @@ import trocar
 from tests.system.robot import ROOT, Robot, wait_for
 from trocar.shm.commands import COMMANDS
 from trocar.tools.client.instance import Instance
+from trocar.tools.client.kinds import SetupLocal
 from trocar.tools.client.parts import Body, Frame, Local, Measured, Setpoint
 from trocar.tools.client.remote import Remote
-from trocar.tools.client.setup import SetupLocal
 
 pytestmark = [pytest.mark.slow, pytest.mark.simulated("hosted")]
 SYSTEMS = ROOT / "configs/systems"

@@ -21,10 +21,9 @@ from trocar.tools.client.connection import BridgeConnection
 from trocar.tools.client.consoles import ConsoleHandle, TeleopHandle
 from trocar.tools.client.distant import DistantWays
 from trocar.tools.client.instance import InstanceHandle
-from trocar.tools.client.kinds import Ecm, Gripper, Jaw, Mtm, Psm
+from trocar.tools.client.kinds import Ecm, Gripper, Jaw, Mtm, Psm, SetupArm, Suj
 from trocar.tools.client.moves import MoveHandle
 from trocar.tools.client.parts import Joints
-from trocar.tools.client.setup import SetupArm, Suj
 from trocar.tools.client.values import Gains, Impedance, JointState
 from trocar.tools.client.ways import Ways
 from trocar.tools.client.whole import DistantSystem

@@ -9,10 +9,9 @@ import pytest
 
 from trocar.tools.client.arm import Arm
 from trocar.tools.client.consoles import ConsoleHandle, TeleopHandle
-from trocar.tools.client.kinds import Ecm, Gripper, Jaw, Mtm, Psm
+from trocar.tools.client.kinds import Ecm, Gripper, Jaw, Mtm, Psm, SetupArm, SetupLocal, Suj
 from trocar.tools.client.moves import MoveHandle
 from trocar.tools.client.parts import Body, Local
-from trocar.tools.client.setup import SetupArm, SetupLocal, Suj
 
 ROOT = Path(__file__).resolve().parents[3]
 PACKAGE = ROOT / "tools" / "matlab" / "+trocar"
