@@ -31,8 +31,8 @@ from trocar.tools.bench.gui import SCENE_PAGE, SYSTEM_PAGE, ScriptedPage
 from trocar.tools.bench.measuring import FULL
 from trocar.tools.client.bring_up import bring_all
 from trocar.tools.inspect.processes import statuses
-from trocar.tools.systems.free_port import reserved_port
 from trocar.tools.systems.supervising import StartRequest, up_meanwhile
+from trocar.tools.systems.web_address import reserved_port
 
 EVERY_S: Final = 2.0
 """Between two visits, however long they take: pages that nobody connected to are kept for a minute, about 1 MB each."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import socket
 
-from trocar.tools.systems.free_port import reserved_port
+from trocar.tools.systems.web_address import reserved_port
 
 
 def test_a_port_is_given_once_and_not_where_somebody_listens() -> None:

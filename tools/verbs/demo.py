@@ -27,9 +27,8 @@ from trocar.tools.inspect.tracing import Trace
 from trocar.tools.inspect.watch import arm_document
 from trocar.tools.output.errors import Problem
 from trocar.tools.output.printing import LiveLine, emit, note, number, progress, table, tell
-from trocar.tools.systems.free_port import reserved_port
 from trocar.tools.systems.supervising import START_S, StartRequest, up_meanwhile
-from trocar.tools.systems.web_address import web_addresses
+from trocar.tools.systems.web_address import reserved_port, web_addresses
 from trocar.tools.verbs.options import ClockOption, JsonOption, clock_set
 
 SYSTEM = PROJECT_CONFIGS / "systems" / "demo-teleop.yaml"
