@@ -32,8 +32,8 @@ PATIENCE_NS = 1_000_000_000  # what is waited for for a shorter time is no news
 Report = Callable[[str], None]
 
 
-def silent(text: str, fraction: float | None) -> None:
-    """Progress that nobody wants to see."""
+def silent(*_: object) -> None:
+    """Progress, or news, that is not shown."""
 
 
 @dataclass(slots=True)
@@ -130,12 +130,8 @@ class ArmBringUp:
         return f"{self.watch.name} waits: {waits}"
 
 
-def unreported(text: str) -> None:
-    """News that nobody wants to hear."""
-
-
 def bring(system: str, names: Sequence[str], goal: str, limit_s: float, say: Say,
-          report: Report = unreported) -> dict[str, str]:
+          report: Report = silent) -> dict[str, str]:
     """Bring arms to `goal` (enabled, homed, disabled) at the same time; what is wrong with each, empty: it is there.
 
     All that it asks of them is one command: no step of it is carried out after a fault. `report` is given what an arm
