@@ -189,12 +189,9 @@ def begin(system: str) -> Origin:
     """A person's command that takes several steps, see Client.on_behalf: after a fault none of them is carried out."""
     if ACTING.origin is not None:
         return ACTING.origin
-    faults: Faults | None = None
-    with contextlib.suppress(SegmentError):
-        faults = Faults(system)
-    generation = faults.generation() if faults is not None else 0
-    if faults is not None:
-        faults.close()
+    generation = 0
+    with contextlib.suppress(SegmentError), contextlib.closing(Faults(system)) as faults:
+        generation = faults.generation()
     return Origin(new_id(), generation, program_name())
 
 

@@ -16,7 +16,7 @@ from typing import Final
 
 from trocar.procs.recordings.reading import RecordedTopic, RecordingReader
 from trocar.shm.mailbox.origins import Origin
-from trocar.shm.mailbox.place import Place
+from trocar.shm.mailbox.place import Place, take_place
 from trocar.shm.memory.segment import SegmentError
 from trocar.shm.time.clock import monotonic_ns
 from trocar.shm.time.held_time import HeldTime
@@ -127,8 +127,7 @@ class _Sender:
         self._held, self._numbers, self._count = held, dict[int, int](), count(1)
         self._places: dict[tuple[str, int], Place] = {}
         for key in sorted({(each.instance, each.place) for each in commands}):
-            self._places[key] = place = Place(system, key[0], "trocar replay")
-            place.claim()
+            self._places[key] = take_place(system, key[0], "trocar replay")
 
     def wakes(self, command: RecordedCommand) -> bool:
         """A command wakes its owner."""
