@@ -27,6 +27,7 @@ ARRIVES_RAD, ARRIVES_M = 0.02, 0.002
 TRACKING: Final = 0.3  # of the error that trips
 BEYOND_RAD, BEYOND_M = 0.05, 0.005  # past a limit, what is asked for
 SETTLE_S, TIMEOUT_S, LOOK_S = 0.5, 120.0, 0.1
+PATIENCE_S: Final = 1.0  # with a value that is not valid
 
 
 def run(bench: RunningBench) -> Outcome:
@@ -94,9 +95,9 @@ def limits(bench: RunningBench, subject: Subject, count: int) -> tuple[Floats, F
     return np.array([row[0] for row in rows]), np.array([row[1] for row in rows]), [row[2] for row in rows]
 
 
-def steady(read: Callable[[], tuple[T, int]], patience_s: float = 1.0) -> T:
+def steady(read: Callable[[], tuple[T, int]]) -> T:
     """A value that may not be valid for a moment, as after a bad sample; TimeoutError when it stays so."""
-    end = monotonic_ns() + round(patience_s * 1e9)
+    end = monotonic_ns() + round(PATIENCE_S * 1e9)
     while True:
         try:
             return read()[0]

@@ -20,6 +20,7 @@ from trocar.tools.output.printing import plain
 from trocar.tools.systems.find import instances_of_kind
 
 POLL_S = 0.01
+SWAY_RAD, SWAY_S = 0.05, 4.0  # of a master without a robot: amplitude and period
 PATIENCE_S = 30.0  # alignment of a master far off takes some seconds
 
 
@@ -133,22 +134,21 @@ def seats(system: str) -> Iterator[list[OperatorSim]]:
 class Sway:
     """A master without a robot, moved by its joints all the time: each swings about where it was."""
 
-    def __init__(self, system: str, master: str, amplitude: float = 0.05, turn_s: float = 4.0) -> None:
-        """rad; every joint has a phase of its own."""
+    def __init__(self, system: str, master: str) -> None:
+        """Every joint has a phase of its own."""
         self.name = master
         arm = SeenRecord(system, master, "arm")
         count = int(arm.value("count"))
         self._centre: NDArray[np.float64] = np.array(arm.value("setpoint_position")[:count])
         arm.ring.close()
         self._phases = np.arange(count) * 0.8
-        self._amplitude, self._rate = amplitude, 2.0 * np.pi / turn_s
         self._client = Client(system, master)
 
     def step(self, passed_s: float) -> None:
         """Where it is so long after the beginning; it sets out from where it was."""
-        swing = np.sin(self._rate * passed_s + self._phases) - np.sin(self._phases)
+        swing = np.sin(2.0 * np.pi / SWAY_S * passed_s + self._phases) - np.sin(self._phases)
         self._client.poll()
-        self._client.send("servo_jp", self._centre + self._amplitude * min(1.0, passed_s) * swing)
+        self._client.send("servo_jp", self._centre + SWAY_RAD * min(1.0, passed_s) * swing)
 
     def close(self) -> None:
         """Let go."""

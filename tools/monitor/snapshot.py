@@ -36,14 +36,14 @@ class Sight:
     commands: list[Any]
 
 
-def snapshot(system: str, window_s: float = WINDOW_S) -> Sight:
+def snapshot(system: str) -> Sight:
     """Look at everything once; takes as long as rates need."""
     processes = ProcessesData()
     with closing(TopicsData(system)) as topics, closing(events_of(system)) as events, \
             closing(commands_of(system)) as asked:
         processes.rows(overview(system).processes)
         topics.rows()
-        pause(window_s)
+        pause(WINDOW_S)
         found = overview(system)
         rows = asked.rows()
         return Sight(found, processes.rows(found.processes), topics.rows(found.silences), _values(system, topics),

@@ -67,7 +67,7 @@ def send_again(system: str, moves: RecordedMoves, motions: Sequence[RecordedMoti
     """Ask for the same, with the times between them; what became of each. Problem when an arm faults or refuses."""
     results, numbers = list[dict[str, Any]](), list[int]()
     recorded_ns = all_homed(motions)[0]
-    with at_the_start(system, motions, recorded_ns, "the replay", say) as (arms, time):
+    with at_the_start(system, motions, recorded_ns, say) as (arms, time):
         remotes, followers = {arm.motion.arm: arm.remote for arm in arms}, [arm.follower for arm in arms]
         start_ns = time.now_ns()
         for done, command in enumerate(moves.commands):

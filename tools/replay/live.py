@@ -155,7 +155,7 @@ def all_homed(motions: Sequence[RecordedMotion]) -> tuple[int, int]:
 
 
 @contextlib.contextmanager
-def at_the_start(system: str, motions: Sequence[RecordedMotion], start_ns: int, what: str, say: Say
+def at_the_start(system: str, motions: Sequence[RecordedMotion], start_ns: int, say: Say
                  ) -> Iterator[tuple[list[ArmReplay], SystemTime]]:
     """All arms where they were at this stamp, moved there as slowly as moves are, one after the other.
 
@@ -164,7 +164,7 @@ def at_the_start(system: str, motions: Sequence[RecordedMotion], start_ns: int, 
     with contextlib.ExitStack() as held:
         time, whole = held.enter_context(SystemTime(system)), begin(system)  # all of it is one command
         arms = [ArmReplay(system, motion, time, whole, held) for motion in motions]
-        held.enter_context(holding_at_end([arm.remote for arm in arms], what))
+        held.enter_context(holding_at_end([arm.remote for arm in arms], "the replay"))
         stamp, followers = np.array([start_ns], np.float64), [arm.follower for arm in arms]
         for arm in arms:
             say(f"moving {arm.motion.arm} to where it began", None)
@@ -181,7 +181,7 @@ def stream(system: str, motions: Sequence[RecordedMotion], speed: float, say: Sa
     start, end = all_homed(motions)
     count = max(2, round((end - start) * 1e-9 / speed * RATE_HZ))
     stamps: Array = start + np.arange(count, dtype=np.float64) * (1e9 * speed / RATE_HZ)
-    with at_the_start(system, motions, start, "the replay", say) as (arms, time):
+    with at_the_start(system, motions, start, say) as (arms, time):
         rows = [ArmRows(arm, stamps) for arm in arms]
         for k in beats(RATE_HZ, count, [0], MAX_GAP_S, time):
             for row in rows:

@@ -115,10 +115,8 @@ class Background:
             page = ControlPage(self.system, "supervisor")
         except SegmentError:
             return ""
-        try:
+        with contextlib.closing(page):
             return page.state if page.segment.identity().pid == self.popen.pid else ""
-        finally:
-            page.close()
 
     def stop(self, say: Say) -> int:
         """End it on every path: ask, then terminate, then kill; returns its exit code."""
