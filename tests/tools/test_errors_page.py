@@ -13,6 +13,7 @@ from trocar.procs.tables import codes
 from trocar.procs.tables.codes import CODES, FAULTS
 from trocar.procs.tables.manifest import PROCS
 from trocar.tools.pages import errors as errors_page
+from trocar.tools.pages.generated import keep
 
 ROOT = errors_page.PAGE.parent.parent
 NAMES = {name: row for name, row in vars(codes).items() if isinstance(row, codes.Code)}
@@ -91,7 +92,7 @@ def test_codes_go_through_rows_only() -> None:
     assert places == {"shm/system/events.py", "procs/io/loop.py", "procs/system/message_hub.py"}
 
 
-def test_the_check_tells_a_stale_page(tmp_path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
-    monkeypatch.setattr(errors_page, "PAGE", tmp_path / "errors.md")
-    assert errors_page.main(["--check"]) == 1 and "stale" in capsys.readouterr().out
-    assert errors_page.main([]) == 0 and errors_page.main(["--check"]) == 0
+def test_the_check_tells_a_stale_page(tmp_path, capsys) -> None:  # type: ignore[no-untyped-def]
+    page, text = tmp_path / "errors.md", errors_page.page()
+    assert keep(page, text, ["--check"]) == 1 and "stale" in capsys.readouterr().out
+    assert keep(page, text, []) == 0 and keep(page, text, ["--check"]) == 0

@@ -80,10 +80,5 @@ def _ros(row: CommandRow) -> str:
     return f"{', '.join(f'`{topic}`' for topic in row.ros.topics or (row.name,))}: {row.ros.message}"
 
 
-def main(words: list[str]) -> int:
-    """Write the page, or with --check compare it."""
-    return keep(PAGE, page(), words)
-
-
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(keep(PAGE, page(), sys.argv[1:]))

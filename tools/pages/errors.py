@@ -53,10 +53,5 @@ def _row(row: Code) -> str:
     return f"| `{row.code}` | {SEVERITIES[row.severity]} | {row.owner} | {row.cause} | {row.remedy} |\n"
 
 
-def main(words: list[str]) -> int:
-    """Write the page, or with --check compare it."""
-    return keep(PAGE, page(), words)
-
-
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(keep(PAGE, page(), sys.argv[1:]))

@@ -57,10 +57,5 @@ def _escaped(text: str) -> str:
     return text.replace("|", "\\|")
 
 
-def main(words: list[str]) -> int:
-    """Write the page, or with --check compare it."""
-    return keep(PAGE, page(), words)
-
-
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(keep(PAGE, page(), sys.argv[1:]))
