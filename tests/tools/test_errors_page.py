@@ -18,7 +18,7 @@ from trocar.tools.pages.generated import keep
 ROOT = errors_page.PAGE.parent.parent
 NAMES = {name: row for name, row in vars(codes).items() if isinstance(row, codes.Code)}
 # Who tells what is not named in the folder of a kind.
-ELSEWHERE = {"fault_report.py": "arm", "node": "any", "client": "third_party"}
+ELSEWHERE = {"fault_report.py": "arm", "filters.py": "filters", "node": "any", "client": "third_party"}
 
 
 def used() -> dict[str, set[str]]:
