@@ -27,8 +27,6 @@ FORBIDDEN = ("utils", "helpers", "common", "misc", "base", "manager")
 LET_OFF = {ROOT / "procs" / "io"}  # the interpreter loads its own io before it looks at any path
 NAMED_BY_THE_TREE = {"shm/mailbox/mailbox.py"}  # the house's own plan has it; nothing in shm/ is ever run as a script
 WIRE = ("procs/fpga/", "procs/io/", "procs/boards/")  # speak big-endian
-# of several processes in one, on a clock of their own
-STEPS_LOOPS = ("tools/bench/arm.py", "procs/host/", "procs/rl/model.py")
 NATIVE_DTYPE = re.compile(r"^(\([^)]*\))?[<=|][iufbSV?c][0-9]+$|^\([^)]*\)[<=|>]?[iufbSV?][0-9]*$")
 BIG_ENDIAN = re.compile(r"^(\([^)]*\))?>[iuf][0-9]+$")
 ENVIRONMENT = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
@@ -185,17 +183,6 @@ def test_a_loop_s_body_fits_a_screen() -> None:
         return [node.name for node in loops if (node.end_lineno or 0) - node.lineno >= 40]
 
     each_keeps_to(too_long, [path for path in SOURCES if path.name == "loop.py"])
-
-
-def test_nobody_imports_a_process() -> None:
-    def wrong(path: Path) -> set[str]:
-        parts = relative(path).split("/")
-        doors = {row.kind for row in PROCS} - {parts[1] if parts[0] == "procs" else ""}
-        imported = {node.module or "" for node in nodes_of(path) if isinstance(node, ast.ImportFrom)}
-        imported |= {a.name for node in nodes_of(path) if isinstance(node, ast.Import) for a in node.names}
-        return {m for m in imported if m.split(".")[:1] == ["procs"] and m.split(".")[1:2] and m.split(".")[1] in doors}
-
-    each_keeps_to(wrong, [path for path in SOURCES if not relative(path).startswith(STEPS_LOOPS)])
 
 
 IMPORT_QUIETLY = """

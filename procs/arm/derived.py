@@ -26,11 +26,11 @@ from trocar.procs.arm.mtm.mtm import MtmLogic
 from trocar.procs.arm.psm.psm import PsmLogic
 from trocar.procs.arm.stages.stage import Stage
 from trocar.procs.arm.states import ArmEvent, ArmState
+from trocar.procs.crtk.user_rows import arguments_of, command_row, handler_of
 from trocar.procs.document.system import ArmConfig
 from trocar.procs.document.user_process import UserCommand
 from trocar.procs.node.requests import CommandRefused, Request
 from trocar.procs.tables import codes
-from trocar.procs.tables.user_rows import arguments_of, command_row, handler_of
 from trocar.shm.commands import COMMANDS
 from trocar.shm.mailbox.command_row import FREE
 

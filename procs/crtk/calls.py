@@ -9,9 +9,9 @@ from typing import Any, Final
 
 from trocar.procs.crtk.messages import WrongMessage
 from trocar.procs.crtk.names import none_such
+from trocar.procs.crtk.user_rows import commands_of
 from trocar.procs.document.bridges import Rights
 from trocar.procs.document.system import SystemConfig
-from trocar.procs.tables.user_rows import commands_of
 from trocar.shm.commands import COMMANDS, ENDINGS, may_power
 from trocar.shm.mailbox.client import Client, MailboxFull, Reply
 from trocar.shm.mailbox.command_row import CommandRow

@@ -9,10 +9,10 @@ import os
 import socket
 from typing import Final
 
+from trocar.procs.crtk.user_rows import own_commands, topics_of
 from trocar.procs.document.system import PACED, WALL, Process, SystemConfig, to_json
 from trocar.procs.machine.verb_lines import verb_line
 from trocar.procs.tables.manifest import IN_TIME, THIRD_PARTY, proc
-from trocar.procs.tables.user_rows import own_commands, topics_of
 from trocar.shm.commands import COMMANDS
 from trocar.shm.mailbox.generations import create_faults, robot_component
 from trocar.shm.mailbox.mailbox_map import create_mailbox

@@ -14,6 +14,7 @@ from typing import Any, Final, Protocol
 from numpy.typing import NDArray
 
 from trocar.procs.crtk.names import Unknown, none_such
+from trocar.procs.crtk.user_rows import arguments_of, handler_of
 from trocar.procs.document.process import ELSEWHERE
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.document.user_process import PROPERTIES, SAVE_PROPERTIES, SET_PROPERTY, UserProcess
@@ -23,7 +24,6 @@ from trocar.procs.node.life import document_of
 from trocar.procs.node.node_memory import NodeMemory
 from trocar.procs.tables import codes
 from trocar.procs.tables.manifest import proc
-from trocar.procs.tables.user_rows import arguments_of, handler_of
 from trocar.procs.user.properties import Properties
 from trocar.procs.user.subscription import SLOWEST_NS, Subscription
 from trocar.shm.commands import COMMANDS

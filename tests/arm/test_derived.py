@@ -14,8 +14,8 @@ from tests.arm.fake_io import ArmHarness
 from tests.arm.test_recovery import restart
 from trocar.procs.arm.derived import DerivedArm, DerivedEcm, DerivedMtm, DerivedPsm, State
 from trocar.procs.arm.loop import logic_of
+from trocar.procs.crtk.user_rows import command_row
 from trocar.procs.document.user_process import UserCommand, UserField
-from trocar.procs.tables.user_rows import command_row
 from trocar.procs.user.classes import class_named
 
 COMMANDS = (UserCommand("nod", (UserField("angle", "float", "rad"),)), UserCommand("rest", stops=True),

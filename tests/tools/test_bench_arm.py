@@ -9,6 +9,7 @@ import pytest
 
 from trocar.procs.arm.loop import AT_REST, PERIODS_AT_REST, PERIODS_OVERLOADED, most_periods
 from trocar.procs.arm.motion import Mode
+from trocar.procs.host.stepped_arm import SteppedArm
 from trocar.procs.native.library import native
 from trocar.shm.memory.segment import names_of
 from trocar.shm.system import directory
@@ -33,14 +34,14 @@ def test_a_short_bench_gives_every_figure_and_leaves_nothing() -> None:
     assert not names_of(f"bench-arm-{os.getpid()}")
 
 
-def _steps(bench: bench_arm.ArmBench, count: int) -> None:
+def _steps(bench: SteppedArm, count: int) -> None:
     for _ in range(count):
         bench.step()
 
 
 def test_an_arm_at_rest_takes_every_second_cycle_until_it_is_asked_for_something() -> None:
-    with bench_arm.ArmBench("kinematic") as bench:
-        loop = bench._loop
+    with bench_arm.arm_bench("kinematic") as bench:
+        loop = bench.loop
         assert loop.periods(False, bench.now_ns) == 1
         _steps(bench, AT_REST + 3)
         assert loop.periods(False, bench.now_ns) == PERIODS_AT_REST
@@ -52,8 +53,8 @@ def test_an_arm_at_rest_takes_every_second_cycle_until_it_is_asked_for_something
 
 
 def test_an_arm_at_rest_takes_every_cycle_while_somebody_has_subscribed_to_its_records() -> None:
-    with bench_arm.ArmBench("kinematic") as bench:
-        loop = bench._loop
+    with bench_arm.arm_bench("kinematic") as bench:
+        loop = bench.loop
         _steps(bench, AT_REST + 3)
         for topic in ("state", "setpoint"):
             subscriber = Subscriber(bench.name, "PSM1")
@@ -67,9 +68,9 @@ def test_an_arm_at_rest_takes_every_cycle_while_somebody_has_subscribed_to_its_r
 
 @pytest.mark.slow
 def test_an_arm_that_moves_or_pushes_or_follows_takes_every_cycle() -> None:
-    with bench_arm.ArmBench("kinematic") as bench:
-        loop, motion = bench._loop, bench.arm.control.motion
-        bench.home()
+    with bench_arm.arm_bench("kinematic") as bench:
+        loop, motion = bench.loop, bench.arm.control.motion
+        bench_arm.home(bench)
         _steps(bench, AT_REST + 3)
         assert loop.may_rest
         here = bench.arm.io.setpoint[: bench.arm.joints.count].copy()
@@ -88,8 +89,8 @@ def test_an_arm_that_moves_or_pushes_or_follows_takes_every_cycle() -> None:
 
 
 def test_an_arm_that_is_short_of_time_takes_fewer_cycles_and_says_so_once() -> None:
-    with bench_arm.ArmBench("kinematic") as bench:
-        loop = bench._loop
+    with bench_arm.arm_bench("kinematic") as bench:
+        loop = bench.loop
         reported = directory.reader(bench.name, "PSM1", "events")
         moving = [loop.periods(short, bench.now_ns) for short in (False, True, True)]
         assert moving == [1, PERIODS_OVERLOADED[False], PERIODS_OVERLOADED[False]]

@@ -11,23 +11,16 @@ from __future__ import annotations
 import contextlib
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.procs.arm.arm import ArmLogic
-from trocar.procs.arm.loop import ArmLoop
 from trocar.procs.config import PROJECT_CONFIGS, load_system
-from trocar.procs.io.kinematic import KinematicIo
-from trocar.procs.io.record import IoRecord
-from trocar.procs.io.setpoint_rings import RingSource
+from trocar.procs.host.stepped_arm import SteppedArm
 from trocar.procs.kinematics.poses import matrix_from_pose, pose_from_matrix
 from trocar.procs.native.library import native
-from trocar.procs.node import runtime
-from trocar.procs.supervisor import memory
-from trocar.shm.mailbox.client import Client
 from trocar.shm.system.subscriptions import Subscriber
 from trocar.tools.bench.measuring import without_native
 from trocar.tools.output.errors import Problem
@@ -36,7 +29,6 @@ from trocar.tools.systems.cleanup import Keeper
 Array = NDArray[np.float64]
 
 CYCLES = 20_000
-PERIOD_NS = 666_667
 POSES = 20_000
 SLOWER = 4  # without the kernel so many times fewer
 STEPS = 40_000  # of the clock until homed
@@ -63,86 +55,39 @@ def run(cycles: int = CYCLES, poses: int = POSES) -> dict[str, Any]:
 
 
 def _figures(file: str, suffix: str, cycles: int, poses: int) -> dict[str, float]:
-    with ArmBench(file) as bench:
-        bench.home()
+    with arm_bench(file) as bench:
+        home(bench)
         figures = {f"{key}{suffix}": value for key, value in _measure(bench, cycles).items()}
-        return figures if suffix else figures | kinematics(bench.arm, poses)
+        return figures if suffix else figures | kinematics(bench, poses)
 
 
-class ArmBench:
-    """One arm of a system file, and the io that plays its robot, cycle by cycle."""
-
-    def __init__(self, file: str) -> None:
-        self.name = f"bench-arm-{os.getpid()}"
-        loaded = load_system(PROJECT_CONFIGS / "systems" / f"{file}.yaml", name=self.name, sets=["clock=wall"])
-        if loaded.errors or loaded.system is None:
-            raise Problem(f"{file}.yaml cannot be read: {loaded.errors}")
-        self._system = loaded.system
-        self.now_ns = 1_000_000_000
-        row = self._system.arms[0]
-        self.arm_name = row.name
-        self._keeper = Keeper(self.name)
-        memory.create_all(self._system)
-        self._io_process = runtime.Node(self._system, row.io)
-        self._arm_process = runtime.Node(self._system, row.name)
-        self._out, self._io_mailbox = self._io_process.writes("state"), self._io_process.mailbox()
-        sources = [RingSource(self._io_process.reads(pid.arm, "setpoint")) for pid in self._system.io(row.io).pids]
-        self._core = KinematicIo(self._system.io(row.io), lambda: self.now_ns, IoRecord(self._out.field), sources)
-        self._loop = ArmLoop(self._arm_process)
-        self._client = Client(self.name, row.name)
-
-    @property
-    def arm(self) -> ArmLogic:
-        """The arm itself."""
-        return self._loop.arm
-
-    def __enter__(self) -> ArmBench:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._client.close()
-        for process in (self._arm_process, self._io_process):
-            process.close()
-        memory.remove_all(self.name)
-        self._keeper.close()
-
-    def send(self, name: str, values: Any = (), text: str = "") -> None:
-        """A command for the arm's next cycle."""
-        self._client.poll()
-        self._client.send(name, values, text)
-
-    def step(self, sway: float = 0.0) -> int:
-        """A cycle of io, then one of the arm; the CPU time of the latter, ns.
-
-        `sway`: what is measured is so much [rad, m, N·m or N] beside what it was, as no real robot stands still.
-        """
-        self.now_ns += PERIOD_NS
-        self._core.cycle(self._io_mailbox.drain(0))
-        self._core.reports.events.clear()
-        if sway:
-            for name in ("position", "velocity", "effort"):
-                self._out.field(name)[...] += sway
-        self._out.publish(self._core.stamp_ns)
-        begin = time.thread_time_ns()
-        self._loop.cycle(self.now_ns, 0)
-        return time.thread_time_ns() - begin
-
-    def home(self) -> None:
-        """Power on, home, bend the arm into its workspace."""
-        for word in ("enable", "home"):
-            self.step()
-            self.send("state_command", (), word)
-            for _ in range(STEPS):
-                self.step()
-                if self.arm.state == {"enable": "ENABLED", "home": "HOMED"}[word]:
-                    break
-            else:
-                raise Problem(f"{self._system.arms[0].name} did not get beyond {self.arm.state}")
-        for _ in range(2000):  # instruments engage
-            self.step()
+@contextlib.contextmanager
+def arm_bench(file: str) -> Iterator[SteppedArm]:
+    """The arm of a system file, and the io that plays its robot; nothing is left of them, whatever ends us."""
+    name = f"bench-arm-{os.getpid()}"
+    loaded = load_system(PROJECT_CONFIGS / "systems" / f"{file}.yaml", name=name, sets=["clock=wall"])
+    if loaded.errors or loaded.system is None:
+        raise Problem(f"{file}.yaml cannot be read: {loaded.errors}")
+    with Keeper(name), SteppedArm(loaded.system) as bench:
+        yield bench
 
 
-def _measure(bench: ArmBench, cycles: int) -> dict[str, float]:
+def home(bench: SteppedArm) -> None:
+    """Power on, home, bend the arm into its workspace."""
+    for word, state in (("enable", "ENABLED"), ("home", "HOMED")):
+        bench.step()
+        bench.send("state_command", (), word)
+        for _ in range(STEPS):
+            bench.step()
+            if bench.arm.state == state:
+                break
+        else:
+            raise Problem(f"{bench.arm_name} did not get beyond {bench.arm.state}")
+    for _ in range(2000):  # instruments engage
+        bench.step()
+
+
+def _measure(bench: SteppedArm, cycles: int) -> dict[str, float]:
     holding = [bench.step() for _ in range(cycles)]
     measuring = [bench.step(SWAY if cycle % 2 else -SWAY) for cycle in range(cycles)]
     with contextlib.closing(Subscriber(bench.name, bench.arm_name, "bench")) as subscriber:
@@ -178,14 +123,15 @@ def _measure(bench: ArmBench, cycles: int) -> dict[str, float]:
     }
 
 
-def kinematics(arm: ArmLogic, poses: int) -> dict[str, float]:
+def kinematics(bench: SteppedArm, poses: int) -> dict[str, float]:
     """Forward and inverse kinematics of an arm by themselves."""
-    forward, inverse = arm.joints.kinematics, arm.joints.inverse
+    joints = bench.arm.joints
+    forward, inverse = joints.kinematics, joints.inverse
     if forward is None or inverse is None:
         raise Problem("the arm has no instrument")
     random = np.random.default_rng(1)
-    n = arm.joints.count
-    low, high = arm.joints.lower[:n], arm.joints.upper[:n]
+    n = joints.count
+    low, high = joints.lower[:n], joints.upper[:n]
     middle, reach = 0.5 * (low + high), 0.35 * (high - low)
     seeds = middle + reach * random.uniform(-1.0, 1.0, (poses, n))
     seeds[:, 2] = np.maximum(seeds[:, 2], 0.08)

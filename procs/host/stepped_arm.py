@@ -1,0 +1,72 @@
+"""A KINEMATIC arm and its io in shared memory of their own, stepped cycle by cycle: to measure what a cycle takes."""
+
+from __future__ import annotations
+
+import time
+from typing import Any, Self
+
+from trocar.procs.arm.arm import ArmLogic
+from trocar.procs.arm.loop import ArmLoop
+from trocar.procs.document.system import SystemConfig
+from trocar.procs.io.kinematic import KinematicIo
+from trocar.procs.io.record import IoRecord
+from trocar.procs.io.setpoint_rings import RingSource
+from trocar.procs.node import runtime
+from trocar.procs.supervisor import memory
+from trocar.shm.mailbox.client import Client
+
+PERIOD_NS = 666_667
+
+
+class SteppedArm:
+    """The first arm of a system, and the io that plays its robot."""
+
+    def __init__(self, system: SystemConfig) -> None:
+        """Makes the shared memory of the system, which is gone at the end."""
+        self.name = system.name
+        self.now_ns = 1_000_000_000
+        row = system.arms[0]
+        self.arm_name = row.name
+        memory.create_all(system)
+        self._io_process = runtime.Node(system, row.io)
+        self._arm_process = runtime.Node(system, row.name)
+        self._out, self._io_mailbox = self._io_process.writes("state"), self._io_process.mailbox()
+        sources = [RingSource(self._io_process.reads(pid.arm, "setpoint")) for pid in system.io(row.io).pids]
+        self._core = KinematicIo(system.io(row.io), lambda: self.now_ns, IoRecord(self._out.field), sources)
+        self.loop = ArmLoop(self._arm_process)
+        self._client = Client(self.name, row.name)
+
+    @property
+    def arm(self) -> ArmLogic:
+        """The arm itself."""
+        return self.loop.arm
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._client.close()
+        for process in (self._arm_process, self._io_process):
+            process.close()
+        memory.remove_all(self.name)
+
+    def send(self, name: str, values: Any = (), text: str = "") -> None:
+        """A command for the arm's next cycle."""
+        self._client.poll()
+        self._client.send(name, values, text)
+
+    def step(self, sway: float = 0.0) -> int:
+        """A cycle of io, then one of the arm; the CPU time of the latter, ns.
+
+        `sway`: what is measured is so much [rad, m, N·m or N] beside what it was, as no real robot stands still.
+        """
+        self.now_ns += PERIOD_NS
+        self._core.cycle(self._io_mailbox.drain(0))
+        self._core.reports.events.clear()
+        if sway:
+            for name in ("position", "velocity", "effort"):
+                self._out.field(name)[...] += sway
+        self._out.publish(self._core.stamp_ns)
+        begin = time.thread_time_ns()
+        self.loop.cycle(self.now_ns, 0)
+        return time.thread_time_ns() - begin
