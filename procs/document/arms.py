@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Final
 
-from trocar.procs.document.gravity_parameters import MasterGravityParameters
 from trocar.procs.document.keys import Key
 from trocar.procs.document.user_process import UserCommand
 
 Matrix = tuple[tuple[float, ...], ...]
+MASTER_JOINTS: Final = 7
+MODELLED_JOINTS: Final = 6  # all but the roll
+MASS_TERMS: Final = 10  # of the masses
+CABLE_ORDERS: Final = 5  # of a polynomial: 0 to 4
+GRAVITY_PARAMETERS: Final = MASS_TERMS + MODELLED_JOINTS * CABLE_ORDERS
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +79,30 @@ class Tool:
 
 
 @dataclass(frozen=True, slots=True)
+class MasterGravityParameters:
+    """Measured on one master: (40,) for motion up and down, (7,) each: torques [N·m], velocities [rad/s], friction."""
+
+    positive: tuple[float, ...]
+    negative: tuple[float, ...]
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
+    dead_band: tuple[float, ...]
+    saturation: tuple[float, ...]
+    friction: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        for name in ("positive", "negative", "lower", "upper", "dead_band", "saturation", "friction"):
+            count = GRAVITY_PARAMETERS if name in ("positive", "negative") else MASTER_JOINTS
+            values = getattr(self, name)
+            if len(values) != count or not all(math.isfinite(value) for value in values):
+                raise ValueError(f"{name}: {count} finite numbers, not {len(values)}")
+        if any(low > high for low, high in zip(self.lower, self.upper, strict=True)):
+            raise ValueError("a lower torque limit is above the upper one")
+        if any(not 0.0 <= band < full for band, full in zip(self.dead_band, self.saturation, strict=True)):
+            raise ValueError("velocities: 0 <= dead-band < saturation must hold")
+
+
+@dataclass(frozen=True, slots=True)
 class ArmInputs:
     """Names of the digital inputs of an arm's io that belong to it; "" where there is none."""
 
@@ -133,3 +162,17 @@ class ArmConfig:
     source: str = ""
     derived: str = ""  # a user's own class that is its process, module:Class; "": that of its type
     commands: tuple[UserCommand, ...] = ()  # which that class carries out besides those of every arm
+
+
+@dataclass(frozen=True, slots=True)
+class ThirdParty:
+    """One place; what the program has to say there is the record `state` of the kind `third_party`.
+
+    `inputs` are the buttons that consoles take from it.
+    """
+
+    name: str
+    type: str  # MTM_GENERIC, PSM_GENERIC or ECM_GENERIC; "": no arm, buttons alone
+    inputs: tuple[str, ...] = ()
+    base_frame: Matrix | None = None  # of the arm's base in the reference frame
+    reference_frame: str = ""

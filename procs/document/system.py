@@ -18,8 +18,10 @@ from trocar.procs.document.arms import Chain as Chain
 from trocar.procs.document.arms import DhLink as DhLink
 from trocar.procs.document.arms import JawConfig as JawConfig
 from trocar.procs.document.arms import Matrix as Matrix
+from trocar.procs.document.arms import ThirdParty as ThirdParty
 from trocar.procs.document.arms import Tool as Tool
 from trocar.procs.document.bridges import FoxgloveServer as FoxgloveServer
+from trocar.procs.document.bridges import RosBridge as RosBridge
 from trocar.procs.document.bridges import SocketBridge as SocketBridge
 from trocar.procs.document.bridges import WebConsole as WebConsole
 from trocar.procs.document.cart import Cart as Cart
@@ -41,9 +43,7 @@ from trocar.procs.document.keys import Key
 from trocar.procs.document.process import Process as Process
 from trocar.procs.document.recorder import NAME as RECORDER
 from trocar.procs.document.recorder import Recorder as Recorder
-from trocar.procs.document.ros import RosBridge as RosBridge
 from trocar.procs.document.tasks import TaskRow as TaskRow
-from trocar.procs.document.third_party import ThirdParty as ThirdParty
 from trocar.procs.document.user_process import UserProcess as UserProcess
 
 T = TypeVar("T")

@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from trocar.procs.document.gravity_parameters import JOINTS, MODELLED, ORDERS, TERMS, MasterGravityParameters
+from trocar.procs.document.arms import CABLE_ORDERS, MASS_TERMS, MASTER_JOINTS, MODELLED_JOINTS, MasterGravityParameters
 from trocar.procs.kinematics.poses import Array
 
 GRAVITY: Final = 9.81  # m/s², of the measurement
@@ -25,18 +25,18 @@ class MasterGravity:
     def __init__(self, parameters: MasterGravityParameters) -> None:
         up, down = np.array(parameters.positive), np.array(parameters.negative)
         sets = np.column_stack((0.5 * (up + down), 0.5 * (up - down)))  # the mean, and what motion adds to it
-        self._masses = sets[:TERMS].copy()
-        self._cables = sets[TERMS:].reshape(MODELLED, ORDERS, 2).copy()
+        self._masses = sets[:MASS_TERMS].copy()
+        self._cables = sets[MASS_TERMS:].reshape(MODELLED_JOINTS, CABLE_ORDERS, 2).copy()
         self._lower, self._upper = np.array(parameters.lower), np.array(parameters.upper)
-        self._band = np.array(parameters.dead_band)[:MODELLED]
-        self._room = np.array(parameters.saturation)[:MODELLED] - self._band
-        self._friction = np.array(parameters.friction)[:MODELLED]
-        self._powers = np.ones((MODELLED, 1, ORDERS))  # of the joints, 0 to 4
-        self._effort = np.zeros(JOINTS)
+        self._band = np.array(parameters.dead_band)[:MODELLED_JOINTS]
+        self._room = np.array(parameters.saturation)[:MODELLED_JOINTS] - self._band
+        self._friction = np.array(parameters.friction)[:MODELLED_JOINTS]
+        self._powers = np.ones((MODELLED_JOINTS, 1, CABLE_ORDERS))  # of the joints, 0 to 4
+        self._effort = np.zeros(MASTER_JOINTS)
 
     def effort(self, q: Array, velocity: Array) -> Array:
         """At joint positions q and velocities (7,) [rad, rad/s]."""
-        joints, powers, speed = q[:MODELLED], self._powers[:, 0], velocity[:MODELLED]
+        joints, powers, speed = q[:MODELLED_JOINTS], self._powers[:, 0], velocity[:MODELLED_JOINTS]
         powers[:, 1] = joints
         np.multiply(joints, joints, out=powers[:, 2])
         np.multiply(powers[:, 2], powers[:, 1:3].T, out=powers[:, 3:].T)
@@ -46,15 +46,15 @@ class MasterGravity:
         np.minimum(np.maximum(share, 0.0, out=share), 1.0, out=share)
         share *= self._friction
         effort = self._effort
-        np.add(both[:, 0], np.copysign(share, speed) * both[:, 1], out=effort[:MODELLED])
+        np.add(both[:, 0], np.copysign(share, speed) * both[:, 1], out=effort[:MODELLED_JOINTS])
         np.minimum(np.maximum(effort, self._lower, out=effort), self._upper, out=effort)
-        effort[MODELLED:] = 0.0
+        effort[MODELLED_JOINTS:] = 0.0
         return effort
 
 
 def mass_terms(q: Array) -> Array:
     """(6, 10): how the ten mass parameters act on the joints; the first joint is vertical and bears none."""
-    _, q2, q3, q4, q5, q6 = q[:MODELLED].tolist()
+    _, q2, q3, q4, q5, q6 = q[:MODELLED_JOINTS].tolist()
     s, c = math.sin(q2 + q3), math.cos(q2 + q3)
     s4, c4, s5, c5, s6, c6 = math.sin(q4), math.cos(q4), math.sin(q5), math.cos(q5), math.sin(q6), math.cos(q6)
     elbow = (c, -s, c * c4, -c * s4, -(s * c5 + c * c4 * s5), c * c4 * c5 - s * s5,
@@ -64,9 +64,9 @@ def mass_terms(q: Array) -> Array:
              c * c5 * s6 - s * c4 * s5 * s6)
     yaw = (s * s4 * c6 + c * s5 * s6 + s * c4 * c5 * s6, c * c6 * s5 - s * s4 * s6 + s * c4 * c5 * c6)
     rows = ((), (math.sin(q2), math.cos(q2), *elbow), elbow, platform, pitch, yaw)
-    terms = np.zeros((MODELLED, TERMS))
+    terms = np.zeros((MODELLED_JOINTS, MASS_TERMS))
     for joint, row in enumerate(rows):
         if row:
-            terms[joint, TERMS - len(row) :] = row
+            terms[joint, MASS_TERMS - len(row) :] = row
     terms *= GRAVITY
     return terms

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from trocar.procs.crtk.topics import EVENTS_OF_ALL, TopicEntry
-from trocar.procs.document.ros import RosBridge
+from trocar.procs.document.bridges import RosBridge
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.ros_bridge.outgoing import FIELD_TOPICS, FieldTopic
 

@@ -8,7 +8,7 @@ from tests.config.conftest import Home
 from tests.config.test_consoles import ARMS
 from tests.system.robot import ROOT
 from trocar.procs.config import load_system
-from trocar.procs.document.ros import RosBridge
+from trocar.procs.document.bridges import RosBridge
 from trocar.procs.document.system import SystemConfig
 
 PSM = next(arm for arm in ARMS if arm["name"] == "PSM1")

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from tests import stock
 from tests.examples import examples
-from trocar.procs.document.gravity_parameters import MasterGravityParameters
+from trocar.procs.document.arms import MasterGravityParameters
 from trocar.procs.kinematics.gravity import Gravity, up_of
 from trocar.procs.kinematics.master_gravity import MasterGravity
 

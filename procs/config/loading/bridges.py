@@ -6,9 +6,8 @@ from trocar.procs.config.loading.buses import SystemFiles
 from trocar.procs.config.loading.convert import by_name
 from trocar.procs.config.models.bridge_section import CertificateKeys, GuiKeys, SocketKeys, TlsKeys
 from trocar.procs.config.read.search import expanded
-from trocar.procs.document.bridges import FoxgloveServer, SocketBridge, WebConsole, is_loopback
+from trocar.procs.document.bridges import FoxgloveServer, RosBridge, SocketBridge, WebConsole, is_loopback
 from trocar.procs.document.recorder import Recorder
-from trocar.procs.document.ros import RosBridge
 
 
 def load_ros(system: SystemFiles) -> RosBridge | None:

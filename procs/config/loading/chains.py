@@ -24,7 +24,7 @@ from trocar.procs.config.models.kinematic_file import DhKeys, KinematicFile, Too
 from trocar.procs.config.read.matrices import check_invertible, check_rigid
 from trocar.procs.config.read.problem import Key
 from trocar.procs.document import system as document
-from trocar.procs.document.gravity_parameters import MasterGravityParameters
+from trocar.procs.document.arms import MasterGravityParameters
 from trocar.procs.tables.arm_types import ARM_TYPES
 
 ENGAGED_AXES = 4  # a tool is turned by the last four actuators

@@ -25,6 +25,7 @@ from trocar.procs.config.models.system_file import (
     TeleopPsmParameters,
 )
 from trocar.procs.config.read.problem import Key
+from trocar.procs.document.arms import ThirdParty
 from trocar.procs.document.cart import Cart
 from trocar.procs.document.consoles import (
     GOOVIS,
@@ -35,7 +36,6 @@ from trocar.procs.document.consoles import (
     TeleopPsmConfig,
     WiredInput,
 )
-from trocar.procs.document.third_party import ThirdParty
 
 GENERIC: Final = "_GENERIC"
 COMPONENTS: Final = "COMPONENTS"

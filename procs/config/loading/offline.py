@@ -14,7 +14,7 @@ from trocar.procs.config.models.arm_file import ArmFile, EcmFile, PsmFile
 from trocar.procs.config.read.problem import ERROR, FileProblem
 from trocar.procs.config.read.search import search_beside
 from trocar.procs.document import system as document
-from trocar.procs.document.gravity_parameters import MasterGravityParameters
+from trocar.procs.document.arms import MasterGravityParameters
 from trocar.procs.kinematics.endoscopes import Endoscope, endoscope
 from trocar.procs.machine.paths import PROJECT_CONFIGS, given_file, not_found
 from trocar.procs.tables.arm_types import ARM_TYPES, class_of

@@ -7,7 +7,7 @@ from typing import Any, Final, Literal
 
 from trocar.procs.config.loading.context import Context, Opened
 from trocar.procs.config.read.validate import Rows, Section
-from trocar.procs.document.gravity_parameters import JOINTS, PARAMETERS, MasterGravityParameters
+from trocar.procs.document.arms import GRAVITY_PARAMETERS, MASTER_JOINTS, MasterGravityParameters
 
 
 class GravityControllerKeys(Section):
@@ -37,15 +37,17 @@ class GravityFile(Section):
     GC_Test: Any = None
 
 
-LENGTHS: Final = {
-    "gc_dynamic_params_pos": PARAMETERS,
-    "gc_dynamic_params_neg": PARAMETERS,
-    "safe_lower_torque_limit": JOINTS,
-    "safe_upper_torque_limit": JOINTS,
-    "db_vel_vec": JOINTS,
-    "sat_vec_vec": JOINTS,
-    "fric_comp_ratio_vec": JOINTS,
+FIELDS: Final = {
+    "gc_dynamic_params_pos": "positive",
+    "gc_dynamic_params_neg": "negative",
+    "safe_lower_torque_limit": "lower",
+    "safe_upper_torque_limit": "upper",
+    "db_vel_vec": "dead_band",
+    "sat_vec_vec": "saturation",
+    "fric_comp_ratio_vec": "friction",
 }
+"""Keys, and the fields of the document that hold their numbers."""
+LENGTHS: Final = {key: GRAVITY_PARAMETERS if key.startswith("gc_") else MASTER_JOINTS for key in FIELDS}
 
 
 def load_master_gravity(context: Context, path: Path) -> MasterGravityParameters | None:
@@ -54,29 +56,24 @@ def load_master_gravity(context: Context, path: Path) -> MasterGravityParameters
     if opened is None or not _check(opened):
         return None
     keys = opened.content.GC_controller
-    return MasterGravityParameters(
-        positive=keys.gc_dynamic_params_pos, negative=keys.gc_dynamic_params_neg,
-        lower=keys.safe_lower_torque_limit, upper=keys.safe_upper_torque_limit,
-        dead_band=keys.db_vel_vec, saturation=keys.sat_vec_vec, friction=keys.fric_comp_ratio_vec)
+    return MasterGravityParameters(**{field: getattr(keys, key) for key, field in FIELDS.items()})
 
 
 def _check(opened: Opened[GravityFile]) -> bool:
     """Whether every list has its length, and limits and velocities are in order; the first joint that is not."""
     keys = opened.content.GC_controller
-    wrong = [name for name, count in LENGTHS.items() if len(getattr(keys, name)) != count]
-    for name in wrong:
-        text, allowed = f"{len(getattr(keys, name))} numbers", f"{LENGTHS[name]} numbers"
-        opened.error(("GC_controller", name), text, allowed)
+    wrong = [key for key, count in LENGTHS.items() if len(getattr(keys, key)) != count]
+    for key in wrong:
+        opened.error(("GC_controller", key), f"{len(getattr(keys, key))} numbers", f"{LENGTHS[key]} numbers")
     if wrong:
         return False
-    fine = True
-    ordered = (("safe_lower_torque_limit", keys.safe_lower_torque_limit, keys.safe_upper_torque_limit, "at most"),
-               ("db_vel_vec", keys.db_vel_vec, keys.sat_vec_vec, "from 0 to below"))
-    for name, lows, highs, words in ordered:
-        for joint, (low, high) in enumerate(zip(lows, highs, strict=True)):
-            if low > high or (words != "at most" and not 0.0 <= low < high):
-                above = "is above the upper limit" if words == "at most" else "is no dead band"
-                opened.error(("GC_controller", name, joint), above, f"{words} {high}")
-                fine = False
-                break
-    return fine
+    limits = list(zip(keys.safe_lower_torque_limit, keys.safe_upper_torque_limit, strict=True))
+    bands = list(zip(keys.db_vel_vec, keys.sat_vec_vec, strict=True))
+    crossed = next((joint for joint, (low, high) in enumerate(limits) if low > high), None)
+    if crossed is not None:
+        where = ("GC_controller", "safe_lower_torque_limit", crossed)
+        opened.error(where, "is above the upper limit", f"at most {limits[crossed][1]}")
+    empty = next((joint for joint, (low, high) in enumerate(bands) if not 0.0 <= low < high), None)
+    if empty is not None:
+        opened.error(("GC_controller", "db_vel_vec", empty), "is no dead band", f"from 0 to below {bands[empty][1]}")
+    return crossed is None and empty is None

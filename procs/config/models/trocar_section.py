@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
-from trocar.procs.config.models.addresses import Addresses
-from trocar.procs.config.models.bridge_section import FoxgloveKeys, GuiKeys, SocketKeys
+from trocar.procs.config.models.bridge_section import Addresses, FoxgloveKeys, GuiKeys, SocketKeys
 from trocar.procs.config.models.emulation_section import Cpu, EmulationOptions, Period, Priority
 from trocar.procs.config.models.user_section import CommandKeys, PropertyKeys, TaskKeys, TopicKeys
 from trocar.procs.config.read.validate import Rows, Section, keys_of
