@@ -23,6 +23,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.procs.document.gains import GAINS
 from trocar.procs.document.system import PidAxis
 
 Floats = NDArray[np.float64]
@@ -76,9 +77,11 @@ class Pid:
         """Tracking error after the dead-band, and whether it is allowed."""
         self.off = np.ones(n, dtype=bool)
         self.switches: NDArray[np.int64] = np.zeros(len(SWITCHES), dtype=np.int64)
-        self.tolerance, self.kp, self.kd, self.ki, self.offset = (np.zeros(n) for _ in range(5))
-        self.inner, self.per_width, self.keep, self.i_limit = (np.zeros(n) for _ in range(4))
-        self.share_new, self.share_old, self.output_limit = (np.zeros(n) for _ in range(3))
+        self.p_gain, self.d_gain, self.i_gain, self.i_limit, self.i_forget_rate = (np.zeros(n) for _ in range(5))
+        self.p_deadband, self.p_deadband_outer, self.offset, self.tolerance = (np.zeros(n) for _ in range(4))
+        self.v_low_pass_cutoff, self.pid_max_output, self.use_disturbance_observer = (np.zeros(n) for _ in range(3))
+        self.nominal_mass, self.disturbance_cutoff = np.zeros(n), np.zeros(n)
+        self.per_width, self.share_old, self.output_limit = (np.zeros(n) for _ in range(3))
         self.momentum, self.rate = np.zeros(n), np.zeros(n)
         self._minus_output = np.zeros(n)
         self._a, self._b, self._x, self._f = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
@@ -89,35 +92,27 @@ class Pid:
         self._adopt()
 
     def _adopt(self) -> None:
-        """Arrays of what `gains` say, in place."""
-        rows = self.gains
-
-        def column(name: str) -> Floats:
-            return np.array([float(getattr(row, name)) for row in rows])
-
-        for array, name in ((self.tolerance, "tolerance"), (self.kp, "p_gain"), (self.kd, "d_gain"),
-                            (self.ki, "i_gain"), (self.offset, "offset"), (self.inner, "p_deadband"),
-                            (self.keep, "i_forget_rate"), (self.i_limit, "i_limit"),
-                            (self.share_new, "v_low_pass_cutoff")):
-            array[...] = column(name)
+        """The arrays of `gains`, each by its name, and what follows from them, in place."""
+        for gain in GAINS:
+            getattr(self, gain.field)[...] = [float(getattr(row, gain.field)) for row in self.gains]
         self._has_offset = bool(np.any(self.offset != 0.0))
-        outer = np.maximum(column("p_deadband_outer"), self.inner)
-        width = outer - self.inner
+        outer = np.maximum(self.p_deadband_outer, self.p_deadband)
+        width = outer - self.p_deadband
         self._dead = bool(np.any(outer > 0.0))
         self._soft = bool(np.any(width > 0.0))
         self.per_width[...] = np.inf
         np.divide(1.0, width, out=self.per_width, where=width > 0.0)
-        self._integrates = bool(np.any(self.ki != 0.0))
-        np.subtract(1.0, self.share_new, out=self.share_old)
+        self._integrates = bool(np.any(self.i_gain != 0.0))
+        np.subtract(1.0, self.v_low_pass_cutoff, out=self.share_old)
         self._filters = bool(np.any(self.share_old != 0.0))
-        output = column("pid_max_output")
-        self.output_limit[...] = np.where(output >= 0.0, output, np.inf)
+        limited = self.pid_max_output >= 0.0
+        self.output_limit[...] = np.where(limited, self.pid_max_output, np.inf)
         np.negative(self.output_limit, out=self._minus_output)
-        self._limits_output = bool(np.any(output >= 0.0))
-        observed = column("use_disturbance_observer")
+        self._limits_output = bool(np.any(limited))
+        observed = self.use_disturbance_observer
         self._observes = bool(np.any(observed))
-        self.momentum[...] = column("nominal_mass") * column("disturbance_cutoff") * observed
-        self.rate[...] = column("disturbance_cutoff") * self._dt_s * observed
+        self.momentum[...] = self.nominal_mass * self.disturbance_cutoff * observed
+        self.rate[...] = self.disturbance_cutoff * self._dt_s * observed
         self._set_switches()
 
     def _set_switches(self) -> None:
@@ -199,8 +194,8 @@ class Pid:
         if self._any_effort:
             np.copyto(e, self._zero, where=self.effort_mode)
         ve = self._velocity_error(velocity)
-        np.multiply(self.kp, e, u)
-        np.multiply(self.kd, ve, ve)
+        np.multiply(self.p_gain, e, u)
+        np.multiply(self.d_gain, ve, ve)
         np.add(u, ve, u)
         self._integral_and_observer(e, velocity, u)
         if self._limits_output:
@@ -236,8 +231,8 @@ class Pid:
         if not self._dead:
             return np.absolute(e, excess)
         np.absolute(e, a)
-        np.less(a, self.inner, self._inside)
-        np.subtract(a, self.inner, excess)
+        np.less(a, self.p_deadband, self._inside)
+        np.subtract(a, self.p_deadband, excess)
         np.maximum(excess, self._zero, out=excess)
         if self._soft:
             # x²(3 − 2x) rises from 0 to 1 between the dead-bands; without an outer one x is 1 at once
@@ -261,7 +256,7 @@ class Pid:
             return np.subtract(fed, velocity, ve)
         if self._filters:
             np.multiply(self.share_old, fed, ve)
-            np.multiply(self.share_new, self.setpoint_velocity, x)
+            np.multiply(self.v_low_pass_cutoff, self.setpoint_velocity, x)
             np.add(ve, x, x)
         else:
             np.copyto(x, self.setpoint_velocity)
@@ -280,11 +275,11 @@ class Pid:
         x = self._x
         if self._integrates:
             i = self.integral
-            np.multiply(i, self.keep, i)
+            np.multiply(i, self.i_forget_rate, i)
             np.add(i, e, i)
             np.minimum(i, self.i_limit, out=i)
             np.maximum(i, -self.i_limit, out=i)
-            np.multiply(i, self.ki, x)
+            np.multiply(i, self.i_gain, x)
             np.add(u, x, u)
         if self._observes:
             state, step = self.observer_state, self._b

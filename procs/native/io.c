@@ -141,8 +141,8 @@ int64_t Io_control(const Io *k) {
     int off = is[ANY_OFF] && k->off[i], in_effort = is[ANY_EFFORT] && k->effort_mode[i], inside = 0;
     double error = k->setpoint[i] - position[i], excess = fabs(error);
     if (is[DEAD_BAND]) {
-      inside = excess < k->inner[i];
-      excess = most_of(excess - k->inner[i], 0.0);
+      inside = excess < k->pid_p_deadband[i];
+      excess = most_of(excess - k->pid_p_deadband[i], 0.0);
       if (is[SOFT]) {  // x²(3 − 2x) rises from 0 to 1 between the dead-bands
         double x = fmin(excess * k->per_width[i], 1.0);
         excess = excess * x * x;
@@ -155,17 +155,17 @@ int64_t Io_control(const Io *k) {
     if (in_effort) error = 0.0;
 
     double feed = k->feed[i];
-    if (is[FILTERS]) feed = k->share_old[i] * k->filtered[i] + k->share_new[i] * feed;
+    if (is[FILTERS]) feed = k->share_old[i] * k->filtered[i] + k->pid_v_low_pass_cutoff[i] * feed;
     feed *= k->has_velocity[i];
     if (inside) feed = k->filtered[i];
     k->filtered[i] = feed;
     double velocity_error = inside ? 0.0 : feed - velocity[i];
 
-    double u = k->kp[i] * error + k->kd[i] * velocity_error;
+    double u = k->pid_p_gain[i] * error + k->pid_d_gain[i] * velocity_error;
     if (is[INTEGRATES]) {
-      double sum = clamped(k->integral[i] * k->keep[i] + error, k->i_limit[i]);
+      double sum = clamped(k->integral[i] * k->pid_i_forget_rate[i] + error, k->pid_i_limit[i]);
       k->integral[i] = sum;
-      u += sum * k->ki[i];
+      u += sum * k->pid_i_gain[i];
     }
     if (is[OBSERVES]) {
       double x = k->momentum[i] * velocity[i];
@@ -175,7 +175,7 @@ int64_t Io_control(const Io *k) {
     }
     if (is[LIMITS_OUTPUT]) u = clamped(u, k->output_limit[i]);
 
-    double effort = is[OFFSET] || is[ANY_EFFORT] ? u + k->effort_offset[i] : u;
+    double effort = is[OFFSET] || is[ANY_EFFORT] ? u + k->pid_offset[i] : u;
     if (in_effort) effort = k->requested[i];
     effort += k->feed_forward[i];
     if (is[CONTRIBUTION]) effort += k->contribution[i];

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from trocar.procs.document.gains import GAINS
 from trocar.procs.native.fields import CStruct, places, rows
 
 IO: Final = CStruct("Io", (
@@ -40,17 +41,16 @@ IO: Final = CStruct("Io", (
     *rows("f8", "limit_rows d", magnitude="safety.magnitude", limits="safety.limits"),
     *rows("b1", "limit_rows d", within_limits="safety.within"),
     *rows("f8", "d", current_request="record.current_request"),
-    # control: one row of gains and state for each term of the law in procs/io/pid.py
+    # control: state and gains of the law in procs/io/pid.py
     *rows("i8", "10", switches="pid.switches"),
     *rows("f8", "n", setpoint="pid.setpoint_position", feed="pid.setpoint_velocity", effort="pid.effort",
           error="pid.position_error", requested="pid.requested_effort", feed_forward="pid.feed_forward",
           contribution="pid.contribution", integral="pid.integral", disturbance="pid.disturbance",
           observer_input="pid.observer_input", observer_state="pid.observer_state", filtered="pid.filtered",
-          has_velocity="pid.has_velocity", allowed="pid.allowed", excess="pid.excess", kp="pid.kp", kd="pid.kd",
-          ki="pid.ki", effort_offset="pid.offset", inner="pid.inner", per_width="pid.per_width", keep="pid.keep",
-          i_limit="pid.i_limit", share_new="pid.share_new", share_old="pid.share_old",
-          output_limit="pid.output_limit", momentum="pid.momentum", observer_rate="pid.rate",
-          effort_limit="pid.effort_limit"),
+          has_velocity="pid.has_velocity", allowed="pid.allowed", excess="pid.excess",
+          per_width="pid.per_width", share_old="pid.share_old", output_limit="pid.output_limit",
+          momentum="pid.momentum", observer_rate="pid.rate", effort_limit="pid.effort_limit"),
+    *rows("f8", "n", **{f"pid_{gain.field}": f"pid.{gain.field}" for gain in GAINS}),
     *rows("b1", "n", effort_mode="pid.effort_mode", off="pid.off", within="pid.within"),
     # encode: efforts to words for the boards
     *rows("f8", "n", effort_to_current="robots.effort_to_current"),

@@ -103,9 +103,9 @@ def test_arrays_stay_where_they_are_whatever_is_asked() -> None:
 
 def test_a_stage_with_another_shape_is_refused_and_numpy_does_the_work() -> None:
     harness = IoHarness()
-    harness.core.pid.kp = np.zeros(3)
+    harness.core.pid.p_gain = np.zeros(3)
     why = bind(IO, harness.core)
-    assert why == "Io.kp (pid.kp) is float64 (3,), not float64 (7,)"
+    assert why == "Io.pid_p_gain (pid.p_gain) is float64 (3,), not float64 (7,)"
 
 
 @pytest.mark.slow
