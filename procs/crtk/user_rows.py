@@ -20,8 +20,7 @@ from trocar.procs.document.user_process import (
     shape_of,
 )
 from trocar.shm.mailbox.command_row import ANY, EVERYTHING, MOTION, RELAX, SETTING, Argument, CommandRow, effect_named
-from trocar.shm.memory.rows import Field, Topic
-from trocar.shm.memory.type_words import DTYPES, dtype_of
+from trocar.shm.memory.rows import DTYPES, Field, Topic, dtype_of
 
 KIND = "user"
 VALUE = Argument("value, none of a text", low=-math.inf, high=math.inf, optional=True)

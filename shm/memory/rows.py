@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,3 +55,15 @@ class Topic:
     def groups(self) -> tuple[str, ...]:
         """Groups of fields that are computed on demand, each once."""
         return tuple(dict.fromkeys(field.group for field in self.fields if field.group))
+
+
+DTYPES: Final = {"float": "<f8", "float32": "<f4", "int": "<i8", "int32": "<i4", "uint8": "u1", "uint16": "<u2",
+                 "bool": "?"}
+"""Types of the fields that a user's process declares, in words, and their layout."""
+
+
+def dtype_of(word: str, shape: tuple[int, ...]) -> str:
+    """As a row of the topic table has it; of `text` the shape is its bytes. KeyError: there is no such type."""
+    if word == "text":
+        return f"S{shape[0] if shape else 1}"
+    return f"({','.join(map(str, shape))},){DTYPES[word]}" if shape else DTYPES[word]

@@ -9,7 +9,7 @@ import pytest
 from tests.config.conftest import SYSTEM, Home
 from trocar.procs.document import system as document
 from trocar.procs.document.user_process import BYTES
-from trocar.shm.memory.type_words import DTYPES, dtype_of
+from trocar.shm.memory.rows import DTYPES, dtype_of
 
 
 @pytest.fixture
