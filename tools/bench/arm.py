@@ -22,7 +22,7 @@ from trocar.procs.host.stepped_arm import SteppedArm
 from trocar.procs.kinematics.poses import matrix_from_pose, pose_from_matrix
 from trocar.procs.native.library import native
 from trocar.shm.system.subscriptions import Subscriber
-from trocar.tools.bench.measuring import without_native
+from trocar.tools.bench.measuring import percentiles, without_native
 from trocar.tools.output.errors import Problem
 from trocar.tools.systems.cleanup import Keeper
 
@@ -35,6 +35,7 @@ STEPS = 40_000  # of the clock until homed
 FILES = {"": "kinematic", "_ecm": "kinematic-ecm", "_mtm": "kinematic-mtm"}
 AMPLITUDE = 0.3  # rad, and a tenth of it in m
 SWAY = 1e-6
+US = 1e-3  # of ns
 NEAR = 0.002  # rad and m from one pose to the next: a master moved fast
 
 
@@ -116,10 +117,11 @@ def _measure(bench: SteppedArm, cycles: int) -> dict[str, float]:
     if bench.arm.control.motion.space != 2:
         raise Problem("the arm does not follow poses")
     return {
-        "cycle_cpu_us_p50": _us(moving, 50), "cycle_cpu_us_p99": _us(moving, 99),
-        "cycle_holding_cpu_us_p50": _us(holding, 50), "cycle_measuring_cpu_us_p50": _us(measuring, 50),
-        "cycle_wanted_cpu_us_p50": _us(wanted, 50),
-        "cycle_following_cpu_us_p50": _us(following, 50), "cycle_following_cpu_us_p99": _us(following, 99),
+        **percentiles("cycle_cpu_us", moving, 50, 99, unit=US),
+        **percentiles("cycle_holding_cpu_us", holding, 50, unit=US),
+        **percentiles("cycle_measuring_cpu_us", measuring, 50, unit=US),
+        **percentiles("cycle_wanted_cpu_us", wanted, 50, unit=US),
+        **percentiles("cycle_following_cpu_us", following, 50, 99, unit=US),
     }
 
 
@@ -149,9 +151,8 @@ def kinematics(bench: SteppedArm, poses: int) -> dict[str, float]:
             away.append(took)
     forward_ns = [_timed(forward.update, q) for q in seeds]
     return {
-        "fk_jacobian_us_p50": _us(forward_ns, 50), "ik_near_us_p50": _us(near, 50), "ik_near_us_p99": _us(near, 99),
-        "ik_unreachable_us_p50": _us(away, 50), "ik_unreachable_us_p999": _us(away, 99.9),
-        "ik_unreachable_poses": float(len(away)),
+        **percentiles("fk_jacobian_us", forward_ns, 50, unit=US), **percentiles("ik_near_us", near, 50, 99, unit=US),
+        **percentiles("ik_unreachable_us", away, 50, 99.9, unit=US), "ik_unreachable_poses": float(len(away)),
     }
 
 
@@ -159,7 +160,3 @@ def _timed(what: Callable[..., Any], *arguments: Any) -> int:
     begin = time.thread_time_ns()
     what(*arguments)
     return time.thread_time_ns() - begin
-
-
-def _us(nanoseconds: list[int], percentile: float) -> float:
-    return float(np.percentile(nanoseconds, percentile)) * 1e-3

@@ -20,12 +20,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from statistics import median
 from time import monotonic_ns
-from typing import IO, Self
+from typing import IO
 
 import psutil
 
 from trocar.procs.machine.paths import ROOT
 from trocar.shm.time.clock import pause
+from trocar.tools.output.closable import Closable
 from trocar.tools.output.errors import Problem
 
 PATIENCE_S = 30.0  # with a line
@@ -110,7 +111,7 @@ class Turns:
         return min(medians), max(medians)
 
 
-class Team:
+class Team(Closable):
     """The processes of one measurement, by role; those in front wait for the last, which measures."""
 
     def __init__(self, name: str, commands: Mapping[str, Sequence[str]]) -> None:
@@ -182,12 +183,6 @@ class Team:
             errors.close()
         self._children.clear()
         self._errors.clear()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
 
 
 def _end(child: subprocess.Popen[bytes]) -> None:

@@ -13,7 +13,7 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import Final, Self
+from typing import Final
 
 from trocar.procs.config import PROJECT_CONFIGS, load_system
 from trocar.procs.document.system import SystemConfig
@@ -22,6 +22,7 @@ from trocar.shm.commands import became
 from trocar.shm.mailbox.client import Client
 from trocar.shm.ring.ring import RingReader
 from trocar.tools.bench.io_loop import write_system
+from trocar.tools.output.closable import Closable
 from trocar.tools.output.errors import Problem
 
 KINEMATIC, BOARDS, FOUR_PSMS = "kinematic", "boards", "4psm"
@@ -50,7 +51,7 @@ def document(kind: str) -> SystemConfig:
     return loaded.system
 
 
-class HostRun:
+class HostRun(Closable):
     """A host whose arms are homed and at START; a context manager."""
 
     def __init__(self, kind: str) -> None:
@@ -134,10 +135,8 @@ class HostRun:
             raise Problem("records were overwritten before they were read")
         return digest.hexdigest()[:DIGITS]
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
+    def close(self) -> None:
+        """Close the host."""
         self._host.close()
 
 

@@ -32,7 +32,7 @@ from trocar.procs.machine.paths import PROJECT_CONFIGS
 from trocar.shm.ring.ring import RingReader
 from trocar.shm.system import directory
 from trocar.shm.time.clock import monotonic_ns, pause
-from trocar.tools.bench.measuring import by_turns, cpu_model, cpu_s, home_all, without_native
+from trocar.tools.bench.measuring import by_turns, cpu_model, cpu_s, home_all, percentiles, without_native
 from trocar.tools.inspect.processes import ProcessStatus, statuses
 from trocar.tools.output.errors import Problem
 from trocar.tools.systems.cleanup import own_folder
@@ -272,10 +272,8 @@ def _watch(system: str, seconds: float) -> dict[str, float]:
         cycles, span = int(reader.field("cycle")) - first, reader.stamp_ns - begin
         latency, stamp = np.concatenate(latencies) * 1e-3, np.unique(np.concatenate(stamps))
         return {
-            "read_to_write_us_p50": float(np.percentile(latency, 50)),
-            "read_to_write_us_p99": float(np.percentile(latency, 99)),
-            "period_us_p50": float(np.percentile(np.diff(stamp), 50)) * 1e-3,
-            "period_us_p99": float(np.percentile(np.diff(stamp), 99)) * 1e-3,
+            **percentiles("read_to_write_us", latency, 50, 99),
+            **percentiles("period_us", np.diff(stamp), 50, 99, unit=1e-3),
             "rate_hz": cycles / span * 1e9,
             CPU: used_s * 1e6 / max(1, cycles) - WAIT_US,
             "missed_deadlines": _io(system).missed - missed,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import platform
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from statistics import median
@@ -13,6 +13,7 @@ from typing import Any, Final, TypeVar
 
 import numpy as np
 import psutil
+from numpy.typing import NDArray
 
 from trocar.procs.machine.paths import PROJECT_CONFIGS
 from trocar.procs.native.library import SWITCH, native
@@ -61,6 +62,13 @@ def by_turns(tries: int, variants: Mapping[str, Callable[[], Mapping[str, float]
 def medians(tries: int, measure: Callable[[], Mapping[str, float]]) -> dict[str, float]:
     """The median of each figure of some tries."""
     return by_turns(tries, {"": measure})[""]
+
+
+def percentiles(name: str, values: Sequence[float] | NDArray[Any], *percents: float, unit: float = 1.0
+                ) -> dict[str, float]:
+    """Figures NAME_p50 (of 99.9: NAME_p999) of some values, times `unit`."""
+    return {f"{name}_p{percent:g}".replace(".", ""): float(np.percentile(values, percent)) * unit
+            for percent in percents}
 
 
 def wait_until(done: Callable[[], Found], what: str) -> Found:

@@ -10,7 +10,7 @@ import contextlib
 import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from trocar.shm.commands import became
 from trocar.shm.mailbox.client import Client
 from trocar.shm.system import directory
 from trocar.shm.time.clock import monotonic_ns, pause
+from trocar.tools.output.closable import Closable
 from trocar.tools.output.errors import Problem
 
 LOOK_S = 0.002
@@ -43,7 +44,7 @@ class AskedFor:
     text: str
 
 
-class LockstepRun:
+class LockstepRun(Closable):
     """A running system in lock-step and one of its arms: it is asked for something, and all that it writes is kept."""
 
     def __init__(self, system: str, arm: str, others: Sequence[str] = ()) -> None:
@@ -131,12 +132,6 @@ class LockstepRun:
     def close(self) -> None:
         """Detach."""
         self._held.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 def hosted(document: SystemConfig, arm: str, asked_for: Sequence[AskedFor], end_ns: int) -> NDArray[Any]:

@@ -29,7 +29,7 @@ from trocar.procs.tables.bring_up import DISABLED
 from trocar.shm.system import directory
 from trocar.shm.system.events import ERROR
 from trocar.shm.time.clock import monotonic_ns, pause
-from trocar.tools.bench.measuring import home_all
+from trocar.tools.bench.measuring import home_all, percentiles
 from trocar.tools.bench.system import SystemReport
 from trocar.tools.client.bring_up import bring_all
 from trocar.tools.examples.hand import Hand
@@ -114,8 +114,8 @@ def _measure(system: str, seat: OperatorSim, seconds: float) -> dict[str, Any]:
     if not (len(taken) and len(late) and len(early)):
         raise Problem(f"no nudge of the master was seen at the slave: {teleop.reported}")
     return {
-        **_percentiles("master_to_slave_ms", taken), **_percentiles("master_to_write_ms", late),
-        **_percentiles("master_to_setpoint_ms", early),
+        **percentiles("master_to_slave_ms", taken, 50, 99), **percentiles("master_to_write_ms", late, 50, 99),
+        **percentiles("master_to_setpoint_ms", early, 50, 99),
         "sample_to_write_ms_p50": figures["latency_ms_p50"], "sample_to_write_ms_p99": figures["latency_ms_p99"],
         "nudges": len(nudges), "reactions": len(late),
     }
@@ -182,7 +182,3 @@ def _place(system: str, at: slice) -> Array:
         if not reader.newest():
             raise Problem(f"the boards' state cannot be read: {reader.problem or 'they have shown none'}")
         return np.array(reader.field("position")[at])
-
-
-def _percentiles(name: str, values: NDArray[Any]) -> dict[str, float]:
-    return {f"{name}_p50": float(np.percentile(values, 50)), f"{name}_p99": float(np.percentile(values, 99))}
