@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from trocar.procs.arm.cartesian import Cartesian
 from trocar.procs.arm.context import ArmContext
-from trocar.procs.arm.effort_guard import EffortGuard
-from trocar.procs.arm.effort_limits import EffortLimits
+from trocar.procs.arm.effort_limits import EffortGuard, EffortLimits
 from trocar.procs.arm.efforts import Efforts, Law
 from trocar.procs.arm.governor import LATE_S, MAX_LAG_S
 from trocar.procs.arm.gravity import Weight

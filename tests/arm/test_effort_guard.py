@@ -9,8 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from trocar.procs.arm.effort_guard import MAX_ZONE, EffortGuard
-from trocar.procs.arm.effort_limits import EffortLimits, motor_efforts
+from trocar.procs.arm.effort_limits import MAX_ZONE, EffortGuard, EffortLimits, motor_efforts
 from trocar.procs.arm.joints import JointSpace, joints
 from trocar.procs.arm.motion import Motion
 from trocar.procs.boards.robots.mechanics import arm_inertia, wrist_inertia

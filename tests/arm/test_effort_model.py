@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from tests.arm.arm_configs import TOOL, bare_arm, fixed_arm
-from trocar.procs.arm.effort_guard import EffortGuard
-from trocar.procs.arm.effort_limits import EffortLimits, motor_efforts
+from trocar.procs.arm.effort_limits import EffortGuard, EffortLimits, motor_efforts
 from trocar.procs.arm.joints import joints
 from trocar.procs.document.arms import ArmConfig
 
