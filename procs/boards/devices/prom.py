@@ -50,41 +50,50 @@ def _bytes(quads: list[int]) -> bytes:
     return b"".join((quad & 0xFFFF_FFFF).to_bytes(4, "big") for quad in quads)
 
 
-class Shifter:
-    """The FPGA's side of a serial interface: one transfer at a time, each a row of states."""
+class Prom:
+    """A chip that the FPGA shifts commands to, one transfer at a time, each a row of states; and the FPGA's buffer."""
 
-    def __init__(self) -> None:
-        """At rest."""
-        self.free = 0  # tick from which on it is at rest
+    def __init__(self, kind: flash.Kind, serial_at: int, serial: bytes, quads: int) -> None:
+        """At rest; `serial` in the chip, else erased, and `quads` of the buffer are read."""
+        self.chip = Chip(kind)
+        self.chip.load(serial_at, serial)
+        self._free = 0  # tick from which on it is at rest
         self._states: list[tuple[int, int]] = []  # (tick it ends, state)
+        self._result, self._quads = 0, quads
+        self._buffer = [0] * quads
 
-    def begin(self, tick: int, *phases: tuple[int, int]) -> int | None:
+    def _begin(self, tick: int, *phases: tuple[int, int]) -> int | None:
         """Begin a transfer: (state, ticks) of its middle part. The tick at which it will be over; None: busy."""
-        if self.free - tick > FRAME_TICKS:
+        if self._free - tick > FRAME_TICKS:
             return None
         self._states = [(end, state) for end, state in self._states if end > tick]
-        at = max(tick, self.free)
+        at = max(tick, self._free)
         for state, ticks in ((_SELECT, 1), *phases, (_DESELECT, 1), (_DISABLE, 1)):
             at += ticks
             self._states.append((at, state))
-        self.free = at
+        self._free = at
         return at
 
-    def state(self, tick: int) -> int:
-        """What it does in the tick after `tick`; 0 at rest."""
+    def status(self, tick: int) -> int:
+        """The state after `tick`: bits 2:0 are 0 when the last command is over."""
         return next((state for end, state in self._states if tick < end), 0)
 
+    def result(self, tick: int) -> int:
+        """What the last command returned, or how many quadlets it read or wrote; 0 until it is over."""
+        return 0 if tick < self._free else self._result
 
-class FpgaProm:
+    def read(self, index: int, count: int, tick: int) -> list[int]:
+        """Quadlets of the buffer."""
+        return [self._buffer[(index + k) % self._quads] for k in range(count)]
+
+
+class FpgaProm(Prom):
     """M25P16 behind 0x08, 0x09 and the page buffer at 0x2000 (FPGA V1 and V2)."""
 
     def __init__(self, serial: str) -> None:
         """With the board's serial number in it, else erased."""
-        self.chip = Chip(flash.M25P16)
-        self.chip.load(SERIAL_AT, serial_text("FPGA", serial))
-        self._shifter = Shifter()
-        self._result = 0
-        self._buffer = [0] * (PAGE_QUADS + 2)
+        super().__init__(flash.M25P16, SERIAL_AT, serial_text("FPGA", serial), PAGE_QUADS)
+        self._buffer += [0, 0]  # the command word of a write lies there, too
 
     def command(self, value: int, tick: int) -> None:
         """Write of 0x08: a command word."""
@@ -92,7 +101,7 @@ class FpgaProm:
         if sizes is None:
             return
         sent, count = sizes
-        end = self._shifter.begin(tick, (_WRITE, sent * _FPGA_BYTE_TICKS), (_READ, count * _FPGA_BYTE_TICKS))
+        end = self._begin(tick, (_WRITE, sent * _FPGA_BYTE_TICKS), (_READ, count * _FPGA_BYTE_TICKS))
         if end is None:
             return
         answer = self.chip.transfer(_bytes([value])[:sent], count, end)
@@ -102,24 +111,12 @@ class FpgaProm:
         else:
             self._result = int.from_bytes(answer, "big")
 
-    def status(self, tick: int) -> int:
-        """Read of 0x08: bits 2:0 are 0 when the last command is over."""
-        return self._shifter.state(tick)
-
-    def result(self, tick: int) -> int:
-        """Read of 0x09: quadlets read or written, or what a short command returned."""
-        return 0 if tick < self._shifter.free else self._result
-
-    def read(self, index: int, count: int, tick: int) -> list[int]:
-        """Quadlets of the page buffer."""
-        return [self._buffer[(index + k) % PAGE_QUADS] for k in range(count)]
-
     def write(self, index: int, quads: list[int], tick: int) -> None:
         """Block write to the page buffer: goes straight to the chip, the first quadlet is the command word."""
         quads = quads[: len(self._buffer)]
         if index % PAGE_QUADS or not quads:
             return
-        end = self._shifter.begin(tick, (_WRITE_BLOCK, 4 * len(quads) * _FPGA_BYTE_TICKS))
+        end = self._begin(tick, (_WRITE_BLOCK, 4 * len(quads) * _FPGA_BYTE_TICKS))
         if end is not None:
             self._buffer[: len(quads)] = quads
             self._result = len(quads)
@@ -158,16 +155,12 @@ class SerialOnly:
                 self._serial[at] = quad
 
 
-class QlaProm:
+class QlaProm(Prom):
     """25AA128 behind 0x3000 to 0x3002 and the buffer at 0x3100."""
 
-    def __init__(self, serial: str, kind: str = "QLA") -> None:
+    def __init__(self, serial: str) -> None:
         """With the board's serial number in it, else erased."""
-        self.chip = Chip(flash.E25AA128)
-        self.chip.load(0, serial_text(kind, serial) + b"\0")
-        self._shifter = Shifter()
-        self._result = 0
-        self._buffer = [0] * BUFFER_QUADS
+        super().__init__(flash.E25AA128, 0, serial_text("QLA", serial) + b"\0", BUFFER_QUADS)
 
     def command(self, value: int, tick: int) -> None:
         """Write of 0x3000: a command word."""
@@ -182,24 +175,12 @@ class QlaProm:
             self._transfer(word[:sent], count, tick)
 
     def _transfer(self, sent: bytes, count: int, tick: int) -> None:
-        end = self._shifter.begin(tick, (_WRITE, len(sent) * _QLA_BYTE_TICKS), (_READ, count * _QLA_BYTE_TICKS))
+        end = self._begin(tick, (_WRITE, len(sent) * _QLA_BYTE_TICKS), (_READ, count * _QLA_BYTE_TICKS))
         if end is None:
             return
         answer = _quads(self.chip.transfer(sent, count, end))
         self._buffer[: len(answer)] = answer  # a single byte too
         self._result = answer[-1] if answer else 0
-
-    def status(self, tick: int) -> int:
-        """Read of 0x3001: bits 2:0 are 0 when the last command is over."""
-        return self._shifter.state(tick)
-
-    def result(self, tick: int) -> int:
-        """Read of 0x3002: the byte (or last quadlet) read."""
-        return 0 if tick < self._shifter.free else self._result
-
-    def read(self, index: int, count: int, tick: int) -> list[int]:
-        """Quadlets of the buffer."""
-        return [self._buffer[(index + k) % BUFFER_QUADS] for k in range(count)]
 
     def write(self, index: int, quads: list[int], tick: int) -> None:
         """Fill the buffer; the chip gets it with a command."""
