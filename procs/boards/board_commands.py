@@ -104,7 +104,7 @@ def _for_replies(packets: PacketFaults, faults: BoardFaults) -> dict[str, Order]
     """Faults on the way."""
 
     def next_ones(kind: str) -> Order:
-        return lambda text, v: packets.strike(kind, int(v[0]), faults.buses(text))
+        return lambda text, v: packets.strike(kind, faults.buses(text), count=int(v[0]))
 
     def rate(text: str, v: list[float]) -> None:
         kind, _, bus = text.partition(" ")
@@ -112,14 +112,14 @@ def _for_replies(packets: PacketFaults, faults: BoardFaults) -> dict[str, Order]
             raise KeyError(f"{kind or 'no kind'}: no such fault of replies; there are {', '.join(KINDS)}")
         if (len(v) == 2) != (kind == LATE):
             raise ValueError(f"{kind}: {len(v)} numbers; allowed: rate, and delay_s of {LATE} ones")
-        packets.strike_often(kind, v[0], faults.buses(bus.strip()), _ns(v[1]) if kind == LATE else 0)
+        packets.strike(kind, faults.buses(bus.strip()), rate=v[0], delay_ns=_ns(v[1]) if kind == LATE else 0)
 
     return {
         "lose_replies": next_ones(LOST),
         "duplicate_replies": next_ones(DUPLICATED),
         "drop_replies": next_ones(DROPPED_REPLY),
         "corrupt_tl": next_ones(MISLABELLED),
-        "delay_replies": lambda text, v: packets.strike(LATE, int(v[0]), faults.buses(text), _ns(v[1])),
+        "delay_replies": lambda text, v: packets.strike(LATE, faults.buses(text), count=int(v[0]), delay_ns=_ns(v[1])),
         "reply_rate": rate,
         "packet_loss": lambda text, v: packets.lose_packets(v[0], faults.buses(text)),
         "clear_packet_faults": lambda text, v: packets.end(),

@@ -98,23 +98,18 @@ class PacketFaults:
 
     # -- what is to happen ---------------------------------------------------------------------------------------------
 
-    def strike(self, kind: str, count: int, buses: range, delay_ns: int = 0) -> None:
-        """Let it happen to the next `count` replies of each of these buses; 0: to none."""
-        for bus in buses:
-            self._kinds[bus][kind].count = count
-            self._delay(bus, kind, delay_ns)
-        self._look()
+    def strike(self, kind: str, buses: range, *, count: int | None = None, rate: float | None = None,
+               delay_ns: int = 0) -> None:
+        """Let it happen on each of these buses to the next `count` replies, or to each with probability `rate`.
 
-    def strike_often(self, kind: str, rate: float, buses: range, delay_ns: int = 0) -> None:
-        """Let it happen to every reply with this probability, until changed."""
+        The rate holds until changed; None: count or rate stay as they are, as does a delay of 0.
+        """
         for bus in buses:
-            self._kinds[bus][kind].rate = rate
-            self._delay(bus, kind, delay_ns)
+            fault = self._kinds[bus][kind]
+            fault.count = fault.count if count is None else count
+            fault.rate = fault.rate if rate is None else rate
+            fault.delay_ns = delay_ns or fault.delay_ns
         self._look()
-
-    def _delay(self, bus: int, kind: str, delay_ns: int) -> None:
-        if delay_ns:
-            self._kinds[bus][kind].delay_ns = delay_ns
 
     def lose_packets(self, rate: float, buses: range) -> None:
         """Lose requests and replies with this probability, until changed."""
@@ -125,8 +120,7 @@ class PacketFaults:
     def end(self) -> None:
         """All goes well again; what is kept still leaves when it is due."""
         for kind in KINDS:
-            self.strike(kind, 0, range(len(self._kinds)))
-            self.strike_often(kind, 0.0, range(len(self._kinds)))
+            self.strike(kind, range(len(self._kinds)), count=0, rate=0.0)
         self.lose_packets(0.0, range(len(self._loss)))
 
 

@@ -33,8 +33,8 @@ class Recorder:
         return f"buses {name}"
 
     def __getattr__(self, name: str) -> Any:
-        def note(*arguments: Any) -> None:
-            plain = (a.tolist() if isinstance(a, np.ndarray) else a for a in arguments)
+        def note(*arguments: Any, **named: Any) -> None:
+            plain = (a.tolist() if isinstance(a, np.ndarray) else a for a in (*arguments, *named.items()))
             self.reported.append((name, *plain))
 
         return note
@@ -88,13 +88,13 @@ GOOD = [
     ("spoil_sequence", [7, 3], "IO1", ("spoil_sequence", 7, 3, "IO1")),
     ("temperature", [7, 66], "", ("heat", 7, 66.0, 66.0, "")),
     ("temperature", [7, 66, 40.5], "", ("heat", 7, 66.0, 40.5, "")),
-    ("lose_replies", [3], "IO1", ("strike", "lost", 3, "buses IO1")),
-    ("duplicate_replies", [3], "", ("strike", "duplicated", 3, "buses ")),
-    ("drop_replies", [3], "", ("strike", "dropped", 3, "buses ")),
-    ("corrupt_tl", [3], "", ("strike", "mislabelled", 3, "buses ")),
-    ("delay_replies", [3, 0.005], "", ("strike", "late", 3, "buses ", 5_000_000)),
-    ("reply_rate", [0.1], "lost", ("strike_often", "lost", 0.1, "buses ", 0)),
-    ("reply_rate", [0.1, 0.002], "late IO1", ("strike_often", "late", 0.1, "buses IO1", 2_000_000)),
+    ("lose_replies", [3], "IO1", ("strike", "lost", "buses IO1", ("count", 3))),
+    ("duplicate_replies", [3], "", ("strike", "duplicated", "buses ", ("count", 3))),
+    ("drop_replies", [3], "", ("strike", "dropped", "buses ", ("count", 3))),
+    ("corrupt_tl", [3], "", ("strike", "mislabelled", "buses ", ("count", 3))),
+    ("delay_replies", [3, 0.005], "", ("strike", "late", "buses ", ("count", 3), ("delay_ns", 5_000_000))),
+    ("reply_rate", [0.1], "lost", ("strike", "lost", "buses ", ("rate", 0.1), ("delay_ns", 0))),
+    ("reply_rate", [0.1, 0.002], "late IO1", ("strike", "late", "buses IO1", ("rate", 0.1), ("delay_ns", 2_000_000))),
     ("packet_loss", [0.01], "IO1", ("lose_packets", 0.01, "buses IO1")),
     ("clear_packet_faults", [], "", ("end",)),
 ]

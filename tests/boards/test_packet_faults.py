@@ -49,7 +49,7 @@ def test_nothing_happens_until_it_is_asked_for() -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_only_the_next_replies_of_that_bus_are_hit(kind: str) -> None:
     host = AskingHost()
-    host.packet_faults.strike(kind, 2, range(1), 5 * MS)
+    host.packet_faults.strike(kind, range(1), count=2, delay_ns=5 * MS)
     assert host.packet_faults.active
     assert [host.good(host.ask(bus)) for bus in (1, 0, 0, 0)] == [True, False, False, True]
     host.packet_faults.due(host.now + 5 * MS)
@@ -58,7 +58,7 @@ def test_only_the_next_replies_of_that_bus_are_hit(kind: str) -> None:
 
 def test_a_lost_reply_was_executed() -> None:
     host = AskingHost()
-    host.packet_faults.strike("lost", 1, BOTH)
+    host.packet_faults.strike("lost", BOTH, count=1)
     packets = host.world.buses[0].packets
     assert host.ask() == []
     assert host.world.buses[0].packets == packets + 1
@@ -66,7 +66,7 @@ def test_a_lost_reply_was_executed() -> None:
 
 def test_a_duplicated_reply_comes_twice() -> None:
     host = AskingHost()
-    host.packet_faults.strike("duplicated", 1, BOTH)
+    host.packet_faults.strike("duplicated", BOTH, count=1)
     first, second = host.ask()
     assert first == second
     assert host.good([first])
@@ -74,7 +74,7 @@ def test_a_duplicated_reply_comes_twice() -> None:
 
 def test_a_dropped_request_is_answered_with_eight_bytes() -> None:
     host = AskingHost()
-    host.packet_faults.strike("dropped", 1, BOTH)
+    host.packet_faults.strike("dropped", BOTH, count=1)
     (reply,) = host.ask()
     assert len(reply) == 8
     dropped = wire.decode_response(reply)
@@ -89,7 +89,7 @@ def test_a_wrong_label_is_the_next_one() -> None:
         host.label = label - 1
         whole = host.ask()[0]
         host.label -= 1
-        host.packet_faults.strike("mislabelled", 1, BOTH)
+        host.packet_faults.strike("mislabelled", BOTH, count=1)
         wrong = wire.decode_response(host.ask()[0])
         assert isinstance(wrong, wire.WireResponse)
         assert wrong.tl == (label + 1) % 64
@@ -99,7 +99,7 @@ def test_a_wrong_label_is_the_next_one() -> None:
 
 def test_a_late_reply_comes_when_it_is_due() -> None:
     host = AskingHost()
-    host.packet_faults.strike("late", 1, BOTH, 7 * MS)
+    host.packet_faults.strike("late", BOTH, count=1, delay_ns=7 * MS)
     assert host.ask(1) == []
     first = host.now + 7 * MS
     assert (host.ask(0), len(host.ask(0))) == ([], 1)
@@ -115,7 +115,7 @@ def test_a_late_reply_comes_when_it_is_due() -> None:
 
 def test_a_late_reply_keeps_what_it_said() -> None:
     packet_faults, buffer = PacketFaults(1), bytearray(range(32))
-    packet_faults.strike("late", 1, range(1), MS)
+    packet_faults.strike("late", range(1), count=1, delay_ns=MS)
     packet_faults.leave(0, memoryview(buffer), "host", 0)
     buffer[:] = bytes(32)
     assert packet_faults.due(MS) == [(0, bytes(range(32)), "host")]
@@ -124,13 +124,13 @@ def test_a_late_reply_keeps_what_it_said() -> None:
 def test_several_mishaps_may_come_together() -> None:
     host = AskingHost()
     for kind in ("late", "duplicated", "mislabelled"):
-        host.packet_faults.strike(kind, 1, BOTH, 3 * MS)
+        host.packet_faults.strike(kind, BOTH, count=1, delay_ns=3 * MS)
     assert host.ask() == []
     replies = [reply for _, reply, _ in host.packet_faults.due(host.now + 3 * MS)]
     assert len(replies) == 2
     assert not host.good(replies[:1])
-    host.packet_faults.strike("lost", 1, BOTH)
-    host.packet_faults.strike("duplicated", 1, BOTH)
+    host.packet_faults.strike("lost", BOTH, count=1)
+    host.packet_faults.strike("duplicated", BOTH, count=1)
     assert (len(host.ask()), len(host.ask())) == (0, 2)  # what is lost uses nothing else up
 
 
@@ -146,12 +146,12 @@ def _pass(packet_faults: PacketFaults, bus: int, count: int) -> tuple[list[bool]
 
 def test_rates_hold_until_changed() -> None:
     packet_faults = PacketFaults(2)
-    packet_faults.strike_often("lost", 0.25, range(1))
+    packet_faults.strike("lost", range(1), rate=0.25)
     assert 0.71 <= sum(_pass(packet_faults, 0, 4000)[0]) / 4000 <= 0.79
     assert all(_pass(packet_faults, 1, 100)[0])
-    packet_faults.strike_often("lost", 1.0, range(1))
+    packet_faults.strike("lost", range(1), rate=1.0)
     assert not any(_pass(packet_faults, 0, 100)[0])
-    packet_faults.strike_often("lost", 0.0, range(1))
+    packet_faults.strike("lost", range(1), rate=0.0)
     assert all(_pass(packet_faults, 0, 100)[0])
     assert not packet_faults.active
 
@@ -180,8 +180,8 @@ def test_chance_follows_the_seed_and_not_the_other_bus() -> None:
 def test_everything_can_be_ended_at_once() -> None:
     host = AskingHost()
     for kind in KINDS:
-        host.packet_faults.strike(kind, 5, BOTH)
-        host.packet_faults.strike_often(kind, 0.5, BOTH)
+        host.packet_faults.strike(kind, BOTH, count=5)
+        host.packet_faults.strike(kind, BOTH, rate=0.5)
     host.packet_faults.lose_packets(0.5, BOTH)
     host.packet_faults.end()
     assert not host.packet_faults.active
