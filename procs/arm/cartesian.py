@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Final
 
 import numpy as np
 
 from trocar.procs.arm.joints import JointSpace
 from trocar.procs.arm.readings import ArmReadings
-from trocar.procs.kinematics.forward import Kinematics
 from trocar.procs.kinematics.frames import (
     Frame,
     Rows,
@@ -28,7 +26,7 @@ from trocar.procs.kinematics.frames import (
 )
 from trocar.procs.kinematics.poses import Array, inverse, pose_from_matrix
 from trocar.procs.native.arm_fields import CARTESIAN
-from trocar.procs.native.library import bind
+from trocar.procs.native.library import chosen
 from trocar.procs.node.inputs import Fields
 
 
@@ -74,8 +72,6 @@ class Cartesian:
         self._is_done = False
         """What was measured last is in the record."""
         self._shown_absolute = False
-        self.why_numpy = ""
-        """Why the native library does not do it; empty: it does."""
         self._count = self._wanted = 0
 
     def use(self, joints: JointSpace) -> None:
@@ -92,18 +88,10 @@ class Cartesian:
         self.found_rates = np.zeros(n)
         self._kinematics = joints.kinematics
         if joints.kinematics is not None:
-            self._bind(joints.kinematics)
+            self.kinematics = joints.kinematics
+            self.tip, self.jacobian = joints.kinematics.tip, joints.kinematics.body
+            self._show, self._rates = chosen(CARTESIAN, self, "by_numpy_")
         self.clear()
-
-    def _bind(self, kinematics: Kinematics) -> None:
-        self.kinematics = kinematics
-        self.tip, self.jacobian = kinematics.tip, kinematics.body
-        bound = bind(CARTESIAN, self)
-        self.why_numpy = bound if isinstance(bound, str) else ""
-        self._show: Callable[[int, int, int], int] = self.by_numpy_show
-        self._rates: Callable[[], int] = self.by_numpy_rates
-        if not isinstance(bound, str):
-            self._show, self._rates = map(bound.function, CARTESIAN.functions)
 
     def set_base(self, base: Array | None) -> None:
         """The base's pose (4, 4) in the reference frame; None: it is not known, only local poses are valid."""

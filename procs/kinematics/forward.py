@@ -7,7 +7,7 @@ linear x y z, then angular x y z.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from trocar.procs.document.system import Chain, DhLink, Tool
 from trocar.procs.kinematics.frames import Frame, body_jacobian, finite, moved, product, spatial_jacobian
 from trocar.procs.kinematics.poses import Array, renormalised
 from trocar.procs.native.arm_fields import CHAIN
-from trocar.procs.native.library import bind
+from trocar.procs.native.library import chosen
 
 QUARTER_TURN_AS_WRITTEN = 1.5708  # in alpha only, this spelling means a right angle
 
@@ -81,13 +81,7 @@ class Kinematics:
         self.body: Array = self.body_columns.T
         self.spatial: Array = self.spatial_columns.T
         self._updated = b""  # joints that `tip`, `body` and `spatial` are for
-        bound = bind(CHAIN, self)
-        self.why_numpy = bound if isinstance(bound, str) else ""
-        """Why the native library does not do it; empty: it does."""
-        self._update: Callable[[], int] = self.by_numpy_update
-        self._frame: Callable[[int], int] = self.by_numpy_frame
-        if not isinstance(bound, str):
-            self._update, self._frame = bound.function("update"), bound.function("frame")
+        self._update, self._frame = chosen(CHAIN, self, "by_numpy_")
 
     def update(self, q: Array) -> None:
         """Tip pose and Jacobians at q into `tip`, `body`, `spatial`."""

@@ -8,7 +8,7 @@ chain of links (`kinematic_gc`), the efforts of which come together in the joint
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -18,7 +18,7 @@ from trocar.procs.kinematics.forward import Links
 from trocar.procs.kinematics.frames import dot, finite, times
 from trocar.procs.kinematics.poses import Array
 from trocar.procs.native.arm_fields import GRAVITY
-from trocar.procs.native.library import bind
+from trocar.procs.native.library import chosen
 
 STANDARD_GRAVITY: Final = 9.81  # m/s², as the reference has it
 # Rows are links, columns joints: how the links of Si arms follow, and whose efforts a joint bears.
@@ -66,10 +66,7 @@ class Gravity:
         self.up = np.array(up, dtype=np.float64)
         self.q, self.efforts = np.zeros(self.moved), np.zeros(joints)
         self.borne = self.efforts[: self.moved]
-        bound = bind(GRAVITY, self)
-        self.why_numpy = bound if isinstance(bound, str) else ""
-        """Why the native library does not do it; empty: it does."""
-        self._hold: Callable[[], int] = self.by_numpy_hold if isinstance(bound, str) else bound.function("hold")
+        (self._hold,) = chosen(GRAVITY, self, "by_numpy_")
 
     def effort(self, q: Array) -> Array:
         """Holding efforts [N·m or N] at joint positions q (n,); 0 for joints that bear nothing (wrists)."""

@@ -64,8 +64,11 @@ def bind(table: CStruct, source: object) -> BoundStruct | str:
         return str(error)
 
 
-def chosen(table: CStruct, source: object) -> tuple[Callable[..., int], ...]:
-    """The functions of `table`, in its order, for `source`; else its methods of these names, which do the same."""
+def chosen(table: CStruct, source: object, prefix: str = "") -> tuple[Callable[..., int], ...]:
+    """The functions of `table`, in its order, for `source`; else its methods, which do the same.
+
+    The methods have the names of the functions with `prefix` before them.
+    """
     bound = bind(table, source)
-    return tuple(bound.function(name) if isinstance(bound, BoundStruct) else getattr(source, name)
+    return tuple(bound.function(name) if isinstance(bound, BoundStruct) else getattr(source, prefix + name)
                  for name in table.functions)

@@ -19,7 +19,7 @@ from trocar.procs.native import library
 from trocar.procs.native.bound import BoundStruct
 from trocar.procs.native.fields import CStruct
 from trocar.procs.native.io_fields import IO
-from trocar.procs.native.library import bind
+from trocar.procs.native.library import bind, chosen
 
 LARGE = 10_000  # elements: tables of potentiometers, which nobody writes
 SELDOM = 101  # calls from one look at all addresses to the next
@@ -77,8 +77,10 @@ def shadowed(parts: RobotIo) -> Stages:
         for name in IO.functions}, bound=None)
 
 
-def chosen_both(table: CStruct, source: object) -> tuple[Callable[..., int], ...]:
-    """Stages of boards that are done both ways."""
+def chosen_both(table: CStruct, source: object, prefix: str = "") -> tuple[Callable[..., int], ...]:
+    """Stages of boards that are done both ways; arms' kinematics (with a prefix) differ in their last bits."""
+    if prefix:
+        return chosen(table, source, prefix)
     bound = bind(table, source)
     assert isinstance(bound, BoundStruct), f"no native library to compare with: {bound}"
     return tuple(partial(both, name, bound, bound.function(name), getattr(source, name), exact=True)

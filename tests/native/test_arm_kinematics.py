@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from functools import cache
+from functools import cache, partial
 from types import SimpleNamespace
 from typing import Any
 from unittest.mock import patch
@@ -26,6 +26,7 @@ from trocar.procs.kinematics.gravity import Gravity
 from trocar.procs.kinematics.inverse.arms import BENDS, inverse_of
 from trocar.procs.kinematics.inverse.solver import InverseSolver
 from trocar.procs.kinematics.poses import rotation_from_vector
+from trocar.procs.native.fields import CStruct
 from trocar.procs.native.library import native
 
 pytestmark = pytest.mark.skipif(native().library is None, reason=f"no native library: {native().why}")
@@ -50,8 +51,18 @@ seeds = st.integers(0, 2**32 - 1)
 def without_native() -> Iterator[None]:
     with ExitStack() as stack:
         for module in ("kinematics.forward", "kinematics.inverse.solver", "arm.cartesian", "kinematics.gravity"):
-            stack.enter_context(patch(f"trocar.procs.{module}.bind", lambda *_: "not asked"))
+            stack.enter_context(patch(f"trocar.procs.{module}.chosen", by_methods))
         yield
+
+
+def by_methods(table: CStruct, source: object, prefix: str) -> tuple[Any, ...]:
+    """What is chosen without a native library."""
+    return tuple(getattr(source, prefix + name) for name in table.functions)
+
+
+def are_native(*functions: Any) -> list[bool]:
+    """Whether each is a function of the native library, not a method."""
+    return [isinstance(function, partial) for function in functions]
 
 
 def parts(name: str) -> tuple[str, Chain, Tool | None, np.ndarray | None]:
@@ -66,7 +77,7 @@ def chains(name: str) -> tuple[Kinematics, Kinematics, PinocchioChain]:
     with without_native():
         python = Kinematics(*given)
     quick = Kinematics(*given)
-    assert (quick.why_numpy, python.why_numpy) == ("", "not asked")
+    assert are_native(quick._update, python._update) == [True, False]
     return quick, python, PinocchioChain(*given)
 
 
@@ -76,7 +87,7 @@ def solvers(name: str) -> tuple[InverseSolver, InverseSolver]:
     with without_native():
         python = inverse_of(*parts(name))
     quick = inverse_of(*parts(name))
-    assert (quick.why_numpy, python.why_numpy) == ("", "not asked")
+    assert are_native(quick._newton, python._newton) == [True, False]
     return quick, python
 
 
@@ -243,7 +254,7 @@ def test_records_of_the_tip_are_the_same_both_ways(name: str, seed: int, absolut
     with without_native():
         python, python_record = cartesian(name, rows, base)
     made, record = cartesian(name, rows, base)
-    assert (made.why_numpy, python.why_numpy) == ("", "not asked")
+    assert are_native(made._show, python._show) == [True, False]
     twist = rng.normal(0.0, 1.0, 6)
     for each in (made, python):
         each.absolute = absolute
@@ -276,7 +287,7 @@ def test_holding_efforts_are_the_same_three_ways(name: str, camera: float | None
     quick = Gravity(chain, 4, up, camera)
     with without_native():
         python = Gravity(chain, 4, up, camera)
-    assert (quick.why_numpy, python.why_numpy) == ("", "not asked")
+    assert are_native(quick._hold, python._hold) == [True, False]
     q = rng.normal(0.0, 1.0, 4)
     truth = PinocchioChain(chain, masses={} if camera is None else {link: camera})
     torques = quick.bear @ truth.efforts(quick.follow @ q[: quick.moved], up)

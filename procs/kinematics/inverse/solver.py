@@ -8,7 +8,7 @@ there is, and Newton only removes the last millionths, which come from files tha
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import Final, Protocol
 
 import numpy as np
@@ -18,7 +18,7 @@ from trocar.procs.kinematics.frames import Rows, body_jacobian, dot, finite, sho
 from trocar.procs.kinematics.inverse.shaft import TINY
 from trocar.procs.kinematics.poses import Array
 from trocar.procs.native.arm_fields import INVERSE
-from trocar.procs.native.library import bind
+from trocar.procs.native.library import chosen
 
 CLOSE: Final = 0.2  # m and rad: from further away the geometry is quicker, and knows which solution it finds
 MAX_STEPS: Final = 12  # of all ways together: the geometry's solutions need one or two each
@@ -74,14 +74,7 @@ class InverseSolver:
         self.most, self.beyond = np.zeros(n), np.zeros(1)
         self._given = np.zeros(16 + n)
         self.goal, self.seed = self._given[:16].reshape(4, 4), self._given[16:]
-        bound = bind(INVERSE, self)
-        self.why_numpy = bound if isinstance(bound, str) else ""
-        """Why the native library does not do it; empty: it does."""
-        self._newton: Callable[[float], int] = self.by_numpy_newton
-        self._fits: Callable[[float], int] = self.by_numpy_fits
-        self._approach: Callable[[], int] = self.by_numpy_approach
-        if not isinstance(bound, str):
-            self._newton, self._fits, self._approach = map(bound.function, INVERSE.functions)
+        self._newton, self._fits, self._approach = chosen(INVERSE, self, "by_numpy_")
 
     def solve(self, goal: Array, seed: Array) -> bool:
         """Joints whose tip pose is `goal` (4, 4), close to `seed` (n,) where there is a choice.
