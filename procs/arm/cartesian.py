@@ -28,6 +28,7 @@ from trocar.procs.kinematics.poses import Array, inverse, pose_from_matrix
 from trocar.procs.native.arm_fields import CARTESIAN
 from trocar.procs.native.library import chosen
 from trocar.procs.node.inputs import Fields
+from trocar.procs.node.requests import CommandRefused
 
 
 class Cartesian:
@@ -105,6 +106,11 @@ class Cartesian:
             pose_from_matrix(self.base, self._base_pose)
             if self.valid:
                 self.update()  # no record is without poses that were known before and after
+
+    def need_base(self) -> None:
+        """CommandRefused while the base frame is not known."""
+        if not self.base_known:
+            raise CommandRefused("the arm's base frame is not known")
 
     def want(self, wanted: int) -> None:
         """Which of WRENCHES and SPATIAL somebody wants from now on; the others are NaN until then."""

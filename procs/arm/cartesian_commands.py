@@ -62,8 +62,7 @@ class CartesianCommands:
 
     def _pose(self, values: Array) -> Array:
         """The pose (4, 4) of a command, in the arm's base."""
-        if not self._control.cartesian.base_known:
-            raise CommandRefused("the arm's base frame is not known")
+        self._control.cartesian.need_base()
         return self._control.cartesian.to_local(given_pose(values[:POSE]))
 
     def _relative(self, request: Request, joints: Array) -> Array:
@@ -72,8 +71,7 @@ class CartesianCommands:
         kinematics, cartesian = control.joints.kinematics, control.cartesian
         if kinematics is None:
             raise CommandRefused("there is no instrument, so no tip")
-        if not cartesian.base_known:
-            raise CommandRefused("the arm's base frame is not known")
+        cartesian.need_base()
         change = given_pose(request.values)
         pose = cartesian.to_reference(kinematics.fk(joints, np.eye(4))).copy()
         pose[:3, 3] += change[:3, 3]
@@ -166,8 +164,8 @@ class CartesianCommands:
         """`absolute`: the wrench is in axes of the reference frame."""
         control = self._control
         _check_wrench(wrench)
-        if absolute and not control.cartesian.base_known:
-            raise CommandRefused("the arm's base frame is not known")
+        if absolute:
+            control.cartesian.need_base()
         control.push(Space.CARTESIAN).body(wrench, control.now_ns, absolute=absolute, lasts_ns=lasts_ns)
         return control.pushed()
 
@@ -195,8 +193,7 @@ class CartesianCommands:
     def _servo_ci(self, request: Request) -> str:
         self.enter(request.name)
         control = self._control
-        if not control.cartesian.base_known:
-            raise CommandRefused("the arm's base frame is not known")
+        control.cartesian.need_base()
         impedance = impedance_of(request.values)
         control.push(Space.CARTESIAN).impede(impedance, control.now_ns)
         return control.pushed()

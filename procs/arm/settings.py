@@ -78,8 +78,7 @@ class Settings:
 
     def _forward(self, request: Request) -> str:
         pose = self._pose_of(request)
-        if not self._control.cartesian.base_known:
-            raise CommandRefused("the arm's base frame is not known")
+        self._control.cartesian.need_base()
         return _answer(pose_from_matrix(self._control.cartesian.to_reference(pose)).tolist())
 
     def _local_forward(self, request: Request) -> str:

@@ -75,8 +75,7 @@ class OrientationLock:
         cartesian = self._control.cartesian
         if len(request.values) == 0:
             return cartesian.tip[:3, :3].copy()
-        if not cartesian.base_known:
-            raise CommandRefused("the arm's base frame is not known")
+        cartesian.need_base()
         return cartesian.to_local(given_pose(np.concatenate((np.zeros(3), request.values))))[:3, :3].copy()
 
     def _unlock(self, _: Request) -> None:
