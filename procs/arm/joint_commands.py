@@ -18,7 +18,7 @@ class JointCommands:
         self.table: Table = {
             "servo_jp": ArmCommandRow(self._servo_jp, joint),
             "servo_jr": ArmCommandRow(self._servo_jr, joint),
-            "servo_jv": ArmCommandRow(self._servo_jv, joint),
+            "servo_jv": ArmCommandRow(lambda request: control.drift(request.values), joint),
             "servo_jf": ArmCommandRow(self._servo_jf, joint),
             "move_jp": ArmCommandRow(self._move_jp, joint),
             "move_jr": ArmCommandRow(self._move_jr, joint),
@@ -40,9 +40,6 @@ class JointCommands:
             goal[:n] = control.io.setpoint[:n]
         goal[:n] += request.values
         return control.follow(request.name, Space.JOINT)
-
-    def _servo_jv(self, request: Request) -> str:
-        return self._control.drift(request.values)
 
     def _servo_jf(self, request: Request) -> str:
         control = self._control

@@ -25,9 +25,12 @@ class Settings:
         """`base_from`: the setup joints that give the base frame, "" where commands do."""
         self._control, self._base_from, self._has_reported_no_model = control, base_from, False
         self.table: Table = {
-            "trajectory_j/set_ratio": ArmCommandRow(self._set_ratio),
-            "trajectory_j/set_ratio_v": ArmCommandRow(self._set_ratio_v),
-            "trajectory_j/set_ratio_a": ArmCommandRow(self._set_ratio_a),
+            "trajectory_j/set_ratio": ArmCommandRow(
+                lambda request: self._set_ratios(request.values[0], request.values[0])),
+            "trajectory_j/set_ratio_v": ArmCommandRow(
+                lambda request: self._set_ratios(request.values[0], control.motion.ratio_a)),
+            "trajectory_j/set_ratio_a": ArmCommandRow(
+                lambda request: self._set_ratios(control.motion.ratio_v, request.values[0])),
             "set_base_frame": ArmCommandRow(self._set_base_frame),
             "use_gravity_compensation": ArmCommandRow(self._use_gravity_compensation),
             "forward_kinematics": ArmCommandRow(self._forward),
@@ -36,15 +39,6 @@ class Settings:
             "actuator_to_joint_position": ArmCommandRow(self._actuator_to_joint),
             "crtk_version": ArmCommandRow(lambda _: CRTK_VERSION),
         }
-
-    def _set_ratio(self, request: Request) -> None:
-        self._set_ratios(request.values[0], request.values[0])
-
-    def _set_ratio_v(self, request: Request) -> None:
-        self._set_ratios(request.values[0], self._control.motion.ratio_a)
-
-    def _set_ratio_a(self, request: Request) -> None:
-        self._set_ratios(self._control.motion.ratio_v, request.values[0])
 
     def _set_ratios(self, v: float, a: float) -> None:
         control = self._control
