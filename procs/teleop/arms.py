@@ -1,4 +1,4 @@
-"""An arm as a teleoperation sees it, by its record and its events, and asks it, by its mailbox."""
+"""What a teleoperation sees: arms by their records and events, which it asks by their mailboxes, and the operator."""
 
 from __future__ import annotations
 
@@ -287,3 +287,33 @@ class BaseFrame:
     def pose(self) -> Array | None:
         """(7,); None: not known."""
         return self._pose if self._reported and self._record.fresh else None
+
+
+class Operator:
+    """The operator, as the console sees them.
+
+    `absence` is why they count as absent, "": they are there, as they always are without a console (None). `clutch`: as
+    the console's record has it, for who has missed its commands.
+    """
+
+    def __init__(self, console: str, record: Input | None) -> None:
+        self.console, self._record = console, record
+        self.absence, self.is_silent, self.clutch = "", record is not None, False
+        if record is not None:
+            self._valid, self._present = record.field("valid"), record.field("operator_present")
+            self._clutch = record.field("clutch")
+
+    def look(self, now_ns: int) -> None:
+        """Once a cycle; a console that was started anew counts as silent for that cycle."""
+        if self._record is None:
+            return
+        whole = self._record.look(now_ns)
+        self.is_silent = self._record.restarted or not self._record.fresh
+        if whole:
+            self.clutch = bool(self._clutch)
+        if self.is_silent:
+            self.absence = f"console {self.console} is silent"
+        elif whole and not self._valid:
+            self.absence = f"console {self.console} does not see its inputs"
+        elif whole:
+            self.absence = "" if self._present else f"console {self.console} sees no operator"

@@ -11,9 +11,8 @@ from trocar.procs.kinematics.poses import matrix_from_pose, pose_from_matrix
 from trocar.procs.node.requests import Reports
 from trocar.procs.tables import codes
 from trocar.procs.tables.manifest import LATE_S
-from trocar.procs.teleop.arms import TeleopArm
+from trocar.procs.teleop.arms import Operator, TeleopArm
 from trocar.procs.teleop.camera import Camera, outside
-from trocar.procs.teleop.presence import Operator
 from trocar.procs.teleop.record import TeleopRecord
 from trocar.procs.teleop.teleop import Teleop
 from trocar.shm.mailbox.generations import Cell

@@ -6,9 +6,8 @@ from typing import Final
 
 from trocar.procs.document.system import TeleopPsmConfig as PsmRow
 from trocar.procs.node import runtime
-from trocar.procs.teleop.arms import BaseFrame, TeleopArm
+from trocar.procs.teleop.arms import BaseFrame, Operator, TeleopArm
 from trocar.procs.teleop.ecm import TeleopEcm
-from trocar.procs.teleop.presence import Operator
 from trocar.procs.teleop.psm import JawRange, TeleopPsm
 from trocar.procs.teleop.record import TeleopRecord
 from trocar.procs.teleop.teleop import Teleop

@@ -15,8 +15,7 @@ from trocar.procs.node.requests import CommandRefused, Handler, Reports, Request
 from trocar.procs.tables import codes
 from trocar.procs.tables.manifest import LATE_S
 from trocar.procs.tables.operator_waits import ALIGN_ONLY, CLUTCHED
-from trocar.procs.teleop.arms import BaseFrame, TeleopArm
-from trocar.procs.teleop.presence import Operator
+from trocar.procs.teleop.arms import BaseFrame, Operator, TeleopArm
 from trocar.procs.teleop.record import TeleopRecord
 from trocar.procs.teleop.teleop import Teleop
 from trocar.procs.teleop.teleoperation import JawMapping, PoseMapping, Presence, Start, roll_between, waiting_for

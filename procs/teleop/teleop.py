@@ -13,8 +13,7 @@ from trocar.procs.node.requests import STREAM_PAUSE_NS, CommandRefused, Handler,
 from trocar.procs.tables import codes
 from trocar.procs.tables.codes import Code
 from trocar.procs.tables.operator_waits import BY_HAND, CLUTCHED
-from trocar.procs.teleop.arms import TeleopArm
-from trocar.procs.teleop.presence import Operator
+from trocar.procs.teleop.arms import Operator, TeleopArm
 from trocar.procs.teleop.record import TeleopRecord
 from trocar.shm.mailbox.generations import Cell
 from trocar.shm.mailbox.origins import NOBODY, Origin
