@@ -1,8 +1,14 @@
-"""Outputs of a Classic patient cart: its lift, and the counter of its multiplexer.
+"""Outputs of patient carts: lift and multiplexer of Classic ones, brakes of the setup joints that carry Si arms.
 
 The lift is a PWM and a pin that disables its amplifier while it is high. It moves while the setup joints have their
-currents (joint controller on, setpoints fresh) and `lift` goes on being asked for; else its duty cycle is neutral and
-its amplifier disabled. So it stops when the process that moves it dies, is held up or begins anew.
+currents (joint controller on, setpoints fresh) and `lift` is repeated; else its duty cycle is neutral and its amplifier
+disabled. So it stops when the process that moves it dies, stalls or restarts.
+
+The brakes of Si setup joints let go while a clutch button is pressed and the arm has power. Their buttons and their
+brake hang on the controllers of the arm, by the names of the original's files: NAME_SUJ_clutch, NAME_SUJ_clutch_2 and
+NAME_SUJ_brake (high: let go). I/O does it by itself, on the buttons as they are. A button counts only when it was seen
+released since the arm has power: one that is stuck lets nothing go. `setup_brake` does what a button does, as long as
+it is repeated.
 """
 
 from __future__ import annotations
@@ -11,14 +17,19 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-from trocar.procs.document.cart import LIFT_OUTPUTS, MULTIPLEXER_OUTPUTS
+import numpy as np
+
+from trocar.procs.document.cart import LIFT_OUTPUTS, MULTIPLEXER_OUTPUTS, SETUP_BRAKE
 from trocar.procs.io.digital_outputs import DigitalOutputs
-from trocar.procs.io.record import IoRecord
+from trocar.procs.io.record import Flags, IoRecord
+from trocar.procs.io.reports import IoReports
 from trocar.procs.io.robots import Robots
+from trocar.procs.tables import codes
 
 NEUTRAL, GAIN = 0.5, 0.1  # duty cycle at rest, and what full speed adds to it
 HOLD_NS: Final = 30_000_000
 """For so long a command counts that has to be repeated: `lift` and `setup_brake`."""
+BUTTONS: Final = ("SUJ_clutch", "SUJ_clutch_2")
 
 
 @dataclass(slots=True)
@@ -93,3 +104,68 @@ class CartOutputs:
         lift.kept = lift.velocity
         self._outputs.keep(lift.duty, NEUTRAL + GAIN * lift.velocity)
         self._outputs.keep(lift.disable, float(not lift.velocity))
+
+
+@dataclass(slots=True)
+class SetupBrake:
+    """The brake under one arm; `inputs` and `output` are places in the record."""
+
+    inputs: Flags
+    output: int
+    let_go: bool = False
+    pressed: bool = False
+    powered: bool = False
+    counts: bool = False  # the buttons were seen released since there is power
+    until_ns: int = 0  # let go by command
+
+
+class SetupBrakes:
+    """Those of all arms of one io."""
+
+    def __init__(self, robots: Robots, record: IoRecord, outputs: DigitalOutputs, reports: IoReports) -> None:
+        """All hold, whatever a predecessor left."""
+        self._robots, self._record, self._outputs, self._reports = robots, record, outputs, reports
+        buttons = [i.name for i in robots.io.digital_inputs]
+        self._brakes: dict[int, SetupBrake] = {}
+        for robot, name in enumerate(robots.names):
+            output = outputs.place(f"{name}_{SETUP_BRAKE}", "setup_brake", name)
+            if output is not None:
+                inputs = np.isin(buttons, [f"{name}_{end}" for end in BUTTONS])
+                self._brakes[robot] = SetupBrake(inputs, output)
+        self.shutdown()
+
+    def set(self, robot: int, on: bool, now_ns: int) -> str:
+        """Let the brakes under an arm go for a moment, or have them hold; returns why not, or ""."""
+        brake = self._brakes.get(robot)
+        if brake is None:
+            return "there are no setup joints under it whose brakes io lets go"
+        if on and not self._record.amps_on[robot]:
+            return "its amplifiers are not on"
+        brake.until_ns = now_ns + HOLD_NS if on else 0
+        return ""
+
+    def step(self, now_ns: int) -> None:
+        """Once a cycle, also after a bad read: what has lost its power holds."""
+        for robot, brake in self._brakes.items():
+            self._follow(robot, brake, now_ns)
+
+    def _follow(self, robot: int, brake: SetupBrake, now_ns: int) -> None:
+        record, name = self._record, self._robots.names[robot]
+        pressed, powered = bool(record.input[brake.inputs].any()), bool(record.amps_on[robot])
+        brake.counts = powered and (brake.counts or not pressed)
+        let_go = powered and ((pressed and brake.counts) or now_ns <= brake.until_ns)
+        if pressed and powered and not brake.powered:
+            self._reports.warn(codes.CLUTCH_STUCK, name)
+        elif pressed and not powered and not brake.pressed:
+            self._reports.status("the arm needs power before the brakes of its setup joints let go", name)
+        brake.pressed, brake.powered = pressed, powered
+        if let_go != brake.let_go:
+            brake.let_go = let_go
+            self._outputs.keep(brake.output, float(let_go))
+            self._reports.status(f"brakes of the setup joints {'let go' if let_go else 'hold'}", name)
+
+    def shutdown(self) -> None:
+        """All hold."""
+        for brake in self._brakes.values():
+            brake.let_go = False
+            self._outputs.keep(brake.output, 0.0)

@@ -22,7 +22,7 @@ from trocar.procs.io.brakes import Brakes
 from trocar.procs.io.bus.bus_port import BusPort
 from trocar.procs.io.bus.exchange import ExchangeSettings
 from trocar.procs.io.buttons import Buttons
-from trocar.procs.io.cart_outputs import CartOutputs
+from trocar.procs.io.cart_outputs import CartOutputs, SetupBrakes
 from trocar.procs.io.commands import IoCommands
 from trocar.procs.io.devices import BoardDevices, Devices
 from trocar.procs.io.digital_outputs import DigitalOutputs
@@ -38,7 +38,6 @@ from trocar.procs.io.robots import Robots, Samples
 from trocar.procs.io.safety import Safety
 from trocar.procs.io.setpoint_rings import RingSource
 from trocar.procs.io.setpoint_tracker import SetpointTracker
-from trocar.procs.io.setup_brakes import SetupBrakes
 from trocar.procs.io.stages import stages
 from trocar.procs.io.start import restore
 from trocar.procs.io.tasks import Tasks

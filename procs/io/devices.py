@@ -9,7 +9,7 @@ from trocar.procs.io.arm_requests import ArmRequests
 from trocar.procs.io.axis_drive import AxisDrive
 from trocar.procs.io.bias import Bias
 from trocar.procs.io.brakes import Brakes
-from trocar.procs.io.cart_outputs import CartOutputs
+from trocar.procs.io.cart_outputs import CartOutputs, SetupBrakes
 from trocar.procs.io.digital_outputs import DigitalOutputs
 from trocar.procs.io.gains import JointGains
 from trocar.procs.io.instruments import InstrumentReaders
@@ -20,7 +20,6 @@ from trocar.procs.io.reports import IoReports
 from trocar.procs.io.robots import Robots
 from trocar.procs.io.safety import Safety
 from trocar.procs.io.setpoint_tracker import SetpointTracker
-from trocar.procs.io.setup_brakes import SetupBrakes
 from trocar.shm.mailbox.generations import OwnCell
 
 
