@@ -25,9 +25,7 @@ from numpy.typing import NDArray
 
 from trocar.procs.document.gains import GAINS
 from trocar.procs.document.system import PidAxis
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
+from trocar.procs.io.record import Flags, Floats
 
 SWITCHES: Final = ("has_dead_band", "is_soft", "filters", "integrates", "observes", "limits_output", "has_offset",
                    "any_off", "any_effort", "has_contribution")
