@@ -13,7 +13,7 @@ from trocar.procs.recorder.sources import LocalTimes, RecordedRing, SystemSource
 from trocar.procs.recorder.watch import SeenFault
 from trocar.procs.recordings import names
 from trocar.procs.recordings.chunks import Chunk
-from trocar.procs.recordings.copying import chunks_of
+from trocar.procs.recordings.reading import chunks_of
 from trocar.procs.recordings.writing import RecordingFile
 from trocar.shm.ring.ring import RingReader
 from trocar.shm.time.clock import monotonic_ns

@@ -16,6 +16,7 @@ MESSAGE: Final = struct.Struct("<BQHIQQ")
 RECORD: Final = struct.Struct("<BQ")
 BODY: Final = struct.Struct("<HIQQ")
 NONE, LZ4, ZSTD = "", "lz4", "zstd"
+LEVEL: Final = 1  # of zstd
 COMPRESSIONS: Final = {"none": NONE, "lz4": LZ4, "zstd": ZSTD}
 MAX_CHUNK: Final = 256 << 20
 """Of a chunk that is read; ours have one or two million bytes."""
@@ -72,10 +73,10 @@ class PackedChunk:
         return len(self.record) + sum(len(record) for _, record, _ in self.indexes)
 
 
-def packed(chunk: Chunk, compression: str, level: int = 1) -> PackedChunk:
+def packed(chunk: Chunk, compression: str) -> PackedChunk:
     """Compress it; takes a few ms, other threads run meanwhile."""
     plain = bytes(chunk.data)
-    data = compressed(plain, compression, level)
+    data = compressed(plain, compression)
     name = compression.encode()
     head = struct.pack(f"<QQQII{len(name)}sQ", chunk.begin_ns, chunk.end_ns, len(plain), zlib.crc32(plain), len(name),
                        name, len(data))
@@ -88,10 +89,10 @@ def packed(chunk: Chunk, compression: str, level: int = 1) -> PackedChunk:
                        len(plain))
 
 
-def compressed(data: bytes, compression: str, level: int = 1) -> bytes:
+def compressed(data: bytes, compression: str) -> bytes:
     """As MCAP files have it; KeyError for one that they do not."""
     if compression == ZSTD:
-        packed_data: bytes = zstandard.ZstdCompressor(level=level).compress(data)
+        packed_data: bytes = zstandard.ZstdCompressor(level=LEVEL).compress(data)
         return packed_data
     if compression == LZ4:
         return bytes(lz4.frame.compress(data))

@@ -28,7 +28,7 @@ from mcap.records import Attachment, Channel, McapRecord, Metadata, Schema
 
 from trocar.procs.crtk.plain import plain
 from trocar.procs.recordings import names
-from trocar.procs.recordings.chunks import RECORD, ChunkError, messages, uncompressed
+from trocar.procs.recordings.chunks import RECORD, ChunkError, PackedChunk, messages, uncompressed
 from trocar.procs.recordings.layout import layout_of
 from trocar.procs.recordings.records import Piece, joined
 from trocar.procs.recordings.records import RecordedTopic as RecordedTopic
@@ -38,6 +38,7 @@ from trocar.shm.memory.layout import LayoutError, schema_from_json, schema_of
 from trocar.shm.topics import AUDIT, EVENTS, Topic
 
 CHUNK: Final = struct.Struct("<QQQII")
+INDEX_HEAD: Final = 6
 MAX_RECORD: Final = 256 << 20
 MAX_PROBLEMS: Final = 20
 MAX_DOCUMENT: Final = 64 << 20
@@ -345,3 +346,35 @@ def open_recording(path: Path | str) -> RecordingReader:
     """A recording; RecordingError where the file is none, `problems` where it is not whole."""
     return RecordingReader(Path(path))
 
+
+def chunks_of(path: Path, begin_ns: int) -> Iterator[PackedChunk]:
+    """Chunks that end after `begin_ns` of a file that we have written ourselves, and which may still grow.
+
+    Another recording may have them as they are: both have their channels from the same table.
+    """
+    with path.open("rb") as file:
+        file.seek(len(MAGIC))
+        head, chunk, indexes = file.read(RECORD.size), b"", list[tuple[int, bytes, int]]()
+        while len(head) == RECORD.size:
+            opcode, length = RECORD.unpack(head)
+            body = file.read(length) if length <= MAX_RECORD else b""
+            if len(body) < length:
+                break
+            if opcode == Opcode.MESSAGE_INDEX and chunk:
+                indexes.append((int.from_bytes(body[:2], "little"), head + body, (length - INDEX_HEAD) // 16))
+            elif chunk:
+                yield from _chunk(chunk, indexes, begin_ns)
+                chunk, indexes = b"", []
+            if opcode == Opcode.CHUNK:
+                chunk = head + body
+            head = file.read(RECORD.size)
+        if chunk:
+            yield from _chunk(chunk, indexes, begin_ns)
+
+
+def _chunk(record: bytes, indexes: list[tuple[int, bytes, int]], begin_ns: int) -> Iterator[PackedChunk]:
+    begin, end, size, _, letters = CHUNK.unpack_from(record, RECORD.size)
+    at = RECORD.size + CHUNK.size
+    if end >= begin_ns:
+        yield PackedChunk(record, tuple(indexes), begin, end, sum(count for _, _, count in indexes),
+                          record[at : at + letters].decode(), len(record) - at - letters - 8, size)
