@@ -24,8 +24,8 @@ from pathlib import Path
 from time import thread_time_ns
 
 import numpy as np
-import numpy.typing as npt
 
+from trocar.procs.boards.controllers.lines import Floats
 from trocar.procs.boards.emulation import Emulation
 from trocar.procs.boards.endpoints import Endpoints
 from trocar.procs.boards.loop import Publisher
@@ -45,7 +45,6 @@ SWITCH_ON_WINDOWS = 200  # until the amplifiers are on
 BLOCK, WARM_UP = 40, 8  # windows of one kind in a row; the first of them do not count
 PERCENTILES = {"p10": 10, "p50": 50, "p99": 99}
 
-Floats = npt.NDArray[np.float64]
 Sent = list[tuple[int, bytes]]  # when, ns, and what
 _BIG_QUAD = np.dtype(">u4")
 _AMPS_ON = 0xF << reg.STATUS_AMP_ON_SHIFT

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trocar.procs.boards.controllers.bus import GROUP, EmulatedBus
-from trocar.procs.boards.controllers.lines import Lines
+from trocar.procs.boards.controllers.lines import Floats, Lines
 from trocar.procs.boards.packet_faults import PacketFaults
 from trocar.procs.boards.setup_joints import fit
 from trocar.procs.boards.wiring import Wiring
@@ -24,7 +24,6 @@ from trocar.procs.fpga import wire
 from trocar.procs.native import library
 from trocar.procs.native.boards_fields import WORLD
 
-Floats = npt.NDArray[np.float64]
 FRAME_TICKS = 33  # no two datagrams reach a board closer than the shortest frame takes at 1 Gbit/s
 MIDDLE = (0x7FFF, 0x8000)  # commands on either side of no current
 FIRST, LAST, ERRORS, COMPARE = 1, 2, 4, 8  # what `sense` does: its two halves, and with what

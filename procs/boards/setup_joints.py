@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from trocar.procs.boards.controllers.bus import EmulatedBus
 from trocar.procs.boards.controllers.interface_board import CHANNELS, EmulatedInterfaceBoard
+from trocar.procs.boards.controllers.lines import Flags, Floats
 from trocar.procs.boards.wiring import BRAKE_HOLDS_OFF, BRAKE_LETS_GO, Wiring
 from trocar.procs.document.emulated import EmulatedSetupArm, Linear
 from trocar.procs.document.emulated import EmulatedSetupJoints as Described
@@ -28,9 +29,6 @@ LIFT_M_S: Final = 0.1  # at full power; the original software gives it a fifth
 SUPPLY_V, BRAKE_OHM, BRAKE_DIVIDER = 48.0, 16.0, 11.0  # half the supply is at either end of a brake without current
 LIFT_BIAS_V: Final = 2.5  # and both currents of the lift at rest
 _SECONDARY, _SPARE, _BRAKE, _LAST = JOINTS, 12, 14, 15  # channels
-
-Floats = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
 
 
 class SetupJointsPlant:

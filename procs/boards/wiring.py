@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from trocar.procs.boards.controllers.lines import Floats
 from trocar.procs.boards.controllers.models import HARDWARE, models_of, width_of
 from trocar.procs.document.system import Actuator, Brake, EmulationConfig, Linear, SystemConfig
 from trocar.procs.fpga import lookup
 
 BRAKE_LETS_GO, BRAKE_HOLDS_OFF = 0.8, 0.5  # of the release current, and of the current after that: plausible
-Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.intp]
 
 

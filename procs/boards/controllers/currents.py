@@ -9,12 +9,9 @@ still too much, it is cut at once.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from trocar.procs.boards.controllers.lines import Flags, Ints
 from trocar.procs.fpga import registers as reg
-
-Flags = npt.NDArray[np.bool_]
-Ints = npt.NDArray[np.int64]
 
 NEVER = 1 << 62
 CURRENT_TRIP = 2_457_600  # 50 ms of too much current

@@ -7,14 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from trocar.procs.boards.controllers.lines import Lines
+from trocar.procs.boards.controllers.lines import Lines, Quads
 from trocar.procs.boards.controllers.models import Model
 from trocar.procs.boards.controllers.motors import Motors
 from trocar.procs.boards.controllers.power import BoardPower
 from trocar.procs.boards.controllers.samples import BoardSamples
 from trocar.procs.fpga import registers as reg
-
-Quads = npt.NDArray[np.uint32]
 
 TEMPERATURES_DQLA = 0x3C3E_3C3E  # 30 and 31 °C at both QLAs
 ESPM_CLOCKS, OUR_CLOCKS = 625, 384  # the ESPM measures periods with 80 MHz

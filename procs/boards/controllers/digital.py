@@ -15,12 +15,10 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-from trocar.procs.boards.controllers.traits import Flags, Quads, Traits
+from trocar.procs.boards.controllers.lines import Flags, Ints, Quads
+from trocar.procs.boards.controllers.traits import Traits
 from trocar.procs.fpga import registers as reg
-
-Ints = npt.NDArray[np.int64]
 
 NEVER: Final = 1 << 62
 FAULT_CONVERTER, FAULT_DEVIATION, FAULT_BRIDGE = 1, 2, 4  # kept as bits, shown as codes 1, 2, 3

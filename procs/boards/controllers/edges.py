@@ -11,11 +11,9 @@ from __future__ import annotations
 import functools
 
 import numpy as np
-import numpy.typing as npt
 
+from trocar.procs.boards.controllers.lines import Ints
 from trocar.procs.fpga import registers as reg
-
-Ints = npt.NDArray[np.int64]
 
 EDGES = 6  # five quarter periods lie between six edges
 NOW, QUEUE = EDGES, EDGES + 1  # rows of a pool: six newest edges, the present tick, the queue

@@ -16,7 +16,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from trocar.procs.boards.controllers.edges import (
     BEHIND,
@@ -27,18 +26,15 @@ from trocar.procs.boards.controllers.edges import (
     NOW,
     QUEUE,
     RUNNING,
-    Ints,
     flag_table,
     push_table,
     state_table,
 )
+from trocar.procs.boards.controllers.lines import Floats, Ints, Quads
 from trocar.procs.document.system import Quirks
 from trocar.procs.fpga import registers as reg
 from trocar.procs.native import library
 from trocar.procs.native.boards_fields import ENCODERS
-
-Floats = npt.NDArray[np.float64]
-Quads = npt.NDArray[np.uint32]
 
 TICKS_MAX = reg.VELOCITY_TICKS_MASK
 PINS_SHOWN = 4  # axes whose lines are in the digital input register

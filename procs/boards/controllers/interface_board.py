@@ -10,9 +10,7 @@ from __future__ import annotations
 
 from typing import Final
 
-import numpy as np
-import numpy.typing as npt
-
+from trocar.procs.boards.controllers.lines import Quads
 from trocar.procs.boards.controllers.quadrature import Quadrature
 from trocar.procs.boards.devices.outputs import MAX_CHANGES, BoardOutputs
 from trocar.procs.boards.devices.waveform import NEVER
@@ -23,8 +21,6 @@ from trocar.procs.fpga import registers as reg
 CHANNELS: Final = 16
 FEW_CHANGES: Final = 128  # followed between two looks at outputs that switch for ever, which no host has them do
 _FAITHFUL: Final = Quirks()
-
-Quads = npt.NDArray[np.uint32]
 
 
 class EmulatedInterfaceBoard:

@@ -9,6 +9,11 @@ import numpy.typing as npt
 
 from trocar.procs.fpga import registers as reg
 
+Floats = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+Ints = npt.NDArray[np.int64]
+Quads = npt.NDArray[np.uint32]
+
 INPUTS_OPEN = 0x0FFF  # home and limit inputs are pulled up
 
 
@@ -16,10 +21,10 @@ INPUTS_OPEN = 0x0FFF  # home and limit inputs are pulled up
 class Lines:
     """Boards write `dac` and `on`, the world writes `adc` and `inputs`; (boards, width) and (boards,)."""
 
-    dac: npt.NDArray[np.uint32]  # commanded motor current, offset binary
-    on: npt.NDArray[np.bool_]  # amplifier output stage is on
-    adc: npt.NDArray[np.uint32]  # potentiometer << 16 | measured motor current
-    inputs: npt.NDArray[np.uint32]  # negative limits 11:8, positive limits 7:4, home 3:0
+    dac: Quads  # commanded motor current, offset binary
+    on: Flags  # amplifier output stage is on
+    adc: Quads  # potentiometer << 16 | measured motor current
+    inputs: Quads  # negative limits 11:8, positive limits 7:4, home 3:0
 
     @classmethod
     def of(cls, boards: int, width: int = reg.AXES) -> Lines:

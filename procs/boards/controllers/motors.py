@@ -10,16 +10,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
-from trocar.procs.boards.controllers.lines import Lines
+from trocar.procs.boards.controllers.lines import Flags, Lines, Quads
 from trocar.procs.boards.controllers.models import Model
 from trocar.procs.boards.controllers.power import BoardPower
-from trocar.procs.boards.controllers.traits import Flags
 from trocar.procs.fpga import registers as reg
-
-Quads = npt.NDArray[np.uint32]
-Floats = npt.NDArray[np.float64]
 
 WINDING_OHMS = 5.0  # small servo motors have 2 to 8
 QLA_VOLTS, QLA_VOLTS_LEAST = 91.0, -45.5  # full scale of a voltage command

@@ -10,16 +10,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from trocar.procs.boards.controllers.currents import Currents
 from trocar.procs.boards.controllers.digital import BRIDGES, Digital
+from trocar.procs.boards.controllers.lines import Flags, Ints, Quads
 from trocar.procs.boards.controllers.models import Model
 from trocar.procs.boards.controllers.status import StatusWords
-from trocar.procs.boards.controllers.traits import Flags, Quads, Traits
+from trocar.procs.boards.controllers.traits import Traits
 from trocar.procs.fpga import registers as reg
-
-Ints = npt.NDArray[np.int64]
 
 NEVER = 1 << 62
 MILLISECOND = reg.CLOCK_HZ // 1000

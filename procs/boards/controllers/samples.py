@@ -12,11 +12,11 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from trocar.procs.boards.controllers.lines import Quads
 from trocar.procs.boards.controllers.models import BLOCK, HEAD, Model
 from trocar.procs.fpga import blocks
 from trocar.procs.fpga.blocks import KINDS, SCALARS
 
-Quads = npt.NDArray[np.uint32]
 TEMPERATURES = 0x3C3E  # 30 and 31 °C
 
 

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from trocar.procs.boards.controllers.traits import Flags, Traits
+from trocar.procs.boards.controllers.lines import Flags, Ints
+from trocar.procs.boards.controllers.traits import Traits
 from trocar.procs.fpga import registers as reg
 
 if TYPE_CHECKING:
     from trocar.procs.boards.controllers.power import BoardPower
 
-Ints = npt.NDArray[np.int64]
 
 _BOTH = 3  # the same for both QLAs of a DQLA
 

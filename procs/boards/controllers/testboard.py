@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from trocar.procs.boards.controllers.lines import Quads
 from trocar.procs.boards.controllers.quadrature import Quadrature
 from trocar.procs.boards.devices.outputs import MAX_CHANGES, BoardOutputs
 from trocar.procs.document.system import Quirks
@@ -21,8 +22,6 @@ _POTS: Final = np.uint32(0x8000 << 16)  # the analog inputs are at 2.25 V of 4.5
 _EVERY_AXIS: Final = (1 << reg.AXES) - 1
 _ALL_SWITCHES: Final = 0xFFF  # negative limits, positive limits, home
 _FAITHFUL: Final = Quirks()
-
-Quads = npt.NDArray[np.uint32]
 
 
 class Loopback:

@@ -8,11 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from trocar.procs.boards.controllers.lines import Flags, Quads
 from trocar.procs.boards.controllers.models import Model
 from trocar.procs.fpga import registers as reg
-
-Flags = npt.NDArray[np.bool_]
-Quads = npt.NDArray[np.uint32]
 
 _VALID, _AMP_MASK, _MODE = reg.DAC_VALID >> 24, reg.DAC_AMP_MASK >> 24, 0x0F  # in the top byte of a command word
 

@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.procs.boards.robots.mechanics import LinkAxis, Mechanism
-from trocar.procs.kinematics.poses import pose_from_matrix
+from trocar.procs.kinematics.poses import Array, pose_from_matrix
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
 GRAVITY = 9.81  # m/s²

@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from trocar.procs.kinematics.poses import Array
 
 
 @dataclass(frozen=True, slots=True)

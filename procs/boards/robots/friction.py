@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from trocar.procs.kinematics.poses import Array
 
 STIFFNESS = 0.25  # of armature / period²; up to 1 is stable, below there is room for the host's own gains
 DAMPING = 0.5  # of armature / period

@@ -10,12 +10,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from trocar.procs.boards.robots.plant import Plant
 from trocar.procs.kinematics import poses
+from trocar.procs.kinematics.poses import Array
 
-Floats = npt.NDArray[np.float64]
 MOST = (5000.0, 10.0, 200.0, 1.0, 100.0, 5.0)  # of each field of a grip: far from shaking at steps of 1 ms
 
 
@@ -50,9 +49,9 @@ class Hands:
     def __init__(self, plant: Plant, robots: tuple[str, ...]) -> None:
         """No hand anywhere; `robots` have a tip to hold."""
         self._plant, self._robots = plant, robots
-        self._targets: dict[str, tuple[Floats, Grip]] = {}
+        self._targets: dict[str, tuple[Array, Grip]] = {}
 
-    def hold(self, robot: str, pose: Floats, grip: Grip | None = None) -> None:
+    def hold(self, robot: str, pose: Array, grip: Grip | None = None) -> None:
         """Pull the tip of a robot to a pose (7,) in its base frame; a grip that is not given stays as it was.
 
         PoseError, a ValueError, when it is no pose; KeyError names the robots that have a tip.
@@ -81,7 +80,7 @@ class Hands:
             raise KeyError(f"{robot or 'no name'}: no arm to hold; there are {', '.join(self._robots) or 'none'}")
 
 
-def wrench(target: Floats, grip: Grip, tip: Floats, twist: Floats) -> Floats:
+def wrench(target: Array, grip: Grip, tip: Array, twist: Array) -> Array:
     """Force and torque (6,) of a hand on a tip, all in the base frame."""
     result = np.empty(6)
     force = grip.stiffness * (target[:3, 3] - tip[:3, 3]) - grip.damping * twist[:3]
@@ -92,6 +91,6 @@ def wrench(target: Floats, grip: Grip, tip: Floats, twist: Floats) -> Floats:
     return result
 
 
-def _limited(vector: Floats, most: float) -> Floats:
+def _limited(vector: Array, most: float) -> Array:
     length = math.sqrt(float(vector @ vector))
     return vector * (most / length) if length > most else vector

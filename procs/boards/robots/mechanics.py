@@ -18,16 +18,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.procs.boards.robots.friction import SHARE
 from trocar.procs.document.system import Actuator, ArmConfig, Chain, DhLink, ModelVariation, Robot, Tool
 from trocar.procs.kinematics.endoscopes import endoscope
 from trocar.procs.kinematics.forward import split_row
-from trocar.procs.kinematics.poses import renormalised
+from trocar.procs.kinematics.poses import Array, renormalised
 from trocar.procs.tables.arm_types import ARM_TYPES, ArmInertia, JointInertia
-
-Array = NDArray[np.float64]
 
 DISC = JointInertia(4.0e-4, 0.004, 0.004)  # of a PSM without instrument
 WRIST_FRICTION = (  # viscous, Coulomb of roll, wrist pitch, wrist yaw, jaw: at the joints, behind the coupling

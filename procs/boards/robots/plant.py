@@ -31,10 +31,9 @@ from trocar.procs.boards.robots.mechanics import (
 from trocar.procs.boards.robots.weight import weights_of
 from trocar.procs.document.system import Chain, EmulationConfig, ModelVariation, Robot, SystemConfig, Tool
 from trocar.procs.kinematics.coupling import Coupling, coupling
+from trocar.procs.kinematics.poses import Array
 from trocar.procs.native import library
 from trocar.procs.native.boards_fields import PLANT
-
-Array = NDArray[np.float64]
 
 HEAVY, PUSHED = 1, 2  # what `apply` does beside friction
 SCATTER = 0.02  # rad or, times 0.2, m: how far the seed may move an arm from its usual place at switch-on

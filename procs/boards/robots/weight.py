@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from trocar.procs.document.system import ArmConfig
 from trocar.procs.kinematics.master_gravity import MasterGravity
-
-Array = NDArray[np.float64]
+from trocar.procs.kinematics.poses import Array
 
 RENEWED_S: Final = 0.01  # as often as it is worked out: it changes as slowly as the arm moves
 

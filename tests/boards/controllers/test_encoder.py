@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from trocar.procs.boards.controllers.encoder import Encoders, Floats
+from trocar.procs.boards.controllers.encoder import Encoders
+from trocar.procs.boards.controllers.lines import Floats
 from trocar.procs.fpga import registers as reg
 
 STEP = 49152  # ticks of a millisecond

@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.examples import examples
-from trocar.procs.boards.controllers.encoder import Encoders, Floats
+from trocar.procs.boards.controllers.encoder import Encoders
+from trocar.procs.boards.controllers.lines import Floats
 from trocar.procs.document.system import Quirks
 from trocar.procs.fpga import registers as reg
 
