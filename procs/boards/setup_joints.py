@@ -32,7 +32,7 @@ _SECONDARY, _SPARE, _BRAKE, _LAST = JOINTS, 12, 14, 15  # channels
 
 
 class SetupJointsPlant:
-    """The arms of one patient cart."""
+    """The arms of one patient cart, by their names; `released` (plugs,): brakes of this plug's arm let it go."""
 
     def __init__(self, described: Described, board: EmulatedInterfaceBoard, slots: npt.NDArray[np.intp],
                  status: npt.NDArray[np.uint32]) -> None:
@@ -42,54 +42,35 @@ class SetupJointsPlant:
         """
         self.slots = slots
         self._board, self._status = board, status
-        self._arms = {arm.name: arm for arm in described.arms}
+        self.arms = {arm.name: arm for arm in described.arms}
         self._voltages = np.zeros((PLUGS, CHANNELS))
         self._voltages[PLUGS - 1, _SPARE : _LAST] = LIFT_BIAS_V
-        self._positions = {arm.name: tuple(_middle(arm)) for arm in described.arms}
-        for name, arm in self._arms.items():
-            self._settle(name, arm.position or self._positions[name])
+        self.positions = {arm.name: tuple(_middle(arm)) for arm in described.arms}  # of six joints, m and rad
+        for name, arm in self.arms.items():
+            self.settle(name, arm.position or self.positions[name])
         release = np.zeros(PLUGS)
         for arm in described.arms:
             release[arm.plug - 1] = abs(arm.release_current)
         self._lets_go = np.where(release > 0.0, BRAKE_LETS_GO * release, np.inf)
         self._holds_off = np.where(release > 0.0, BRAKE_HOLDS_OFF * release, np.inf)
-        self._released = np.zeros(PLUGS, dtype=np.bool_)
+        self.released = np.zeros(PLUGS, dtype=np.bool_)
         self._lifted = [arm for arm in described.arms if arm.lifts]
         self._driven = board.driven
 
-    @property
-    def arms(self) -> tuple[str, ...]:
-        """Their names."""
-        return tuple(self._arms)
-
-    def positions(self, arm: str) -> tuple[float, ...]:
-        """Where an arm's six joints are, m and rad."""
-        return self._positions[self._arm(arm).name]
-
-    def is_released(self, arm: str) -> bool:
-        """Whether the brakes of an arm let it go."""
-        return bool(self._released[self._arm(arm).plug - 1])
-
-    def place(self, arm: str, positions: Sequence[float], *, by_force: bool = False) -> None:
-        """Move an arm's six joints somewhere, m and rad.
-
-        ValueError while its brakes hold, unless `by_force`.
-        """
-        found = self._arm(arm)
+    def place(self, arm: str, positions: Sequence[float]) -> None:
+        """Move an arm's six joints somewhere, m and rad. ValueError while its brakes hold."""
+        if arm not in self.arms:
+            raise KeyError(f"{arm or 'no name'}: no such setup arm; there are {', '.join(self.arms)}")
         if len(positions) != JOINTS or not all(math.isfinite(value) for value in positions):
             raise ValueError(f"{arm}: {len(positions)} positions; allowed: {JOINTS} finite numbers")
-        if not by_force and not self._released[found.plug - 1]:
+        if not self.released[self.arms[arm].plug - 1]:
             raise ValueError(f"{arm}: its brakes hold; a current has to let them go")
-        self._settle(arm, positions)
+        self.settle(arm, positions)
 
-    def _arm(self, name: str) -> EmulatedSetupArm:
-        if name not in self._arms:
-            raise KeyError(f"{name or 'no name'}: no such setup arm; there are {', '.join(self._arms)}")
-        return self._arms[name]
-
-    def _settle(self, name: str, positions: Sequence[float]) -> None:
-        arm = self._arms[name]
-        self._positions[name] = tuple(map(float, positions))
+    def settle(self, name: str, positions: Sequence[float]) -> None:
+        """The six joints of an arm are here, whatever holds them."""
+        arm = self.arms[name]
+        self.positions[name] = tuple(map(float, positions))
         row = self._voltages[arm.plug - 1]
         for first, pots in ((0, arm.primary), (_SECONDARY, arm.secondary)):
             row[first : first + JOINTS] = [(position - offset) / scale if scale else 0.0
@@ -101,7 +82,7 @@ class SetupJointsPlant:
         """Voltages at the analog inputs of plugs 1 to 4 from now on, while these currents flow in these amplifiers."""
         current, on = flowing[self.slots], on[self.slots]
         size = np.abs(current)
-        self._released = size >= np.where(self._released, self._holds_off, self._lets_go)
+        self.released = size >= np.where(self.released, self._holds_off, self._lets_go)
         self._show_brakes(np.where(on, (SUPPLY_V + BRAKE_OHM * current) / (2.0 * BRAKE_DIVIDER), 0.0))
         driven, self._driven = self._board.driven - self._driven, self._board.driven
         if driven and self._status[0] & reg.STATUS_MV_GOOD:
@@ -115,9 +96,9 @@ class SetupJointsPlant:
 
     def _lift(self, way: float) -> None:
         for arm in self._lifted:
-            first, *others = self._positions[arm.name]
+            first, *others = self.positions[arm.name]
             lower, upper = _reach(arm, 0)
-            self._settle(arm.name, (min(max(first + way, lower), upper), *others))
+            self.settle(arm.name, (min(max(first + way, lower), upper), *others))
 
 
 def _reach(arm: EmulatedSetupArm, joint: int) -> tuple[float, float]:

@@ -28,23 +28,27 @@ def host(plain: SystemConfig) -> CartHost:
     return made
 
 
+def is_released(host: CartHost, arm: str) -> bool:
+    return bool(host.joints.released[host.joints.arms[arm].plug - 1])
+
+
 # -- brakes ------------------------------------------------------------------------------------------------------------
 
 
 def test_brakes_hold_an_arm_until_their_current_lets_it_go(host: CartHost) -> None:
     host.power_on()
-    before = host.joints.positions("ECM")
+    before = host.joints.positions["ECM"]
     with pytest.raises(ValueError, match="ECM: its brakes hold"):
         host.joints.place("ECM", PLACES["ECM"])
-    assert host.joints.positions("ECM") == before
+    assert host.joints.positions["ECM"] == before
     host.current(1, 1.1)
-    assert not host.joints.is_released("ECM"), "not enough"
+    assert not is_released(host, "ECM"), "not enough"
     host.current(1, 1.5)
     host.joints.place("ECM", PLACES["ECM"])
-    assert host.joints.positions("ECM") == PLACES["ECM"]
-    assert [host.joints.is_released(arm) for arm in host.joints.arms] == [True, False, False, False]
+    assert host.joints.positions["ECM"] == PLACES["ECM"]
+    assert [is_released(host, arm) for arm in host.joints.arms] == [True, False, False, False]
     host.current(1, 0.9)
-    assert host.joints.is_released("ECM"), "less keeps it released"
+    assert is_released(host, "ECM"), "less keeps it released"
     host.current(1, 0.0)
     with pytest.raises(ValueError, match="brakes hold"):
         host.joints.place("ECM", PLACES["ECM"])
@@ -53,10 +57,10 @@ def test_brakes_hold_an_arm_until_their_current_lets_it_go(host: CartHost) -> No
 def test_brakes_hold_when_power_goes(host: CartHost) -> None:
     host.power_on()
     host.current(3, 2.2)
-    assert host.joints.is_released("PSM2")
+    assert is_released(host, "PSM2")
     host.write(reg.STATUS, reg.CONTROL_POWER_OFF)
     host.wait(3)
-    assert not host.joints.is_released("PSM2")
+    assert not is_released(host, "PSM2")
 
 
 def test_the_ramp_of_the_original_releases_and_holds(host: CartHost) -> None:
@@ -67,7 +71,7 @@ def test_the_ramp_of_the_original_releases_and_holds(host: CartHost) -> None:
             amps = min(amps + 0.04, target) if target else max(amps - 0.04, target)  # 8 A/s, every 5 ms
             host.current(2, amps)
             host.wait(2)
-            when.append((amps, host.joints.is_released("PSM1")))
+            when.append((amps, is_released(host, "PSM1")))
     released = [amps for amps, free in when if free]
     assert released[0] == pytest.approx(0.8 * 2.2, abs=0.05) and released[-1] == pytest.approx(0.5 * 2.2, abs=0.05)
 
@@ -77,7 +81,7 @@ def test_the_sign_of_a_brake_current_does_not_matter(plain: SystemConfig) -> Non
     host = CartHost(with_arms(plain, *arms))
     host.power_on()
     host.current(2, -2.2)
-    assert host.joints.is_released("PSM1") and not host.joints.is_released("PSM2")
+    assert is_released(host, "PSM1") and not is_released(host, "PSM2")
 
 
 def test_brakes_without_a_release_current_always_hold(plain: SystemConfig) -> None:
@@ -87,7 +91,7 @@ def test_brakes_without_a_release_current_always_hold(plain: SystemConfig) -> No
     host.power_on()
     for amps in (0.0, 2.2):
         host.current(2, amps)
-        assert not host.joints.is_released("PSM1")
+        assert not is_released(host, "PSM1")
 
 
 def test_an_order_moves_a_set_up_arm_that_is_let_go(host: CartHost) -> None:
@@ -98,7 +102,7 @@ def test_an_order_moves_a_set_up_arm_that_is_let_go(host: CartHost) -> None:
     host.power_on()
     host.current(3, 2.2)
     board_faults.place("SUJ/PSM2", there)
-    assert host.joints.positions("PSM2") == PLACES["PSM2"]
+    assert host.joints.positions["PSM2"] == PLACES["PSM2"]
     with pytest.raises(KeyError, match="ECM, PSM1, PSM2, PSM3"):
         board_faults.place("SUJ/PSM4", there)
 
@@ -112,11 +116,11 @@ def test_an_order_moves_a_set_up_arm_that_is_let_go(host: CartHost) -> None:
 def test_wrong_places_are_refused(host: CartHost, arm: str, positions: tuple[float, ...], error: type[Exception],
                                   says: str) -> None:
     with pytest.raises(error, match=says):
-        host.joints.place(arm, positions, by_force=True)
+        host.joints.place(arm, positions)
 
 
 def test_positions_beyond_a_potentiometer_end_at_its_rails(host: CartHost) -> None:
-    host.joints.place("PSM1", (5.0, -9.0, 0.0, 0.0, 0.0, 0.0), by_force=True)
+    host.joints.settle("PSM1", (5.0, -9.0, 0.0, 0.0, 0.0, 0.0))
     host.sweep()
     assert host.volts[1, 0] == pytest.approx(4.5, abs=1e-3) and host.volts[1, 1] == 0.0
 
@@ -132,19 +136,19 @@ def lift(host: CartHost) -> Callable[[], float]:
     host.look()
     host.set(DISABLE, False)
     host.wait(2)
-    return lambda: host.joints.positions("PSM3")[0]
+    return lambda: host.joints.positions["PSM3"][0]
 
 
 @pytest.mark.parametrize(("velocity", "sign"), [(1.0, 1), (-1.0, -1), (0.3, 0.3), (0.0, 0)])
 def test_the_lift_follows_the_duty_of_its_pwm(
         host: CartHost, lift: Callable[[], float], velocity: float, sign: float) -> None:
-    others = {arm: host.joints.positions(arm) for arm in ("ECM", "PSM1", "PSM2")}
-    before, rest = lift(), host.joints.positions("PSM3")[1:]
+    others = {arm: host.joints.positions[arm] for arm in ("ECM", "PSM1", "PSM2")}
+    before, rest = lift(), host.joints.positions["PSM3"][1:]
     host.pwm(0.5 + 0.1 * velocity)
     host.wait(2000)
     assert lift() - before == pytest.approx(sign * 2.0 * 0.2 * LIFT_M_S, rel=0.02, abs=1e-9)
-    assert host.joints.positions("PSM3")[1:] == rest
-    assert others == {arm: host.joints.positions(arm) for arm in others}
+    assert host.joints.positions["PSM3"][1:] == rest
+    assert others == {arm: host.joints.positions[arm] for arm in others}
 
 
 def test_the_lift_rests_when_disabled_or_without_supply(host: CartHost, lift: Callable[[], float]) -> None:
@@ -169,10 +173,10 @@ def test_the_lift_rests_when_disabled_or_without_supply(host: CartHost, lift: Ca
 
 def test_outputs_as_after_power_up_leave_the_lift_alone(host: CartHost) -> None:
     host.power_on()
-    before = host.joints.positions("PSM3")
+    before = host.joints.positions["PSM3"]
     host.pwm(0.6)
     host.wait(500)
-    assert host.joints.positions("PSM3") == before
+    assert host.joints.positions["PSM3"] == before
 
 
 @pytest.mark.parametrize(("duty", "volts"), [(0.95, 4.5), (0.05, 0.0)])

@@ -58,13 +58,13 @@ def test_a_host_that_steps_through_all_channels_finds_the_joints(firmware: int, 
     host = CartHost(system := cart(Controller(12, firmware=firmware, fpga=fpga)))
     host.reset()
     for arm, place in PLACES.items():
-        host.joints.place(arm, place, by_force=True)
+        host.joints.settle(arm, place)
     host.sweep()
     for secondary in (False, True):
         for arm, found in host.joints_of(described(system), secondary).items():
             assert found == pytest.approx(PLACES[arm], abs=0.6 * 1.42 * V_PER_BIT), arm
     for arm, place in PLACES.items():  # and they are looked at again the next time round
-        host.joints.place(arm, [0.9 * value for value in place], by_force=True)
+        host.joints.settle(arm, [0.9 * value for value in place])
     host.sweep()
     assert host.joints_of(described(system), True)["PSM2"][4] == pytest.approx(0.9 * -0.4, abs=1e-4)
 
@@ -72,7 +72,7 @@ def test_a_host_that_steps_through_all_channels_finds_the_joints(firmware: int, 
 def test_noise_of_the_potentiometers_averages_out() -> None:
     host = CartHost(system := cart(noise=0.002), settle_ms=2, samples=60)
     host.reset()
-    host.joints.place("PSM1", PLACES["PSM1"], by_force=True)
+    host.joints.settle("PSM1", PLACES["PSM1"])
     host.sweep()
     found = np.array(host.joints_of(described(system), False)["PSM1"]) - PLACES["PSM1"]
     assert 1e-4 < np.abs(found).max() < 5 * 0.002 * 1.4 / np.sqrt(60)
@@ -93,7 +93,7 @@ def test_arms_start_where_all_potentiometers_see_them(plain: SystemConfig, host:
     both = [host.joints_of(described(plain), secondary) for secondary in (False, True)]
     for arm in host.joints.arms:
         assert both[0][arm] == pytest.approx(both[1][arm], abs=2e-4)
-        assert list(host.joints.positions(arm)) == pytest.approx(both[0][arm], abs=2e-4)
+        assert list(host.joints.positions[arm]) == pytest.approx(both[0][arm], abs=2e-4)
     assert (host.volts[1:, : 2 * JOINTS] > 0.5).all() and (host.volts[1:, : 2 * JOINTS] < 4.0).all()
 
 
@@ -101,7 +101,7 @@ def test_a_start_position_of_the_file_is_taken(plain: SystemConfig) -> None:
     joints = described(plain)
     arms = (dataclasses.replace(joints.arms[0], position=PLACES["ECM"]), *joints.arms[1:])
     world = Emulation(with_arms(plain, *arms), Rails(4), START)
-    assert world.setup_joints["SUJ"].positions("ECM") == PLACES["ECM"]
+    assert world.setup_joints["SUJ"].positions["ECM"] == PLACES["ECM"]
 
 
 def test_pulses_turn_back_by_themselves_and_count_once(host: CartHost) -> None:
@@ -338,5 +338,5 @@ def test_joints_without_potentiometers_show_nothing() -> None:
     arm = EmulatedSetupArm("X", 2, ((0.0, 0.0),) * 6, ((0.0, 0.0),) * 6)
     board = EmulatedInterfaceBoard(PINS, BoardOutputs())
     joints = SetupJointsPlant(dataclasses.replace(PINS, arms=(arm,)), board, np.arange(4), np.zeros(1, dtype=np.uint32))
-    joints.place("X", (1.0,) * 6, by_force=True)
+    joints.settle("X", (1.0,) * 6)
     assert joints.step(np.zeros(4), np.zeros(4, dtype=np.bool_)).tolist() == [0.0] * 4

@@ -22,7 +22,7 @@ def cart() -> Cart:
 
 def placed(made: Cart) -> Cart:
     for name, place in PLACES.items():
-        made.plant.place(name, place, by_force=True)
+        made.plant.settle(name, place)
     return made
 
 
@@ -40,7 +40,7 @@ def miss(cart: Cart, name: str, place: tuple[float, ...]) -> float:
 
 
 def released(cart: Cart) -> list[bool]:
-    return [cart.plant.is_released(name) for name in PLACES]
+    return [bool(cart.plant.released[cart.plant.arms[name].plug - 1]) for name in PLACES]
 
 
 @pytest.mark.slow
@@ -155,10 +155,10 @@ def test_potentiometers_that_disagree_make_an_arm_unknown(known: Cart) -> None:
 @pytest.mark.slow
 def test_an_arm_that_moves_with_its_brakes_on_is_noticed(known: Cart) -> None:
     before = known.joints._setups.local[0].copy()
-    known.plant.place("ECM", (0.41, -0.295, 0.2, 3.3, 0.0, 0.0), by_force=True)
+    known.plant.settle("ECM", (0.41, -0.295, 0.2, 3.3, 0.0, 0.0))
     known.run(2.1 * ROUND_S)
     assert np.array_equal(known.joints._setups.local[0], before), "noise does not move what an arm stands on"
-    known.plant.place("ECM", (0.41, -0.2, 0.2, 3.3, 0.0, 0.0), by_force=True)
+    known.plant.settle("ECM", (0.41, -0.2, 0.2, 3.3, 0.0, 0.0))
     known.run(2.1 * ROUND_S)
     assert not np.array_equal(known.joints._setups.local[0], before) and known.valid() == [True] * 4
     assert any("although nobody clutched it" in text for text in known.reports.of("warning"))
@@ -195,7 +195,7 @@ def test_a_silent_io_makes_all_unknown(known: Cart) -> None:
 
 
 def height(cart: Cart) -> float:
-    return float(cart.plant.positions("PSM3")[0])
+    return float(cart.plant.positions["PSM3"][0])
 
 
 @pytest.mark.slow

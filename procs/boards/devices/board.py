@@ -49,21 +49,16 @@ class Board:
         self.dallas.power_up()
         self._begin(self._time(tick))
 
-    @property
-    def outputs(self) -> int:
-        """Levels of the digital outputs at the last access, register polarity: 1 is a low pin."""
-        return self.digital.levels(self._now)
-
-    def read(self, address: int, tick: int | None = None) -> int:
-        """Value of a register; 0 for what is not there. Without a tick: a second after the last access."""
+    def read(self, address: int, tick: int) -> int:
+        """Value of a register; 0 for what is not there."""
         return self._quads(address, 1, self._time(tick))[0]
 
-    def read_block(self, address: int, size: int, tick: int | None = None) -> bytes:
+    def read_block(self, address: int, size: int, tick: int) -> bytes:
         """`size` bytes of a buffer or of registers in a row."""
         count = size // 4
         return struct.pack(f">{count}I", *self._quads(address, count, self._time(tick)))
 
-    def write(self, address: int, value: int, tick: int | None = None, relayed: bool = True) -> None:
+    def write(self, address: int, value: int, tick: int, relayed: bool = True) -> None:
         """Write a register; nothing happens for what is not there or read-only. `relayed`: it came over FireWire."""
         now, region, offset = self._time(tick), address >> _REGION_SHIFT, address & _OFFSET_MASK
         if region == _TABLE:
@@ -81,7 +76,7 @@ class Board:
         else:
             self.network.write(address, value, now, relayed)
 
-    def write_block(self, address: int, data: bytes, tick: int | None = None) -> None:
+    def write_block(self, address: int, data: bytes, tick: int) -> None:
         """Fill a buffer; what lies outside is ignored."""
         now, region, offset = self._time(tick), address >> _REGION_SHIFT, address & _OFFSET_MASK
         quads = list(struct.unpack_from(f">{len(data) // 4}I", data))
@@ -94,8 +89,9 @@ class Board:
         elif region == _QLA_PROM:
             self._write_qla_prom(offset, quads, now)
 
-    def _time(self, tick: int | None) -> int:
-        self._now = self._now + reg.CLOCK_HZ if tick is None else max(self._now, tick)
+    def _time(self, tick: int) -> int:
+        """Time does not go back."""
+        self._now = max(self._now, tick)
         return self._now
 
     def _quads(self, address: int, count: int, now: int) -> list[int]:

@@ -59,8 +59,6 @@ class Network:
         if fpga not in (2, 3):
             raise ValueError(f"FPGA V{fpga}; allowed: 2 and 3")
         self.errors = 0  # bits of the status register, set by whoever sees the datagrams
-        self.received = self.sent = 0  # datagrams, for the statistics
-        self.others = 0  # ids of the boards beyond this one, for the statistics
         self.ip = IP_UNASSIGNED
         self.phy = FirewirePhy(node)
         self._v3, self._rev_9 = fpga == 3, firmware >= 9
@@ -160,12 +158,9 @@ class Network:
         return 0
 
     def _switch(self, tick: int) -> list[int]:
-        """Statistics of the Ethernet switch: ports Eth1, Eth2, processor, real-time."""
-        received, sent = self.received & 0xFFFF, self.sent & 0xFFFF
+        """Statistics of the Ethernet switch: ports Eth1, Eth2, processor, real-time. No datagrams are counted."""
         quads = [0] * 32
         quads[0] = SWITCH_NAME
-        quads[5] = (self.others & 0xFFFF) << (16 if self._v3 else 0)
-        quads[8], quads[9], quads[10], quads[11] = received, sent << 16, sent, received << 16
         if not self._v3:
             quads[1] = 0x9000_0008 | self.linked(tick)
             return quads
@@ -175,5 +170,4 @@ class Network:
         quads[6] = MULTICAST_IP
         quads[7] = 0xF0 | active
         quads[17] = 0xFFFF  # all buffers empty
-        quads[20], quads[23] = (received & 0xFF) << 24, sent & 0xFF
         return quads
