@@ -354,7 +354,7 @@ class Emulation:
         """
         for bus in self.buses:
             if is_over or self._is_over or bus.firmware.motors.checks_always:
-                bus.check_currents(tick)
+                bus.firmware.motors.check_currents(tick)
         self._is_over = is_over
 
     def move(self) -> int:

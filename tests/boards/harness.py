@@ -53,7 +53,7 @@ class Desk:
 
     def real_time(self, node: int = 0) -> list[int]:
         """Quadlets of the real-time block of a board."""
-        size = 4 * self.bus.firmware.models[0].read_quads
+        size = 4 * self.bus.firmware.models[0].layout.read_quads
         reply = wire.decode_response(
             self.bus.answer(wire.block_read(node, 0, size, 1, self.bus.generation), self.tick) or b"")
         assert isinstance(reply, wire.WireResponse)
@@ -81,5 +81,5 @@ class Desk:
         """Physics steps with currents as they are."""
         for _ in range(ms):
             self.bus.step(self.tick)
-            self.bus.check_currents(self.tick)
+            self.bus.firmware.motors.check_currents(self.tick)
             self.tick += MS

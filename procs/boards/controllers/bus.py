@@ -109,10 +109,6 @@ class EmulatedBus:
         self.firmware.step(self.now)
         self._let_return()
 
-    def check_currents(self, tick: int) -> None:
-        """Currents and commands hold from `tick` on: compare them."""
-        self.firmware.motors.check_currents(tick)
-
     def _let_return(self) -> None:
         if self._next_return <= self.now:
             for row in self._every:

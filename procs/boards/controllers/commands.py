@@ -54,14 +54,14 @@ class WriteDecoder:
         self._reached_rows: tuple[int, ...] = ()
         self._reached = np.zeros(shape, dtype=np.bool_)  # the axes of these rows
         # The write of a running host: one group for every board, in order.
-        sizes = {(model.firmware > 7, model.write_quads) for model in models}
+        sizes = {(model.firmware > 7, model.layout.write_quads) for model in models}
         self._quads = 0
         if sizes == {(True, firmware.width + 2)}:
             self._quads = firmware.count * (firmware.width + 2)
             self._shape = (firmware.count, firmware.width + 2)
             self.boards, self.width, self.columns = firmware.count, firmware.width, firmware.width + 2
             self.motors, self.lines = firmware.motors, firmware.lines
-            heads = [model.board_id << 8 | model.write_quads for model in models]
+            heads = [model.board_id << 8 | model.layout.write_quads for model in models]
             self.heads = np.array(heads, dtype=_BIG_QUAD).view(np.uint32)  # as they lie there
             self._heads = self.heads.tobytes()
             self.block = np.zeros(self._shape, dtype=np.uint32)

@@ -216,7 +216,7 @@ class Firmware:
                 concerns = word & reg.DAC_COLLECT or (collection.collecting and collection.channel == axis + 1)
                 if concerns and (written is None or written[row, axis]):
                     if not collection.collecting:
-                        collection.sampled(self.samples.sampled_at(row))
+                        collection.sampled(int(self.samples.sampled[row]))
                     collection.command(axis + 1, word, tick, int(self.lines.adc[row, axis]) & 0xFFFF)
                     self._touched(row, tick)
         self.collecting = any(board.collection.collecting for board in self.boards)

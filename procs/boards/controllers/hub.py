@@ -38,7 +38,7 @@ class HubMemory:
         self._firmware, self._over_ethernet, self.samples = firmware, over_ethernet, firmware.samples
         self.boards, self.columns = self.samples.rows.shape
         models = firmware.models
-        self.most = most = sum(model.read_quads + 1 for model in models)
+        self.most = most = sum(model.layout.read_quads + 1 for model in models)
         self.room = room = max(most, BUS_BOARDS * blocks.layout_of(7).hub_quads)
         self.reply = bytearray(HUB_AT + 4 * room + _END.size)
         self._memory = np.frombuffer(self.reply, dtype=">u4", count=room, offset=HUB_AT)
@@ -54,7 +54,7 @@ class HubMemory:
         self._whole = sum(self._bits)
         self._time_mask = min(model.layout.time_mask for model in models)
         self._timing_mask: int = 0xFFFF if all(model.firmware > 8 for model in models) else 0x3FFF
-        self._sizes = np.array([(model.read_quads + 1) << 24 if model.firmware > 7 else 0 for model in models],
+        self._sizes = np.array([model.layout.read_quads + 1 << 24 if model.firmware > 7 else 0 for model in models],
                                dtype=np.uint32)
         self.long = np.array([0xFF00_0000 if model.firmware == 7 else 0 for model in models],
                              dtype=np.uint32)
@@ -192,5 +192,5 @@ class HubMemory:
             return sum(asked[k % len(asked)] << 4 * (8 * place - 1 - k) for k in range(8 * place - 8, 8 * place))
         if place == 2 or not self.quads:
             return self.quads
-        last = self._firmware.models[self._rows[-1]].read_quads  # the block that was written last, and where
+        last = self._firmware.models[self._rows[-1]].layout.read_quads  # the block that was written last, and where
         return last << 16 | self.quads - last - 1

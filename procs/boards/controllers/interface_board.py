@@ -26,9 +26,8 @@ _FAITHFUL: Final = Quirks()
 class EmulatedInterfaceBoard:
     """On the board that owns `outputs`. `before_write` must be called before each write to them, with its tick."""
 
-    def __init__(self, described: EmulatedSetupJoints, outputs: BoardOutputs, tick: int = 0,
-                 quirks: Quirks = _FAITHFUL) -> None:
-        """As after power-up of both boards at `tick`."""
+    def __init__(self, described: EmulatedSetupJoints, outputs: BoardOutputs, quirks: Quirks = _FAITHFUL) -> None:
+        """As after power-up of both boards at tick 0."""
         self.axes = described.axes
         self._reset, self._increment = 1 << described.reset, 1 << described.increment
         self._pwm, self._disable = described.pwm, 1 << described.disable
@@ -38,8 +37,8 @@ class EmulatedInterfaceBoard:
         self.driven = 0.0  # ticks for which the lift was driven, full power up counting 1, full power down -1
         shown = sum(1 << axis for axis in self.axes if axis < reg.AXES)  # no other axis is in the digital inputs
         self._others = ~(shown << reg.INPUT_ENCODER_A_SHIFT | shown << reg.INPUT_ENCODER_B_SHIFT)
-        self._levels = outputs.levels(tick) & self._of
-        self._start(outputs, tick)
+        self._levels = outputs.levels(0) & self._of
+        self._start(outputs, 0)
 
     def _start(self, outputs: BoardOutputs, tick: int) -> None:
         self._outputs, self._at = outputs, tick

@@ -72,16 +72,6 @@ class Model:
         """Header fields of the firmware, sizes of this board's blocks."""
         return blocks.layout_of(self.firmware, self.hardware.motors, self.hardware.encoders)
 
-    @property
-    def read_quads(self) -> int:
-        """Quadlets of a real-time block."""
-        return self.layout.read_quads
-
-    @property
-    def write_quads(self) -> int:
-        """Quadlets of this board's part of a real-time write."""
-        return self.layout.write_quads
-
     def columns(self, width: int) -> npt.NDArray[np.intp]:
         """Where the quadlets of a hub block (header first) lie in a canonical row for `width` axes."""
         return np.array([HEAD, *(BLOCK + column for column in self.layout.columns(width))], dtype=np.intp)

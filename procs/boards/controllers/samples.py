@@ -39,7 +39,7 @@ class BoardSamples:
         self.velocities = block[:, SCALARS + 2 * width : SCALARS + 6 * width].reshape(n, 4, width)
         assert np.shares_memory(self.velocities, self.rows)
         self._passed = np.zeros(n, dtype=np.int64)
-        self.sampled = np.full(n, -1, dtype=np.int64)  # tick of every board's last sample
+        self.sampled = np.full(n, -1, dtype=np.int64)  # tick of every board's last sample, or that before it got power
         self._places = [row * self.rows.shape[1] + model.columns(width) for row, model in enumerate(models)]
         self._selections: dict[tuple[int, ...], npt.NDArray[np.intp]] = {}
 
@@ -57,10 +57,6 @@ class BoardSamples:
     def power_up(self, row: int, tick: int) -> None:
         """The FPGA of a board is configured anew: its time counts from here."""
         self.sampled[row] = tick - 1
-
-    def sampled_at(self, row: int) -> int:
-        """Tick of a board's last sample; without one, that before it got power."""
-        return int(self.sampled[row])
 
     def selection(self, rows: tuple[int, ...]) -> npt.NDArray[np.intp]:
         """Where the hub blocks of boards `rows` lie, one after the other; for `take`."""

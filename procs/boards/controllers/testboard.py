@@ -27,10 +27,10 @@ _FAITHFUL: Final = Quirks()
 class Loopback:
     """A test board. `until` must be called before each write to the outputs, with the tick of the write."""
 
-    def __init__(self, outputs: BoardOutputs, tick: int = 0, *, first: int = 0, quirks: Quirks = _FAITHFUL) -> None:
-        """As after power-up of the board at `tick`; `first` is 4 on the second QLA of a DQLA."""
+    def __init__(self, outputs: BoardOutputs, *, first: int = 0, quirks: Quirks = _FAITHFUL) -> None:
+        """As after power-up of the board at tick 0; `first` is 4 on the second QLA of a DQLA."""
         self._first, self._quirks = first, quirks
-        self.power_up(outputs, tick)
+        self.power_up(outputs, 0)
 
     def power_up(self, outputs: BoardOutputs, tick: int) -> None:
         """The FPGA is configured anew and has new outputs."""

@@ -57,7 +57,8 @@ class Plant:
         self._by_name = {arm.name: arm for arm in arms}
         self._links = {arm.name: chain for arm in arms if (chain := parallelogram(arm))} | dict(links or {})
         self._tools = {name: tool for name, tool in _instruments(system).items() if name in self._by_name}
-        self._slices = _slices(self._robots)
+        self.slices = _slices(self._robots)
+        """Where the actuators of each robot lie in the arrays."""
         self._like = _model_variations(system.emulation, self._robots)
         self.axes = sum(len(robot.actuators) for robot in self._robots)
         self.position = np.zeros(self.axes)
@@ -73,7 +74,7 @@ class Plant:
         self._pots_on_motors = np.ones(self.axes, dtype=np.bool_)
         self._pot_offset = np.zeros(self.axes)
         for robot in self._robots:
-            part = self._slices[robot.name]
+            part = self.slices[robot.name]
             self._pots_on_motors[part] = robot.joint_to_actuator_position is None
             self._pot_offset[part] = self._like[robot.name].pot_offset or 0.0
         self._has_pots = not self._pots_on_motors.all() or bool(self._pot_offset.any())
@@ -142,13 +143,9 @@ class Plant:
 
     # -- what a person or a test does to robots --------------------------------------------------------------------
 
-    def slice_of(self, robot: str) -> slice:
-        """Where the actuators of a robot lie in the arrays; KeyError when there is none of that name."""
-        return self._slices[robot]
-
     def push(self, robot: str, joint_efforts: Array) -> None:
         """Efforts from outside (n,) on a robot's joints, N·m or N, from the next step until changed."""
-        self._pushed[self._slices[robot]] = joint_efforts
+        self._pushed[self.slices[robot]] = joint_efforts
         self._take_push()
 
     def pull(self, robot: str, wrench: Array) -> None:
@@ -162,7 +159,7 @@ class Plant:
 
     def place(self, robot: str, actuator_position: Array) -> None:
         """Put a robot's actuators (n,) somewhere, at rest; brakes hold it there."""
-        part, joints = self._slices[robot], self._assembly.joints[robot]
+        part, joints = self.slices[robot], self._assembly.joints[robot]
         wanted = np.where(self._is_jammed[part], self.position[part], actuator_position)
         self._joint_position[joints] = self._to_joint[joints, part] @ wanted
         self._joint_velocity[joints] = 0.0
@@ -178,12 +175,12 @@ class Plant:
 
         A new plant has all brakes released.
         """
-        self._is_braked[self._slices[robot]][actuators] = engaged
+        self._is_braked[self.slices[robot]][actuators] = engaged
         self._constrain()
 
     def jam(self, robot: str, actuator: int, jammed: bool) -> None:
         """An actuator stands still whatever pulls, or turns again: stuck, or held by a brake that does not let go."""
-        self._is_jammed[self._slices[robot].start + actuator] = jammed
+        self._is_jammed[self.slices[robot].start + actuator] = jammed
         self._constrain()
 
     def tip(self, robot: str) -> Array:
@@ -227,7 +224,7 @@ class Plant:
             raise ValueError(f"the model has {len(assembly.gather)} joints for {self.axes} actuators")
         to_joint, to_actuator, to_pot = (np.zeros((self.axes, self.axes)) for _ in range(3))
         for robot in self._robots:
-            part = self._slices[robot.name]
+            part = self.slices[robot.name]
             pair = self._coupling(robot)
             to_joint[part, part] = pair.actuator_to_joint
             to_actuator[part, part] = pair.joint_to_actuator
@@ -244,7 +241,7 @@ class Plant:
         self.friction: Friction = Friction(assembly.coulomb, self.model.dof_armature, self.period_s)
         self._tips: Tips = Tips(assembly, self.data, mechanisms)
         self._play = self._drives(self._play)
-        self._weights = weights_of(self._arms, self._slices, assembly.joints,
+        self._weights = weights_of(self._arms, self.slices, assembly.joints,
                                    {robot: like.mass for robot, like in self._like.items()}, self.model.nv,
                                    self.period_s, self._supported)
         self._weight = np.zeros(self.model.nv) if self._weights is None else self._weights.effort
@@ -269,11 +266,11 @@ class Plant:
     def _drives(self, earlier: Play | None) -> Play | None:
         """Motors that are masses of their own: those of robots with play."""
         gaps = np.zeros(self.axes)
-        parts = [self._slices[robot.name] for robot in self._robots if has_play(self._like[robot.name])]
+        parts = [self.slices[robot.name] for robot in self._robots if has_play(self._like[robot.name])]
         if not parts:
             return None
         for robot in self._robots:
-            gaps[self._slices[robot.name]] = self._like[robot.name].backlash or 0.0
+            gaps[self.slices[robot.name]] = self._like[robot.name].backlash or 0.0
         places = np.concatenate([np.arange(part.start, part.stop) for part in parts])
         inertia = self.motor_inertia()
         friction = np.abs(self._to_joint).T @ self.friction.limit
@@ -288,7 +285,7 @@ class Plant:
         """What follows and what is braked, from where the joints are now."""
         blocks = []
         for robot in self._robots:
-            part, joints = self._slices[robot.name], self._assembly.joints[robot.name]
+            part, joints = self.slices[robot.name], self._assembly.joints[robot.name]
             ties = self._assembly.ties.get(robot.name, np.zeros((0, self.model.nv)))
             held = self._to_actuator[part][self._is_braked[part] | self._is_jammed[part]]
             if len(ties) + len(held):
@@ -314,7 +311,7 @@ class Plant:
         """Where arms stand at switch-on: the table's place, moved a little by the seed; loose axes in mid-range."""
         scatter = np.random.default_rng(emulation.seed).uniform(-SCATTER, SCATTER, self.axes)
         for robot in self._robots:
-            part = self._slices[robot.name]
+            part = self.slices[robot.name]
             arm = self._arms.get(robot.name)
             row = description(arm, len(robot.actuators))
             middle = row.initial if row is not None else tuple(_middle(robot))

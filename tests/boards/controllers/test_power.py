@@ -268,7 +268,7 @@ def test_relay_closes_after_its_travel_and_ignores_the_watchdog() -> None:
 def _held(bus: Bus, ms: int) -> None:
     for _ in range(ms):
         bus.bus.step(bus.tick)
-        bus.bus.check_currents(bus.tick)
+        bus.bus.firmware.motors.check_currents(bus.tick)
         bus.tick += MS
 
 

@@ -252,7 +252,7 @@ def test_without_the_quirk_the_deviation_cuts_the_amplifier_when_it_is_counted_d
     desk = _on(tardy=False)
     desk.lines.adc[0, 4] = 0x9000
     desk.bus.step(desk.tick)
-    desk.bus.check_currents(desk.tick)
+    desk.bus.firmware.motors.check_currents(desk.tick)
     empty = desk.tick + 4095 * 2048 // 3
     desk.tick = empty - 700  # a cycle of the current loop
     assert desk.on()[4] is True
@@ -270,7 +270,7 @@ def test_the_deviation_takes_4095_cycles_of_13_9_us_and_comes_back_as_slowly() -
     for ticks, code in ((4090 * cycles, 0), (4100 * cycles, 2)):
         desk = _on()
         desk.lines.adc[0, 0] = 0x9000
-        desk.bus.check_currents(desk.tick)
+        desk.bus.firmware.motors.check_currents(desk.tick)
         desk.tick += int(ticks)
         desk.dac(0, MASK)
         assert desk.motor(0) >> 16 & 0xF == code

@@ -225,7 +225,7 @@ def test_every_arm_stands_well_within_its_limits_at_switch_on(file: str, seed: i
 def test_robots_without_an_arm_are_loose_axes() -> None:
     plant = Plant(system((robot("PSM1", "RRPRRRR"), robot("gripper", "R")), (arm("PSM1", "PSM", "PSM"),)))
     assert plant.axes == 8
-    assert plant.slice_of("gripper") == slice(7, 8)
+    assert plant.slices["gripper"] == slice(7, 8)
     for _ in range(100):
         plant.step(np.full(8, 0.01))
     assert plant.velocity[7] > 0
@@ -243,7 +243,7 @@ def test_potentiometers_sit_on_the_joints_where_the_file_says_so() -> None:
 
 def test_arms_side_by_side_do_not_disturb_each_other() -> None:
     alone, together = psm(), psm(count=4)
-    part = together.slice_of("PSM3")
+    part = together.slices["PSM3"]
     together.place("PSM3", alone.position)
     effort = np.zeros(28)
     effort[part] = (0.5, -0.5, 2.0, 0.05, 0.0, 0.0, 0.05)

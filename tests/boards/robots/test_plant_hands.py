@@ -165,7 +165,7 @@ def test_a_brake_outlasts_an_instrument_change() -> None:
 
 def test_a_gripper_stays_where_a_person_puts_it() -> None:
     plant = master()
-    at = plant.slice_of("MTML_gripper")
+    at = plant.slices["MTML_gripper"]
     assert plant.position[at] == pytest.approx([GRIPPER_INITIAL], abs=0.05)
     for opening in (0.0, 1.0):
         plant.place("MTML_gripper", np.array((opening,)))

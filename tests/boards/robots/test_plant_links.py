@@ -164,8 +164,8 @@ def test_robots_with_more_and_fewer_rows_do_not_disturb_each_other() -> None:
         efforts = rng.normal(size=together.axes) * np.array((*(0.1 * PSM_EFFORT), *PSM_EFFORT, 0.0, *ECM_EFFORT))
         run(together, efforts, 4)
         for name, alone in (("PSM1", classic), ("PSM", psm_si), ("ECM", ecm_si)):
-            run(alone, efforts[together.slice_of(name)], 4)
-            np.testing.assert_allclose(together.position[together.slice_of(name)], alone.position, atol=1e-9)
+            run(alone, efforts[together.slices[name]], 4)
+            np.testing.assert_allclose(together.position[together.slices[name]], alone.position, atol=1e-9)
 
 
 def test_a_snakes_bend_has_the_friction_of_its_joint() -> None:

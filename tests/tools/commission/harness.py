@@ -44,7 +44,7 @@ class Hands(PersonSim):
             raise AssertionError(command)
 
     def _where(self, subject: Subject) -> np.ndarray:
-        return self._rig.plant.position[self._rig.plant.slice_of(subject.name)]
+        return self._rig.plant.position[self._rig.plant.slices[subject.name]]
 
 
 class RigBench:
