@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.procs.document.system import SystemConfig
-from trocar.procs.kinematics.poses import angle_between, matrix_from_pose
-from trocar.procs.rl.backend import RobotStopped
+from trocar.procs.kinematics.poses import Array, angle_between, matrix_from_pose
+from trocar.procs.rl.backend import RobotBackend, RobotStopped
 from trocar.procs.rl.link import ArmLink
 from trocar.procs.rl.model import ArmModel, StartPose
 from trocar.procs.rl.others import OtherCommands, Way
@@ -70,7 +70,7 @@ class RunningSystem:
             raise ValueError(f"reset_ratio is {self.reset_ratio:g}; allowed: {SLOWEST_RATIO:g} to {FASTEST_RATIO:g}")
 
 
-class AttachedRobot:
+class AttachedRobot(RobotBackend):
     """Arms of a running system."""
 
     def __init__(self, where: RunningSystem, kind: str, arms: Sequence[str], jaws: Sequence[float]) -> None:
@@ -164,7 +164,6 @@ class AttachedRobot:
         return self._time.now_ns()
 
     def heads_for(self, number: int, joints: Array, jaw: float) -> None:
-        """See RobotBackend."""
         self._ways[number].add(self.models[number].vector(joints, jaw), self.now_ns())
 
     def begin(self, number: int, starts: Sequence[StartPose], seed: int) -> None:
@@ -289,7 +288,6 @@ class AttachedRobot:
             self._give_up(f"this program was held up for {late_ns * 1e-9:.2f} s")
 
     def check(self) -> None:
-        """See RobotBackend."""
         if self._stopped:
             raise RobotStopped(self._stopped)
 

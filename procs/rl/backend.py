@@ -30,7 +30,7 @@ class WrongAction(ValueError):
 
 
 class RobotBackend(Protocol):
-    """The arms of one environment, in its order."""
+    """The arms of one environment, in its order. Methods with a body here do nothing where nobody else has the arms."""
 
     models: Sequence[ArmModel]
     links: Sequence[ArmLink]
@@ -47,18 +47,22 @@ class RobotBackend(Protocol):
         """An episode begins: bring all arms to their starts, number `number` of them. RobotStopped says why not.
 
         `seed`: of the noise of emulated sensors.
+        return
         """
 
     def heads_for(self, number: int, joints: Array, jaw: float) -> None:
         """An arm is going to be brought to joints (count,) and a jaw: where else its setpoint goes is not our doing."""
 
     def wait_until(self, deadline_ns: int) -> None:
+        return
         """Let the system's time come; RobotStopped where it came so late that nothing may go on."""
 
     def keeps_pace(self, period_ns: int) -> None:
+        return
         """Setpoints are sent now, the next ones a period later; RobotStopped where nothing may be sent."""
 
     def check(self) -> None:
+        return
         """RobotStopped where nothing more is asked of it; see `stop`."""
 
     def stop(self, why: str) -> None:

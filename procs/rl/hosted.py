@@ -18,7 +18,8 @@ from trocar.procs.document.arms import ArmConfig
 from trocar.procs.document.system import LOCKSTEP, SystemConfig
 from trocar.procs.host.host import Host
 from trocar.procs.host.snapshot import HostSnapshot
-from trocar.procs.rl.backend import BOARDS, RobotStopped
+from trocar.procs.kinematics.poses import Array
+from trocar.procs.rl.backend import BOARDS, RobotBackend, RobotStopped
 from trocar.procs.rl.link import ArmLink
 from trocar.procs.rl.model import ArmModel, StartPose
 from trocar.shm.commands import became
@@ -69,8 +70,11 @@ REST_S: Final = 0.25
 """After a move, until the robot stands."""
 
 
-class HostedRobot:
-    """Arms of a system that lives in this process from the first episode on. Time passes in steps only."""
+class HostedRobot(RobotBackend):
+    """Arms of a system that lives in this process from the first episode on.
+
+    Time passes in steps only and waits for us, nobody else is here, and a snapshot mends what has failed.
+    """
 
     def __init__(self, document: SystemConfig, arms: Sequence[str], jaws: Sequence[float]) -> None:
         """`jaws`: of the starts, one for each arm."""
@@ -145,18 +149,6 @@ class HostedRobot:
     def wait_until(self, deadline_ns: int) -> None:
         """See RobotBackend: here time passes at once."""
         self._open().run_until(deadline_ns)
-
-    def heads_for(self, number: int, joints: Array, jaw: float) -> None:
-        """See RobotBackend: nobody else is here."""
-
-    def keeps_pace(self, period_ns: int) -> None:
-        """See RobotBackend: time waits for us."""
-
-    def check(self) -> None:
-        """See RobotBackend: there is always more."""
-
-    def stop(self, why: str) -> None:
-        """See RobotBackend: a snapshot mends it."""
 
     def close(self) -> None:
         """See RobotBackend. In a forked child nothing is done: the host is the parent's."""
