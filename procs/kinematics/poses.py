@@ -24,15 +24,15 @@ class PoseError(ValueError):
     """What was given is no pose: wrong size, not finite, or no rotation."""
 
 
-def unit_quaternion(quaternion: Array, tolerance: float = QUATERNION_TOLERANCE) -> tuple[float, float, float, float]:
-    """The quaternion (4,) x y z w at length 1; PoseError when not finite or further than `tolerance` from length 1.
+def unit_quaternion(quaternion: Array) -> tuple[float, float, float, float]:
+    """The quaternion (4,) x y z w at length 1; PoseError when it is not finite or its length is not nearly 1.
 
     A zero quaternion is what an empty message carries; to normalise it would turn it into NaN or an arbitrary rotation.
     """
     if len(quaternion) != 4:
         raise PoseError(f"a quaternion has 4 numbers, not {len(quaternion)}")
     x, y, z, w = np.asarray(quaternion, dtype=np.float64).tolist()
-    return _unit(x, y, z, w, tolerance)
+    return _unit(x, y, z, w, QUATERNION_TOLERANCE)
 
 
 def _unit(x: float, y: float, z: float, w: float, tolerance: float) -> tuple[float, float, float, float]:
@@ -64,13 +64,9 @@ def given_pose(pose: Array) -> Array:
     return _matrix(px, py, pz, *_unit(x, y, z, w, QUATERNION_SLACK))
 
 
-def matrix_from_pose(pose: Array, out: Array | None = None) -> Array:
+def matrix_from_pose(pose: Array) -> Array:
     """The 4×4 matrix of a pose whose quaternion has length 1 (see `normalised`)."""
-    matrix = _matrix(*pose.tolist())
-    if out is None:
-        return matrix
-    out[...] = matrix
-    return out
+    return _matrix(*pose.tolist())
 
 
 def _matrix(px: float, py: float, pz: float, x: float, y: float, z: float, w: float) -> Array:
@@ -128,7 +124,7 @@ def angle_between(first: Array, second: Array) -> float:
     return 2.0 * math.atan2(math.sqrt(x * x + y * y + z * z), abs(w))
 
 
-def check_matrix(matrix: Array, tolerance: float = ROTATION_TOLERANCE) -> None:
+def check_matrix(matrix: Array) -> None:
     """PoseError unless `matrix` (4, 4) is a finite rigid transform."""
     if matrix.shape != (4, 4):
         raise PoseError(f"a transform is a 4×4 matrix, not one of shape {matrix.shape}")
@@ -137,13 +133,8 @@ def check_matrix(matrix: Array, tolerance: float = ROTATION_TOLERANCE) -> None:
     if not np.array_equal(matrix[3], (0.0, 0.0, 0.0, 1.0)):
         raise PoseError("the last row of a transform must be 0 0 0 1")
     rotation = matrix[:3, :3]
-    if not np.abs(rotation @ rotation.T - np.eye(3)).max() <= tolerance or np.linalg.det(rotation) < 0:
+    if not np.abs(rotation @ rotation.T - np.eye(3)).max() <= ROTATION_TOLERANCE or np.linalg.det(rotation) < 0:
         raise PoseError("the upper left 3×3 of a transform must be a rotation")
-
-
-def compose(first: Array, second: Array, out: Array | None = None) -> Array:
-    """first · second, both 4×4; `out` may be neither of them."""
-    return np.matmul(first, second, out=out)
 
 
 def inverse(matrix: Array) -> Array:

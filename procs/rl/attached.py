@@ -13,9 +13,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final, NoReturn
 
-import numpy as np
-from numpy.typing import NDArray
-
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.kinematics.poses import Array, angle_between, matrix_from_pose
 from trocar.procs.rl.backend import RobotBackend, RobotStopped
@@ -32,7 +29,6 @@ from trocar.tools.inspect.watch import arm_names, document_of
 from trocar.tools.output.errors import Problem
 from trocar.tools.systems.find import chosen_system
 
-Array = NDArray[np.float64]
 Pair = tuple[float, float]
 
 GAP_NS: Final = 100_000_000

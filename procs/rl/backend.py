@@ -5,13 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
+from trocar.procs.kinematics.poses import Array
 from trocar.procs.rl.link import ArmLink
 from trocar.procs.rl.model import ArmModel, StartPose
-
-Array = NDArray[np.float64]
 
 KINEMATIC, BOARDS, ATTACHED = "kinematic", "boards", "attached"
 BACKENDS: Final = (KINEMATIC, BOARDS, ATTACHED)
@@ -47,26 +43,26 @@ class RobotBackend(Protocol):
         """An episode begins: bring all arms to their starts, number `number` of them. RobotStopped says why not.
 
         `seed`: of the noise of emulated sensors.
-        return
         """
 
     def heads_for(self, number: int, joints: Array, jaw: float) -> None:
         """An arm is going to be brought to joints (count,) and a jaw: where else its setpoint goes is not our doing."""
+        return
 
     def wait_until(self, deadline_ns: int) -> None:
-        return
         """Let the system's time come; RobotStopped where it came so late that nothing may go on."""
 
     def keeps_pace(self, period_ns: int) -> None:
-        return
         """Setpoints are sent now, the next ones a period later; RobotStopped where nothing may be sent."""
+        return
 
     def check(self) -> None:
-        return
         """RobotStopped where nothing more is asked of it; see `stop`."""
+        return
 
     def stop(self, why: str) -> None:
         """The episode has failed: where a person has to look at the robot, nothing more is asked of it."""
+        return
 
     def close(self) -> None:
         """The end of it; harmless when it is closed."""

@@ -10,9 +10,8 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 from gymnasium.utils import EzPickle
-from numpy.typing import NDArray
 
-from trocar.procs.kinematics.poses import turned
+from trocar.procs.kinematics.poses import Array, turned
 from trocar.procs.rl.attached import AttachedRobot, RunningSystem
 from trocar.procs.rl.backend import ATTACHED, BACKENDS, KINEMATIC, RobotBackend, RobotStopped, WrongAction
 from trocar.procs.rl.hosted import PERIOD_S, HostedRobot, document
@@ -23,7 +22,6 @@ from trocar.procs.rl.steering import CARTESIAN, CONTROLS, Interpolator, Steering
 from trocar.shm.mailbox.client import MailboxFull
 from trocar.shm.memory.segment import SegmentError
 
-Array = NDArray[np.float64]
 Observation = dict[str, Array]
 Info = dict[str, Any]
 

@@ -11,15 +11,12 @@ from collections.abc import Mapping
 from typing import Any, ClassVar, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from trocar.procs.kinematics.poses import compose, inverse, matrix_from_pose
+from trocar.procs.kinematics.poses import Array, inverse, matrix_from_pose
 from trocar.procs.rl.backend import BOARDS, KINEMATIC
 from trocar.procs.rl.environment import RobotEnv
 from trocar.procs.rl.scene import GREEN, Drawn, ball, rod
 from trocar.procs.rl.tasks import in_ball
-
-Array = NDArray[np.float64]
 
 FIRST, SECOND = 0, 1
 OPEN_RAD, CLOSED_RAD = 0.35, 0.15
@@ -50,12 +47,12 @@ class Peg:
         self.holders, self._was_open = [arm], [jaw > OPEN_RAD for jaw in jaws]
         self._held_at = np.eye(4)
         self._held_at[:3, :3] = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
-        self.pose = compose(grips[arm], self._held_at)
+        self.pose = grips[arm] @ self._held_at
 
     def follow(self, grips: list[Array], jaws: list[float]) -> None:
         """Arms have moved: the frames (4, 4) between their jaws, and the angles of these."""
         if self.holders:
-            self.pose = compose(grips[self.holders[0]], self._held_at)
+            self.pose = grips[self.holders[0]] @ self._held_at
         first = self.holders[:1]
         for arm, (grip, jaw) in enumerate(zip(grips, jaws, strict=True)):
             if jaw > OPEN_RAD:
@@ -68,7 +65,7 @@ class Peg:
         if not self.holders:
             self.pose[2, 3] = self._table_m + PEG_M[0]
         elif self.holders[:1] != first:
-            self._held_at = compose(inverse(grips[self.holders[0]]), self.pose)
+            self._held_at = inverse(grips[self.holders[0]]) @ self.pose
 
 
 class PsmHandOver(RobotEnv):

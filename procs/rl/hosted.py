@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.procs.config import PROJECT_CONFIGS, load_system
 from trocar.procs.document.arms import ArmConfig
@@ -24,7 +23,6 @@ from trocar.procs.rl.link import ArmLink
 from trocar.procs.rl.model import ArmModel, StartPose
 from trocar.shm.commands import became
 
-Array = NDArray[np.float64]
 Values = Array | tuple[float, ...]
 
 PERIOD_S: Final = 0.002

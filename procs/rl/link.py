@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
 from trocar.procs.crtk.plain import plain
+from trocar.procs.kinematics.poses import Array
 from trocar.shm.mailbox.client import Client
 from trocar.shm.ring.ring import RingReader
-
-Array = NDArray[np.float64]
 
 ENABLED, HOMED = b"ENABLED", "HOMED"
 REFUSED = ("refused", "failed")

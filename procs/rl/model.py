@@ -7,14 +7,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.procs.arm.joints import JointSpace, joints
 from trocar.procs.document.arms import ArmConfig
-from trocar.procs.kinematics.poses import compose
+from trocar.procs.kinematics.poses import Array
 from trocar.procs.tables.arm_types import ARM_TYPES
-
-Array = NDArray[np.float64]
 
 ROOM_M: Final = 0.05
 """The goal of a tip stays so near to where the tip is at the centre: no policy leads it further."""
@@ -68,7 +65,7 @@ class ArmModel:
 
     def tip(self, at: Array) -> Array:
         """The tip at joints (count,)."""
-        return compose(self.base, self.local_tip(at))
+        return self.base @ self.local_tip(at)
 
     def local_tip(self, at: Array) -> Array:
         """The same in the arm's base."""

@@ -9,15 +9,13 @@ from collections import deque
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trocar.procs.crtk.plain import plain
+from trocar.procs.kinematics.poses import Array
 from trocar.procs.rl.model import ArmModel
 from trocar.shm.commands import COMMANDS
 from trocar.shm.mailbox.command_row import SETTING
 from trocar.shm.ring.ring import RingReader
-
-Array = NDArray[np.float64]
 
 ROWS: Final = {row.name: row for row in COMMANDS["arm"]}
 BASE: Final = "set_base_frame"

@@ -13,12 +13,10 @@ from typing import Any, ClassVar, Final
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from trocar.procs.kinematics.poses import Array
 from trocar.procs.rl.scene import BOX, GREEN, Colour, Drawn, ball, touching
 from trocar.procs.rl.tasks import PsmReach
-
-Array = NDArray[np.float64]
 
 STEP_S: Final = 0.001
 STIFF_S: Final = 0.004

@@ -7,13 +7,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from trocar.procs.kinematics.poses import rotation_from_vector
+from trocar.procs.kinematics.poses import Array, rotation_from_vector
 from trocar.procs.rl.model import ArmModel
 from trocar.procs.tables.arm_types import ARM_TYPES
 
-Array = NDArray[np.float64]
 Colour = tuple[float, float, float, float]
 
 BALL, ROD, TUBE, BOX = "ball", "rod", "tube", "box"

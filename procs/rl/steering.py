@@ -7,12 +7,9 @@ from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from trocar.procs.kinematics.poses import compose, pose_from_matrix, rotation_from_vector, rotation_vector
+from trocar.procs.kinematics.poses import Array, pose_from_matrix, rotation_from_vector, rotation_vector
 from trocar.procs.rl.model import INSERTION, ROOM_M, ArmModel
-
-Array = NDArray[np.float64]
 
 JOINT, CARTESIAN = "joint", "cartesian"
 CONTROLS: Final = (JOINT, CARTESIAN)
@@ -50,7 +47,7 @@ class Steering:
 
     def pose(self) -> Array:
         """The goal of the tip (4, 4) where poses are told."""
-        return compose(self.model.base, self.tip)
+        return self.model.base @ self.tip
 
     def take(self, action: Array) -> None:
         """Change the goal; what would leave the room around the centre is not done, but for the jaw."""

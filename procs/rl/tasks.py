@@ -7,15 +7,12 @@ from collections.abc import Mapping
 from typing import ClassVar, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from trocar.procs.kinematics.poses import matrix_from_pose
+from trocar.procs.kinematics.poses import Array, matrix_from_pose
 from trocar.procs.rl.backend import BOARDS, KINEMATIC
 from trocar.procs.rl.environment import RobotEnv
 from trocar.procs.rl.model import SPREAD
 from trocar.procs.rl.scene import GREEN, Drawn, ball, rod
-
-Array = NDArray[np.float64]
 
 NEAR_M: Final = 0.035
 """Goals are so near to where the tip is at the centre of the starts."""

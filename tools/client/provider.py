@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.procs.document.system import SystemConfig, ThirdParty
-from trocar.procs.kinematics.poses import POSE, check_matrix, compose, matrix_from_pose, normalised, pose_from_matrix
+from trocar.procs.kinematics.poses import POSE, check_matrix, matrix_from_pose, normalised, pose_from_matrix
 from trocar.procs.tables import codes
 from trocar.procs.user.process import UserNode
 from trocar.shm.commands import COMMANDS
@@ -170,7 +170,7 @@ class Provider(Closable):
         if given.shape == (POSE,):
             given = matrix_from_pose(normalised(given))
         check_matrix(given)
-        return pose_from_matrix(given if self._base is None else compose(self._base, given))
+        return pose_from_matrix(given if self._base is None else self._base @ given)
 
     def _turned(self, twist: Array) -> Array:
         return twist if self._base is None else (self._base[:3, :3] @ twist.reshape(2, 3).T).T.reshape(6)
