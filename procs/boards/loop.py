@@ -87,11 +87,9 @@ class BoardsLoop(runtime.Loop):
                          world.board_at, node.clock.wakeup)
 
     def wait(self) -> bool:
-        """See runtime.Loop."""
         return self.node.tick(self._endpoints.serve if self._endpoints is not None else None)
 
     def cycle(self, now_ns: int, wall_ns: int) -> None:
-        """See runtime.Loop."""
         world = self.world
         world.advance(now_ns)
         self.node.follow(world.board_ns, BEHIND_STEP_NS)
@@ -103,7 +101,6 @@ class BoardsLoop(runtime.Loop):
                                    "meanwhile", value=steps)
 
     def close(self) -> None:
-        """See runtime.Loop."""
         if self._endpoints is not None:
             self._endpoints.close()
 

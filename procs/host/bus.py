@@ -29,25 +29,20 @@ class DirectTransport(Transport):
         self.send, self.poll, self.recv_into = self._send, self._poll, self._receive
 
     def open(self) -> None:
-        """See Transport."""
         self._replies.clear()
 
     def close(self) -> None:
-        """See Transport."""
         self._replies.clear()
 
     def forget(self) -> bool:
-        """See Transport."""
         self._replies.clear()
         return True
 
     def ask_everybody(self) -> int:
-        """See Transport."""
         self._by_board = False
         return 0
 
     def aim(self, board: int, firmware: int, *, by_board: bool) -> int:
-        """See Transport."""
         self._by_board = by_board
         own = address_of(self._address, board) if firmware >= OWN_ADDRESS else self._address
         return registers.ip_quadlet(own)
@@ -77,7 +72,6 @@ class DirectTransport(Transport):
         return bool(self._replies)
 
     def _receive(self, view: memoryview) -> int:
-        """See Transport."""
         reply = self._replies.popleft()
         view[: len(reply)] = reply
         return len(reply)

@@ -75,7 +75,6 @@ class IoLoop(runtime.Loop):
         return port
 
     def cycle(self, now_ns: int, wall_ns: int) -> None:
-        """See runtime.Loop."""
         core, port = self._core, self._port
         if self._subscriptions.look():
             self._show_wanted()

@@ -82,7 +82,6 @@ class PsmHandOver(RobotEnv):
                                         *(f"held by the {which} arm" for which in ("first", "second")))
 
     def __init__(self, **options: Any) -> None:
-        """See RobotEnv."""
         self._seen_peg = np.zeros(3)
         super().__init__(**options)
         table_m = float(np.mean([model.middle[2] for model in self.robot.models])) - self.FLOOR_M

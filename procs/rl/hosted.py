@@ -115,7 +115,6 @@ class HostedRobot(RobotBackend):
         return self._open().now_ns
 
     def look(self, number: int) -> str:
-        """See RobotBackend."""
         self.links[number].look()
         return self.links[number].problem
 

@@ -133,7 +133,6 @@ class PsmPush(PsmReach):
                                         *(f"block's own x axis, {axis}" for axis in "xyz"))
 
     def __init__(self, **options: Any) -> None:
-        """See RobotEnv."""
         super().__init__(**options)
         model = self.robot.models[0]
         self._table_m = float(model.middle[2]) - self.FLOOR_M
