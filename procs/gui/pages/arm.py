@@ -8,7 +8,7 @@ from trocar.procs.document.arms import ArmConfig
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.gui.catalogue import SCENE, record
 from trocar.procs.gui.pages.assets import assets
-from trocar.procs.gui.pages.parts import Part, box, button, live
+from trocar.procs.gui.pages.parts import Part, box, button, choice, columns, head, live, reason
 from trocar.procs.gui.pages.poses import TURNS, axes, numbers, turned
 from trocar.procs.gui.pages.scene import ArmScene
 from trocar.procs.kinematics.endoscopes import NAMES
@@ -45,11 +45,7 @@ def arm_page(document: SystemConfig, arm: ArmConfig) -> None:
 
 def _head(arm: ArmConfig, state: str) -> None:
     with box("card", data_source=state, id=f"arm-{arm.name}"):
-        with box("row head"):
-            Part("span", "title", arm.name)
-            Part("span", "kind", f"{arm.type} {arm.generation}, {arm.serial or 'no serial number'}")
-            box("spacer")
-            Part("span", "age")
+        with head("span", "title", arm.name, kind=f"{arm.type} {arm.generation}, {arm.serial or 'no serial number'}"):
             Part("span", "light", "homed", data_on=f"{state}.is_homed")
             Part("span", "light", "busy", data_on=f"{state}.is_busy")
             live(f"{state}.state", classes="chip", data_tone="")
@@ -57,11 +53,7 @@ def _head(arm: ArmConfig, state: str) -> None:
             live(f"{state}.sub_state")
             Part("span", "", "wanted:")
             live(f"{state}.desired_state")
-        with box("fault", data_show=f"{state}.state=FAULT"):
-            live(f"{state}.reason", tag="p")
-            Part("p", "remedy", data_remedy=arm.name)
-        with box("reason", data_show=f"!{state}.state=FAULT"):
-            live(f"{state}.reason", tag="p", data_show=f"{state}.reason")
+        reason(arm.name, state)
         with box("row buttons"):
             for word, question in (("enable", "Amplifiers go on."), ("home", "It moves."),
                                    ("resume", "It goes on with what it was paused in, and may move."), ("unhome", "")):
@@ -75,17 +67,13 @@ def _head(arm: ArmConfig, state: str) -> None:
 
 def _joints(state: str, slides: list[bool]) -> None:
     with box("card", data_source=state):
-        with box("row head"):
-            Part("h2", "", "Joints")
-            box("spacer")
+        with head("h2", "", "Joints", has_age=False):
             Part("label", "quiet", "Jog", for_="jog-speed")
             Part("input", type="range", id="jog-speed", min="2", max="100", value="20", aria_label="Speed of a jog")
             Part("span", "quiet", id="jog-shown")
             Part("button", "", "deg, mm / rad, m", type="button", data_does="units")
         with box("scroll"), Part("table", "joints", data_valid=f"{state}.valid"):
-            with Part("thead"), Part("tr"):
-                for text in ("joint", "measured", "setpoint", "velocity", "effort", "hold to jog", "goal", ""):
-                    Part("th", "", text)
+            columns(("joint", "measured", "setpoint", "velocity", "effort", "hold to jog", "goal", ""))
             with Part("tbody"):
                 for i, slide in enumerate(slides):
                     _joint(state, i, "p" if slide else "r")
@@ -152,9 +140,7 @@ def _gripper(state: str) -> None:
 
 def _tip(arm: ArmConfig, state: str) -> None:
     with box("card", data_source=state):
-        with box("row head"):
-            Part("h2", "", "Tip")
-            box("spacer")
+        with head("h2", "", "Tip", has_age=False):
             Part("span", "quiet", "in")
             live(f"{state}.reference_frame", classes="quiet")
         with box("numbers"):
@@ -176,9 +162,7 @@ def _tip(arm: ArmConfig, state: str) -> None:
         with box("part"):
             with box("row"):
                 Part("span", "quiet", "Hold to jog in axes of")
-                with Part("select", id="jog-axes", aria_label="Axes of a jog"):
-                    Part("option", "", "the frame of its poses", value="")
-                    Part("option", "", "the tip", value="tip")
+                choice((("", "the frame of its poses"), ("tip", "the tip")), id="jog-axes", aria_label="Axes of a jog")
             with box("jogs"):
                 for kind, names in (("linear", ("x", "y", "z")), ("angular", ("turn x", "turn y", "turn z"))):
                     for axis, text in enumerate(names):
@@ -214,9 +198,7 @@ def _inputs(what: str, pose: str, place: str) -> None:
 def _base(arm: ArmConfig, state: str) -> None:
     """Where its base stands in the frame that its poses are told in."""
     with box("card seldom", data_source=state):
-        with box("row head"):
-            Part("h2", "", "Base frame")
-            box("spacer")
+        with head("h2", "", "Base frame", has_age=False):
             Part("span", "quiet", "in")
             live(f"{state}.reference_frame", classes="quiet")
         with box("numbers", data_valid=f"{state}.reference_valid"):
@@ -255,8 +237,6 @@ def _chosen(title: str, name: str, choices: tuple[str, ...], command: str, state
             live(f"{state}.tool", classes="tool")
         if choices:
             with box("row"):
-                with Part("select", id=name, aria_label=title):
-                    for choice in choices:
-                        Part("option", "", choice, value=choice)
+                choice(zip(choices, choices, strict=True), id=name, aria_label=title)
                 Part("button", "commands", "Set", type="button", data_says=command, data_with=name,
                      data_confirm=f"Tell the arm that this {name} is on?")

@@ -10,7 +10,7 @@ from trocar.procs.document.emulated_names import names_on_boards
 from trocar.procs.document.system import DigitalOutput, IoConfig, SystemConfig
 from trocar.procs.gui.catalogue import BUTTONS, pins, record
 from trocar.procs.gui.pages.assets import script
-from trocar.procs.gui.pages.parts import Part, arg, box, button, form, live, switch
+from trocar.procs.gui.pages.parts import Part, arg, box, button, columns, form, head, live, switch
 
 ARM_INPUTS: Final = (("clutch", "clutch"), ("adapter", "sterile adapter"), ("tool", "instrument"),
                      ("suj_clutch", "SUJ clutch"), ("suj_clutch_2", "SUJ clutch 2"))
@@ -82,8 +82,8 @@ def _console(name: str) -> None:
 
 def _inputs(owner: str, source: str, names: list[str], uses: dict[tuple[str, str], str],
             on_boards: dict[tuple[str, str], str]) -> None:
-    columns = ("input", "now", "last", "at", "used as", "emulated" if on_boards else "")
-    with _listed(f"{owner}: inputs", source, columns):
+    titles = ("input", "now", "last", "at", "used as", "emulated" if on_boards else "")
+    with _listed(f"{owner}: inputs", source, titles):
         for i, name in enumerate(names):
             last = f"{BUTTONS}.last.{owner}.{i}"
             with Part("tr"):
@@ -146,17 +146,12 @@ def _readers(io: IoConfig) -> None:
 
 
 @contextmanager
-def _listed(title: str, source: str, columns: tuple[str, ...]) -> Iterator[None]:
+def _listed(title: str, source: str, titles: tuple[str, ...]) -> Iterator[None]:
     """A table; its rows are made inside."""
     with box("card", data_source=source):
-        with box("row head"):
-            Part("h2", "", title)
-            box("spacer")
-            Part("span", "age")
+        head("h2", "", title)
         with box("scroll"), Part("table", "words"):
-            with Part("thead"), Part("tr"):
-                for text in columns:
-                    Part("th", "", text)
+            columns(titles)
             with Part("tbody"):
                 yield
 

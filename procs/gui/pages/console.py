@@ -7,7 +7,7 @@ from typing import Final
 from trocar.procs.document.consoles import Console, TeleopEcmConfig, TeleopPsmConfig
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.gui.catalogue import record
-from trocar.procs.gui.pages.parts import Part, box, button, live
+from trocar.procs.gui.pages.parts import Part, box, button, head, live
 
 PEDALS: Final = (("operator", "operator_present", "emulate_operator_present"), ("clutch", "clutch", "emulate_clutch"),
                  ("camera", "camera", "emulate_camera"))
@@ -61,9 +61,7 @@ def _console(console: Console, teleops: list[str]) -> None:
             with box("row buttons"):
                 teleop_buttons(name)
         with box("card", data_source=state):
-            with box("row head"):
-                Part("h2", "", "Teleoperations")
-                box("spacer")
+            with head("h2", "", "Teleoperations", has_age=False):
                 Part("span", "quiet", "those that share an arm take turns")
             for i, teleop in enumerate(teleops):
                 _selected(name, teleop, f"{state}.selected.{i}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.gui.catalogue import record
 from trocar.procs.gui.pages.assets import script
-from trocar.procs.gui.pages.parts import Part, box, hold, switch
+from trocar.procs.gui.pages.parts import Part, box, head, hold, switch
 
 
 def focus_page(document: SystemConfig) -> None:
@@ -15,11 +15,7 @@ def focus_page(document: SystemConfig) -> None:
         for focus in document.focuses:
             state = record(focus.name)
             with box("card", data_source=state):
-                with box("row head"):
-                    Part("h2", "title", focus.name)
-                    Part("span", "kind", f"focus, moved by {', '.join(focus.outputs)} of {focus.io}")
-                    box("spacer")
-                    Part("span", "age")
+                head("h2", "title", focus.name, kind=f"focus, moved by {', '.join(focus.outputs)} of {focus.io}")
                 with box("row facts"):
                     Part("span", "light", "moves in", data_on=f"{state}.focusing.0")
                     Part("span", "light", "moves out", data_on=f"{state}.focusing.1")

@@ -10,7 +10,7 @@ With `forms.js` on the page: switches and forms.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from nicegui.elements.mixins.text_element import TextElement
@@ -40,6 +40,47 @@ def box(classes: str = "", **attributes: Any) -> Part:
 def live(path: str, form: str = "text", classes: str = "", tag: str = "span", **attributes: Any) -> Part:
     """A value that is kept up to date."""
     return Part(tag, f"live {classes}".strip(), data_live=path, data_format=form, **attributes)
+
+
+def head(tag: str, classes: str, title: str, *, kind: str = "", has_age: bool = True, **attributes: Any) -> Part:
+    """The head of a card; what is made in it stands at its right end. `kind`: what the title names."""
+    row = box("row head")
+    with row:
+        Part(tag, classes, title, **attributes)
+        if kind:
+            Part("span", "kind", kind)
+        box("spacer")
+        if has_age:
+            Part("span", "age")
+    return row
+
+
+def columns(titles: Sequence[str]) -> None:
+    """The head of a table."""
+    with Part("thead"), Part("tr"):
+        for title in titles:
+            Part("th", "", title)
+
+
+def choice(options: Iterable[tuple[str, str]], **attributes: Any) -> None:
+    """One of several: what each of them stands for, and its text."""
+    with Part("select", **attributes):
+        for value, text in options:
+            Part("option", "", text, value=value)
+
+
+def units() -> None:
+    """Numbers of the page in degrees and mm, or in rad and m."""
+    Part("button", "quiet", "° mm / rad m", type="button", data_does="units", title="Other units")
+
+
+def reason(arm: str, state: str) -> None:
+    """Why an arm is as it is; after a fault with what to do."""
+    with box("fault", data_show=f"{state}.state=FAULT"):
+        live(f"{state}.reason", tag="p")
+        Part("p", "remedy", data_remedy=arm)
+    with box("reason", data_show=f"!{state}.state=FAULT"):
+        live(f"{state}.reason", tag="p", data_show=f"{state}.reason")
 
 
 def button(text: str, steps: Sequence[Sequence[Call]], classes: str = "", *, confirm: str = "",

@@ -10,7 +10,7 @@ from trocar.procs.document.gains import BY_KEY, GAINS, Gain, PidAxis, value_of
 from trocar.procs.document.system import PidConfig
 from trocar.procs.gui.catalogue import record
 from trocar.procs.gui.pages.assets import script
-from trocar.procs.gui.pages.parts import Part, box, live, switch
+from trocar.procs.gui.pages.parts import Part, box, live, switch, units
 from trocar.procs.gui.pages.robot_io import tabs
 from trocar.procs.gui.plot_source import SIGNALS
 from trocar.procs.gui.robots import IoRobot, slides
@@ -58,7 +58,7 @@ def _head(robot: IoRobot) -> None:
         Part("a", "", "IO", href=robot.path("io"))
         box("spacer")
         Part("span", "age")
-        Part("button", "quiet", "° mm / rad m", type="button", data_does="units", title="Other units")
+        units()
     with box("row"):
         switch("On", f"{source}.pid_enabled", [[(io, "pid_enable", [1], name)]], [[(io, "pid_enable", [0], name)]],
                confirm=f"Switch the joint controller of {name} on? It drives the motors.", id="switch-pid",

@@ -6,7 +6,7 @@ from typing import Final
 
 from trocar.procs.gui.catalogue import PROCESSES
 from trocar.procs.gui.pages.assets import script
-from trocar.procs.gui.pages.parts import Part, box
+from trocar.procs.gui.pages.parts import Part, box, columns, head
 
 COLUMNS: Final = ("process", "kind", "state", "Hz", "period p99 ms", "work p99 ms", "missed", "CPU %", "MB", "restarts",
                   "problem, last ended, or scheduling")
@@ -22,14 +22,9 @@ def processes_page() -> None:
             box("spacer")
             Part("span", "age")
         with box("scroll"), Part("table", "processes"):
-            with Part("thead"), Part("tr"):
-                for column in COLUMNS:
-                    Part("th", "", column)
+            columns(COLUMNS)
             Part("tbody", id="processes")
     with box("card wide", id="log-card", hidden=True):
-        with box("row head"):
-            Part("h2", "", "Log", id="log-of")
-            box("spacer")
-            Part("span", "age")
+        with head("h2", "", "Log", id="log-of"):
             Part("span", "quiet", "the newest 200 lines")
         box("list log", id="log")

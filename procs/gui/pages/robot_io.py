@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from trocar.procs.gui.pages.assets import script
-from trocar.procs.gui.pages.parts import Part, arg, box, button, form, live, switch
+from trocar.procs.gui.pages.parts import Part, arg, box, button, columns, form, live, switch, units
 from trocar.procs.gui.robots import IoRobot, slides
 
 BIAS_SAMPLES: Final = 1970
@@ -41,7 +41,7 @@ def io_page(robots: Sequence[IoRobot], robot: IoRobot) -> None:
                 Part("a", "", "Joint controller", href=robot.path("pid"))
             box("spacer")
             Part("span", "age")
-            Part("button", "quiet", "° mm / rad m", type="button", data_does="units", title="Other units")
+            units()
         with box("row facts"):
             for field, text, tone in LIGHTS:
                 light = f"{source}.{field}"
@@ -70,9 +70,7 @@ def _about(robot: IoRobot) -> str:
 
 def _table(robot: IoRobot) -> None:
     with box("scroll"), Part("table", "actuators"):
-        with Part("thead"), Part("tr"):
-            for column in COLUMNS:
-                Part("th", "", column)
+        columns(COLUMNS)
         with Part("tbody"):
             for i, (name, slide) in enumerate(zip(robot.axis_names, slides(robot.robot, robot.pid), strict=True)):
                 _actuator(robot.source, i, name, "p" if slide else "r")

@@ -8,7 +8,7 @@ from trocar.procs.document.cart import FIXED, SI, Cart, CartArm
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.gui.catalogue import record
 from trocar.procs.gui.pages.assets import script
-from trocar.procs.gui.pages.parts import Part, arg, box, button, form, hold, live, switch
+from trocar.procs.gui.pages.parts import Part, arg, box, button, choice, columns, form, head, hold, live, switch, units
 from trocar.procs.gui.pages.poses import TURNS
 
 EXTRA: Final = ("spare 1", "spare 2", "brakes", "ground")
@@ -27,12 +27,9 @@ def carts_page(document: SystemConfig) -> None:
 def _cart(cart: Cart) -> None:
     name, state = cart.name, record(cart.name)
     with box("card", data_source=state):
-        with box("row head"):
-            Part("h2", "title", name)
-            Part("span", "kind", f"setup joints, {cart.kind}{', KINEMATIC' if cart.simulation == 'KINEMATIC' else ''}")
-            box("spacer")
-            Part("span", "age")
-            Part("button", "quiet", "° mm / rad m", type="button", data_does="units", title="Other units")
+        simulation = ", KINEMATIC" if cart.simulation == "KINEMATIC" else ""
+        with head("h2", "title", name, kind=f"setup joints, {cart.kind}{simulation}"):
+            units()
             live(f"{state}.state", classes="chip", data_tone="")
         live(f"{state}.reason", tag="p", classes="reason", data_show=f"{state}.reason")
         with box("row"):
@@ -47,9 +44,7 @@ def _cart(cart: Cart) -> None:
             Part("span", "quiet", "base frames seen from")
             live(f"{state}.reference_arm")
             with form(name, "set_reference_arm", "", "row"):
-                with Part("select", data_word="", aria_label="Reference arm"):
-                    for arm in cart.arms:
-                        Part("option", "", arm.name, value=arm.name)
+                choice(((arm.name, arm.name) for arm in cart.arms), data_word="", aria_label="Reference arm")
                 Part("button", "commands", "Set", type="button", data_submit="",
                      data_confirm="See base frames from another arm? Who follows in them stops.")
 
@@ -57,11 +52,7 @@ def _cart(cart: Cart) -> None:
 def _arm(cart: Cart, place: int, arm: CartArm) -> None:
     state = record(cart.name)
     with box("card", data_source=state, id=f"setup-{arm.name}"):
-        with box("row head"):
-            Part("h2", "", arm.name)
-            Part("span", "kind", f"carries {arm.carries}" if arm.carries else "carries nothing")
-            box("spacer")
-            Part("span", "age")
+        head("h2", "", arm.name, kind=f"carries {arm.carries}" if arm.carries else "carries nothing")
         with box("row facts"):
             Part("span", "light", "place known", data_on=f"{state}.setup_valid.{place}")
             Part("span", "light", "base frame known", data_on=f"{state}.base_valid.{place}")
@@ -85,12 +76,10 @@ def _joints(cart: Cart, place: int, arm: CartArm, state: str) -> None:
     has_pots = cart.kind != FIXED and cart.simulation != "KINEMATIC"
     unit = "counts" if cart.kind == SI else "V"
     kinds, known = ["p" if i == 0 else "r" for i in range(arm.joints)], f"{state}.setup_valid.{place}"
-    columns = ["", "position", *([f"primary {unit}", f"secondary {unit}"] if has_pots else []),
-               *(["put at"] if is_kinematic else [])]
+    titles = ["", "position", *([f"primary {unit}", f"secondary {unit}"] if has_pots else []),
+              *(["put at"] if is_kinematic else [])]
     with form(cart.name, "servo_jp", arm.name), box("scroll"), Part("table", "joints setup"):
-        with Part("thead"), Part("tr"):
-            for text in columns:
-                Part("th", "", text)
+        columns(titles)
         with Part("tbody"):
             for i, kind in enumerate(kinds):
                 with Part("tr"):
@@ -107,7 +96,7 @@ def _joints(cart: Cart, place: int, arm: CartArm, state: str) -> None:
                             arg("input", f"joint-{kind}", size="8", inputmode="decimal", aria_label=f"Joint {i}",
                                 data_now=f"{state}.position.{place}.{i}", data_valid=known)
         if is_kinematic:
-            with Part("tfoot"), Part("tr"), Part("td", "", colspan=str(len(columns))):
+            with Part("tfoot"), Part("tr"), Part("td", "", colspan=str(len(titles))):
                 Part("button", "quiet", "Read", type="button", data_reads="", title="Where it is now")
                 Part("button", "commands", "Put there", type="button", data_submit="",
                      data_confirm=f"Put setup arm {arm.name} there? {arm.carries or 'What it carries'} goes with it.")

@@ -8,7 +8,7 @@ from trocar.procs.document.arms import ArmConfig
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.gui.catalogue import MESSAGES, record
 from trocar.procs.gui.pages.frame import moving, power_buttons
-from trocar.procs.gui.pages.parts import Part, box, button, live
+from trocar.procs.gui.pages.parts import Part, box, button, choice, head, live, reason
 
 SAID_ALREADY: Final = "HOMED|DISABLED|ENABLED|FAULT"
 """Sub-states that chip and light say as well."""
@@ -39,22 +39,14 @@ def arm_card(arm: ArmConfig) -> None:
     """One arm: what it is, what it waits for, what is wrong with it, and its buttons."""
     state = record(arm.name)
     with box("card", data_source=state, id=f"arm-{arm.name}"):
-        with box("row head"):
-            Part("a", "title", arm.name, href=f"/arm/{arm.name}")
-            Part("span", "kind", f"{arm.type} {arm.generation}")
-            box("spacer")
-            Part("span", "age")
+        with head("a", "title", arm.name, kind=f"{arm.type} {arm.generation}", href=f"/arm/{arm.name}"):
             live(f"{state}.state", classes="chip", data_tone="")
         with box("row facts"):
             Part("span", "light", "homed", data_on=f"{state}.is_homed")
             Part("span", "light", "busy", data_on=f"{state}.is_busy")
             live(f"{state}.sub_state", classes="quiet", data_show=f"!{state}.sub_state={SAID_ALREADY}")
             live(f"{state}.tool", classes="quiet tool", data_show=f"{state}.tool")
-        with box("fault", data_show=f"{state}.state=FAULT"):
-            live(f"{state}.reason", tag="p")
-            Part("p", "remedy", data_remedy=arm.name)
-        with box("reason", data_show=f"!{state}.state=FAULT"):
-            live(f"{state}.reason", tag="p", data_show=f"{state}.reason")
+        reason(arm.name, state)
         with box("row buttons"):
             button("Enable", [[(arm.name, "state_command", [], "enable")]],
                    confirm=f"Enable {arm.name}? Amplifiers go on.")
@@ -68,11 +60,7 @@ def cart_card(name: str) -> None:
     """Setup joints."""
     state = record(name)
     with box("card", data_source=state):
-        with box("row head"):
-            Part("span", "title", name)
-            Part("span", "kind", "setup joints")
-            box("spacer")
-            Part("span", "age")
+        with head("span", "title", name, kind="setup joints"):
             live(f"{state}.state", classes="chip", data_tone="")
         live(f"{state}.reason", tag="p", classes="reason", data_show=f"{state}.reason")
         with box("row buttons"):
@@ -98,9 +86,7 @@ def _first_steps(document: SystemConfig) -> None:
                   ("Move the master: the slave follows", "", [f"{teleop}.following"])]
         over = f"!{teleop}.following"
     with box("card first", id="first-steps", **({"data_show": over} if over else {})):
-        with box("row head"):
-            Part("h2", "", "First steps")
-            box("spacer")
+        with head("h2", "", "First steps", has_age=False):
             Part("button", "quiet", "×", type="button", data_does="dismiss", aria_label="Close")
         with Part("ol"):
             for text, classes, conditions in steps:
@@ -128,10 +114,7 @@ def _power(document: SystemConfig) -> None:
 def _console(name: str, teleops: list[str]) -> None:
     state = record(name)
     with box("card", data_source=state):
-        with box("row head"):
-            Part("span", "title", name)
-            box("spacer")
-            Part("span", "age")
+        head("span", "title", name)
         with box("row facts"):
             Part("span", "light", "operator", data_on=f"{state}.operator_present")
             Part("span", "light", "clutch", data_on=f"{state}.clutch")
@@ -159,14 +142,9 @@ def teleop_row(name: str) -> None:
 
 def _messages(document: SystemConfig) -> None:
     with box("card messages", data_source=MESSAGES):
-        with box("row head"):
-            Part("h2", "", "Messages")
-            box("spacer")
-            with Part("select", id="severity", aria_label="At least"):
-                for value, text in (("status", "all"), ("warning", "warnings and errors"), ("error", "errors")):
-                    Part("option", "", text, value=value)
-            with Part("select", id="from", aria_label="From"):
-                Part("option", "", "every process", value="")
-                for row in document.processes:
-                    Part("option", "", row.name, value=row.name)
+        with head("h2", "", "Messages", has_age=False):
+            choice((("status", "all"), ("warning", "warnings and errors"), ("error", "errors")), id="severity",
+                   aria_label="At least")
+            choice((("", "every process"), *((row.name, row.name) for row in document.processes)), id="from",
+                   aria_label="From")
         box("list", id="messages")

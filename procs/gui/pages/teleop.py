@@ -8,7 +8,7 @@ from trocar.procs.document.consoles import TeleopEcmConfig, TeleopPsmConfig
 from trocar.procs.document.system import SystemConfig
 from trocar.procs.gui.catalogue import record
 from trocar.procs.gui.pages.console import PEDALS, SCALES, teleop_buttons
-from trocar.procs.gui.pages.parts import Part, box, button, live
+from trocar.procs.gui.pages.parts import Part, box, button, head, live
 from trocar.procs.gui.pages.poses import axes, numbers, turned
 
 ALIGNS: Final = "The master may move to align."
@@ -44,10 +44,7 @@ def _enabling(name: str) -> None:
 def _teleop(row: TeleopPsmConfig | TeleopEcmConfig) -> None:
     state = record(row.name)
     with box("card", data_source=state, id=f"teleop-{row.name}"):
-        with box("row head"):
-            Part("span", "title", row.name)
-            box("spacer")
-            Part("span", "age")
+        with head("span", "title", row.name):
             Part("span", "light", "following", data_on=f"{state}.following")
             live(f"{state}.state", classes="chip", data_tone="")
         live(f"{state}.reason", tag="p", classes="reason", data_show=f"{state}.reason")
