@@ -9,8 +9,9 @@ from trocar.procs.arm.setup_base import SetupBase
 from trocar.procs.arm.supervision import power_lost
 from trocar.procs.node.fault_report import FaultReport
 from trocar.procs.node.inputs import Fields
-from trocar.procs.node.requests import Reports, Sender
+from trocar.shm.mailbox.client import LoopClient
 from trocar.shm.mailbox.generations import NoFaults, OwnCell
+from trocar.shm.system.events import Events
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -31,10 +32,10 @@ class ArmContext:
     first_axis: int
     inputs: Mapping[str, int]  # places of io's digital inputs by name
     has_brakes: bool
-    sender: Sender
+    sender: LoopClient
     state: Fields  # the arm's own records, still as a predecessor left them
     setpoint: Fields
-    reports: Reports
+    reports: Events
     fault_report: Callable[[int], FaultReport]  # what io has told about its latched fault
     power_report: Callable[[], FaultReport] = power_lost  # which amplifiers are off, when power was lost
     gripper: int = -1  # axis of its gripper in io's record, -1: none

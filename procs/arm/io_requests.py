@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from trocar.procs.arm.readings import ArmReadings
 from trocar.procs.node.inputs import Fields
-from trocar.procs.node.requests import Answer, Sender
 from trocar.procs.tables.desired_state import DESIRED_STATES, NONE, OFF, ON
+from trocar.shm.mailbox.client import LoopClient
+from trocar.shm.mailbox.messages import Reply
 from trocar.shm.mailbox.origins import Origin
 
 REFUSED_NS = 1_000_000_000
@@ -55,8 +56,8 @@ class Switch:
 class IoRequests:
     """All switches of one robot, and the encoder bias, which is an order and not a level."""
 
-    def __init__(self, io: ArmReadings, setpoint: Fields, sender: Sender, robot: str, warn: Callable[[str], None], *,
-                 has_brakes: bool) -> None:
+    def __init__(self, io: ArmReadings, setpoint: Fields, sender: LoopClient, robot: str,
+                 warn: Callable[[str], None], *, has_brakes: bool) -> None:
         """`setpoint` gives the fields that the desired states go out in; `warn` hears of refusals, once each."""
         self._io, self._sender, self._robot, self._warn = io, sender, robot, warn
         switches = {desired.name: Switch(getattr(io, desired.shown) if has_brakes or desired.name != "brakes" else None,
@@ -73,7 +74,7 @@ class IoRequests:
         self._generation = 0
         self._refusal = ""
         self._is_new = False
-        self._ended: dict[int, Answer] = {}
+        self._ended: dict[int, Reply] = {}
         self._samples = 0.0
         self._left_out: tuple[float, ...] = ()
         self._bias_next_ns = self._bias_id = 0
@@ -102,7 +103,7 @@ class IoRequests:
         """
         return self._sender.send(name, values, about or self._robot)
 
-    def outcome(self, number: int) -> Answer | None:
+    def outcome(self, number: int) -> Reply | None:
         """How an `order` ended; None: not yet."""
         return self._ended.pop(number, None)
 
@@ -180,7 +181,7 @@ class IoRequests:
             self._refusal = refusal
             self._warn(f"io refused a request: {refusal}")
 
-    def _heard(self, answer: Answer) -> None:
+    def _heard(self, answer: Reply) -> None:
         if answer.outcome == "accepted":
             return
         if answer.id != self._bias_id:

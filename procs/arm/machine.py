@@ -18,15 +18,16 @@ from trocar.procs.arm.states import (
     refusal,
 )
 from trocar.procs.node.fault_report import FaultReport
-from trocar.procs.node.requests import Reports, Request
+from trocar.procs.node.requests import Request
 from trocar.procs.tables import codes
+from trocar.shm.system.events import Events
 
 
 class ArmStates:
     """Current state and the state asked for; `enter` is told of each change with the state that was left."""
 
     def __init__(
-        self, name: str, reports: Reports, enter: Callable[[ArmState], None], is_homed: Callable[[], bool]
+        self, name: str, reports: Events, enter: Callable[[ArmState], None], is_homed: Callable[[], bool]
     ) -> None:
         """`is_homed` is asked at each publication."""
         self.name, self.reports = name, reports

@@ -8,7 +8,8 @@ from trocar.procs.console.goovis import Goovis
 from trocar.procs.console.logic import CAMERA, CLUTCH, OPERATOR
 from trocar.procs.document.system import Console, SystemConfig, WiredInput
 from trocar.procs.node.debounce import CLICKED, PRESSED, RELEASED
-from trocar.procs.node.inputs import Input, RecordReader
+from trocar.procs.node.inputs import Input
+from trocar.shm.ring.ring import RingReader
 
 BUTTON, CLICK = b"button", b"clicked"
 
@@ -32,7 +33,7 @@ class InputLine:
 class Inputs:
     """All inputs of a console. What a console that began anew finds pressed must be seen released first."""
 
-    def __init__(self, row: Console, system: SystemConfig, reads: Callable[[str, str], RecordReader],
+    def __init__(self, row: Console, system: SystemConfig, reads: Callable[[str, str], RingReader],
                  head: Goovis | None, *,
                  began_anew: bool) -> None:
         """`reads(instance, topic)` attaches to a ring, `head` is the Goovis's."""
@@ -41,7 +42,7 @@ class Inputs:
         self._head, self._needed = head, row.present_count
         self.valid, self.seen = True, 0
         states: dict[str, Input] = {}
-        self._clicks: list[tuple[RecordReader, dict[bytes, str]]] = []
+        self._clicks: list[tuple[RingReader, dict[bytes, str]]] = []
 
         def line(wired: WiredInput | None) -> InputLine | None:
             if wired is None:

@@ -8,8 +8,8 @@ from typing import Any
 from trocar.procs.console.inputs import Inputs
 from trocar.procs.console.logic import Logic
 from trocar.procs.document.system import Console
-from trocar.procs.node.inputs import RecordReader
 from trocar.shm.mailbox.origins import Origin
+from trocar.shm.ring.ring import RingReader
 
 
 class ConsoleRecord:
@@ -40,7 +40,7 @@ class ConsoleRecord:
             fields["asked"][place] = logic.asked[name].encode()
 
 
-def go_on(last: RecordReader, logic: Logic) -> bool:
+def go_on(last: RingReader, logic: Logic) -> bool:
     """Take over what an earlier console of this name was asked for; false: there was none.
 
     Nobody is there and no pedal is pressed until that is seen anew.

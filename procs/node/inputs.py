@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 from numpy.typing import NDArray
 
 from trocar.procs.tables.manifest import LATE_S
+from trocar.shm.ring.ring import RingReader
 
 Fields = Callable[[str], NDArray[Any]]
 """The arrays of a record by the names of its fields."""
@@ -18,42 +19,6 @@ SETUP_LATE_S: Final = 0.05
 """The same between setup joints and the arms that they carry."""
 
 
-class RecordReader(Protocol):
-    """The reading end of a ring; see shm/ring/ring.py."""
-
-    lost: int
-    """Records that `next` left out because they were overwritten."""
-
-    @property
-    def info(self) -> dict[str, Any]:
-        """Constants of the instance."""
-
-    @property
-    def stamp_ns(self) -> int:
-        """Stamp of the record at hand, 0: there is none."""
-
-    @property
-    def epoch(self) -> int:
-        """Another number, another writer."""
-
-    @property
-    def head(self) -> int:
-        """Number of the newest record, 0: none."""
-
-    @property
-    def sequence(self) -> int:
-        """Number of the record at hand."""
-
-    def field(self, name: str) -> Any:
-        """A view on a field of the record."""
-
-    def newest(self) -> bool:
-        """Copy the newest record; False: none could be had whole."""
-
-    def next(self) -> bool:
-        """Copy the next record in order; False: there is none."""
-
-
 class Input:
     """The newest record of a ring, as of the last `look`.
 
@@ -61,7 +26,7 @@ class Input:
     process writes it than before.
     """
 
-    def __init__(self, ring: RecordReader, late_s: float = LATE_S) -> None:
+    def __init__(self, ring: RingReader, late_s: float = LATE_S) -> None:
         """Records older than `late_s` do not count."""
         self.ring, self._late_ns = ring, round(late_s * 1e9)
         self.field = ring.field

@@ -1,24 +1,26 @@
-"""What a process that follows commands is handed: commands to answer, a way to ask others, events to tell.
+"""Commands as a process that follows them is handed them, and how it carries them out.
 
 A command is carried out by a function of its own, which raises CommandRefused where it will not be done.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trocar.procs.kinematics.poses import PoseError
-from trocar.procs.tables.codes import Code
 from trocar.shm.mailbox.command_row import CommandRow
 from trocar.shm.mailbox.origins import Origin, SenderId
 
 
 class Request(Protocol):
-    """A command as the mailbox hands it over; answered by refuse, by done, or by accept and later done or fail."""
+    """A command out of a mailbox, or a desired state of an arm (procs/io/arm_requests.py).
+
+    It is answered by refuse, by done, or by accept and later done or fail.
+    """
 
     @property
     def origin(self) -> Origin:
@@ -103,52 +105,3 @@ def has_left(request: Request, pid: int) -> bool:
 def switch(request: Request) -> bool:
     """On or off, of a command whose row takes 0 or 1."""
     return bool(request.values[0])
-
-
-class Reports(Protocol):
-    """The events it raises; stamps increase strictly from one to the next."""
-
-    def status(self, text: str, component: str = "") -> None:
-        """Something a person may like to know."""
-
-    def report(self, code: Code, text: str, component: str = "", axis: int = -1, value: float = ...,
-               limit: float = ..., board: int = -1) -> None:
-        """A warning or error, as the row of the table of codes says."""
-
-    def operating_state(self, state: str, sub_state: str, is_homed: bool, is_busy: bool) -> None:
-        """The operating state, whenever it changes or is asked for."""
-
-    def goal_reached(self, reached: bool) -> None:
-        """A move has ended."""
-
-    def emit(self, event: str, text: str = "", *, value: float = ...) -> None:
-        """An event of its own name."""
-
-
-class Answer(Protocol):
-    """What became of a command of ours."""
-
-    @property
-    def id(self) -> int:
-        """Its number."""
-
-    @property
-    def outcome(self) -> str:
-        """accepted, refused, done or failed."""
-
-    @property
-    def text(self) -> str:
-        """The reason."""
-
-
-class Sender(Protocol):
-    """The way to somebody's mailbox; see shm/mailbox/client.py."""
-
-    def on_behalf(self, origin: Origin) -> None:
-        """What is sent from now on comes from this command of a person."""
-
-    def send(self, name: str, values: Sequence[float] | NDArray[np.float64] = (), text: str = "") -> int:
-        """Queue a command; returns its id, 0 when there was no room."""
-
-    def poll(self) -> Sequence[Answer]:
-        """Replies since the last call."""

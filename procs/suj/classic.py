@@ -15,13 +15,13 @@ from trocar.procs.document.cart import Cart, CartArm
 from trocar.procs.kinematics.poses import Array
 from trocar.procs.node.fault_report import reported
 from trocar.procs.node.inputs import Fields
-from trocar.procs.node.requests import Reports
 from trocar.procs.suj.interface_board import InterfaceBoard
 from trocar.procs.suj.machine import SetupPower, SetupState
 from trocar.procs.suj.multiplexer import INCREMENT, PLUGS, Multiplexer
 from trocar.procs.suj.pots import CLASSIC_LIMITS, PotReadings
 from trocar.procs.suj.setups import Setups
 from trocar.procs.tables import codes
+from trocar.shm.system.events import Events
 
 ROUNDS: Final = 3  # whole ones, after the one during which the arm came to rest
 MAX_ROUND_NS: Final = 5_000_000_000
@@ -69,7 +69,7 @@ class SetupArmBrakes:
 class Classic(SetupPower):
     """What a Classic cart does in each cycle; it is its own power."""
 
-    def __init__(self, cart: Cart, setups: Setups, board: InterfaceBoard, reports: Reports, field: Fields,
+    def __init__(self, cart: Cart, setups: Setups, board: InterfaceBoard, reports: Events, field: Fields,
                  setpoint: Fields, multiplexer: Multiplexer | None = None) -> None:
         """`field` and `setpoint` give the arrays of the state record and of the setpoints."""
         n = len(cart.arms)

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from trocar.procs.document.cart import channel_inputs
 from trocar.procs.document.system import IoConfig
-from trocar.procs.node.inputs import RecordReader
-from trocar.procs.node.requests import Reports
 from trocar.procs.suj.multiplexer import PLUGS
 from trocar.procs.tables import codes
 from trocar.procs.tables.codes import ARM_LOST, ERROR, FAULTS
 from trocar.shm.mailbox.client import LoopClient
 from trocar.shm.mailbox.origins import Origin
+from trocar.shm.ring.ring import RingReader
+from trocar.shm.system.events import Events
 
 SILENT_NS: Final = 50_000_000  # io writes 1500 records a second
 MOST: Final = 256  # samples looked at in one cycle
@@ -26,7 +26,7 @@ HARMLESS: Final = frozenset((0, ARM_LOST.number, *(fault.number for fault in FAU
 class IoMailbox:
     """io's mailbox: what is refused is reported, once in a row."""
 
-    def __init__(self, client: LoopClient, reports: Reports, name: str) -> None:
+    def __init__(self, client: LoopClient, reports: Events, name: str) -> None:
         """`client` is our place in it; `name` of this process."""
         self._client, self._reports, self._name, self._reported = client, reports, name, ""
 
@@ -57,7 +57,7 @@ class InterfaceBoard:
     `pressed` are the clutch buttons of plugs 1 to 4, `up` and `down` those of the lift.
     """
 
-    def __init__(self, io: IoConfig, robot: str, records: RecordReader, orders: IoMailbox) -> None:
+    def __init__(self, io: IoConfig, robot: str, records: RingReader, orders: IoMailbox) -> None:
         """`robot` is the cart's in `io`."""
         self.robot, self._records, self._orders = robot, records, orders
         places = [r.name for r in io.robots]

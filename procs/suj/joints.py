@@ -9,7 +9,7 @@ import numpy as np
 
 from trocar.procs.document.cart import Cart
 from trocar.procs.node.inputs import Fields
-from trocar.procs.node.requests import Reports, Request
+from trocar.procs.node.requests import Request
 from trocar.procs.suj.classic import Classic
 from trocar.procs.suj.commands import SetupCommands
 from trocar.procs.suj.frames import CarriedTip, Frames
@@ -19,6 +19,7 @@ from trocar.procs.suj.si import Si
 from trocar.shm.mailbox.generations import NoFaults, OwnCell
 from trocar.shm.mailbox.origins import Origin
 from trocar.shm.memory.layout import shorten
+from trocar.shm.system.events import Events
 
 PATIENCE_NS: Final = 1_000_000_000  # for io's first record after a restart
 
@@ -26,7 +27,7 @@ PATIENCE_NS: Final = 1_000_000_000  # for io's first record after a restart
 class SetupJoints:
     """Everything a process `suj` does but talk to shared memory."""
 
-    def __init__(self, cart: Cart, field: Fields, setups: Setups, source: Classic | Si | None, reports: Reports,
+    def __init__(self, cart: Cart, field: Fields, setups: Setups, source: Classic | Si | None, reports: Events,
                  tips: Sequence[CarriedTip | None], faults: OwnCell | None = None,
                  on_behalf: Callable[[Origin], None] | None = None) -> None:
         """`field` gives the arrays of the record, which may still hold what a predecessor wrote.

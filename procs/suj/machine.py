@@ -6,8 +6,9 @@ from collections.abc import Callable
 from enum import StrEnum
 from typing import Final
 
-from trocar.procs.node.requests import Reports, Request
+from trocar.procs.node.requests import Request
 from trocar.procs.tables import codes
+from trocar.shm.system.events import Events
 
 
 class SetupState(StrEnum):
@@ -47,7 +48,7 @@ class SetupPower:
 class SetupStates:
     """Current and desired state; `enter` is told of each change."""
 
-    def __init__(self, name: str, reports: Reports, power: SetupPower, enter: Callable[[SetupState], None]) -> None:
+    def __init__(self, name: str, reports: Events, power: SetupPower, enter: Callable[[SetupState], None]) -> None:
         """DISABLED; `power` is looked at in each step."""
         self.name, self.state, self.desired = name, SetupState.DISABLED, SetupState.DISABLED
         self._reports, self._power, self._enter = reports, power, enter

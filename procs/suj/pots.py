@@ -8,9 +8,9 @@ import numpy as np
 
 from trocar.procs.document.cart import CartArm
 from trocar.procs.kinematics.poses import Array
-from trocar.procs.node.requests import Reports
 from trocar.procs.suj.setups import Setups
 from trocar.procs.tables import codes
+from trocar.shm.system.events import Events
 
 CLASSIC_LIMITS: Final = (0.002, np.radians(1.0))  # m of the first joint, rad of the others
 SI_LIMITS: Final = (0.003, np.radians(2.0))
@@ -52,7 +52,7 @@ class Potentiometers:
 class PotReadings:
     """Readings of setup arms at rest, and what is reported of them."""
 
-    def __init__(self, setups: Setups, limits: tuple[float, float], reports: Reports) -> None:
+    def __init__(self, setups: Setups, limits: tuple[float, float], reports: Events) -> None:
         """`limits` as in `Potentiometers`."""
         self._setups, self._reports = setups, reports
         self._pots = [Potentiometers(arm, limits) for arm in setups.arms]

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from trocar.procs.document.cart import Cart
 from trocar.procs.kinematics.poses import Array
 from trocar.procs.node.inputs import Fields
-from trocar.procs.node.requests import Reports
 from trocar.procs.suj.machine import SetupState
 from trocar.procs.suj.pots import SI_LIMITS, Potentiometers, PotReadings
 from trocar.procs.suj.setups import Setups
 from trocar.procs.tables import codes
+from trocar.shm.system.events import Events
 
 STALE_NS: Final = 5_000_000_000  # boards are asked several times a second, and a connection takes seconds
 SETTLED: Final = 2  # readings after somebody let go: the first may be from before
@@ -58,7 +58,7 @@ def counts(reading: bytes) -> Array:
 class Si:
     """What an Si cart does in each cycle."""
 
-    def __init__(self, cart: Cart, setups: Setups, link: PotLink, reports: Reports, field: Fields,
+    def __init__(self, cart: Cart, setups: Setups, link: PotLink, reports: Events, field: Fields,
                  pressed: Callable[[int], NDArray[np.bool_]], let_go: Callable[[int, bool], None]) -> None:
         """`field` gives the record's arrays; `pressed(now)` says for each arm whether a clutch button is pressed.
 

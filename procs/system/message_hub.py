@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Final
 
-from trocar.procs.node.inputs import RecordReader
+from trocar.shm.ring.ring import RingReader
 from trocar.shm.system.events import ERROR, STATUS, WARNING, Events
 
 BEEP_NS: Final = 2_000_000_000
@@ -16,7 +16,7 @@ KINDS: Final = {STATUS: "status", WARNING: "warning", ERROR: "error"}
 class MessageSource:
     """One process whose messages are repeated."""
 
-    def __init__(self, name: str, ring: RecordReader) -> None:
+    def __init__(self, name: str, ring: RingReader) -> None:
         """From the next event on."""
         self.name, self.ring = name, ring
         names = ("severity", "code", "axis", "board", "value", "limit", "text", "hint")

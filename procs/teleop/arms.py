@@ -10,11 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.procs.kinematics.poses import Array, angle_between
-from trocar.procs.node.inputs import Fields, Input, RecordReader
-from trocar.procs.node.requests import STREAM_ENDED, Answer, Sender
+from trocar.procs.node.inputs import Fields, Input
+from trocar.procs.node.requests import STREAM_ENDED
 from trocar.procs.tables.codes import INVERSE_KINEMATICS
 from trocar.procs.teleop.motion_check import MotionCheck
+from trocar.shm.mailbox.client import LoopClient
+from trocar.shm.mailbox.messages import Reply
 from trocar.shm.mailbox.origins import Origin
+from trocar.shm.ring.ring import RingReader
 
 SHOWN_NS: Final = 1_000_000_000  # so long a refusal is shown
 LIMIT_SHOWN_NS: Final = 100_000_000  # and so long that a goal could not be reached: each goal is answered
@@ -46,7 +49,7 @@ class TeleopArm:
     sets_pace = True
     """Its records come in time with ours."""
 
-    def __init__(self, name: str, record: Input, events: RecordReader, sender: Sender, *, is_master: bool) -> None:
+    def __init__(self, name: str, record: Input, events: RingReader, sender: LoopClient, *, is_master: bool) -> None:
         """`is_master`: it is followed, so it has to move as a hand moves it; see MotionCheck."""
         self.name, self._record, self._events, self._sender = name, record, events, sender
         field = record.field
@@ -241,7 +244,7 @@ class TeleopArm:
             self._weight = self.send("use_gravity_compensation", (1.0,))  # first: then nothing else bears it
             self.send("body/servo_cf", (0.0,) * 6)
 
-    def _hear(self, answer: Answer) -> None:
+    def _hear(self, answer: Reply) -> None:
         if answer.id == self._weight:
             self._weight = 0
             return  # not every arm has a model of its weight

@@ -8,7 +8,6 @@ import numpy as np
 
 from trocar.procs.document.consoles import TeleopEcmConfig as Settings
 from trocar.procs.kinematics.poses import matrix_from_pose, pose_from_matrix
-from trocar.procs.node.requests import Reports
 from trocar.procs.tables import codes
 from trocar.procs.tables.manifest import LATE_S
 from trocar.procs.teleop.arms import Operator, TeleopArm
@@ -17,6 +16,7 @@ from trocar.procs.teleop.record import TeleopRecord
 from trocar.procs.teleop.teleop import Teleop
 from trocar.shm.mailbox.generations import Cell
 from trocar.shm.operator_topics import TeleopState
+from trocar.shm.system.events import Events
 
 JOINTS: Final = 4
 WRENCH_LASTS_S: Final = LATE_S  # forces on the masters end by themselves when we do
@@ -31,7 +31,7 @@ class TeleopEcm(Teleop):
     """
 
     def __init__(self, settings: Settings, left: TeleopArm, right: TeleopArm, slave: TeleopArm, operator: Operator,
-                 record: TeleopRecord, events: Reports, *, faults: Cell) -> None:
+                 record: TeleopRecord, events: Events, *, faults: Cell) -> None:
         self.masters, self.slave = (left, right), slave
         self.camera = Camera(record.scale(settings.scale), settings.camera_roll_offset)
         self._first_turns = np.zeros((2, 3, 3))

@@ -11,7 +11,7 @@ import numpy as np
 from trocar.procs.document.consoles import TeleopPsmConfig as Settings
 from trocar.procs.kinematics.poses import Array, angle_between
 from trocar.procs.node.inputs import FOR_EVER_NS
-from trocar.procs.node.requests import CommandRefused, Handler, Reports, Request, switch
+from trocar.procs.node.requests import CommandRefused, Handler, Request, switch
 from trocar.procs.tables import codes
 from trocar.procs.tables.manifest import LATE_S
 from trocar.procs.tables.operator_waits import ALIGN_ONLY, CLUTCHED
@@ -21,6 +21,7 @@ from trocar.procs.teleop.teleop import Teleop
 from trocar.procs.teleop.teleoperation import JawMapping, PoseMapping, Presence, Start, roll_between, waiting_for
 from trocar.shm.mailbox.generations import Cell
 from trocar.shm.operator_topics import TeleopState
+from trocar.shm.system.events import Events
 
 WRENCH_LASTS_S: Final = LATE_S  # the master's wrench ends by itself when we do
 AGAIN_NS: Final = 500_000_000  # until a master is aligned anew that could not be
@@ -37,7 +38,7 @@ class TeleopPsm(Teleop):
 
     def __init__(self, settings: Settings, master: TeleopArm, slave: TeleopArm, operator: Operator,
                  record: TeleopRecord,
-                 events: Reports, jaw_range: JawRange, base: BaseFrame | None = None, *, faults: Cell) -> None:
+                 events: Events, jaw_range: JawRange, base: BaseFrame | None = None, *, faults: Cell) -> None:
         self.settings, self.master, self.slave, self.base = settings, master, slave, base
         self.mapping = PoseMapping(record.scale(settings.scale), rotation_locked=settings.rotation_locked,
                                    translation_locked=settings.translation_locked)

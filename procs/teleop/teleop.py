@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Final
 
-from trocar.procs.node.requests import STREAM_PAUSE_NS, CommandRefused, Handler, Reports, Request, carry_out
+from trocar.procs.node.requests import STREAM_PAUSE_NS, CommandRefused, Handler, Request, carry_out
 from trocar.procs.tables import codes
 from trocar.procs.tables.codes import Code
 from trocar.procs.tables.operator_waits import BY_HAND, CLUTCHED
@@ -18,6 +18,7 @@ from trocar.procs.teleop.record import TeleopRecord
 from trocar.shm.mailbox.generations import Cell
 from trocar.shm.mailbox.origins import NOBODY, Origin
 from trocar.shm.operator_topics import TeleopState
+from trocar.shm.system.events import Events
 
 MARGIN_NS: Final = 50_000_000  # goals on their way when a stream was ended
 SETTING_NS: Final = 60_000_000_000  # that arms may take to be homed
@@ -34,7 +35,7 @@ class Teleop:
     words: Mapping[str, TeleopState] = {"enable": TeleopState.ENABLED, "disable": TeleopState.DISABLED}
 
     def __init__(self, name: str, arms: tuple[TeleopArm, ...], operator: Operator, record: TeleopRecord,
-                 events: Reports,
+                 events: Events,
                  faults: Cell) -> None:
         """DISABLED, whatever a predecessor was: following begins only when it is asked for again.
 

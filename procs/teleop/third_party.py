@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.procs.kinematics.poses import Array
-from trocar.procs.node.inputs import Fields, Input, RecordReader
-from trocar.procs.node.requests import Sender
+from trocar.procs.node.inputs import Fields, Input
 from trocar.procs.teleop.arms import TeleopArm
+from trocar.shm.mailbox.client import LoopClient
+from trocar.shm.ring.ring import RingReader
 
 UNIT: Final = 1e-3  # how far from length 1 a quaternion may be
 
@@ -21,7 +22,7 @@ class ThirdPartyArm(TeleopArm):
 
     sets_pace = False  # its records come when it likes
 
-    def __init__(self, name: str, record: Input, events: RecordReader, sender: Sender) -> None:
+    def __init__(self, name: str, record: Input, events: RingReader, sender: LoopClient) -> None:
         super().__init__(name, record, events, sender, is_master=True)  # a slave may jump as well
         self._shown = record.field("measured_cp"), record.field("setpoint_cp")
         self._had_gripper = False
