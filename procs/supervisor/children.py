@@ -1,8 +1,8 @@
 """The life of one instance: what was asked of it, what became of it, and when it is started again.
 
 Pure: it acts on a process that it is given and reads a clock that it is given. The states are those of
-procs/tables/lifecycle.py; each way in (`start`, `stop`, `look`) is one event of that table. And who needs whom: the
-order in which the processes of a system start; they stop in reverse.
+procs/tables/lifecycle.py; each way in (`start`, `stop`, `look`) is one event of that table. And who is wanted, and who
+needs whom: the order in which the processes of a system start; they stop in reverse.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ SHORT_TRACE_S: Final = 0.03  # any other: what it holds waits for its successor
 
 @dataclass(frozen=True, slots=True)
 class Ending:
-    """The end of one process: how, in words; whether it was asked for, killed because it took too long; its seconds.
+    """The end of one process: how, in words; whether it was asked for, or killed because it took too long.
 
     Who ends well while nobody wants it was not asked, but meant to.
     """
@@ -37,8 +37,6 @@ class Ending:
     text: str
     asked: bool
     killed: bool
-    pid: int
-    ran_s: float
 
 
 @dataclass(slots=True)
@@ -116,10 +114,8 @@ class Child:
             begins = self.state == lifecycle.RUNNING
             self._kill(f"setup was not done within {SETUP_S:.0f} s, killed" if begins else
                        f"did not end within {proc(self.row.kind).stop_s:g} s, killed")
-        pid, code = self.process.pid, self.process.ended()
-        if code is None and not self.refused:
-            return None
-        return self._ended(code, pid)
+        code = self.process.ended()
+        return None if code is None and not self.refused else self._ended(code)
 
     def restart_when_due(self) -> bool:
         """Carry out a planned restart; True when a process was started."""
@@ -164,7 +160,7 @@ class Child:
         else:
             self.process.trace()
 
-    def _ended(self, code: int | None, pid: int) -> Ending:
+    def _ended(self, code: int | None) -> Ending:
         asked, why = self.state != lifecycle.RUNNING, self.refused or self.verdict
         well = asked and code in (0, -signal.SIGTERM)  # by the signal: it had not come so far as to hear it
         self.is_done = not asked and not why and code == 0 and not self.is_wanted
@@ -175,14 +171,14 @@ class Child:
             self.reason = f"{lifecycle.ASKED}: {why}" if asked else why
         if self.verdict and not well and (where := self.process.where()):
             self.reason += f"; where: {where}, trocar logs {self.row.name}"
-        killed, ran_s = bool(self.verdict) and not well, (self.now_ns() - self.begun_ns) * 1e-9
+        killed = bool(self.verdict) and not well
         if asked:
             self.process.show_stopped()
         self.kill_at_ns, self.verdict, self.refused = 0, "", ""
         self._step(lifecycle.QUIT)
         if not asked and not self.is_done:
             self._plan_restart(code)
-        return Ending(self.reason, asked or self.is_done, killed, pid, ran_s)
+        return Ending(self.reason, asked or self.is_done, killed)
 
     def _plan_restart(self, code: int | None) -> None:
         now = self.now_ns()
@@ -198,6 +194,45 @@ class Child:
             return
         wait_s = self.row.backoff_s * 2 ** (self.failures - 1)
         self.restart_at_ns = now + round(wait_s * 1e9)
+
+
+class Demand:
+    """What clients want of one instance on demand: the first starts it, after the last one left it stops.
+
+    What a person has asked for by hand stands: one that was stopped while somebody wants it is started again when
+    somebody wants it anew, one that was started while nobody does runs until somebody has wanted it, or it is stopped.
+    One that ends by itself while nobody wants it may do so.
+    """
+
+    def __init__(self, child: Child, is_wanted: Callable[[bool, bool], bool], is_possible: Callable[[], bool]) -> None:
+        """`is_possible`: all that it needs is there.
+
+        `is_wanted` is told whether it is refused to all who want it, and whether it would stop now for want of them:
+        then the answer is of this moment.
+        """
+        self._child, self._is_wanted, self._is_possible = child, is_wanted, is_possible
+        self._is_served, self._left_ns = False, 0
+        self._is_lingering = False  # it was up when the last one left
+
+    def beat(self) -> None:
+        """Start it, or stop it, as is wanted now."""
+        child = self._child
+        is_ending = child.is_down or child.state == lifecycle.STOPPING
+        if child.is_done or (self._is_lingering and is_ending):  # it ended, or was stopped, while nobody wanted it
+            self._is_served = False
+        child.is_wanted = self._is_wanted(self._is_served and child.is_down, False)
+        if child.is_wanted:
+            self._left_ns, self._is_lingering = 0, False
+            if not self._is_served and self._is_possible():
+                self._is_served = True
+                child.start()
+        elif self._is_served:
+            now = child.now_ns()
+            if not self._left_ns:
+                self._left_ns, self._is_lingering = now, not is_ending
+            if now - self._left_ns >= child.row.linger_s * 1e9 and not self._is_wanted(False, True):
+                self._is_served = self._is_lingering = False
+                child.stop()
 
 
 class Circle(ValueError):

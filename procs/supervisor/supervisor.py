@@ -18,8 +18,7 @@ from trocar.procs.machine.paths import made_log_folder, made_recordings_folder
 from trocar.procs.machine.verb_lines import verb_line
 from trocar.procs.node.realtime import in_words, lacking, realtime, step_back
 from trocar.procs.supervisor import memory
-from trocar.procs.supervisor.children import Child, Ending, missing, waves
-from trocar.procs.supervisor.demand import Demand
+from trocar.procs.supervisor.children import Child, Demand, Ending, missing, waves
 from trocar.procs.supervisor.forking import Template, reap_orphans
 from trocar.procs.supervisor.gui_token import gui_token
 from trocar.procs.supervisor.judge import HUNG, LATE, Judge, JudgedProcess

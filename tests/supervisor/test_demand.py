@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 from tests.supervisor.played import Clock, played
-from trocar.procs.supervisor.demand import Demand
+from trocar.procs.supervisor.children import Demand
 
 
 class Wanted:
