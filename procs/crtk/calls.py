@@ -46,6 +46,17 @@ class Call:
     due_ns: int
 
 
+@dataclass(slots=True)
+class ClientCounts:
+    """Messages of all clients of a bridge since its start: what they said, what they were told, and what was lost."""
+
+    received: int = 0
+    sent: int = 0
+    lost: int = 0
+    commands: int = 0
+    refused: int = 0
+
+
 class Calls:
     """The ways of one client to all owners; what it sends are a person's commands."""
 

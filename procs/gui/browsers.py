@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 from fastapi import WebSocket
 
-from trocar.procs.crtk.calls import Calls, CommandOwner
+from trocar.procs.crtk.calls import Calls, ClientCounts, CommandOwner
 from trocar.procs.crtk.held import HeldDown
 from trocar.procs.crtk.messages import MAX_BYTES, Message, WrongMessage, parsed, said
 from trocar.procs.crtk.plain import plain
@@ -46,16 +46,6 @@ PERSON: Final = Rights(True, True, True)
 NUMBERS: Final = itertools.count(1)
 
 
-@dataclass(slots=True)
-class PageCounts:
-    """Of all pages since the start."""
-
-    sent: int = 0
-    lost: int = 0
-    commands: int = 0
-    refused: int = 0
-
-
 @dataclass(frozen=True, slots=True)
 class ConsoleService:
     """What all pages share."""
@@ -71,7 +61,7 @@ class ConsoleService:
     """How many faults the system has had."""
     ticks: Ticks = field(default_factory=Ticks)
     control: BrowserControl = field(default_factory=BrowserControl)
-    counts: PageCounts = field(default_factory=PageCounts)
+    counts: ClientCounts = field(default_factory=ClientCounts)
 
     def calls(self) -> Calls:
         """Ways to all owners, for a person's commands."""

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from trocar.procs.crtk.calls import Calls, CommandOwner
+from trocar.procs.crtk.calls import Calls, ClientCounts, CommandOwner
 from trocar.procs.crtk.held import HeldDown
 from trocar.procs.crtk.messages import Message, NoMessage, WrongMessage, parsed, said
 from trocar.procs.document.bridges import COMMAND, VIEW, Rights
@@ -29,17 +29,6 @@ MANY_WRONG: Final = 20
 """Messages that are no JSON, one after the other: that is another protocol."""
 
 
-@dataclass(slots=True)
-class Counts:
-    """Of all clients since the start."""
-
-    received: int = 0
-    sent: int = 0
-    lost: int = 0
-    commands: int = 0
-    refused: int = 0
-
-
 @dataclass(frozen=True, slots=True)
 class ClientService:
     """What all sessions share."""
@@ -52,7 +41,7 @@ class ClientService:
     owners: dict[str, CommandOwner]
     is_over: Callable[[], bool]
     wake: Callable[[], None]
-    counts: Counts = field(default_factory=Counts)
+    counts: ClientCounts = field(default_factory=ClientCounts)
 
 
 class Session:
