@@ -28,7 +28,7 @@ CHUNK_BYTES: Final = 2 << 20
 
 
 class FaultRecording:
-    """One of them: `step` until it `is_taken`, then `finish`."""
+    """One of them: `step` until all rings are taken, then `finish`."""
 
     def __init__(self, first: SeenFault, sources: SystemSources, times: LocalTimes,
                  begin_file: Callable[[FaultRecording], DiskFile], since_ns: int = 0) -> None:
@@ -40,8 +40,6 @@ class FaultRecording:
         self.file: DiskFile | None = None
         self._chunk, self.lost = Chunk(), 0
         self._left: list[RecordedRing] | None = None
-        self.is_taken = False
-        """All that the rings had is on its way to the disk."""
         self._ring: tuple[RecordedRing, RingReader] | None = None
 
     def add(self, fault: SeenFault) -> None:
@@ -94,8 +92,7 @@ class FaultRecording:
         end_ns = monotonic_ns() + SLICE_NS
         while monotonic_ns() < end_ns:
             if self._ring is None and not self._next_ring(self._left):
-                self.is_taken = self._flush(self.file, compression)
-                return self.is_taken
+                return self._flush(self.file, compression)
             if not self._take(self.file, compression):
                 break
         return False

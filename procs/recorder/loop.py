@@ -156,16 +156,10 @@ class RecorderLoop(UserNode):
     def _go_on_with_named(self, named: NamedRecording) -> None:
         if not named.is_ending:
             named.step()
-            if named.is_over or self._is_left_alone():
+            if named.is_over or (self._client is not None and has_left(*self._client)):
                 named.end()
         elif named.is_written:
             self._tell_end(named)
-
-    def _is_left_alone(self) -> bool:
-        """Whoever asked for it, and only for as long as it is there itself, is gone."""
-        if self._client is None:
-            return False
-        return has_left(*self._client)
 
     def _tell_end(self, named: NamedRecording) -> None:
         """To whoever began it, and to whoever stopped it."""
@@ -214,16 +208,11 @@ class RecorderLoop(UserNode):
             self.own.events.report(codes.FAULT_RECORDED, f"{fault.reason}: kept in {file.path}{missing}", who)
         self._show()
 
-    @property
-    def _all_dropped(self) -> int:
-        """Messages of the black box and of faults that the disk did not take."""
-        return self._box.all_dropped + self._keeper.dropped
-
     def _show(self, ended: NamedRecording | None = None) -> None:
         """What it does, what time it is by all clocks, and what the disk did not take."""
         times, box, named = self._times, self._box, self._named or ended
         self._shown_ns = times.monotonic_ns
-        dropped = self._all_dropped
+        dropped = box.all_dropped + self._keeper.dropped
         if self._problem != self._disk.problem or dropped > self._dropped:
             self._tell(dropped)
         self._show_loss(dropped > self._dropped_before)
