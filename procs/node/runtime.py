@@ -159,7 +159,7 @@ class Node(NodeMemory):
 
     def computes(self, why_numpy: str) -> None:
         """Show what does the work of many axes: the native library, or numpy, and why."""
-        shown = f"numpy: {why_numpy}" if why_numpy else "kernel"
+        shown = f"numpy: {why_numpy}" if why_numpy else "native"
         self.page.field("computes")[...] = shorten(shown, self.page.field("computes").itemsize - 1)
 
     @property

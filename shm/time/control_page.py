@@ -59,7 +59,7 @@ CONTROL = Topic(
         Field("latency_p99", "<f8", "s", "99 % are shorter"),
         Field("policy", "S32", "", "scheduling obtained, e.g. FIFO 80, other"),
         Field("error", "S400", "", "why setup failed"),
-        Field("computes", "S120", "", "what computes for all axes: kernel, or numpy: and why; empty: nothing"),
+        Field("computes", "S120", "", "what computes for all axes: native, or numpy: and why; empty: nothing"),
         Field("wanted", f"({SUBSCRIBERS},)<u8", "", "what each subscriber wants, a bit a thing (W: who has the place)"),
         Field("place", f"({SUBSCRIBERS},)u1", "", "a subscriber locks its byte; never written"),
         Field("holder", f"({SUBSCRIBERS},{HOLDER.size})u1", "", "process id, program (W: who has the place)"),

@@ -30,7 +30,7 @@ def test_a_short_bench_gives_every_figure_and_leaves_nothing() -> None:
     assert figures["cycle_wanted_cpu_us_p50"] > 0.0
     assert figures["ik_unreachable_poses"] > 10
     if native().library is not None:
-        assert all(figures[f"{key}_numpy"] > 0.0 for key in KEYS) and figures["kernel_ratio"] > 0.0
+        assert all(figures[f"{key}_numpy"] > 0.0 for key in KEYS) and figures["native_ratio"] > 0.0
     assert not names_of(f"bench-arm-{os.getpid()}")
 
 

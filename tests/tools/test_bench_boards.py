@@ -26,7 +26,7 @@ def test_a_short_bench_gives_every_figure(monkeypatch: pytest.MonkeyPatch, tmp_p
     result = bench_boards.run(rounds=1, turn_s=0.05)
     figures = result["figures"]
     there = native().library is not None
-    compared = {"kernel_ratio", *COMPARED} if there else {key for key in COMPARED if not key.endswith("_numpy")}
+    compared = {"native_ratio", *COMPARED} if there else {key for key in COMPARED if not key.endswith("_numpy")}
     assert set(figures) == {*FIGURES, *compared, "ratio_10_vs_2"}
     assert all(math.isfinite(x) and x > 0 for x in figures.values())
     assert list(tmp_path.iterdir()) == []

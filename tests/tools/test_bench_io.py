@@ -73,7 +73,7 @@ def test_figures_without_a_number_are_of_eight_boards(monkeypatch: pytest.Monkey
         "read_to_write_us_p50_2": 52.0, "read_to_write_us_p50_4": 54.0, "read_to_write_us_p50": 58.0,
         "read_to_write_us_p50_10": 60.0, "packets_per_cycle_2": 4.0, "packets_per_cycle_4": 4.0,
         "packets_per_cycle": 4.0, "packets_per_cycle_10": 4.0, "ratio_10_vs_2": 5.0, "max_rate_hz": 3500,
-        "kernel_ratio": 4.0, "cpu_us_without_wait": 30.0, "numpy_cpu_us_without_wait": 120.0,
+        "native_ratio": 4.0, "cpu_us_without_wait": 30.0, "numpy_cpu_us_without_wait": 120.0,
         "numpy_read_to_write_us_p50": 80.0, "numpy_read_to_write_us_p99": 200.0,
         "baseline_cpu_us_without_wait": 75.0, "baseline_read_to_write_us_p50": 5.0,
         "baseline_read_to_write_us_p99": 10.0,

@@ -312,11 +312,11 @@ def test_status_says_how_often_a_process_was_held_up(kinematic: ScriptedRobot) -
     assert process.pauses == 3 and "held up 3 times" in remarks(process)
 
 
-@pytest.mark.parametrize("computes", [b"kernel", b"numpy: it is not compiled"])
+@pytest.mark.parametrize("computes", [b"native", b"numpy: it is not compiled"])
 def test_status_says_where_numpy_does_the_kernels_work_and_why(kinematic: ScriptedRobot, computes: bytes) -> None:
     kinematic.pages["PSM1"].field("computes")[...] = computes
     process = next(process for process in statuses(kinematic.name) if process.name == "PSM1")
-    assert process.computes == computes.decode() and ("numpy: " in remarks(process)) == (computes != b"kernel")
+    assert process.computes == computes.decode() and ("numpy: " in remarks(process)) == (computes != b"native")
 
 
 @examples(30, suppress_health_check=[HealthCheck.function_scoped_fixture])

@@ -3,7 +3,7 @@
 KINEMATIC arms with their io, both in this process, on rings and mailboxes of a system of their own and on a clock that
 is stepped. What is timed (thread CPU time) is all that an arm does in a cycle: io's record and the commands in, the
 setpoints and the arm's state out. A PSM with a large needle driver; MTM and ECM beside it. All of it is measured with
-the compiled kernel and then without, arm by arm; keys that end in _numpy are without.
+the native library and then without, arm by arm; keys that end in _numpy are without.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 
 CYCLES = 20_000
 POSES = 20_000
-SLOWER = 4  # without the kernel so many times fewer
+SLOWER = 4  # without the native library so many times fewer
 STEPS = 40_000  # of the clock until homed
 FILES = {"": "kinematic", "_ecm": "kinematic-ecm", "_mtm": "kinematic-mtm"}
 AMPLITUDE = 0.3  # rad, and a tenth of it in m
@@ -49,7 +49,7 @@ def run(cycles: int = CYCLES, poses: int = POSES) -> dict[str, Any]:
                 slow = _figures(file, suffix, cycles // SLOWER, poses // SLOWER)
             figures |= {f"{key}_numpy": value for key, value in slow.items()}
     if native().library is not None:
-        figures["kernel_ratio"] = figures["cycle_following_cpu_us_p50_numpy"] / figures["cycle_following_cpu_us_p50"]
+        figures["native_ratio"] = figures["cycle_following_cpu_us_p50_numpy"] / figures["cycle_following_cpu_us_p50"]
     conditions = {"cycles": cycles, "poses": poses, "time": "thread CPU time",
                   "arms": {suffix or "(none)": file for suffix, file in FILES.items()}}
     return {"figures": figures, "conditions": conditions}

@@ -2,7 +2,7 @@
 
 A cycle is a broadcast query, a hub read and a broadcast write at 1500 Hz, with the physics steps at 1 kHz that fall
 into it, all amplifiers on and the arms moving. Ten boards (five PSMs) and two boards (one PSM) take turns on the same
-machine; `ratio_10_vs_2` is formed of turns side by side. Eight boards do so with the compiled kernel (keys that end in
+machine; `ratio_10_vs_2` is formed of turns side by side. Eight boards do so with the native library (keys that end in
 _8) and without (_8_numpy). `procs/boards/cost.py` measures, in a process for each.
 """
 
@@ -30,7 +30,7 @@ from trocar.tools.systems.cleanup import own_folder
 
 ROUNDS, TURN_S = 9, 0.8
 PSMS = {10: 5, 2: 1, 8: 4}  # by number of boards
-NUMPY = -8  # eight boards without the kernel
+NUMPY = -8  # eight boards without the native library
 COUNTER = itertools.count()
 
 WHOLE = "10 whole"
@@ -63,7 +63,7 @@ COMPARED: dict[str, Figure] = {
     f"{key}_8{suffix}": (f"{boards} {what}", percentile, 1e3)
     for boards, suffix in ((8, ""), (NUMPY, "_numpy")) for key, what, percentile in OF_EIGHT
 }
-"""Eight boards with the kernel and without."""
+"""Eight boards with the native library and without."""
 KINDS = {
     "cycle": "broadcast query, hub read, broadcast write; windows of 3 cycles with 2 physics steps, mean of a cycle",
     "paused": "after a pause of 2 ms each window, as in real time; the others one after the other",
@@ -93,7 +93,7 @@ def run(rounds: int = ROUNDS, turn_s: float = TURN_S) -> dict[str, Any]:
             ten, after, eight = turn(10), turn(2), turn(8)
             found.keep_ratios("ratio_10_vs_2", *((ten["whole"], two["whole"]) for two in (before, after)))
             if NUMPY in teams:
-                found.keep_ratios("kernel_ratio", (turn(NUMPY)["paused"], eight["paused"]))
+                found.keep_ratios("native_ratio", (turn(NUMPY)["paused"], eight["paused"]))
             before = after
     figures = found.figures(FIGURES) | found.figures(COMPARED)
     conditions = {

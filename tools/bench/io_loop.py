@@ -4,7 +4,7 @@ One to five PSMs (2 to 10 boards) in one io process, powered, homed and holding;
 Where there are two cores io has the first one, the emulator and the arm processes share the second; of more, arms run
 on any. The figures without a number are of four PSMs: 8 boards, 28 axes.
 
-By turns: the kernel and numpy (`numpy_…`; `kernel_ratio` is numpy / kernel from reply to write), the largest and the
+By turns: native and numpy (`numpy_…`; `native_ratio` is numpy / native from reply to write), the largest and the
 smallest robot (`ratio_10_vs_2`, also from reply to write), and the same datagrams between two C programs (`baseline_…`,
 tools/bench/baseline.c), which is what this machine allows. In turns, io sleeps while it waits for the reply; a write
 then wakes the emulator, which is most of the time. (Where io spins, a robot of two boards writes before the emulator
@@ -48,7 +48,7 @@ MORE_MISSED = 0.005
 USUAL_HZ = 1500
 FIRST_HZ, STEP_HZ, MAX_HZ = 3000, 500, 8000
 NAMED_HZ = {1500: "1k5", 3000: "3k", 4500: "4k5", 6000: "6k"}
-TURNS = 3  # of kernel and numpy
+TURNS = 3  # of native and numpy
 ARMS_ON_TWO = "arm.period_s=0.005"  # where there are two cores arms share one with the boards, also those on numpy
 SLOW_ARMS = "arm.period_s=0.005"  # they hold; the rate to find is that of io
 FIRST_BOARD = 6  # of the demo's PSM; copies begin at board 0
@@ -147,7 +147,7 @@ class Baseline:
 
 
 def _by_turns(file: Path, seconds: float, *placed: str) -> dict[str, float]:
-    """Medians of the kernel and of numpy, and what io costs but for waiting."""
+    """Medians of native and of numpy, and what io costs but for waiting."""
     def measure() -> dict[str, float]:
         return _measure(file, seconds, *AWAKE, *placed)
 
@@ -157,7 +157,7 @@ def _by_turns(file: Path, seconds: float, *placed: str) -> dict[str, float]:
 
     found = by_turns(TURNS, {"": measure, "numpy_": measure_numpy})
     numpy = {f"numpy_{key}": found["numpy_"][key] for key in ("read_to_write_us_p50", "read_to_write_us_p99", CPU)}
-    return {"kernel_ratio": numpy["numpy_read_to_write_us_p50"] / found[""]["read_to_write_us_p50"],
+    return {"native_ratio": numpy["numpy_read_to_write_us_p50"] / found[""]["read_to_write_us_p50"],
             CPU: found[""][CPU], **numpy}
 
 

@@ -106,7 +106,7 @@ class ProcessStatus:
     listen: tuple[str, ...] = ()
     """Addresses at which it is connected to; who connects starts it where it runs on demand."""
     computes: str = ""
-    """`kernel`, or `numpy: ` and why, of processes that compute for many axes."""
+    """`native`, or `numpy: ` and why, of processes that compute for many axes."""
     after: tuple[str, ...] = ()
     """Processes that it needs."""
     host: str = ""
@@ -364,7 +364,7 @@ def remarks(process: ProcessStatus) -> str:
     granted = [word for word in process.scheduling.split(", ") if word not in (NO_FIFO, NOT_LOCKED, ORDINARY, "")]
     parts += [", ".join(granted)] if granted else []
     parts += [f"listens at {' and '.join(process.listen)}"] if process.listen else []
-    parts += [process.computes] if process.computes not in ("", "kernel") else []
+    parts += [process.computes] if process.computes not in ("", "native") else []
     latency = process.statistics.get("latency")
     if latency:
         in_us = {part: latency[part] * 1e6 for part in PARTS}
