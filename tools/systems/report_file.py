@@ -133,11 +133,17 @@ def _contents(made: Report) -> str:
 
 def _versions() -> dict[str, Any]:
     packages = sorted({f"{each.name}=={each.version}" for each in metadata.distributions()}, key=str.lower)
+    checkout = ""
     with contextlib.suppress(OSError, subprocess.SubprocessError):
-        words = ["git", "--no-optional-locks", "-C", str(ROOT), "describe", "--always", "--dirty"]
-        done = subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
-        return {"trocar": VERSION, "checkout": done.stdout.strip(), "packages": packages}
-    return {"trocar": VERSION, "checkout": "", "packages": packages}
+        changed = "-dirty" if _git("status", "--porcelain", "-uno") else ""
+        checkout = f"{_git('describe', '--always')}{changed}"
+    return {"trocar": VERSION, "checkout": checkout, "packages": packages}
+
+
+def _git(*words: str) -> str:
+    """What git says of the checkout, without a lock on its index, which `describe --dirty` would take."""
+    words = ("git", "--no-optional-locks", "-C", str(ROOT), *words)
+    return subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE_S, check=False).stdout.strip()
 
 
 def _document(system: str) -> bytes:
