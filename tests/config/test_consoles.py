@@ -6,14 +6,17 @@ import math
 import re
 
 import pytest
+from pydantic import BaseModel
 
 from tests import stock
 from tests.config.conftest import SYSTEM, Home
 from trocar.procs.config import load_system
 from trocar.procs.config.loading.kinds import check_file
+from trocar.procs.config.models.system_file import TeleopEcmParameters, TeleopPsmParameters
 from trocar.procs.document import system as document
 from trocar.procs.document.consoles import HidSensor
 from trocar.procs.document.system import SystemConfig, WiredInput
+from trocar.shm.commands import SCALE
 
 FULL = "dvrk-share/system/system-full-system-simulated.json"
 ARMS = [{"name": name, "type": name[:3], "simulation": "KINEMATIC", "serial": "0",
@@ -57,7 +60,7 @@ def test_defaults_are_those_of_the_original() -> None:
 @pytest.mark.parametrize(
     ("keys", "key"),
     [
-        ({"scale": 0.0}, "scale"),
+        ({"scale": 0.0}, "scale"), ({"scale": 1.0001}, "scale"),
         ({"jaw_rate": -1.0}, "jaw_rate"),
         ({"start_roll_threshold": -0.1}, "start_roll_threshold"),
         ({"MTM_is_haptic": False}, "align_MTM"),
@@ -188,3 +191,9 @@ def test_a_slave_s_base_frame_is_an_arm_s_or_a_set_up_arm_s(home: Home, frame: d
         assert loaded.system is not None
         row = loaded.system.teleop_psms[0]
         assert (row.base_frame_from, row.base_frame_interface) == (frame["component"], frame["interface"])
+
+
+@pytest.mark.parametrize("section", [TeleopPsmParameters, TeleopEcmParameters])
+def test_a_file_gives_no_scale_that_a_command_may_not_give(section: type[BaseModel]) -> None:
+    bounds = section.model_fields["scale"].metadata
+    assert [getattr(bound, "gt", getattr(bound, "le", None)) for bound in bounds] == [SCALE.low, SCALE.high]

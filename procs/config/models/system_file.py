@@ -117,7 +117,7 @@ class GripperScalingKeys(Section):
 class TeleopPsmParameters(Section):
     """How a PSM teleoperation behaves; angles in rad."""
 
-    scale: float = Field(default=0.2, gt=0.0)
+    scale: float = Field(default=0.2, gt=0.0, le=1.0)
     rotation_locked: bool = False
     translation_locked: bool = False
     align_MTM: bool = True
@@ -150,7 +150,7 @@ class TeleopPsmKeys(Section):
 class TeleopEcmParameters(Section):
     """How an ECM teleoperation behaves."""
 
-    scale: float = Field(default=0.2, gt=0.0, description="of the insertion")
+    scale: float = Field(default=0.2, gt=0.0, le=1.0, description="of the insertion")
     camera_roll_offset: float = Field(default=0.0, description="rad")
 
 
