@@ -1,10 +1,10 @@
-"""What arms want of io, by level: desired states come with their setpoints and are looked at every cycle until they
-are so.
+"""Desired states: what arms request of io by level. They arrive with the setpoints and are checked every cycle until io
+has reached them.
 
-    nothing changes by a desired state that is none, by generation 0, and by setpoints that are not fresh
-    TAKEN   a generation other than the one before: what of it is not yet so is tried in every cycle
-    SO      all of it is so: nothing but what voids it can change that
-    VOID    a person's command to the robot, or a fault that switched something off, came after it: it counts no more
+    ignored: a desired state NONE, generation 0, and setpoints that are not fresh
+    TAKEN   a new generation: desired states that are not yet reached are tried in every cycle
+    SO      all desired states are reached: from now on only VOID can change this
+    VOID    a later operator's command to the robot, or a fault that switched something off, made the generation void
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ ROWS: Final = {row.name: row for row in COMMANDS["io"]}
 
 @dataclass(slots=True)
 class DesiredProgress:
-    """How far io is with the desired states of one robot."""
+    """Progress of io with the desired states of one robot."""
 
-    reported: set[tuple[str, str, str]] = field(default_factory=set)  # of it: command, outcome, reason
-    refusals: list[str] = field(default_factory=list)  # of this cycle
+    reported: set[tuple[str, str, str]] = field(default_factory=set)  # command, outcome, reason
+    refusals: list[str] = field(default_factory=list)  # in this cycle
 
 
 class DesiredCommand:
-    """One desired state, as a command of the arm; `Commands` carries it out."""
+    """One desired state as a command of the arm, carried out by `IoCommands`."""
 
     pid = place = 0
     has_client = True
@@ -52,48 +52,48 @@ class DesiredCommand:
         self._state, self._report = state, report
 
     def accept(self, text: str = "") -> None:
-        """It is under way."""
+        """The command is in progress."""
         self._say("accepted", text)
 
     def refuse(self, reason: str) -> None:
-        """Not now; it is tried again in the next cycle."""
+        """Not possible now; tried again in the next cycle."""
         self._state.refusals.append(reason)
         self._say("refused", reason)
 
     def done(self, text: str = "") -> None:
-        """It has been carried out."""
+        """The command has been carried out."""
         self._say("done", text)
 
     def fail(self, reason: str) -> None:
-        """It was accepted and has failed."""
+        """The command was accepted and has failed."""
         self._say("failed", reason)
 
     def _say(self, outcome: str, reason: str) -> None:
         what = self.name, outcome, reason
-        if what not in self._state.reported:  # brakes let go over many cycles
+        if what not in self._state.reported:  # brakes take many cycles to release
             self._state.reported.add(what)
             self._report(self, outcome, reason)
 
 
 class ArmRequests:
-    """The desired states of all arms of an io."""
+    """The desired states of all arms of one io."""
 
     def __init__(self, robots: Robots, record: IoRecord, follow: SetpointTracker,
                  report: Callable[[DesiredCommand, str, str], None] | None) -> None:
-        """`report` hears what became of each, once."""
+        """`report` receives each outcome once."""
         self._robots, self._record, self._follow = robots, record, follow
         self._report = report or (lambda asked, outcome, reason: None)
         self._flags: list[NDArray[Any]] = [getattr(record, desired.shown) for desired in DESIRED_STATES]
         self._states = [DesiredProgress() for _ in robots.names]
         count = len(robots.names)
         self.taken: NDArray[np.uint32] = np.zeros(count, dtype=np.uint32)  # the newest generation
-        self.open: Flags = np.zeros(count, dtype=bool)  # something of the newest generation is not yet so
+        self.open: Flags = np.zeros(count, dtype=bool)  # the newest generation has a state that is not reached
         self.has_news = True
-        """Some fresh record has another generation, or something of the newest is not yet so."""
+        """A fresh record has another generation, or a state of the newest generation is not reached."""
         self._cut = record.desired_refused.dtype.itemsize
 
     def void(self, robot: int, reason: str = "") -> None:
-        """The present generation of this robot counts for nothing from now on; `reason` where nothing else says it."""
+        """Make the robot's present generation void; `reason` is for cases that no other message explains."""
         record = self._record
         for follower in self._follow.followers:
             if follower.robot == robot and self._follow.is_fresh[follower.place]:
@@ -103,7 +103,7 @@ class ArmRequests:
         record.desired_refused[robot] = shorten(reason, self._cut)
 
     def wants(self, robot: int, command: str, on: bool) -> str:
-        """The arm that wants what this command sets to be on, or off; empty: none does."""
+        """The arm whose desired state for this command is on, or off; empty: no arm."""
         for follower in self._follow.followers:
             fields = follower.source.desired
             if (follower.robot == robot and self._follow.is_fresh[follower.place]
@@ -123,7 +123,7 @@ class ArmRequests:
         return False
 
     def due(self) -> Iterator[DesiredCommand]:
-        """What is wanted and not so, as commands, to be carried out one by one."""
+        """Desired states that are not reached, as commands to be carried out one by one."""
         if not self.has_news:
             return
         for follower in self._follow.followers:

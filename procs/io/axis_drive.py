@@ -1,10 +1,10 @@
-"""One motor driven without the joint controller, to find out what it moves: for commissioning (`trocar commission`).
+"""Drive one motor without the joint controller to identify the axis it moves: for commissioning (`trocar commission`).
 
-    RISING      the current rises from 0 to the one asked for; all other motors have none, brakes hold
-    LETTING_GO  the brake of this axis alone lets go, where that was asked for; the current stays
-    over        the axis has moved by `travel`, another one by more than ROOM, the time has passed, or it was stopped
+    RISING      the current rises from 0 to the requested value; all other motors have none, brakes hold
+    LETTING_GO  the brake of this axis alone releases, if requested; the current stays
+    over        this axis has moved by `travel`, another axis by more than ROOM, the time is over, or a stop came
 
-Nothing but its brakes holds the arm meanwhile. Afterwards the motor has no current, and the brakes hold.
+Meanwhile, only the brakes hold the arm. Afterwards the motor has no current, and the brakes hold.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from trocar.procs.node.requests import Request
 MAX_SHARE: Final = 0.5  # of the motor's largest current
 MAX_RISE_S: Final = 3.0
 MAX_TRAVEL_RAD, MAX_TRAVEL_M = 0.2, 0.03
-ROOM_RAD, ROOM_M = 0.35, 0.05  # what another axis may move by: nobody holds it
+ROOM_RAD, ROOM_M = 0.35, 0.05  # permitted motion of another axis, which nothing holds
 TRAVEL_S: Final = 0.5  # the travel takes no less time than this
-FREE_S: Final = 1.0  # for how long an axis has the current after its brake has let go
+FREE_S: Final = 1.0  # how long an axis has current after its brake has released
 
 
 @dataclass(slots=True)
 class AxisDriveRun:
-    """One test; positions are those of all axes of the robot when it began."""
+    """One test; positions are those of all axes of the robot at its start."""
 
     axis: int
     current_a: float
@@ -41,7 +41,7 @@ class AxisDriveRun:
     begin_ns: int
     start: Floats
     end_ns: int
-    free: bool = False  # its brake was let go
+    free: bool = False  # its brake was released
 
 
 class AxisDrive:
@@ -56,7 +56,7 @@ class AxisDrive:
         self.running: dict[int, AxisDriveRun] = {}
 
     def objection(self, robot: int, axis: int, current_a: float, rise_s: float, travel: float) -> str:
-        """Why it cannot be done, or ""."""
+        """Why the test cannot run, or ""."""
         place, robots = self._robots.slices[robot].start + axis, self._robots
         most, furthest = MAX_SHARE * float(robots.maximum_current[place]), float(self._most_travel[place])
         if not (robots.has_encoder[place] and robots.effort_to_current[place] != 0.0 and most > 0.0):
@@ -69,21 +69,21 @@ class AxisDrive:
 
     def begin(self, robot: int, axis: int, current_a: float, rise_s: float, travel: float, release: bool,
               asker: Request, now_ns: int) -> None:
-        """Start; `release`: let its brake go, once there is current."""
+        """Start; `release`: release the brake once there is current."""
         start = self._samples.position[self._robots.slices[robot]].copy()
         rise_ns = round(rise_s * 1e9)
         self.running[robot] = AxisDriveRun(axis, current_a, rise_ns, travel, release, asker, now_ns, start,
                                             now_ns + rise_ns)
 
     def stop(self, robot: int, why: str) -> None:
-        """End it."""
+        """End the test."""
         test = self.running.pop(robot, None)
         if test is not None:
             self._end(robot, test)
             test.asker.fail(why)
 
     def step(self, now_ns: int) -> None:
-        """One good sample; the joint controllers have computed their efforts."""
+        """Called with each good sample, after the joint controllers have computed their efforts."""
         if self.running:
             for robot in list(self.running):
                 self._advance(robot, self.running[robot], now_ns)
@@ -102,12 +102,12 @@ class AxisDrive:
             self._finish(robot, test)
         else:
             share, place = min(1.0, (now_ns - test.begin_ns) / test.rise_ns), axes.start + test.axis
-            # from a speed on it gets less current, at twice of that none: what is fast runs on when it has none
+            # above a certain speed less current, none at twice that speed: a fast axis coasts without current
             share *= min(1.0, max(0.0, 2.0 - abs(self._samples.velocity[place]) * TRAVEL_S / test.travel))
             self._pid.effort[place] = share * test.current_a / self._robots.effort_to_current[place]
 
     def _let_go(self, robot: int, test: AxisDriveRun, now_ns: int) -> bool:
-        """Let the brake go; False where that is not wanted, or has been done."""
+        """Release the brake; False if not requested, or already done."""
         if not test.release or test.free:
             return False
         test.free = True

@@ -1,11 +1,11 @@
-"""Encoder bias: encoders are set from potentiometers, averaged while the arm may move, or one by one to a given value.
+"""Encoder bias: set encoders from potentiometers, averaged while the arm may move, or one by one to a given value.
 
-Every good sample adds potentiometer − encoder; the mean of that plus the present encoder is where the actuator is, also
-when it moved meanwhile. The preload is written, and believed when the encoder shows it two samples later. Actuators
-whose potentiometer does not tell the position (the roll of a master) are left out of a bias: their encoders go to
-mid-range, which means that nobody has set them, until they are set by themselves at a place that is known (a stop).
+Every good sample adds potentiometer − encoder. The mean of that plus the present encoder value is the actuator's
+position, also when the actuator moved meanwhile. The preload is written, and accepted when the encoder shows it two
+samples later. Actuators whose potentiometer does not measure the position (the roll of a master) are left out of a
+bias: their encoders go to mid-range, which means "not set", until each is set at a known position (a stop).
 
-Whatever is set, positions mean something else from then on: each time counts as a new bias generation.
+Each setting changes the meaning of positions, so each counts as a new bias generation.
 """
 
 from __future__ import annotations
@@ -29,30 +29,30 @@ ATTEMPTS: Final = 3
 NEAR_RAD: Final = 0.05
 NEAR_M: Final = 0.005
 BIASED: Final = "encoders biased"
-BEYOND: Final = 0.1  # of its range, how far outside its limits an encoder may be set: a stop lies beyond them
+BEYOND: Final = 0.1  # of its range: how far outside its limits an encoder may be set; a stop may be there
 
 
 @dataclass(slots=True)
 class EncoderSetting:
     """Encoders of one robot that are being set."""
 
-    text: str  # what has been done in the end
-    which: Flags  # actuators that get their value; of a bias, those that are left out get mid-range
+    text: str  # what was done, reported at the end
+    which: Flags  # actuators that get their value; those that a bias leaves out get mid-range
     written: Flags
     wanted: int = 0
     sums: Floats | float = 0.0
     taken: int = 0
-    settle: int = 0  # samples to wait until the encoders are looked at; 0: still collecting
+    settle: int = 0  # samples to wait before the encoders are checked; 0: still collecting
     attempts: int = 0
     goal: Floats | None = None
 
 
 class Bias:
-    """Biases of all robots; the record's `encoder_set` tells which encoders kept a preload from before."""
+    """Biases of all robots; the record's `encoder_set` shows which encoders kept an earlier preload."""
 
     def __init__(self, robots: Robots, port: BusPort, samples: Samples, record: IoRecord, reports: IoReports,
                  encoders_set: Callable[[int, Flags], None]) -> None:
-        """`encoders_set` is called with every sample in which encoders of a robot may come to read something else."""
+        """`encoders_set` is called with every sample in which encoders of a robot may start to read something else."""
         self._robots, self._port, self._samples, self._record = robots, port, samples, record
         self._reports, self._encoders_set = reports, encoders_set
         self.running: dict[int, EncoderSetting] = {}
@@ -61,13 +61,13 @@ class Bias:
             record.biased[robot] = self._preset(robot)
 
     def _preset(self, robot: int) -> bool:
-        """Every encoder of the robot is set, and it has some."""
+        """The robot has encoders, and all of them are set."""
         axes = self._robots.slices[robot]
         there = self._robots.has_encoder[axes]
         return bool(there.any() and self._record.encoder_set[axes][there].all())
 
     def objection(self, robot: int, samples: int, left_out: Flags) -> str:
-        """Why the robot can never be biased so, or ""."""
+        """Why this bias is impossible for the robot, or ""."""
         if samples < 0 and self._preset(robot):
             return ""
         axes, robots = self._robots.slices[robot], self._robots
@@ -89,7 +89,7 @@ class Bias:
         record.biased[robot] = False
 
     def set_objection(self, robot: int, axis: int, position: float) -> str:
-        """Why an encoder cannot be set so, or ""."""
+        """Why this encoder cannot be set to this position, or ""."""
         place, robots = self._robots.slices[robot].start + axis, self._robots
         if not robots.has_encoder[place]:
             return f"axis {axis} has no encoder"
@@ -114,12 +114,12 @@ class Bias:
         self._set(robot, job)
 
     def stop(self, robot: int) -> None:
-        """Give up; what was there before is not trusted any more."""
+        """Stop the setting; the robot counts as not biased."""
         if self.running.pop(robot, None) is not None:
             self._record.biasing[robot] = self._record.biased[robot] = False
 
     def step(self) -> None:
-        """One good sample."""
+        """Called with each good sample."""
         if self.running:
             for robot in list(self.running):
                 self._advance(robot, self.running[robot])
@@ -147,7 +147,7 @@ class Bias:
             self._fail(robot, job)
 
     def _set(self, robot: int, job: EncoderSetting) -> None:
-        """Write the preloads; a lost datagram is noticed by the look that follows."""
+        """Write the preloads; a lost datagram is found by the check that follows."""
         job.attempts, job.settle = job.attempts + 1, SETTLE_SAMPLES
         self._record.encoder_set[self._robots.slices[robot]][job.written] = False  # until they show it
         assert job.goal is not None
@@ -159,7 +159,7 @@ class Bias:
                 self._fail(robot, job)
 
     def preload(self, robot: int, position: Floats, which: Flags) -> None:
-        """Make these encoders read `position`; ValueError where that is not possible, nothing is written then."""
+        """Make these encoders read `position`; ValueError if impossible, then nothing is written."""
         axes, robots = self._robots.slices[robot], self._robots
         bits = conversion.preload_bits(position[which], robots.position_scale[axes][which],
                                        robots.position_offset[axes][which])
@@ -169,14 +169,14 @@ class Bias:
         self._samples.encoders_were_set()
 
     def forget(self, lost: Flags) -> None:
-        """These encoders (axes,) are not set any more: their boards had no power."""
+        """These encoders (axes,) are no longer set: their boards had no power."""
         for robot, axes in enumerate(self._robots.slices):
             if lost[axes].any():
                 self._record.biased[robot] = False
                 self._record.encoder_set[axes][lost[axes]] = False
 
     def zero(self, robot: int) -> None:
-        """The encoders mean nothing any more (overflow, an Si arm that was not preloaded): mid-range, not biased."""
+        """The encoders are meaningless (overflow, an Si arm without preload): set to mid-range, not biased."""
         self.stop(robot)
         self._record.biased[robot] = False
         axes = self._robots.slices[robot]

@@ -1,4 +1,4 @@
-"""Brakes: a current lets them go, a smaller one keeps them so, without any they hold.
+"""Brakes: a current releases them, a smaller one keeps them released; without current they hold.
 
     ENGAGED    release  → RELEASING   release current, each brake for its own time
     RELEASING  time over → RELEASED   released current; the robot's brakes are released when all are
@@ -15,7 +15,7 @@ from trocar.procs.io.robots import Robots
 
 
 class Brakes:
-    """Requested currents of all brakes, in A: `current` (b,), limited like every current when they are sent."""
+    """Requested currents of all brakes, in A: `current` (b,), limited like every current before they are sent."""
 
     def __init__(self, robots: Robots, record: IoRecord) -> None:
         """All engaged."""
@@ -29,7 +29,7 @@ class Brakes:
         self._spent_s = np.zeros(len(rows))
         self._releasing = np.zeros(len(rows), dtype=bool)
         self.busy = False
-        self._alone: set[int] = set()  # robots of which a single brake was let go
+        self._alone: set[int] = set()  # robots with a single brake released
         self.current: Floats = self._engaged.copy()
 
     def has(self, robot: int) -> bool:
@@ -37,7 +37,7 @@ class Brakes:
         return len(self._of_robot[robot]) > 0
 
     def release(self, robot: int) -> None:
-        """Let go; nothing to do for brakes that are on their way or let go already."""
+        """Release the robot's brakes; no effect on brakes that are releasing or released."""
         rows = self._of_robot[robot]
         if self._record.brakes_released[robot] or self._releasing[rows].any():
             return
@@ -45,9 +45,9 @@ class Brakes:
         self._alone.discard(robot)
 
     def release_one(self, robot: int, axis: int) -> float:
-        """Let only the brake of this actuator go, until `engage`; returns the time that takes, s; 0: it has none.
+        """Release only the brake of this actuator, until `engage`; returns the time that takes, s; 0: it has no brake.
 
-        The record shows brakes as released when all are: it does not show this one.
+        The record shows brakes as released when all are, so it does not show this one.
         """
         rows = self._of_robot[robot][axis : axis + 1]
         if not len(rows):
@@ -61,14 +61,14 @@ class Brakes:
         self.busy = True
 
     def engage(self, robot: int) -> None:
-        """Hold."""
+        """Engage the robot's brakes."""
         rows = self._of_robot[robot]
         self._alone.discard(robot)
         self.current[rows], self._releasing[rows] = self._engaged[rows], False
         self._record.brakes_released[robot] = False
 
     def step(self, period_s: float) -> None:
-        """One good sample, `period_s` after the one before."""
+        """Called with each good sample, `period_s` after the previous one."""
         if not self.busy:
             return
         self._spent_s[self._releasing] += period_s

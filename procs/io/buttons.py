@@ -1,4 +1,4 @@
-"""Digital inputs of all boards: bits out of the blocks, debounced, as events."""
+"""Digital inputs of all boards: extracted from the blocks, debounced, reported as events."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Buttons:
     """The inputs of one io in the order of the document."""
 
     def __init__(self, robots: Robots, port: BusPort, record: IoRecord, reports: IoReports) -> None:
-        """Looks at what the port leaves in its `blocks`; its boards are discovered."""
+        """Reads the port's `blocks`; its boards are discovered."""
         inputs = robots.io.digital_inputs
         self._names = [i.name for i in inputs]
         self.count = len(inputs)
@@ -34,7 +34,7 @@ class Buttons:
         self._record, self._reports = record, reports
 
     def watch(self) -> bool:
-        """Take the bits of the newest sample; True: see `settle`."""
+        """Take the bits of the newest sample; True: call `settle`."""
         if not self._names:
             return False
         self._flat.take(self.index, out=self._words, mode="clip")
@@ -43,7 +43,7 @@ class Buttons:
         return self.debounce.watch(self._set)
 
     def settle(self, dt_s: float) -> None:
-        """Take up what changed, `dt_s` after the sample before."""
+        """Process changed bits, `dt_s` after the previous sample."""
         for index, kind in self.debounce.settle(dt_s):
             name = self._names[index]
             self._reports.events.append(IoEvent("button", NAMES[kind], NAMES[kind], name, value=PAYLOADS[kind]))

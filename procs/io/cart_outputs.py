@@ -1,14 +1,14 @@
-"""Outputs of patient carts: lift and multiplexer of Classic ones, brakes of the setup joints that carry Si arms.
+"""Outputs of patient carts: lift and multiplexer of Classic carts, brakes of the setup joints that carry Si arms.
 
-The lift is a PWM and a pin that disables its amplifier while it is high. It moves while the setup joints have their
-currents (joint controller on, setpoints fresh) and `lift` is repeated; else its duty cycle is neutral and its amplifier
-disabled. So it stops when the process that moves it dies, stalls or restarts.
+The lift is a PWM and a pin that disables its amplifier while it is high. The lift moves while the setup joints have
+their currents (joint controller on, setpoints fresh) and `lift` is repeated; else its duty cycle is neutral and its
+amplifier disabled. So it stops when the commanding process dies, stalls or restarts.
 
-The brakes of Si setup joints let go while a clutch button is pressed and the arm has power. Their buttons and their
-brake hang on the controllers of the arm, by the names of the original's files: NAME_SUJ_clutch, NAME_SUJ_clutch_2 and
-NAME_SUJ_brake (high: let go). I/O does it by itself, on the buttons as they are. A button counts only when it was seen
-released since the arm has power: one that is stuck lets nothing go. `setup_brake` does what a button does, as long as
-it is repeated.
+The brakes of Si setup joints release while a clutch button is pressed and the arm has power. Their buttons and their
+brake are on the controllers of the arm, under the names of the original's files: NAME_SUJ_clutch, NAME_SUJ_clutch_2 and
+NAME_SUJ_brake (high: release). I/O does this by itself, from the levels of the buttons. A button counts only after it
+was seen released since the arm has power, so a stuck button releases nothing. A repeated `setup_brake` acts like a
+pressed button.
 """
 
 from __future__ import annotations
@@ -26,29 +26,29 @@ from trocar.procs.io.reports import IoReports
 from trocar.procs.io.robots import Robots
 from trocar.procs.tables import codes
 
-NEUTRAL, GAIN = 0.5, 0.1  # duty cycle at rest, and what full speed adds to it
+NEUTRAL, GAIN = 0.5, 0.1  # duty cycle at rest, and its change for full speed
 HOLD_NS: Final = 30_000_000
-"""For so long a command counts that has to be repeated: `lift` and `setup_brake`."""
+"""How long a command counts that must be repeated: `lift` and `setup_brake`."""
 BUTTONS: Final = ("SUJ_clutch", "SUJ_clutch_2")
 
 
 @dataclass(slots=True)
 class Lift:
-    """`duty` and `disable` are places of outputs."""
+    """`duty` and `disable` are indices of outputs."""
 
     robot: int
     duty: int
     disable: int
     velocity: float = 0.0
     until_ns: int = 0
-    kept: float = math.nan  # the velocity that its outputs have
+    kept: float = math.nan  # the velocity its outputs are set to
 
 
 class CartOutputs:
-    """Those of all carts of one io."""
+    """Outputs of all carts of one io."""
 
     def __init__(self, robots: Robots, record: IoRecord, outputs: DigitalOutputs) -> None:
-        """All lifts rest, whatever a predecessor left."""
+        """All lifts rest, whatever the previous process left."""
         self._record, self._outputs = record, outputs
         self._lifts: dict[int, Lift] = {}
         self._counters: dict[int, tuple[int, int]] = {}
@@ -62,7 +62,7 @@ class CartOutputs:
         self.shutdown()
 
     def lift(self, robot: int, velocity: float, now_ns: int) -> str:
-        """Move the lift of a robot for a moment, or stop it; returns why not, or ""."""
+        """Move the lift of a robot for a moment, or stop it; returns the reason for a refusal, or ""."""
         lift = self._lifts.get(robot)
         if lift is None:
             return "it has no lift"
@@ -74,7 +74,7 @@ class CartOutputs:
         return reason
 
     def multiplexer(self, robot: int, on: bool) -> str:
-        """To the next channel, or to the first one; returns why not, or ""."""
+        """Switch to the next channel, or to the first one; returns the reason for a refusal, or ""."""
         if robot not in self._counters:
             return "it has no multiplexer"
         first, following = self._counters[robot]
@@ -92,7 +92,7 @@ class CartOutputs:
                 self._keep(lift)
 
     def shutdown(self) -> None:
-        """All rest."""
+        """Stop all lifts."""
         for lift in self._lifts.values():
             lift.velocity = 0.0
             self._keep(lift)
@@ -108,22 +108,22 @@ class CartOutputs:
 
 @dataclass(slots=True)
 class SetupBrake:
-    """The brake under one arm; `inputs` and `output` are places in the record."""
+    """The setup joints' brake under one arm; `inputs` and `output` are indices in the record."""
 
     inputs: Flags
     output: int
     let_go: bool = False
     pressed: bool = False
     powered: bool = False
-    counts: bool = False  # the buttons were seen released since there is power
-    until_ns: int = 0  # let go by command
+    counts: bool = False  # the buttons were seen released since power-on
+    until_ns: int = 0  # end of a release by command
 
 
 class SetupBrakes:
-    """Those of all arms of one io."""
+    """Setup brakes of all arms of one io."""
 
     def __init__(self, robots: Robots, record: IoRecord, outputs: DigitalOutputs, reports: IoReports) -> None:
-        """All hold, whatever a predecessor left."""
+        """All hold, whatever the previous process left."""
         self._robots, self._record, self._outputs, self._reports = robots, record, outputs, reports
         buttons = [i.name for i in robots.io.digital_inputs]
         self._brakes: dict[int, SetupBrake] = {}
@@ -135,7 +135,7 @@ class SetupBrakes:
         self.shutdown()
 
     def set(self, robot: int, on: bool, now_ns: int) -> str:
-        """Let the brakes under an arm go for a moment, or have them hold; returns why not, or ""."""
+        """Release the brakes under an arm for a moment, or engage them; returns the reason for a refusal, or ""."""
         brake = self._brakes.get(robot)
         if brake is None:
             return "there are no setup joints under it whose brakes io lets go"
@@ -145,7 +145,7 @@ class SetupBrakes:
         return ""
 
     def step(self, now_ns: int) -> None:
-        """Once a cycle, also after a bad read: what has lost its power holds."""
+        """Once a cycle, also after a bad read: without power, the brakes hold."""
         for robot, brake in self._brakes.items():
             self._follow(robot, brake, now_ns)
 
@@ -165,7 +165,7 @@ class SetupBrakes:
             self._reports.status(f"brakes of the setup joints {'let go' if let_go else 'hold'}", name)
 
     def shutdown(self) -> None:
-        """All hold."""
+        """Engage all."""
         for brake in self._brakes.values():
             brake.let_go = False
             self._outputs.keep(brake.output, 0.0)

@@ -1,4 +1,4 @@
-"""What io does when asked: one method per row of the `io` command table; refusals say why and what to do first."""
+"""io's commands: one method per row of the `io` command table. A refusal gives the reason and the step to do first."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from trocar.shm.mailbox.generations import OwnCell
 from trocar.shm.mailbox.guard import unauthorized
 
 ABOUT: Final = {"set_output": "output", "set_pwm": "output", "trigger_read": "instrument reader"}  # others: a robot
-WITH_MORE: Final = ("set_gains",)  # whose text goes on after the name
+WITH_MORE: Final = ("set_gains",)  # whose text continues after the name
 WHO: Final = "@"
 UNKNOWN: Final = "another program"  # a sender without a name
 EXACT: Final = "its positions are exact, and there are no encoders to set"
@@ -39,7 +39,7 @@ class IoCommands:
         self._names = {"robot": devices.robots.names, "output": boards.outputs.names if boards else (),
                        "instrument reader": boards.instruments.names if boards else ()}
         self._powering: list[tuple[int, Request]] = []
-        self._biasing: list[tuple[int, Flags, Request]] = []  # robot, what shows that it has been done
+        self._biasing: list[tuple[int, Flags, Request]] = []  # robot, flags that show completion, request
         self._now_ns = 0
         self._table: dict[str, Callable[[int, Request], None]] = {
             "power_on": self._power_on, "power_off": self._power_off, "bias_encoders": self._bias_encoders,
@@ -55,7 +55,9 @@ class IoCommands:
         }
 
     def execute(self, commands: Iterable[Request], now_ns: int) -> None:
-        """Carry out what came in, then what arms want; a command to a robot itself voids what its arm wants."""
+        """Carry out received commands, then desired states. A command that switches a robot voids its arm's desired
+        states.
+        """
         self._now_ns = now_ns
         for command in commands:
             robot = self._carry_out(command)
@@ -67,7 +69,7 @@ class IoCommands:
             self._carry_out(desired)
 
     def _carry_out(self, command: Request) -> int:
-        """Returns what it is about, -1 when it was refused."""
+        """Returns the index of the robot, output or reader, -1 if refused."""
         try:
             action = self._table.get(command.name)
             if action is None:
@@ -83,17 +85,17 @@ class IoCommands:
         return place
 
     def _cell_of(self, place: int, command: Request) -> OwnCell | None:
-        """Faults after which a command has to be asked for again; none where its robot's arm sets its own checks."""
+        """Faults that require a new command; None where a desired state sets the checks of the arm's own robot."""
         is_mode = isinstance(command, DesiredCommand) and command.name in SETTINGS
         return None if is_mode or command.name in ABOUT else self._faults[place]
 
     @property
     def waits(self) -> bool:
-        """Something was accepted and has not finished."""
+        """An accepted command has not finished."""
         return bool(self._powering or self._biasing)
 
     def answer(self) -> None:
-        """Answer what has finished."""
+        """Answer the finished commands."""
         if not self.waits:
             return
         record = self._record
@@ -119,7 +121,7 @@ class IoCommands:
         return f"{fault.cause}; {fault.remedy_for(self._robots.names[robot])}" if fault else otherwise
 
     def _place(self, command: Request) -> int:
-        """What it is about: a robot, an output, a reader of instruments."""
+        """Index of the robot, output or instrument reader in the command."""
         name = command.text if command.name not in WITH_MORE else command.text.partition(" ")[0]
         kind = ABOUT.get(command.name, "robot")
         names = self._names[kind]
@@ -128,7 +130,7 @@ class IoCommands:
         return names.index(name)
 
     def _on_boards(self, else_why: str) -> BoardDevices:
-        """What only robots on boards have; `else_why` KINEMATIC ones refuse it."""
+        """The devices that only robots on boards have; KINEMATIC ones refuse with `else_why`."""
         if self._boards is None:
             raise CommandRefused(f"it is KINEMATIC: {else_why}")
         return self._boards
@@ -141,7 +143,7 @@ class IoCommands:
         _finish(command, self._free_outputs(output).set_pwm(output, float(command.values[0])))
 
     def _free_outputs(self, output: int) -> DigitalOutputs:
-        """The outputs, where this one is not set by io itself."""
+        """The outputs, if io does not set this one by itself."""
         outputs = self._on_boards("there are no outputs").outputs
         owner = outputs.owner(output)
         if owner and not self._robots.io.calibration_mode:
@@ -201,7 +203,7 @@ class IoCommands:
         bias = self._on_boards(EXACT).bias
         _refuse_if(bias.set_objection(robot, axis, position))
         place = self._robots.slices[robot].start + axis
-        if not self._record.effort_mode[place]:  # nobody acts on its position then, and the others go on holding
+        if not self._record.effort_mode[place]:  # no controller uses its position then, and the other axes keep holding
             self._need_off(robot)
         self._need_rest(robot)
         bias.set_one(robot, axis, position)
@@ -216,12 +218,12 @@ class IoCommands:
         return int(value)
 
     def _need_off(self, robot: int) -> None:
-        """Encoders are only set where nobody acts on them."""
+        """Encoders are set only while no controller uses them."""
         if self._record.pid_enabled[robot]:
             raise CommandRefused("the joint controller is on; switch it off first")
 
     def _need_rest(self, robot: int) -> None:
-        """And where they are seen."""
+        """And only while they are sampled."""
         record = self._record
         if record.biasing[robot]:
             raise CommandRefused("a bias is under way")
@@ -274,7 +276,7 @@ class IoCommands:
                 raise CommandRefused("it has no joint controller")
             if self._robots.motors_off[robot]:
                 raise CommandRefused(codes.CALIBRATION_MOTORS.cause)
-            biased = record.biased | ~self._robots.with_encoders  # without any, nothing is to be biased
+            biased = record.biased | ~self._robots.with_encoders  # without encoders there is nothing to bias
             for flag, what in ((record.powered, "it is not powered"), (record.amps_on, "its amplifiers are not on"),
                                (biased, "its encoders are not biased")):
                 if not flag[robot]:
@@ -300,7 +302,7 @@ class IoCommands:
         command.done()
 
     def _let_off(self, robot: int) -> None:
-        """Joint controller off; brakes hold what it no longer holds."""
+        """Joint controller off; brakes hold the axes it no longer holds."""
         self._follow.enable(robot, False, self._now_ns)
         self._brakes.engage(robot)
 
@@ -325,7 +327,8 @@ class IoCommands:
         command.done(codes.CALIBRATION_MODE.cause if calibrating else "")
 
     def _need_agreement(self, robot: int, command: Request) -> None:
-        """What the arm of a robot wants of its checks counts, but in calibration mode; who else relaxes one is named.
+        """Refuse a command against the check setting that the robot's arm requires, except in calibration mode; other
+        senders that relax a check are reported.
         """
         if isinstance(command, DesiredCommand):
             return

@@ -1,9 +1,9 @@
-"""One I/O cycle: read → decide → control → write → publish, on plain arrays and somebody's clock.
+"""One I/O cycle: read → decide → control → write → publish, on plain arrays and the caller's clock.
 
-A bad read is tolerated while the last good sample is younger than the watchdog time: the last outputs are written
-again (the boards must see a living host), nothing is computed from old values, the record says `valid` = false and how
-old they are. An effort that was right for one period drives a light joint for many: it fades out meanwhile. After the
-watchdog time it is a fault: joint controllers and power go off.
+A bad read is tolerated while the last good sample is younger than the watchdog time: the last outputs are written again
+(the boards must see a living host), nothing is computed from old values, and the record shows `valid` = false and the
+age of the values. An effort computed for one period would drive a light joint for many, so it fades out meanwhile.
+After the watchdog time it is a fault: joint controllers and power go off.
 """
 
 from __future__ import annotations
@@ -49,28 +49,28 @@ from trocar.procs.node.requests import Request
 from trocar.procs.tables import codes
 from trocar.shm.mailbox.generations import NoFaults, OwnCell
 
-DEFAULT_AGE_NS: Final = 30_000_000  # how old a sample may get where the watchdog is switched off
+DEFAULT_AGE_NS: Final = 30_000_000  # permitted age of a sample where the watchdog is switched off
 MISSED_REPEAT_NS: Final = 1_000_000_000
 STRANGER_REPEAT_NS: Final = 120_000_000_000
 FADES_NS, FADED_NS = 3_000_000, 10_000_000
-STABLE_NS: Final = 2_500_000  # efforts may stand so long, or PERIODS where that is more: light joints bear no longer
+STABLE_NS: Final = 2_500_000  # efforts may stay this long, or PERIODS if longer: the stability limit of light joints
 PERIODS: Final = 1.25
-GAPS: Final = 8  # between samples: so many make the mean
-FAREWELLS: Final = 3  # writes at the end: a datagram may be lost
+GAPS: Final = 8  # between samples: this many make the mean
+FAREWELLS: Final = 3  # writes at shutdown: a datagram may be lost
 
 
 def share_of(age_ns: int) -> float:
-    """What is left of efforts that were worked out from a sample so old: all for 3 ms, then less, none after 10 ms."""
+    """Share of efforts left at this age of their sample: all up to 3 ms, then less, none after 10 ms."""
     return min(1.0, max(0.0, (FADED_NS - age_ns) / (FADED_NS - FADES_NS)))
 
 
 def _news(stage: Callable[[], int], place: int, done: int) -> bool:
-    """Whether a stage has news, which was `done` already or is now."""
+    """Whether a stage has news: the native call stopped there (`done`), or the stage, called now, reports some."""
     return bool(stage()) if done < place else done == place
 
 
 class RobotIo:
-    """Everything io does but talk to shared memory. `reports.events` is the caller's to empty after each cycle."""
+    """All of io except shared memory. The caller empties `reports.events` after each cycle."""
 
     def __init__(self, io: IoConfig, port: BusPort, now_ns: Callable[[], int], record: IoRecord,
                  sources: Sequence[RingSource], preset: Flags | None = None, *,
@@ -78,11 +78,12 @@ class RobotIo:
                  cells: Sequence[OwnCell] = (), is_over: Callable[[], bool] = bool,
                  over_ns: Callable[[], int] = lambda: FOR_EVER_NS,
                  report: Callable[[DesiredCommand, str, str], None] | None = None) -> None:
-        """Write watchdog periods. `sources` in the order of `io.pids`; `preset` (axes,) says which encoders are set.
+        """Write watchdog periods. `sources` in the order of `io.pids`; `preset` (axes,) marks the encoders that are
+        set.
 
-        `cells`, in the order of `io.robots`: since when commands count (shm/mailbox/generations.py). `is_over`: this
-        cycle was interrupted; `over_ns`: from when on it counts as that, on CLOCK_BOOTTIME. `report` gets what became
-        of arms' desired states. `gains` and `instruments` give the fields of these records.
+        `cells`, in the order of `io.robots`: from when on commands count (shm/mailbox/generations.py). `is_over`: this
+        cycle was interrupted; `over_ns`: the time from which it counts as interrupted, on CLOCK_BOOTTIME. `report` gets
+        the outcomes of arms' desired states. `gains` and `instruments` give the fields of these records.
         """
         self.io, self.record, self.reports = io, record, IoReports()
         self.port, self._now_ns, self._is_over, self._over_ns = port, now_ns, is_over, over_ns
@@ -120,7 +121,7 @@ class RobotIo:
         self._oldest_ns = round(io.watchdog_s * 1e9) or DEFAULT_AGE_NS
         self._good_ns = now_ns()
         self.stamp_ns = self._good_ns
-        """When the newest sample arrived, or a bad read was given up: the stamp of the record."""
+        """When the newest sample arrived, or a bad read ended: the stamp of the record."""
         self.good = False
         """The last cycle had a complete fresh sample."""
         self._before_ns = self._good_ns
@@ -131,12 +132,12 @@ class RobotIo:
         self._missed_ns = -MISSED_REPEAT_NS
         self._lost = False
         self._away: Flags = np.zeros(len(port.board_ids), dtype=bool)
-        self._nobody, self._is_whole = self._away.tobytes(), False  # the record says that all robots were sampled
+        self._nobody, self._is_whole = self._away.tobytes(), False  # the record shows all robots as sampled
         self._lacking: Flags = np.zeros(len(robots.names), dtype=bool)  # robots with a board that is away
         self._whole_ns = self._good_ns
         """When every board was last sampled."""
         self._sampled_ns: NDArray[np.int64] = np.full(len(robots.names), self._good_ns, dtype=np.int64)
-        """When all boards of each robot were."""
+        """When all boards of each robot were last sampled."""
         self._cycles = 0
         self._timing = Timing(io.name, io.period_s, record, self.reports, self._good_ns)
         self._strays, self._stranger, self._stranger_ns = 0, "", -STRANGER_REPEAT_NS
@@ -148,14 +149,14 @@ class RobotIo:
             self.outputs.close_relays()
 
     def cycle(self, commands: Iterable[Request] = ()) -> None:
-        """One cycle; the caller publishes the record afterwards, and has numpy ignore what is not a number.
+        """One cycle; the caller publishes the record afterwards, and has numpy ignore NaN and infinite values.
 
-        `commands`: () where there are none. While nothing is going on but the joint controllers, all from the sample to
-        the write is one call; what has news is done step by step from there on, with the same result.
+        `commands`: () for none. In steady state, one native call does everything from the sample to the write; from a
+        stage with news on, the cycle continues step by step, with the same result.
         """
         read_ns = self._now_ns()
         self.port.ask_all()
-        # Setpoints are taken while the boards sample: that costs no time, least of all between read and write.
+        # Setpoints are taken while the boards sample: that takes no time between read and write.
         news = self.stages.track(read_ns)
         if news & ~self.follow.desired_bit:
             self.follow.receive(read_ns, news)
@@ -170,7 +171,7 @@ class RobotIo:
         if good:
             self._before_ns, self._good_ns = self._good_ns, now_ns
             self._gap_ns += (min(now_ns - self._before_ns, self._oldest_ns) - self._gap_ns) / GAPS
-        # what is worked out now will stand about as long as what was before: the longer, the less of it
+        # new efforts will stay about as long as the previous ones: the longer, the smaller the share
         share = min(1.0, self._stable_ns / self._gap_ns)
         if not good:
             share *= share_of(now_ns - self._good_ns)
@@ -194,14 +195,14 @@ class RobotIo:
             self.instruments.step(good, now_ns)
 
     def _write(self) -> None:
-        if self._is_over():  # what was worked out is about the past, and so is what was to be switched on
+        if self._is_over():  # the efforts are outdated, and so are switch-on commands
             self.outputs.all_off()
             self.stages.encode(0.0, self.outputs.has_one_shot)
         self.port.write_all()
         self.outputs.written()
 
     def _is_steady_state(self) -> bool:
-        """Nothing but the sample can bring anything about in this cycle."""
+        """Only the sample can have an effect in this cycle."""
         power, safety = self.power, self.safety
         return self._is_whole and self.port.away.tobytes() == self._nobody and not (
             self._tasks or self.desired.has_news or self._commands.waits or self.reports.trips or power.changed
@@ -209,7 +210,7 @@ class RobotIo:
             or self._axis_drive.running or self.outputs.has_one_shot)
 
     def _step_by_step(self, good: bool, commands: Iterable[Request], now_ns: int, done: int) -> None:
-        """From the sample to the efforts, as far as that is not `done`."""
+        """From the sample to the efforts, except the stages that are `done`."""
         if good:
             self._look(now_ns, done)
         else:
@@ -218,7 +219,7 @@ class RobotIo:
         self._commands.execute(commands, now_ns)
         if self.reports.trips:
             self._fault_handler.act(now_ns)
-        self._commands.answer()  # only now: a command is not done where a fault of this cycle undid it
+        self._commands.answer()  # only now: a fault in this cycle may have undone a command
         if good:
             self._control(now_ns, done)
 
@@ -241,7 +242,7 @@ class RobotIo:
             self._bias.zero(robot)
         safety.set_encoder_zero.clear()
         for robot in power.not_preloaded:
-            if not self.record.pid_enabled[robot]:  # else its amplifiers, which are off now, are a fault first
+            if not self.record.pid_enabled[robot]:  # else its amplifiers, now off, cause a fault first
                 self._bias.zero(robot)
         power.not_preloaded.clear()
         self._brakes.step((now_ns - self._before_ns) * 1e-9)
@@ -249,7 +250,7 @@ class RobotIo:
         self._watchdogs.step(now_ns)
 
     def _show_validity(self, good: bool, now_ns: int) -> None:
-        """Which robots were sampled in this cycle; those with a board that is away are reported, and switched off."""
+        """Show the robots sampled in this cycle; report and switch off those with a board that is away."""
         record, away = self.record, self.port.away
         if good and away.tobytes() == self._nobody == self._away.tobytes():
             if not self._is_whole:
@@ -265,7 +266,7 @@ class RobotIo:
         else:
             if (away != self._away).any():
                 self._who_is_away_changed(away)
-            # what was reported already is reported again to a robot that was asked to power on meanwhile
+            # report again for a robot that was commanded to power on meanwhile
             again = self._lacking & record.power_requested & (record.fault == 0)
             if again.any():
                 for robot in np.flatnonzero(again).tolist():
@@ -281,7 +282,7 @@ class RobotIo:
         self.reports.trip(codes.BOARD_AWAY, robot, boards=tuple(ids[row] for row in np.flatnonzero(lacks).tolist()))
 
     def _who_is_away_changed(self, away: Flags) -> None:
-        """Boards that have left the bus are faults of their robots alone; who is back may be as after power-up."""
+        """A board that left the bus is a fault of its robots only; a board that returned may be as after power-up."""
         robots, ids = self.robots, self.robots.board_ids
         left, back = away & ~self._away, self._away & ~away
         self._away[...] = away
@@ -292,11 +293,11 @@ class RobotIo:
         self._bias.forget(restore(robots, self.port, self._watchdogs, self.digital_outputs, back, self._now_ns()))
         for row in np.flatnonzero(back).tolist():
             self.reports.status(f"board {ids[row]} is back", self.io.name)
-        for row in np.flatnonzero(left & ~robots.on_board.any(axis=0)).tolist():  # it has inputs and outputs only
+        for row in np.flatnonzero(left & ~robots.on_board.any(axis=0)).tolist():  # it has only inputs and outputs
             self.reports.warn(codes.READ_MISSED, self.io.name, boards=(ids[row],))
 
     def _missed(self, now_ns: int) -> None:
-        """A bad read: tolerated for the watchdog time; nobody gets power until there is a good one."""
+        """A bad read: tolerated for the watchdog time; no robot gets power until the next good one."""
         self.record.bad_reads += np.uint64(1)
         age_ns, limit_s = now_ns - self._good_ns, self._oldest_ns * 1e-9
         if not self._lost and now_ns - self._missed_ns >= MISSED_REPEAT_NS:
@@ -304,7 +305,7 @@ class RobotIo:
             self.reports.warn(codes.READ_MISSED, self.io.name, age_ns * 1e-9, limit_s, boards=self._blamed())
         if age_ns <= self._oldest_ns:
             return
-        # what was reported already is reported again to a robot that was asked to power on meanwhile
+        # report again for a robot that was commanded to power on meanwhile
         again = self.record.power_requested & (self.record.fault == 0)
         if not self._lost or again.any():
             blamed = self._blamed()
@@ -314,14 +315,14 @@ class RobotIo:
             self._lost = True
 
     def _blamed(self) -> tuple[int, ...]:
-        """Boards with bad reads since the last time somebody asked."""
+        """Boards with bad reads since the last call."""
         counts = self.port.counters.board_bad_reads
         rows = np.flatnonzero(counts > self._bad_by_board)
         self._bad_by_board = counts.copy()
         return tuple(self.robots.board_ids[row] for row in rows)
 
     def _control(self, now_ns: int, done: int) -> None:
-        """In-cycle tasks and the joint controllers, on this very sample."""
+        """In-cycle tasks and the joint controllers, on the sample of this cycle."""
         if self._tasks is not None:
             self._tasks.step(now_ns)
         beyond = _news(self.stages.control, CONTROLLED, done)
@@ -337,7 +338,7 @@ class RobotIo:
         self._axis_drive.step(now_ns)
 
     def _not_finite(self, now_ns: int) -> None:
-        """An effort that was not a number left as 0 A; whoever made it is switched off."""
+        """An effort that was not finite was sent as 0 A; switch off its robot."""
         request = self.record.current_request
         for robot, places in enumerate(self.robots.of_robot):
             bad = ~np.isfinite(request[places])
@@ -347,7 +348,7 @@ class RobotIo:
         self._fault_handler.act(now_ns)
 
     def _show(self, good: bool, read_ns: int, now_ns: int) -> None:
-        """The rest of the record; the boards have been written already."""
+        """Fill the rest of the record; the boards have been written already."""
         record, counters = self.record, self.port.counters
         if counters.stray != self._strays:
             self._strays = counters.stray
@@ -368,20 +369,20 @@ class RobotIo:
         self._timing.step(read_ns, end_ns, counters.waited_ns)
 
     def _report_stranger(self, now_ns: int) -> None:
-        """Somebody else than the boards sends to io's socket."""
+        """Report an unknown sender to io's socket."""
         stranger = self.port.stranger
         if stranger != self._stranger and now_ns - self._stranger_ns >= STRANGER_REPEAT_NS:
             self._stranger, self._stranger_ns = stranger, now_ns
             self.reports.warn(codes.FOREIGN_DATAGRAMS, self.io.name, sender=stranger)
 
     def want(self, wanted: int) -> None:
-        """What is to be computed on demand from now on, see `Samples`."""
+        """Set the values to compute on demand, see `Samples`."""
         self.samples.want(wanted)
 
     def shutdown(self) -> None:
-        """Zero every output: amplifiers and power off, relays open; then the books. On every path out.
+        """Zero every output: amplifiers and power off, relays open; then update the record. Runs on every path out.
 
-        The boards come first, and with nothing in between that an error in the loop may have left unable to run.
+        The boards come first, with no step before them that an error in the loop may have broken.
         """
         self.pid.effort.fill(0.0)
         for _ in range(FAREWELLS):

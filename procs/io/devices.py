@@ -1,4 +1,4 @@
-"""What commands and faults act on: the same for robots on boards and for KINEMATIC ones, which have no boards."""
+"""The devices that commands and faults act on: for robots on boards, and for KINEMATIC ones without boards."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from trocar.shm.mailbox.generations import OwnCell
 
 @dataclass(frozen=True, slots=True)
 class BoardDevices:
-    """What there is with boards only."""
+    """Devices that exist only with boards."""
 
     bias: Bias
     safety: Safety
@@ -39,7 +39,7 @@ class BoardDevices:
 
 @dataclass(frozen=True, slots=True)
 class Devices:
-    """All devices of an io. `faults` of every robot: what was asked of it before the last one is void."""
+    """All devices of an io. `faults` for every robot: commands given before its last fault are void."""
 
     robots: Robots
     record: IoRecord

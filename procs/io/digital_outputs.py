@@ -1,9 +1,9 @@
 """Digital outputs of the boards: levels, one-shots and PWM.
 
-A register holds the pins' levels upside down (1 is a low pin); whoever asks here means pins. A write names the outputs
-it is about, so two in one cycle do not undo each other. A dRA1 does not show its output: what was written last counts.
+A register holds inverted levels (1 is a low pin); all levels here are those of pins. A write names its outputs, so two
+writes in one cycle do not undo each other. A dRA1 does not show its output: the last value written counts.
 
-What io sets by itself is kept: written three times, and again whenever the board shows another level.
+Outputs that io sets by itself are kept: written three times, and again whenever the board shows another level.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from trocar.procs.io.reports import IoReports
 from trocar.procs.io.robots import Robots
 
 MAX_COUNTS: Final = 0xFFFF
-TURN_TICKS: Final = 2  # an output turns so many ticks after its count is over
+TURN_TICKS: Final = 2  # an output switches this many ticks after its count ends
 MIN_PWM_HZ: Final = 375.0
 MASK_SHIFT: Final = 8
 QLA_OUTPUTS: Final = 4
@@ -32,7 +32,7 @@ WRITES: Final = 3  # of each change: a datagram may be lost
 
 @dataclass(slots=True)
 class Kept:
-    """What an output has to be: low 0, high 1, or the duty cycle of a PWM; how often that is still to be written."""
+    """Required value of an output: low 0, high 1, or the duty cycle of a PWM; and the writes still to do."""
 
     value: float
     writes: int = WRITES
@@ -65,7 +65,7 @@ class DigitalOutputs:
             self._configure(output, _counts(output.high_s), _counts(output.low_s))
 
     def restore(self, rows: Flags) -> None:
-        """These boards (by row) may be as after power-up: what io keeps there is written again."""
+        """These boards (by row) may be as after power-up: write the kept values there again."""
         for place, output in enumerate(self._outputs):
             if rows[self._robots.row_of[output.board_id]]:
                 self._set_up(place)
@@ -73,37 +73,37 @@ class DigitalOutputs:
                     self._kept[place].writes = WRITES
 
     def place(self, name: str, command: str, robot: str) -> int | None:
-        """The output of this name, where this command to this robot sets it."""
+        """The index of the output with this name, if this command to this robot sets it."""
         return next((place for place, row in enumerate(self._outputs)
                      if (row.name, row.set_by, row.robot) == (name, command, robot)), None)
 
     def owner(self, place: int) -> str:
-        """What sets an output; empty: whoever asks for it."""
+        """The command and robot that set an output; empty: `set_output` or `set_pwm` does."""
         row = self._outputs[place]
         return f"{row.set_by} {row.robot}" if row.set_by else ""
 
     def keep(self, place: int, value: float) -> None:
-        """What an output has to be from now on; see `step`."""
+        """Set the required value of an output; see `step`."""
         kept = self._kept.get(place)
         if kept is None or kept.value != value:
             self._kept[place] = Kept(value)
 
     def step(self) -> None:
-        """Once a cycle, after `show`: write what is not as it has to be."""
+        """Once a cycle, after `show`: write the outputs that differ from their required values."""
         for place, kept in self._kept.items():
             if kept.writes:
                 kept.writes -= self._send(place, kept)
             elif not self._outputs[place].is_pwm and self._record.output[place] != kept.value:
-                kept.writes = 1  # in the next cycle, whose sample will show it
+                kept.writes = 1  # in the next cycle, after its sample shows the result
 
     def shutdown(self) -> None:
-        """Write all that is kept once more."""
+        """Write all kept values again, WRITES times each."""
         for place, kept in self._kept.items():
             for _ in range(WRITES):
                 self._send(place, kept)
 
     def _send(self, place: int, kept: Kept) -> bool:
-        """Write it; whether that went out."""
+        """Write the value; returns whether it was sent."""
         try:
             if self._outputs[place].is_pwm:
                 self._set_pwm(place, kept.value)
@@ -118,7 +118,7 @@ class DigitalOutputs:
         return True
 
     def set(self, place: int, high: bool) -> None:
-        """A level; of a one-shot it lasts as long as the file says."""
+        """Set a level; a one-shot keeps it for the time in the file."""
         if place in self._kept:
             self.keep(place, float(high))
         self._set(place, high)
@@ -131,7 +131,7 @@ class DigitalOutputs:
         self.written[place] = high
 
     def set_pwm(self, place: int, duty: float) -> str:
-        """A share of the time high, 0 to 1, at the file's frequency. Returns why not, or ""."""
+        """Set the share of time high, 0 to 1, at the file's frequency. Returns the reason for a refusal, or ""."""
         reason = self.pwm_objection(place, duty)
         if not reason:
             if place in self._kept:
@@ -151,7 +151,7 @@ class DigitalOutputs:
     def _set_pwm(self, place: int, duty: float) -> None:
         output = self._outputs[place]
         high, low = (round(share * registers.CLOCK_HZ / output.pwm_hz) - TURN_TICKS for share in (duty, 1.0 - duty))
-        if high < 1 or low < 1:  # too short to turn at all
+        if high < 1 or low < 1:  # too short to switch at all
             self._set(place, duty > 0.5)
         else:
             self._configure(output, high, low)
@@ -166,7 +166,7 @@ class DigitalOutputs:
             np.copyto(self._record.output, self.written, where=self.unseen)
 
     def _configure(self, output: DigitalOutput, high: int, low: int) -> None:
-        """Ticks that a pin stays high and low; 0: until it is written."""
+        """Ticks that a pin stays high and low; 0: until the next write."""
         address = registers.axis_register(output.bit_id, registers.PWM)
         self._port.write_quadlet(output.board_id, address, low << 16 | high)
 
@@ -181,7 +181,7 @@ def _counts(seconds: float) -> int:
 
 
 def _shown(bit: int) -> int:
-    """The bit of the digital input word that shows an output; the second QLA of a DQLA has its own place."""
+    """The bit of the digital input word that shows an output; the second QLA of a DQLA has its own bits."""
     if bit < QLA_OUTPUTS:
         return 1 << registers.INPUT_DOUT_SHIFT + bit
     return 1 << registers.INPUT_DOUT_FAR_SHIFT + bit - QLA_OUTPUTS

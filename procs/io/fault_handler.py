@@ -1,4 +1,5 @@
-"""What io does about the faults of a cycle: switch off what they ask for, latch the first of each robot, tell."""
+"""io's reaction to the faults of a cycle: switch off the devices they require, latch the first of each robot, report.
+"""
 
 from __future__ import annotations
 
@@ -11,19 +12,19 @@ from trocar.procs.tables import codes
 from trocar.shm.system.events import SEVERITIES
 
 POWERING: Final = (codes.POWER_TIMEOUT, codes.AMPLIFIER)
-"""Not faults of a robot that has power: whoever asked for it may try once more."""
+"""Before a robot has reached power, these void no commands: the sender of power-on may try once more."""
 
 
 class FaultHandler:
-    """All trips of `reports`, one after the other; what they bring about is added to them."""
+    """Handles all trips of `reports`, one after the other; consequent trips are added to them."""
 
     def __init__(self, devices: Devices) -> None:
         self._devices, self._robots, self._reports = devices, devices.robots, devices.reports
         self._reported: list[set[tuple[int, int]]] = [set() for _ in devices.robots.names]
-        """Number and axis of what was reported of each robot since its latch was cleared."""
+        """Number and axis of the faults reported for each robot since its latch was cleared."""
 
     def act(self, now_ns: int) -> None:
-        """On everything found so far."""
+        """Handle all trips found so far."""
         trips, devices, record = self._reports.trips, self._devices, self._devices.record
         while trips:
             trip = trips.pop(0)
@@ -42,7 +43,7 @@ class FaultHandler:
                 devices.faults[robot].fault()
             devices.desired.void(robot)
             devices.follow.enable(robot, False, now_ns)
-            devices.brakes.engage(robot)  # what the joint controller no longer holds
+            devices.brakes.engage(robot)  # the axes the joint controller no longer holds
             if fault.action in (codes.POWER_OFF, codes.CUT):
                 if devices.boards is not None:
                     devices.boards.bias.stop(robot)

@@ -1,4 +1,4 @@
-"""Gains of the joint controllers while they run: changed by command, told as events, readable by everybody."""
+"""Gains of the running joint controllers: changed by command, reported as events, published in a record."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ ALL: Final = -1  # in place of an axis
 
 
 class JointGains:
-    """The gains of all axes; `record` is what everybody sees."""
+    """The gains of all axes; `record` is their published form."""
 
     def __init__(self, robots: Robots, samples: Samples | IoRecord, pid: Pid, reports: IoReports,
                  field: Field | None = None) -> None:
-        """Shows what the files say. `field` gives the arrays of the record by name; None: nobody looks."""
+        """Shows the gains of the files. `field` gives the arrays of the record by name; None: not published."""
         self._robots, self._samples, self._pid, self._reports = robots, samples, pid, reports
         self._known = list(pid.gains)
-        """Those that the joint controllers were last on with, at first the files', and what was confirmed since."""
+        """Gains at the controllers' last switch-on, at first the files', and gains confirmed since."""
         field = field or private(IO_GAINS, {"axes": robots.axes})
         self.record = {row.name: field(row.name) for row in IO_GAINS.fields}
         self.record["changes"][...] = 0
         self._show(range(robots.axes))
 
     def change(self, robot: int, axis: int, keys: Sequence[str], values: Sequence[float], who: str) -> str:
-        """Other values for `keys` of one axis, or of `ALL` of a robot, from this cycle on; all of it or nothing.
+        """Change `keys` of one axis, or of `ALL` of a robot, from this cycle on; all or nothing.
 
-        Returns why not, or "". `who` is reported with it.
+        Returns the reason for a refusal, or "". `who` is the sender, for the report.
         """
         axes = self._robots.slices[robot]
         count = axes.stop - axes.start
@@ -65,7 +65,7 @@ class JointGains:
         return ""
 
     def objection(self, robot: int) -> str:
-        """Why the joint controller of a robot is not switched on with its gains: a slip of the decimal point; or ""."""
+        """Why a joint controller with these gains is not switched on (a misplaced decimal point), or ""."""
         axes = self._robots.slices[robot]
         for place in range(axes.start, axes.stop):
             if step := leap(self._known[place], self._pid.gains[place]):
@@ -73,7 +73,7 @@ class JointGains:
         return ""
 
     def switched_on(self, robot: int) -> None:
-        """The joint controller of a robot is on with its gains."""
+        """The joint controller of a robot is on with its present gains."""
         axes = self._robots.slices[robot]
         self._known[axes] = self._pid.gains[axes]
 

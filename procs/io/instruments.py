@@ -1,11 +1,11 @@
-"""Reading the memory of instruments when asked to: at most one question to one board a cycle, after its write.
+"""Read the memory of instruments on command: at most one request to one board a cycle, after its write.
 
-A board reads 256 bytes by itself in about 0.35 s. It is told to, asked every 20 ms whether it is done, and then the
-bytes are fetched. Writes are not acknowledged, answers may be old ones, so:
+A board reads 256 bytes by itself in about 0.35 s. It gets a read command, its state is read every 20 ms until it is
+done, and then the bytes are fetched. Writes are not acknowledged, and answers may be old, so:
 
-    told, and an answer is there sooner than it can be   the telling was lost: told again
+    an answer sooner than possible                       the read command was lost: repeated
     no instrument answers, twice                         ABSENT
-    the bytes are the same in two readings               they are believed; nothing else guards them
+    the same bytes in two readings                       accepted; there is no other protection
     3 s without that, or never twice the same            ERROR
 """
 
@@ -25,10 +25,10 @@ from trocar.procs.io.robots import Robots
 from trocar.procs.node.requests import Request
 from trocar.shm.topics import IO_INSTRUMENTS
 
-POLL_NS: Final = 20_000_000  # also how long it takes at least until "no answer" is one to our question
+POLL_NS: Final = 20_000_000  # also the shortest time before "no answer" can answer our command
 MIN_NS: Final = 250_000_000  # 256 bytes cannot have come sooner
 MAX_NS: Final = 3_000_000_000
-TIMES: Final = 2  # in a row, before what was found is believed
+TIMES: Final = 2  # in a row, before a result is accepted
 MAX_WAITING: Final = 16
 
 READING, READ, ABSENT, ERROR = "READING", "READ", "ABSENT", "ERROR"
@@ -36,23 +36,23 @@ READING, READ, ABSENT, ERROR = "READING", "READ", "ABSENT", "ERROR"
 
 @dataclass(slots=True)
 class MemoryReading:
-    """One reading under way."""
+    """One reading in progress."""
 
     begun_ns: int
-    due_ns: int  # when the board is to be spoken to next
-    reported_ns: int = 0  # when it was told to read; 0: it is to be reported
-    ready: bool = False  # it is done: the bytes are to be fetched
-    status: int = 0  # its register, as it said so
+    due_ns: int  # time of the next request to the board
+    reported_ns: int = 0  # time of the read command; 0: still to be sent
+    ready: bool = False  # the board is done: fetch the bytes
+    status: int = 0  # of its register
     silent: int = 0
-    record: bytes = b""  # what the last reading gave
+    record: bytes = b""  # bytes of the last reading
     askers: list[Request] = field(default_factory=list)
 
 
 class InstrumentReaders:
-    """The readers of one io in the order of the document; `record` is what everybody sees."""
+    """The readers of one io in the order of the document; `record` is their published form."""
 
     def __init__(self, robots: Robots, port: BusPort, reports: IoReports, field: Field | None = None) -> None:
-        """Nothing is read yet. `field` gives the arrays of the record by name; None: nobody looks."""
+        """Nothing is read yet. `field` gives the arrays of the record by name; None: not published."""
         readers = robots.io.instrument_readers
         self.names = tuple(reader.name for reader in readers)
         self._boards = [reader.board_id for reader in readers]
@@ -66,7 +66,7 @@ class InstrumentReaders:
         reports.changed.add(IO_INSTRUMENTS.name)
 
     def begin(self, reader: int, asker: Request, now_ns: int) -> str:
-        """Read an instrument; more askers share a reading. Returns why not, or ""."""
+        """Read an instrument; several requests share a reading. Returns the reason for a refusal, or ""."""
         reading = self.running.get(reader)
         if reading is None:
             sharing = [other for other in self.running if self._boards[other] == self._boards[reader]]
@@ -81,7 +81,7 @@ class InstrumentReaders:
         return ""
 
     def step(self, good: bool, now_ns: int) -> None:
-        """After the write of a cycle: speak to one board at most, and to none while samples are bad."""
+        """After the write of a cycle: one request to at most one board, and none while samples are bad."""
         for reader, reading in self.running.items():
             if now_ns - reading.begun_ns > MAX_NS:
                 self._end(reader, ERROR, "it could not be read in 3 s: no two readings are alike, or the board does "
@@ -92,7 +92,7 @@ class InstrumentReaders:
                 try:
                     self._speak(reader, reading, now_ns)
                 except PortError:
-                    reading.reported_ns = 0  # told again next time
+                    reading.reported_ns = 0  # command again next time
                 return
 
     def _speak(self, reader: int, reading: MemoryReading, now_ns: int) -> None:
@@ -120,7 +120,7 @@ class InstrumentReaders:
     def _fetch(self, reader: int, reading: MemoryReading, now_ns: int) -> None:
         board = self._boards[reader]
         quads = self._port.peek(board, registers.DALLAS_MEMORY, instrument.CHUNK_BYTES // 4)
-        if quads is None:  # the bytes are still there next time
+        if quads is None:  # the bytes stay there until the next try
             return
         before, reading.record = reading.record, quads.astype(">u4").tobytes()
         reading.reported_ns, reading.ready, reading.due_ns = 0, False, now_ns

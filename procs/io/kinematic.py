@@ -1,13 +1,13 @@
-"""KINEMATIC robots: no boards, no motors; every actuator goes where its setpoint is, at once and exactly.
+"""KINEMATIC robots: no boards, no motors; every actuator follows its setpoint at once and exactly.
 
 Commands, power states, setpoints and their freshness, limits and generations are those of real robots, and so is the
-record; it says `simulated`, and what only hardware could measure (currents, temperatures, potentiometers, board time)
-is NaN in it. Differences, as in the reference:
+record; it shows `simulated`, and values that only hardware could measure (currents, temperatures, potentiometers, board
+time) are NaN. Differences, as in the reference:
 
-    power_on      is there at once, and the joint controller with it, at position 0 and without tracking check
+    power_on      takes effect at once, also on the joint controller, at position 0 and without tracking check
     position      the setpoint after its limits; it stays where the joint controller is off or passes efforts through
     velocity      step of the setpoint over the time between its stamps, 0 when the newest is 20 ms old
-    effort        0: nothing is there to exert any
+    effort        0: there are no motors
 """
 
 from __future__ import annotations
@@ -39,15 +39,15 @@ MOVING_NS: Final = 20_000_000  # without a newer setpoint for this long, nothing
 
 
 class KinematicIo:
-    """What `RobotIo` is to robots on boards; `reports.events` is the caller's to empty after each cycle."""
+    """Replaces `RobotIo` for robots without boards; the caller empties `reports.events` after each cycle."""
 
     def __init__(self, io: IoConfig, now_ns: Callable[[], int], record: IoRecord, sources: Sequence[RingSource], *,
                  gains: Field | None = None, cells: Sequence[OwnCell] = (),
                  report: Callable[[DesiredCommand, str, str], None] | None = None) -> None:
-        """`sources` in the order of `io.pids`, `cells` of `io.robots`; `report` hears what became of arms' desired
+        """`sources` in the order of `io.pids`, `cells` of `io.robots`; `report` gets the outcomes of arms' desired
         states.
 
-        The robots are where a predecessor left them in `record`.
+        The robots start at the positions a previous process left in `record`.
         """
         self.io, self.record, self.reports = io, record, IoReports()
         self._now_ns = now_ns
@@ -74,14 +74,14 @@ class KinematicIo:
         self._step: Floats = np.zeros(robots.axes)
         self._driven: Flags = np.zeros(robots.axes, dtype=bool)
         self._cycles = 0
-        self.good = True  # there is no cycle without a sample
+        self.good = True  # every cycle has a sample
         self.stamp_ns = now_ns()
         """When the newest cycle began: the stamp of the record."""
         for name in robots.names:
             self.reports.status("KINEMATIC: no boards and no motors, it goes where its setpoints are", name)
 
     def cycle(self, commands: Iterable[Request] = ()) -> None:
-        """One cycle; the caller publishes the record afterwards, and has numpy ignore what is not a number."""
+        """One cycle; the caller publishes the record afterwards, and has numpy ignore NaN and infinite values."""
         now_ns = self.stamp_ns = self._now_ns()
         record, reports = self.record, self.reports
         news = self._track(now_ns)
@@ -100,7 +100,7 @@ class KinematicIo:
         record.write_ns[...] = self._now_ns()
 
     def _move(self, now_ns: int) -> None:
-        """Actuators that follow positions are at their setpoints from now on."""
+        """Put actuators that follow positions at their setpoints."""
         record, pid, step = self.record, self.pid, self._step
         np.greater(pid.enabled, pid.effort_mode, out=self._driven)
         step.fill(0.0)
@@ -119,10 +119,10 @@ class KinematicIo:
                 self._moves[robot] = False
 
     def want(self, wanted: int) -> None:
-        """Nothing is computed on demand: nobody measures velocities."""
+        """No effect: no values are computed on demand."""
 
     def shutdown(self) -> None:
-        """Everything off, in the books. On every path out."""
+        """Mark everything as off in the record. Runs on every path out."""
         now_ns = self._now_ns()
         for robot in range(len(self.robots.names)):
             self.follow.enable(robot, False, now_ns)
@@ -130,7 +130,7 @@ class KinematicIo:
 
 
 def _show_what_is_not_there(record: IoRecord) -> None:
-    """Nothing is made up: what nobody measures is NaN."""
+    """Set values that no sensor measures to NaN."""
     record.valid[...] = record.robot_valid[...] = True
     record.simulated[...] = record.biased[...] = record.encoder_set[...] = True
     for field in (record.firmware_velocity, record.software_velocity, record.acceleration, record.pot_position,

@@ -1,4 +1,4 @@
-"""The io process: owns its bus, runs robot I/O and joint controllers in one loop, publishes what it sees."""
+"""The io process: owns its bus, runs robot I/O and joint controllers in one loop, and publishes the results."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ SEVERITY = {"status": STATUS, "warning": WARNING, "error": ERROR}
 
 
 class IoLoop(runtime.Loop):
-    """One bus: its port, its robots, who sends them setpoints, and who is told."""
+    """One bus: its port, its robots, the sources of their setpoints, and the receivers of its reports."""
 
     def __init__(self, node: runtime.Node) -> None:
         super().__init__(node)
-        np.seterr(all="ignore")  # what is not a number is looked for, and reported, where it matters
+        np.seterr(all="ignore")  # NaN and infinite values are checked, and reported, where they matter
         io = node.document.io(node.name)
         robots = Robots(io)
         self._held = contextlib.ExitStack()
@@ -40,7 +40,7 @@ class IoLoop(runtime.Loop):
         self._out, self._mailbox = node.writes("state"), node.mailbox(NoFaults())  # of each robot: see RobotIo
         cells = [node.fault_cell(robot_component(io.name, name)) for name in robots.names]
         for cell in cells:
-            cell.fault()  # whatever was asked for before: we begin without power
+            cell.fault()  # earlier commands are void: io starts without power
         self._consoles = [node.waker_for(row.name) for row in node.document.consoles if row.is_wired_to(node.name)]
         self._others = {topic: node.writes(topic) for topic in ("gains", "instruments")}
         sources = [RingSource(node.reads(pid.arm, "setpoint")) for pid in io.pids]
@@ -60,12 +60,12 @@ class IoLoop(runtime.Loop):
         self._show_wanted()
 
     def _show_wanted(self) -> None:
-        """Of what is computed on demand, what somebody wants."""
+        """Compute on demand the values that some process wants."""
         wanted = self._subscriptions.wanted
         self._core.want(sum(part for bit, part in self._parts if wanted & bit))
 
     def _take_port(self, io: IoConfig, robots: Robots) -> BusPort:
-        """The port of this io, ours alone."""
+        """The port of this io, owned exclusively."""
         node = self.node
         port = port_of(io.port, robots.board_ids, node.clock.now_ns, io.protocol, real_time=not node.clock.simulated,
                        first_control=POWER_OFF, spin_ns=node.clock.spin_ns,
@@ -80,7 +80,7 @@ class IoLoop(runtime.Loop):
             self._show_wanted()
         core.cycle(self._mailbox.drain(wall_ns) if self._mailbox.has_news else ())
         events = core.reports.events
-        if events:  # before the record: who sees a fault there finds what is reported of it
+        if events:  # before the record: the reports of a fault precede the record that shows it
             _report(self.node, (event for event in events if event.kind != BUTTON))
             if core.reports.detached:
                 text = "; ".join([*core.reports.detached, f"trocar restart {self.node.name} attaches it again"])
@@ -95,20 +95,20 @@ class IoLoop(runtime.Loop):
             self._others[core.reports.changed.pop()].publish(core.stamp_ns)
 
     def _report_buttons(self, events: list[IoEvent]) -> None:
-        """After the record: who hears of a button finds it so there."""
+        """After the record, so that the record already shows a reported button."""
         buttons = [event for event in events if event.kind == BUTTON]
         _report(self.node, buttons)
         for console in self._consoles if buttons else ():
             console.wake()
 
     def close(self) -> None:
-        """All outputs zero, then the port is given back."""
+        """Set all outputs to zero, then release the port."""
         with self._held:
             self._core.shutdown()
 
 
 def main() -> None:
-    """Run until asked to stop; outputs are zero on every path out."""
+    """Run until stopped; outputs are zero on every path out."""
     runtime.run("io", IoLoop)
 
 

@@ -1,8 +1,8 @@
-"""What goes to the boards: currents as DAC words, amplifier enables, power and relay control.
+"""Words for the boards: currents as DAC words, amplifier enables, power and relay control.
 
-Enables and power commands act once and are taken back after the write: repeated every cycle they would clear the
-boards' own fault latches as fast as those appear. Switching off has no such side effect and is repeated as long as
-nobody wants power, so that no lost packet leaves a motor on.
+Enables and power commands act once and are withdrawn after the write: repeated every cycle, they would clear the
+boards' own fault latches as fast as those appear. Switching off has no such side effect and is repeated while no robot
+requests power, so that no lost packet leaves a motor on.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Outputs:
         self.encoder = conversion.CurrentEncoder(robots.dac_scale, robots.dac_offset)
         self.flags: NDArray[np.int64] = np.full(n, DISABLE, dtype=np.int64)
         self.words: NDArray[np.int64] = np.zeros(n, dtype=np.int64)
-        """What was written of each drive."""
+        """The value last written for each drive."""
         least, most = conversion.current_range(robots.dac_scale, robots.dac_offset)
         self.most = np.minimum(robots.maximum_current, most)
         self.least = np.maximum(-robots.maximum_current, least)
@@ -72,7 +72,7 @@ class Outputs:
         self._record.amp_enabled[places] = False
 
     def all_off(self) -> None:
-        """Amplifiers and motor power of all boards off, relays open, whatever was asked for before."""
+        """Amplifiers and motor power of all boards off, relays open; overrides all earlier requests."""
         self.flags.fill(DISABLE)
         self._record.amp_enabled[...] = False
         self.standing.fill(registers.CONTROL_POWER_OFF)
@@ -80,9 +80,10 @@ class Outputs:
         self.has_one_shot = True
 
     def encode(self, share: float, has_one_shot: int) -> int:
-        """A share of the record's efforts to words in the port's buffer; 0: one was not finite, it is 0 A there.
+        """Encode a share of the record's efforts into the port's buffer; 0: an effort was not finite, 0 A is written
+        for it.
 
-        `has_one_shot`: with the control words that do.
+        `has_one_shot`: include the control words that act once.
         """
         request = self._record.current_request
         np.multiply(self._record.setpoint_effort, self._robots.effort_to_current, self._of_actuators)
@@ -98,7 +99,7 @@ class Outputs:
         return finite
 
     def written(self) -> None:
-        """The boards have it: what acts once is taken back."""
+        """The boards have been written: withdraw the words that act once."""
         if self.has_one_shot:
             self.has_one_shot = False
             self.once[...] = self.standing

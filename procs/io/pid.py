@@ -11,8 +11,8 @@ Per actuator with measured p, v and setpoint sp, fv:
 
 The contribution is what in-cycle tasks add. In effort mode f = requested effort + feed-forward + contribution. A
 disabled actuator has f = 0 and its setpoint follows p, so that enabling starts without a step. Enabling clears
-integral, observer and velocity filter. What is not finite counts as too large a tracking error, and an effort that is
-not finite leaves as 0.
+integral, observer and velocity filter. A value that is not finite counts as a tracking error, and an effort that is not
+finite is replaced by 0.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ from trocar.procs.io.record import Flags, Floats
 
 SWITCHES: Final = ("has_dead_band", "is_soft", "filters", "integrates", "observes", "limits_output", "has_offset",
                    "any_off", "any_effort", "has_contribution")
-"""What of the law is needed at all: names of the places of `Pid.switches`."""
+"""Names of the elements of `Pid.switches`: parts of the law that are in use."""
 
 
 class Pid:
-    """State and gains of n actuators. Inputs and results are arrays (n,) that stay the same objects.
+    """State and gains of n actuators. Inputs and results are arrays (n,) that are allocated once.
 
     A caller writes `setpoint_position`, `setpoint_velocity`, `requested_effort` and `feed_forward`, sets modes through
     the methods, calls `control` once a cycle, and reads `effort`, `position_error` and `disturbance`.
@@ -43,10 +43,10 @@ class Pid:
         self, axes: Sequence[PidAxis | None], effort_limit: Floats, dt_s: float, *,
         arrays: tuple[Floats, Floats, Floats, Floats, Floats, Flags] | None = None,
     ) -> None:
-        """`axes` in actuator order, None where there is no controller (never enabled); `effort_limit` (n,) symmetric.
+        """`axes` in actuator order, None without a controller (never enabled); `effort_limit` (n,) symmetric.
 
-        `arrays` lets setpoint position, velocity, effort, position error, observed disturbance and effort mode live in
-        somebody else's memory (a ring's record). `dt_s` is the period the observer integrates with.
+        `arrays` places setpoint position, velocity, effort, position error, observed disturbance and effort mode in the
+        caller's memory (a ring's record). `dt_s` is the integration period of the observer.
         """
         n = len(axes)
         self.gains = [a or PidAxis("", "UNDEFINED", 0.0, 0.0, 0.0) for a in axes]
@@ -61,7 +61,7 @@ class Pid:
         self.disturbance: Floats = memory[4]
         self.effort_mode: Flags = memory[5]
         self.requested_effort, self.feed_forward = np.zeros(n), np.zeros(n)
-        self.contribution = np.zeros(n)  # of in-cycle tasks, where there are any
+        self.contribution = np.zeros(n)  # from in-cycle tasks, if there are any
         self.enabled: Flags = np.zeros(n, dtype=bool)
         self.integral = np.zeros(n)
         limited = effort_limit > 0.0
@@ -72,7 +72,7 @@ class Pid:
         self.filtered = np.zeros(n)
         self.allowed = np.full(n, np.inf)
         self.excess, self.within = np.zeros(n), np.ones(n, dtype=bool)
-        """Tracking error after the dead-band, and whether it is allowed."""
+        """Tracking error after the dead-band, and its tolerance."""
         self.off = np.ones(n, dtype=bool)
         self.switches: NDArray[np.int64] = np.zeros(len(SWITCHES), dtype=np.int64)
         self.p_gain, self.d_gain, self.i_gain, self.i_limit, self.i_forget_rate = (np.zeros(n) for _ in range(5))
@@ -90,7 +90,7 @@ class Pid:
         self._adopt()
 
     def _adopt(self) -> None:
-        """The arrays of `gains`, each by its name, and what follows from them, in place."""
+        """Copy the values of `gains` into the arrays of the same names, and derive the others, in place."""
         for gain in GAINS:
             getattr(self, gain.field)[...] = [float(getattr(row, gain.field)) for row in self.gains]
         self._has_offset = bool(np.any(self.offset != 0.0))
@@ -119,18 +119,18 @@ class Pid:
                               self._has_contribution)
 
     def configure(self, changes: Mapping[int, PidAxis], velocity: Floats) -> None:
-        """Other gains for some actuators from the next `step` on; `velocity` (n,) is the measured one.
+        """Set new gains for some actuators from the next `step` on; `velocity` (n,) is the measured one.
 
-        What the controller remembers goes on from the effort it had: the integral is rescaled, the observed disturbance
-        stays. What acts on the present error (gains, dead-bands, offset, limits) acts with its new value at once, and
-        an integral or observer that is switched off lets go.
+        The controller's memory continues from its present effort: the integral is rescaled, the observed disturbance
+        stays. Parameters that act on the present error (gains, dead-bands, offset, limits) take effect at once, and an
+        integral or observer that is switched off drops its effort.
         """
         momentum = self.momentum.copy()
         for axis, row in changes.items():
             before, self.gains[axis] = self.gains[axis], row
             self.integral[axis] *= before.i_gain / row.i_gain if row.i_gain else 0.0
         self._adopt()
-        self._inside[...] = False  # nobody fills it where the last dead-band has gone
+        self._inside[...] = False  # not filled after the last dead-band is removed
         for axis, row in changes.items():
             if row.use_disturbance_observer:
                 self.observer_state[axis] += (self.momentum[axis] - momentum[axis]) * velocity[axis]
@@ -155,19 +155,19 @@ class Pid:
         self._modes_changed()
 
     def carry_velocity(self, axes: slice | Flags, on: bool) -> None:
-        """Whether the setpoint velocities are to be used; starts the filter afresh when they are not."""
+        """Use the setpoint velocities or not; restarts the filter when they are not used."""
         self.has_velocity[axes] = float(on)
         if not on:
             self.filtered[axes] = 0.0
             self.setpoint_velocity[axes] = 0.0
 
     def check_tracking(self, axes: slice | Flags, on: bool) -> None:
-        """Trip on too large a tracking error."""
+        """Trip on a tracking error above the tolerance."""
         self._checked[axes] = on
         self._modes_changed()
 
     def contribute(self) -> Floats:
-        """From now on what in-cycle tasks write here (n,) is added to the efforts."""
+        """An array (n,) for in-cycle tasks, which is added to the efforts from now on."""
         self._has_contribution = True
         self._set_switches()
         return self.contribution
@@ -185,7 +185,7 @@ class Pid:
         return self.beyond(exempt) if self.control(position, velocity) else None
 
     def control(self, position: Floats, velocity: Floats) -> bool:
-        """One cycle on the measured values (n,): fills `effort` and `position_error`; True: see `beyond`."""
+        """One cycle on the measured values (n,): fills `effort` and `position_error`; True: call `beyond`."""
         e, u = self.position_error, self._f
         np.subtract(self.setpoint_position, position, e)
         np.less_equal(self._dead_band(e), self.allowed, self.within)
@@ -217,7 +217,7 @@ class Pid:
     def beyond(self, exempt: Flags) -> Flags | None:
         """None, or flags (n,) of actuators whose tracking error (after the dead-band) is above its tolerance.
 
-        Some may be `exempt`, but not from an error that is not a number. The caller decides what to switch off.
+        Actuators may be `exempt`, except from an error that is not a number. The caller switches off.
         """
         beyond: Flags = ~self.within & self.enabled & ~self.effort_mode
         beyond &= ~(exempt & np.isfinite(self.excess))
@@ -247,7 +247,7 @@ class Pid:
         return excess
 
     def _velocity_error(self, velocity: Floats) -> Floats:
-        """Velocity feed minus measured velocity, 0 inside the dead-band; the filter rests there."""
+        """Velocity feed minus measured velocity, 0 inside the dead-band, where the filter does not advance."""
         ve, fed, x = self._a, self.filtered, self._x
         if not (self._filters or self._dead):
             np.multiply(self.setpoint_velocity, self.has_velocity, fed)
@@ -290,7 +290,7 @@ class Pid:
             np.add(u, self.disturbance, u)
 
     def _finish(self, position: Floats, u: Floats) -> None:
-        """Switch off what is disabled or not finite; remember what the observer needs."""
+        """Zero the efforts of actuators that are disabled or not finite; store the values for the observer."""
         f = self.effort
         if self._observes:
             np.minimum(u, self.effort_limit, out=u)
@@ -312,7 +312,7 @@ class Pid:
                 each[bad] = 0.0
 
     def _rest(self, where: Flags) -> None:
-        """Nothing winds up while an actuator is off or in effort mode."""
+        """Keep integral and observer from winding up while an actuator is off or in effort mode."""
         if self._integrates or self._observes:
             for each in (self.integral, self.disturbance, self.observer_input, self.observer_state):
                 np.copyto(each, self._zero, where=where)

@@ -5,7 +5,7 @@
     AMPS      all on    → ON
     any       3 s after power_on: not fully powered, or an amplifier off → fault
     any       power_off → OFF
-    OFF       supply_on → ALONE      relay and motor supply only, for a while; nobody wants power: nothing is judged
+    OFF       supply_on → ALONE      relay and motor supply only, for a while; no power request: no checks
     ALONE     time over, power_off → OFF
 """
 
@@ -37,8 +37,8 @@ ON: Final = "ON"
 ALONE: Final = "ALONE"
 
 POWER_GRACE_NS: Final = 3_000_000_000  # some supplies come up slowly; never raise: they overheat the boards meanwhile
-FAULT_GRACE_NS: Final = 200_000_000  # supply fault and an old watchdog flag take this long to clear
-AMP_GRACE_NS: Final = 50_000_000  # an amplifier that was on may be off this long: the supply's loss shows later
+FAULT_GRACE_NS: Final = 200_000_000  # the time a supply fault and an old watchdog flag take to clear
+AMP_GRACE_NS: Final = 50_000_000  # an amplifier may be off this long: the loss of the supply shows later
 RETRY_NS: Final = 100_000_000
 
 GOOD: Final = (registers.STATUS_MV_GOOD | registers.STATUS_RELAY | registers.STATUS_RELAY_FEEDBACK)
@@ -47,29 +47,29 @@ WATCHED: Final = GOOD | registers.STATUS_POWER | registers.STATUS_WATCHDOG
 
 @dataclass(slots=True)
 class Supply:
-    """Where one robot is on its way to power."""
+    """Progress of one robot towards power."""
 
     state: str = OFF
     start_ns: int = 0
     retry_ns: int = 0
-    watchdog_clear: bool = False  # seen clear since power was asked for
-    amps_off_ns: int = 0  # since when an amplifier that should be on is off; 0: none
-    until_ns: int = 0  # of a supply alone: when it ends
+    watchdog_clear: bool = False  # seen clear since the power request
+    amps_off_ns: int = 0  # since when a required amplifier is off; 0: none
+    until_ns: int = 0  # end of a supply without amplifiers
 
 
 class Power:
-    """Power state machines of all robots; works only when a status changed or a time ran out."""
+    """Power state machines of all robots; they run only after a status change or a timeout."""
 
     def __init__(self, robots: Robots, port: BusPort, record: IoRecord, outputs: Outputs, reports: IoReports,
                  samples: Samples, brakes: Brakes, watchdogs: Watchdogs) -> None:
-        """Looks at the status words that the port leaves in its `blocks`; its boards are discovered."""
+        """Reads the status words in the port's `blocks`; its boards are discovered."""
         self._brakes, self._watchdogs = brakes, watchdogs
         self._robots, self._record, self._outputs, self._reports = robots, record, outputs, reports
         self._samples = samples
         self._status = port.blocks[:, blocks.STATUS]
         self.status_column = blocks.STATUS
         n_boards, hardware = len(robots.board_ids), np.array(port.hardware)
-        # only a QLA1 reports a supply fault, and a DQLA does not say whether its relay really closed
+        # only a QLA1 reports a supply fault, and a DQLA does not show whether its relay really closed
         self.mask = np.where(hardware == "QLA1", WATCHED | registers.STATUS_MV_FAULT, WATCHED).astype(np.uint32)
         self.relay_unseen: Flags = hardware == "DQLA"
         self._preloads: Flags = hardware == "dRA1"
@@ -82,15 +82,15 @@ class Power:
         self._supplies = [Supply() for _ in robots.names]
         self._rows = [np.flatnonzero(row) for row in robots.on_board]
         self.wake_ns = 0
-        self._switched = [(places >= robots.axes) | (not off)  # which drives of a robot power-on switches on
+        self._switched = [(places >= robots.axes) | (not off)  # drives of a robot that power-on enables
                           for places, off in zip(robots.of_robot, robots.motors_off, strict=True)]
         self.reached: Flags = np.zeros(len(robots.names), dtype=bool)  # all amplifiers have been on
-        self.not_preloaded: list[int] = []  # robots whose dRA1 lets no amplifier on until their encoders are preloaded
+        self.not_preloaded: list[int] = []  # robots whose dRA1 enables no amplifier until their encoders are preloaded
         self._preload_ns = 0
-        self.changed = False  # limits that depend on power must be looked at again
+        self.changed = False  # limits that depend on power need a refresh
 
     def on(self, robot: int, now_ns: int) -> str:
-        """Begin the power sequence; while it runs or after it, asking again changes nothing. Returns why not, or ""."""
+        """Start the power sequence; a repeated call has no effect. Returns the reason for a refusal, or ""."""
         if self._record.power_requested[robot]:
             return ""
         if why := self._watchdogs.objection(robot):
@@ -104,7 +104,9 @@ class Power:
         return ""
 
     def supply(self, robot: int, now_ns: int, for_s: float) -> str:
-        """Close the relay and switch the motor supply on for a while, amplifiers off; returns why not, or ""."""
+        """Close the relay and switch the motor supply on for a while, amplifiers off; returns the reason for a refusal,
+        or "".
+        """
         if self._record.power_requested[robot]:
             return "it is powered"
         if why := self._watchdogs.objection(robot):
@@ -114,7 +116,7 @@ class Power:
         return ""
 
     def off(self, robot: int, open_relays: bool = False) -> None:
-        """Amplifiers off; motor supply off on boards that no other robot wants powered."""
+        """Amplifiers off; motor supply off on boards for which no other robot requests power."""
         record, robots = self._record, self._robots
         was_on = bool(record.power_requested[robot])
         record.power_requested[robot] = record.amps_on[robot] = False
@@ -132,7 +134,7 @@ class Power:
             self._reports.status("power off", robots.names[robot])
 
     def watch(self) -> bool:
-        """Take the status words of a good sample; True: they, or amplifiers, are not as `step` has seen them."""
+        """Take the status words of a good sample; True: they or amplifiers changed since the last `step`."""
         np.bitwise_and(self._status, self.mask, self.now)
         if self._any_unseen:
             relay = self.now[self.relay_unseen] & np.uint32(registers.STATUS_RELAY)
@@ -141,7 +143,7 @@ class Power:
                 or self._samples.amp_on.tobytes() != self.amps_before.tobytes())
 
     def step(self, now_ns: int) -> None:
-        """Judge the status words of a good sample: whenever they have changed, and at `wake_ns`."""
+        """Check the status words of a good sample: after each change, and at `wake_ns`."""
         self.before[...], self.amps_before[...] = self.now, self._samples.amp_on
         self.wake_ns = FOR_EVER_NS
         self.changed = True
@@ -155,9 +157,9 @@ class Power:
                 self._supply_alone(robot, now_ns)
 
     def _look_for_preloads(self, now_ns: int) -> None:
-        """Name the robots whose boards no longer show that the encoders are preloaded, every 0.1 s until they do.
+        """List the robots whose boards no longer show that the encoders are preloaded, every 0.1 s until they do.
 
-        A board that has never shown it was preloaded at the start of io, once: it may not be able to show it.
+        A board that has never shown this was preloaded once at the start of io: it may not be able to show it.
         """
         shown = self._preloads & ((self.now & np.uint32(registers.STATUS_PRELOADED)) != 0)
         self._were_preloaded |= shown
@@ -170,7 +172,7 @@ class Power:
         self._wake_at(self._preload_ns)
 
     def _show(self, robot: int) -> None:
-        """Flags of the record: good ones hold on every board, bad ones on any."""
+        """Set the flags of the record: good flags need every board, bad ones any board."""
         record, words = self._record, self.now[self._rows[robot]]
         every, some = int(np.bitwise_and.reduce(words)), int(np.bitwise_or.reduce(words))
         bad = registers.STATUS_WATCHDOG | registers.STATUS_MV_FAULT
@@ -221,7 +223,7 @@ class Power:
         self._wake_at(supply.until_ns if is_on or not in_time else min(supply.retry_ns, supply.until_ns))
 
     def _judge(self, robot: int, now_ns: int) -> None:
-        """Trip on what should not be, once its grace time is over; on all of it, none hides another."""
+        """Trip on every wrong state whose grace time is over; all are reported, none hides another."""
         supply, record, reports = self._supplies[robot], self._record, self._reports
         age_ns = now_ns - supply.start_ns
         if record.watchdog[robot] and (supply.watchdog_clear or age_ns > FAULT_GRACE_NS):
@@ -256,7 +258,7 @@ class Power:
             self._reports.trip_axes(codes.AMPLIFIER, robot, off)
 
     def _with(self, robot: int, bit: int) -> tuple[int, ...]:
-        """Boards of a robot whose status has this bit."""
+        """Boards of a robot with this status bit."""
         rows = self._rows[robot]
         return tuple(self._robots.board_ids[row] for row in rows[(self.now[rows] & np.uint32(bit)) != 0])
 
@@ -274,7 +276,7 @@ class KinematicPower:
         self.reached = record.amps_on
 
     def on(self, robot: int, now_ns: int) -> str:
-        """On at once, held at position 0; nothing is in the way: ""."""
+        """Switch on at once, held at position 0; never refused: ""."""
         record, axes = self._record, self._robots.slices[robot]
         if record.power_requested[robot]:
             return ""
@@ -287,7 +289,7 @@ class KinematicPower:
         return ""
 
     def supply(self, robot: int, now_ns: int, for_s: float) -> str:
-        """Why not."""
+        """The reason for the refusal."""
         return "it is KINEMATIC: it has no supply"
 
     def off(self, robot: int, open_relays: bool = False) -> None:

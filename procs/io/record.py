@@ -17,7 +17,7 @@ Flags: TypeAlias = NDArray[np.bool_]
 
 
 def private(topic: Topic, dims: Mapping[str, int]) -> Field:
-    """The fields of a record nobody else sees, all zero."""
+    """The fields of a private record, all zero."""
     memory: NDArray[Any] = np.zeros(1, dtype=schema_of(topic, dims).dtype)
     return lambda name: memory[name].reshape(memory[name].shape[1:])
 
@@ -86,12 +86,12 @@ class IoRecord:
 
     @classmethod
     def private(cls, axes: int, robots: int, inputs: int, brakes: int = 0, outputs: int = 0) -> IoRecord:
-        """A record nobody else sees, all zero."""
+        """A private record, all zero."""
         dims = {"axes": axes, "drives": axes + brakes, "robots": robots, "inputs": inputs, "outputs": outputs}
         return cls(private(IO_STATE, dims))
 
     def restart(self) -> None:
-        """Forget what a predecessor left, but count its generations on: what it biased or enabled is over."""
+        """Clear the values of a previous process, but continue its generations: its bias and enable are over."""
         bias, pid = self.bias_generation + 1, self.pid_generation + 1
         for array in self._all:
             array[...] = array.dtype.type()

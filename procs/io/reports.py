@@ -1,4 +1,4 @@
-"""What io has to say: faults and events of a cycle, collected first and acted on together."""
+"""io's reports: faults and events of a cycle, collected first and handled together."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ class IoEvent:
 
 @dataclass(frozen=True, slots=True)
 class IoFaultReport:
-    """One fault found in this cycle: robot and axis by place (axis within the robot, -1: none).
+    """One fault found in this cycle: robot and axis by index (axis within the robot, -1: none).
 
-    `boards` are those to blame where that is not the axis's alone.
+    `boards` are the faulty ones where the fault is not the axis's alone.
     """
 
     fault: Code
@@ -45,29 +45,29 @@ class IoFaultReport:
 
 
 def also(bad: NDArray[np.bool_]) -> str:
-    """The axes after the first of `bad`: those a trip has no place for."""
+    """The axes after the first of `bad`, for which a trip has no field."""
     more = np.flatnonzero(bad)[1:].tolist()
     return f"also axis {', '.join(map(str, more))}" if more else ""
 
 
 class IoReports:
-    """Events wait for the loop, which empties the list after it has published; trips wait for the end of the checks."""
+    """Events wait for the loop, which empties the list after publishing; trips wait for the end of the checks."""
 
     def __init__(self) -> None:
         self.events: list[IoEvent] = []
         self.trips: list[IoFaultReport] = []
         self.detached: list[str] = []
-        """In-cycle tasks that do not run any more, and why: shown as what is wrong with io until it is made anew."""
+        """In-cycle tasks that were detached, and why: shown as a problem of io until io is created again."""
         self.changed: set[str] = set()
-        """Topics besides `state` whose record changed: the loop publishes them, and empties the set."""
+        """Topics besides `state` with a changed record: the loop publishes them, and empties the set."""
 
     def status(self, text: str, component: str = "", axis: int = -1) -> None:
-        """Something a person may like to know."""
+        """Report information for operators."""
         self.events.append(IoEvent("status", text, component=component, axis=axis))
 
     def warn(self, fault: Code, component: str, value: float = math.nan, limit: float = math.nan, sender: str = "",
              boards: tuple[int, ...] = ()) -> None:
-        """A warning of the fault table, in whose text `sender` takes its place; nothing is switched off."""
+        """Report a warning of the fault table, with `sender` inserted in its text; switches nothing off."""
         measured = faults.figures(fault, value, limit, fault.unit)
         text = faults.sentence(faults.place(component, boards=boards), fault.cause.replace(codes.SENDER, sender),
                                 measured)
@@ -77,12 +77,12 @@ class IoReports:
 
     def trip(self, fault: Code, robot: int, axis: int = -1, value: float = math.nan, limit: float = math.nan,
              detail: str = "", boards: tuple[int, ...] = ()) -> None:
-        """A fault of the table; what it switches off is off before anything is written."""
+        """Report a fault of the table; its devices are off before anything is written."""
         self.trips.append(IoFaultReport(fault, robot, axis, value, limit, detail, boards))
 
     def trip_axes(self, fault: Code, robot: int, bad: NDArray[np.bool_], values: NDArray[np.float64] | float = math.nan,
                   limits: NDArray[np.float64] | float = math.nan) -> None:
-        """The same for the axes of a robot that are `bad`: the first one's, with the others named."""
+        """The same for the axes of a robot that are `bad`: a trip for the first, which names the others."""
         axis = int(np.argmax(bad))
         value, limit = (float(each[axis]) if isinstance(each, np.ndarray) else each for each in (values, limits))
         self.trip(fault, robot, axis, value, limit, also(bad))

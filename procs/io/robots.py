@@ -1,9 +1,9 @@
 """The robots of one bus as flat arrays: every actuator of every robot in the order of the document.
 
 Drives are all motor channels in use: the actuators, then the brakes of every robot. Arrays over drives are (n + b,),
-those over actuators (n,), so an actuator has the same place in both. `Robots` holds the constants (where in the boards'
-blocks, scales, limits), `Samples` turns one read of all boards into SI units with a fixed number of array operations,
-whatever the number of boards.
+those over actuators (n,), so an actuator has the same index in both. `Robots` holds the constants (positions in the
+boards' blocks, scales, limits), `Samples` turns one read of all boards into SI units with a fixed number of array
+operations, whatever the number of boards.
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ CHECKED: Final = 5
 
 SOFTWARE_VELOCITY: Final = 1
 ACCELERATION: Final = 2
-"""What may be wanted."""
+"""The values that are computed on demand."""
 NO_TABLE: Final = -1
 NO_ENCODER: Final = Encoder(Linear(), 0.0, 0.0, "FIRMWARE")
 
 
 class Robots:
-    """Constants of all robots of an io; robot and board masks say who shares what."""
+    """Constants of all robots of an io; masks show which boards each robot uses."""
 
     def __init__(self, io: IoConfig) -> None:
         """From the document."""
@@ -56,16 +56,16 @@ class Robots:
         self.axes, self.drives = len(self.actuators), len(self.all)
         self.count, self.brake_count = len(self.names), len(self.brakes)
         self.titles = axis_titles(io)
-        """Of every robot its axes, then its brakes, for people."""
+        """For every robot its axes, then its brakes, for messages."""
         self.motors_off = [io.calibration_mode and robot.hardware == "dRA1" for robot in io.robots]
-        """Whether calibration mode keeps the motors of a robot off: only its brakes are powered then."""
+        """Whether calibration mode keeps the motors of a robot off, so that only its brakes are powered."""
         self._place_drives()
         self._place_boards()
         self._take_positions()
         self._take_currents()
 
     def _place_drives(self) -> None:
-        """Which drives are whose."""
+        """Assign drives to robots."""
         rows = self.io.robots
         ends = np.cumsum([len(robot.actuators) for robot in rows]).tolist()
         self.slices = [slice(end - len(robot.actuators), end) for end, robot in zip(ends, rows, strict=True)]
@@ -74,16 +74,16 @@ class Robots:
         self.robot_of_drive: Places = np.array([*of_axis, *of_brake], dtype=np.intp)
         self.robot_of_axis = self.robot_of_drive[: self.axes]
         self.of_robot = [np.flatnonzero(self.robot_of_drive == r) for r in range(self.count)]
-        """Places of every robot's drives, its actuators first."""
+        """Indices of every robot's drives, its actuators first."""
 
     def _place_boards(self) -> None:
-        """Which drives are on which boards."""
+        """Assign drives to boards."""
         io = self.io
         self.board_ids = tuple(sorted({each.board_id for each in (
             *self.all, *io.digital_inputs, *io.digital_outputs, *io.instrument_readers)}))
         self.board_count = len(self.board_ids)
         self.row_of = {board: row for row, board in enumerate(self.board_ids)}
-        """Rows of boards in all arrays, by board id."""
+        """Array rows of boards, by board id."""
         self.board_row: Places = np.array([self.row_of[d.board_id] for d in self.all], dtype=np.intp)
         self.channel: Places = np.array([d.axis_id for d in self.all], dtype=np.intp)
         self.on_board: Flags = np.zeros((self.count, self.board_count), dtype=bool)
@@ -112,7 +112,7 @@ class Robots:
         self.dac_offset = np.array([d.current_to_bits.offset for d in self.all])
 
     def preload_register(self, axis: int) -> tuple[int, int]:
-        """(board, address) of the register that an actuator's encoder is set with."""
+        """(board, address) of the preload register of an actuator's encoder."""
         address = registers.axis_register(int(self.channel[axis]), registers.ENCODER_PRELOAD)
         return self.board_ids[int(self.board_row[axis])], address
 
@@ -122,7 +122,7 @@ class Robots:
         return robot, int(np.searchsorted(self.of_robot[robot], drive))
 
     def unit(self, drive: int) -> str:
-        """Unit of a position: rad or m; empty where the file does not say."""
+        """Unit of a position: rad or m; empty if the file does not specify it."""
         kind = self.actuators[drive].joint_type if drive < self.axes else ""
         return {"REVOLUTE": "rad", "PRISMATIC": "m"}.get(kind, "")
 
@@ -133,20 +133,20 @@ class Robots:
 
 
 class Pots:
-    """Potentiometers: volts by a line, readings by a table, and then, of some robots, sums over all of the robot's."""
+    """Potentiometers: volts by a line, readings by a table, and for some robots then coupled sums over all axes."""
 
     def __init__(self, robots: Robots) -> None:
         """From the document."""
         n, every = robots.axes, list(zip(robots.slices, robots.io.robots, strict=True))
         lines = [a.potentiometer.voltage_to_position if a.potentiometer else Linear(0.0) for a in robots.actuators]
         self.scale, self.offset = np.array([x.scale for x in lines]), np.array([x.offset for x in lines])
-        self.table_row = np.full(n, NO_TABLE)  # of `tables`
+        self.table_row = np.full(n, NO_TABLE)  # row in `tables`
         tables = [lookup.unpack(row.lookup, len(row.actuators)) for _, row in every if row.lookup]
         self.tables: Floats = np.concatenate([*tables, np.zeros((0, lookup.ENTRIES))])
         self.table_rows, self.entries = self.tables.shape
         self.table_row[robots.has_table] = np.arange(self.table_rows)
         self._in_tables = np.flatnonzero(robots.has_table)
-        self.coupling: Floats = np.zeros((n, n))  # a column an axis
+        self.coupling: Floats = np.zeros((n, n))  # a column per axis
         self._coupled = []
         for axes, row in every:
             if row.joint_to_actuator_position is not None:
@@ -163,15 +163,15 @@ class Pots:
         if len(self._in_tables):
             places = np.minimum(readings[self._in_tables], self.entries - 1)
             out[self._in_tables] = self.tables[self.table_row[self._in_tables], places]
-        for axes, matrix in self._coupled:  # row after row, as the native library sums: no library of matrices does
+        for axes, matrix in self._coupled:  # row by row, in the native library's order of summation
             out[axes] = np.add.reduce(matrix * out[axes, np.newaxis], axis=0)
 
 
 class Samples:
-    """The newest good sample, decoded. `values` (ROWS, n) keeps its memory; the named rows are views on it."""
+    """The newest good sample, decoded. `values` (ROWS, n) keeps its memory; the named rows are views of it."""
 
     def __init__(self, robots: Robots, port: BusPort, record: IoRecord) -> None:
-        """Decodes what the port leaves in its `blocks`; its boards are discovered."""
+        """Decodes the port's `blocks`; its boards are discovered."""
         n, hardware = robots.axes, np.array(port.hardware)[robots.board_row]
         self._robots, self._record, self._flat = robots, record, port.blocks.reshape(-1)
         self.values: Floats = np.zeros((ROWS, robots.drives))
@@ -197,16 +197,16 @@ class Samples:
         self.no_pot = ~robots.has_pot
         self.first_axis = np.array([s.start for s in robots.slices], dtype=np.intp)
         self.wanted = np.zeros(1, dtype=np.int64)
-        """Which of SOFTWARE_VELOCITY and ACCELERATION somebody wants; see `want`."""
+        """The requested ones of SOFTWARE_VELOCITY and ACCELERATION; see `want`."""
         self._blank(SOFTWARE_VELOCITY | ACCELERATION)
 
     def want(self, wanted: int) -> None:
-        """Compute these for the record from now on; the others are NaN, but for what is used for control."""
+        """Compute these for the record from now on; others are NaN, except those used for control."""
         before = int(self.wanted[0])
         self.wanted[0] = wanted
         self._blank(before & ~wanted)
         if wanted & ~before & SOFTWARE_VELOCITY and not self.any_software:
-            self.softly.forget()  # what it last saw was long ago
+            self.softly.forget()  # its last sample is long ago
 
     def _blank(self, unwanted: int) -> None:
         if unwanted & SOFTWARE_VELOCITY and not self.any_software:
@@ -240,11 +240,11 @@ class Samples:
         np.multiply(software, self._robots.position_scale, self._record.software_velocity)
 
     def encoders_were_set(self) -> None:
-        """The counters were preloaded: the next difference is no motion."""
+        """The counters were preloaded: the next difference is not motion."""
         self.softly.forget()
 
     def show(self) -> None:
-        """Put the measured values into the record; nobody needs them before the boards are written."""
+        """Put the measured values into the record; they are not needed before the boards are written."""
         record, values = self._record, self.values
         record.position[...] = self.position
         record.current[...] = self.current
@@ -268,7 +268,7 @@ class Samples:
         if wanted & SOFTWARE_VELOCITY and not self.any_software:
             known = bool(self.softly.known[0])
             self._estimate_softly()
-            if not known:  # nothing to compare with yet
+            if not known:  # no previous sample to compare with
                 record.software_velocity[...] = np.nan
         if wanted & ACCELERATION:
             np.multiply(self.firmware.accelerations(record.acceleration), scale, record.acceleration)
@@ -276,7 +276,7 @@ class Samples:
 
 def _where(robots: Robots, columns: Columns,
            hardware: NDArray[np.str_]) -> tuple[Places, NDArray[np.uint32], NDArray[np.uint32]]:
-    """Flat index, shift and mask of every row and drive; a row of zeros where its controller has no such thing."""
+    """Flat index, shift and mask of every row and drive; a row of zeros where the controller lacks the value."""
     base, channel = robots.board_row * columns.count, robots.channel
     plain, dual, digital = (hardware == name for name in ("QLA1", "DQLA", "dRA1"))
     index = np.zeros((ROWS, robots.drives), dtype=np.intp)
@@ -305,7 +305,7 @@ def _where(robots: Robots, columns: Columns,
 
 
 def _scales(robots: Robots) -> tuple[Floats, Floats, Floats]:
-    """Bias (before), scale and offset (after) of every row and drive."""
+    """Bias (applied before), scale and offset (after) of every row and drive."""
     n = robots.axes
     bias, scale, offset = (np.zeros((ROWS, robots.drives)) for _ in range(3))
     scale[OVERFLOW] = scale[SAFETY] = scale[AMP_ON] = 1.0

@@ -1,9 +1,8 @@
 """Checks of every good sample: motor current, board safety cut-off, temperature, potentiometers, encoder overflow.
 
-Motor current is held against its limits and, where the configuration asks for it, against what was requested. All
-checks are levels: one comparison of five rows (six with the requests) over all axes tells that nothing is wrong, the
-rest runs only when something is. Every fault of a cycle is collected before anything is switched off. Comparisons are
-written so that NaN fails them.
+Motor current is compared with its limits and, if configured, with the requested current. All checks are levels: one
+comparison of five rows (six with the requests) over all axes shows that all is well, the rest runs only otherwise.
+Every fault of a cycle is collected before anything is switched off. Comparisons are written so that NaN fails them.
 """
 
 from __future__ import annotations
@@ -19,8 +18,8 @@ from trocar.procs.io.reports import IoReports
 from trocar.procs.io.robots import CHECKED, CURRENT, OVERFLOW, PERIOD, POT_ERROR, SAFETY, TEMPERATURE, Robots, Samples
 from trocar.procs.tables import codes
 
-CURRENT_ERROR: Final = CHECKED  # the row after those of the samples, where it is asked for
-CURRENT_CYCLES: Final = 100  # consecutive cycles above the limit that are still tolerated
+CURRENT_ERROR: Final = CHECKED  # the row after those of the samples, if configured
+CURRENT_CYCLES: Final = 100  # tolerated consecutive cycles above the limit
 IDLE_CURRENT_A: Final = 0.1  # measured with the amplifier off
 UNPOWERED_CURRENT_A: Final = 0.2  # without motor power the sensors drift more; uncalibrated ones at any time
 HOT_C: Final = 65.0
@@ -29,7 +28,8 @@ WARM_REPEAT_NS: Final = 120_000_000_000
 
 
 class Safety:
-    """Limits as one (5 or 6, drives) array beside the measured rows; amplifiers, power and switches change them."""
+    """Limits as one (5 or 6, drives) array that matches the measured rows; amplifiers, power and switches change them.
+    """
 
     def __init__(self, robots: Robots, samples: Samples, record: IoRecord, reports: IoReports) -> None:
         n, drives = robots.axes, robots.drives
@@ -63,10 +63,10 @@ class Safety:
         self.refresh(np.zeros(len(robots.names), dtype=bool))
 
     def refresh(self, reached: Flags) -> None:
-        """Amplifier enables, power or a switch changed: other limits apply.
+        """Update the limits after a change of amplifier enables, power or a switch.
 
-        `reached` (robots,): all amplifiers have been on. A board's cut-off counts from then on, also when the amplifier
-        it cut shows as off in the same sample; what is latched from before goes with the enable.
+        `reached` (robots,): all amplifiers have been on. From then on a board's cut-off counts, also when the amplifier
+        it cut shows as off in the same sample; an earlier latch is cleared by the enable.
         """
         robots, record, n = self._robots, self._record, self._robots.axes
         wanted = record.power_requested[robots.robot_of_drive]
@@ -74,7 +74,7 @@ class Safety:
         idle = np.where(powered & (not robots.io.calibration_mode), IDLE_CURRENT_A, UNPOWERED_CURRENT_A)
         limit = np.where(record.amp_enabled, self._enabled_limit, idle)
         limit[n:] = self._enabled_limit[n:]  # brakes: the same whether on or off
-        self.limits[CURRENT] = np.nextafter(limit, 0.0)  # the limit itself is too much already
+        self.limits[CURRENT] = np.nextafter(limit, 0.0)  # the limit itself is already too much
         self.limits[TEMPERATURE] = np.where(wanted, WARM_C, np.inf)
         self.limits[SAFETY] = np.where(reached[robots.robot_of_drive], 0.5, np.inf)
         self.limits[POT_ERROR, :n] = np.where(record.pot_check[robots.robot_of_axis], self._distance, np.inf)
@@ -82,21 +82,21 @@ class Safety:
             self.limits[CURRENT_ERROR] = np.where(self._samples.amp_on > 0.5, self._error_a, np.inf)
 
     def forget_pots(self, axes: slice) -> None:
-        """The potentiometer check was switched: durations start again."""
+        """The potentiometer check was switched: its durations restart."""
         self._apart_s[axes] = 0.0
         self._pot_reported[axes] = False
 
     def check(self) -> bool:
-        """Hold the newest sample against the limits; True: something is beyond them, or was: see `examine`."""
+        """Compare the newest sample with the limits; True: a value is or was beyond its limit: call `examine`."""
         np.absolute(self._values, self._sampled)
-        if self._compares:  # the request is still what the boards had while they measured
+        if self._compares:  # the request is still the one the boards had during the measurement
             np.subtract(self._samples.current, self._record.current_request, self._current_apart)
             np.absolute(self._current_apart, self._current_apart)
         np.less_equal(self.magnitude, self.limits, self.within)
         return b"\0" in self.within.tobytes()
 
     def examine(self, now_ns: int) -> None:
-        """Look at everything that is beyond its limit, or was."""
+        """Examine all values that are or were beyond their limits."""
         fine = self.within
         self.counting = False
         for robot, places in enumerate(self._robots.of_robot):
@@ -165,7 +165,7 @@ class Safety:
         self.counting = True
         self._apart_s[apart] += self._samples.period_s[apart]
         late = apart & (~(self._apart_s <= self._latency) | ~np.isfinite(self._samples.pot_error))
-        # what goes on after it was reported is reported again to a robot that was given power meanwhile
+        # a continuing error is reported again for a robot that was powered meanwhile
         again = (self._record.power_requested & (self._record.fault == 0))[self._robots.robot_of_axis]
         for axis in np.flatnonzero(late & (~self._pot_reported | again)).tolist():
             self._pot_reported[axis] = True

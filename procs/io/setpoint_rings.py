@@ -1,4 +1,4 @@
-"""The rings of setpoints, and where they lie in memory for the native library, which reads them by itself."""
+"""The rings of setpoints, and their memory layout for the native library, which reads them directly."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ Addresses = NDArray[np.int64]
 
 FIELDS: Final = ("stamp_ns", "mode", "has_velocity", "count", "in_effort", "bias_generation", "pid_generation",
                  "position", "velocity", "feed_forward", "desired_generation")
-"""What the native library looks at, in the order of `SetpointRings.offsets`."""
+"""The fields the native library reads, in the order of `SetpointRings.offsets`."""
 
 
 class DesiredFields:
-    """What the arm wants of io, in its setpoint record; see procs/tables/desired_state.py."""
+    """Desired states in an arm's setpoint record; see procs/tables/desired_state.py."""
 
     def __init__(self, field: Field) -> None:
         """`field` gives the arrays of the record."""
@@ -32,7 +32,7 @@ class DesiredFields:
 
     @property
     def origin(self) -> Origin:
-        """The person's command that they come from."""
+        """The operator's command that caused them."""
         number, since, program = (cell.item() for cell in self._origin)
         return Origin(number, since, program.decode(errors="replace"))
 
@@ -51,12 +51,12 @@ class RingSource:
 
     @property
     def stamp_ns(self) -> int:
-        """Stamp of the newest record, 0: there was none yet."""
+        """Stamp of the newest record, 0: none yet."""
         return self.ring.stamp_ns
 
 
 class SetpointRings:
-    """An array each, a place an arm; addresses are good until the rings are closed."""
+    """One array per field, one element per arm; addresses are valid until the rings are closed."""
 
     def __init__(self, rings: Sequence[RingReader]) -> None:
         self._rings, found = rings, [ring.addresses for ring in rings]
@@ -66,13 +66,13 @@ class SetpointRings:
         self.depth: Addresses = np.array([ring.depth for ring in rings], dtype=np.int64)
         self.stride: Addresses = np.array([ring.stride for ring in rings], dtype=np.int64)
         self.seen: Addresses = np.zeros(len(rings), dtype=np.int64)
-        """Sequence of the newest record that the native library has had."""
+        """Sequence number of the newest record that the native library has read."""
         self.size = rings[0].dtype.itemsize if rings else 0
         places = rings[0].dtype.fields if rings else None
         self.offsets: Addresses = np.array([places[name][1] if places else 0 for name in FIELDS], dtype=np.int64)
 
     def newest(self, place: int) -> bool:
-        """Take the newest record of an arm, as a reader that has seen what the native library has."""
+        """Take the newest record of an arm, if newer than the one the native library has read."""
         ring = self._rings[place]
         ring.sequence = max(ring.sequence, int(self.seen[place]))
         found = ring.newest()
@@ -81,7 +81,7 @@ class SetpointRings:
 
 
 def rings_of(sources: Sequence[object]) -> SetpointRings | None:
-    """Of sources that have a ring each; None: some have none."""
+    """The rings of sources that have one each; None: some have none."""
     rings = [getattr(source, "ring", None) for source in sources]
     found = [ring for ring in rings if isinstance(ring, RingReader)]
     return SetpointRings(found) if len(found) == len(rings) else None

@@ -1,12 +1,12 @@
-"""Setpoints of the arms: taken when fresh and meant for us, held when not.
+"""Setpoints of the arms: accepted while fresh and current, held otherwise.
 
-A setpoint counts when it is younger than `setpoint_timeout_s` and names the present bias and the present enable of
-the joint controller. It says of every actuator whether its effort is applied or its position followed; what it says
-beside that is not looked at. Without a fresh one the last accepted position is held, with its feed-forward (gravity)
+A setpoint counts when it is younger than `setpoint_timeout_s` and names the present bias and the present enable of the
+joint controller. For every actuator it sets whether its effort is applied or its position followed; its other values
+for the actuator are ignored. Without a fresh one the last accepted position is held, with its feed-forward (gravity)
 and without its velocity; where efforts were applied, the joint controller takes over at the measured position.
 
-Whatever an arm sends, a setpoint goes no faster than `max_speeds` of the joint controller's row: about twice what the
-arm itself allows (procs/arm/governor.py). That is the last bound before the motors.
+Whatever an arm sends, setpoints move no faster than `max_speeds` of the joint controller's row: about twice the arm's
+own limit (procs/arm/governor.py). That is the last bound before the motors.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ from trocar.procs.io.robots import Robots, Samples
 from trocar.procs.io.setpoint_rings import RingSource, rings_of
 from trocar.procs.tables import codes
 
-DRIVE: Final = 1  # mode of a setpoint that asks for something
+DRIVE: Final = 1  # mode of a setpoint that commands motion or effort
 
 
 @dataclass(slots=True)
 class TrackedRobot:
-    """One controlled robot and where its setpoints come from."""
+    """One controlled robot and the source of its setpoints."""
 
-    place: int  # in the arrays of SetpointTracker
+    place: int  # index in the arrays of SetpointTracker
     robot: int
     axes: slice
     arm: str
     source: RingSource
-    in_effort: bytes = b""  # as the newest setpoint had it; empty: none of the actuators
+    in_effort: bytes = b""  # flags of the newest setpoint; empty: no actuator
     lost: bool = False
     off: bool = False
 
@@ -56,14 +56,14 @@ class SetpointTracker:
         self.timeout_ns = round(io.setpoint_timeout_s * 1e9)
         self._lost_ns = round(io.arm_lost_s * 1e9)
         self._off_ns = round(io.arm_lost_power_off_s * 1e9)
-        self.incoming: Floats = np.zeros((4, n))  # position, velocity, effort, feed-forward as they came
+        self.incoming: Floats = np.zeros((4, n))  # position, velocity, effort, feed-forward as received
         self._wanted: Floats = np.zeros(n)
         self._finite: NDArray[np.bool_] = np.ones((4, n), dtype=bool)
         pid.requested_effort, pid.feed_forward = self.incoming[2], self.incoming[3]
         self.low, self.high = np.full(n, -np.inf), np.full(n, np.inf)
         self._most = np.full(n, np.inf)
         self.most_step: Floats = np.full(n, np.inf)
-        """How far a setpoint may go in one cycle; inf where it is our own, or where that is not known."""
+        """How far a setpoint may move in one cycle; inf where the setpoint is our own, or where that is unknown."""
         self.dirty: Flags = np.zeros(1, dtype=bool)
         self.followers: list[TrackedRobot] = []
         for row, source in zip(io.pids, sources, strict=True):
@@ -80,19 +80,19 @@ class SetpointTracker:
         self.everybody = (1 << count) - 1
         """Bits of all robots, for `receive`."""
         self.everything = (1 << count + 2) - 1
-        """The same, with one for what must still be applied and `desired_bit` for desired states that are not done."""
+        """The same, plus one for setpoints still to apply and `desired_bit` for open desired states."""
         self.desired_bit = 1 << count + 1
-        self.is_fresh: Flags = np.zeros(count, dtype=bool)  # the newest record is
-        self.taken_ns: NDArray[np.int64] = np.zeros(count, dtype=np.int64)  # stamp of the newest that was taken
+        self.is_fresh: Flags = np.zeros(count, dtype=bool)  # the newest record is fresh
+        self.taken_ns: NDArray[np.int64] = np.zeros(count, dtype=np.int64)  # stamp of the newest accepted setpoint
         self.fresh_ns: NDArray[np.int64] = np.zeros(count, dtype=np.int64)  # of the last fresh one, or of the enable
-        self.resting: Flags = np.ones(count, dtype=bool)  # nothing is asked for
+        self.resting: Flags = np.ones(count, dtype=bool)  # no command is active
         self.velocity: Flags = np.zeros(count, dtype=bool)
         self.applies_effort: Flags = np.zeros(count, dtype=bool)
         self.own: Flags = np.ones(count, dtype=bool)
-        """The present setpoint is ours (enable, take-over): limits do not move it."""
+        """The present setpoint is our own (enable, takeover): limits do not move it."""
 
     def newest_ns(self, robot: int) -> int:
-        """Stamp of the newest setpoint that was taken of the robot's arm; 0: none."""
+        """Stamp of the newest setpoint accepted from the robot's arm; 0: none."""
         return int(self.taken_ns[self._of_robot[robot].place]) if robot in self._of_robot else 0
 
     def controlled(self, robot: int) -> bool:
@@ -100,7 +100,7 @@ class SetpointTracker:
         return robot in self._of_robot
 
     def enable(self, robot: int, on: bool, now_ns: int) -> None:
-        """Joint controller on, holding where the robot is, or off with zero effort."""
+        """Switch the joint controller on, holding the present position, or off with zero effort."""
         follower, record = self._of_robot.get(robot), self._record
         if follower is None:
             return
@@ -118,7 +118,7 @@ class SetpointTracker:
             record.pid_generation[robot] += 1
 
     def enforce_limits(self, robot: int, on: bool) -> str:
-        """Clip setpoints from now on; what is held does not move. Returns why not, or ""."""
+        """Clip setpoints from now on; a held position does not move. Returns the reason for a refusal, or ""."""
         axes = self._robots.slices[robot]
         if on and not (np.any(self._robots.lower[axes]) or np.any(self._robots.upper[axes])):
             return "all its position limits are 0"
@@ -135,7 +135,7 @@ class SetpointTracker:
         self._record.use_setpoint_velocity[robot] = on
 
     def receive(self, now_ns: int, which: int) -> None:
-        """Newest setpoints of some arms (bits of `which`), then what the joint controller is to follow."""
+        """Take the newest setpoints of some arms (bits of `which`), then update the joint controller's references."""
         record = self._record
         for follower in self.followers:
             place = follower.place
@@ -143,9 +143,9 @@ class SetpointTracker:
                 continue
             source = follower.source
             is_whole = source.newest() if self.rings is None else self.rings.newest(place)
-            stamp_ns = source.stamp_ns if is_whole else 0  # what is not whole was never there
+            stamp_ns = source.stamp_ns if is_whole else 0  # a torn record is ignored
             if stamp_ns < 0:
-                stamp_ns = 0  # no clock of ours says that
+                stamp_ns = 0  # a stamp that no clock here can give
             age_ns = now_ns - stamp_ns
             robot = follower.robot
             record.setpoint_age_ns[robot] = max(0, age_ns) if stamp_ns else -1
@@ -163,7 +163,7 @@ class SetpointTracker:
             self._apply(now_ns)
 
     def _take(self, follower: TrackedRobot) -> None:
-        """A fresh record: what it asks for, if it is meant for us."""
+        """Apply a fresh record, if it names the present bias and enable."""
         source, record, robot, axes = follower.source, self._record, follower.robot, follower.axes
         if record.holding[robot]:
             record.holding[robot] = follower.lost = follower.off = False
@@ -198,14 +198,14 @@ class SetpointTracker:
         self.dirty[0] = True
 
     def _pass_efforts(self, source: RingSource, axes: slice, count: int) -> None:
-        """Of actuators in effort mode the effort counts; the position is the measured one."""
+        """In effort mode an actuator's effort counts; its position setpoint is the measured one."""
         incoming, in_effort = self.incoming, self._pid.effort_mode[axes]
         np.copyto(incoming[0, axes], self._samples.position[axes], where=in_effort)
         np.copyto(incoming[1, axes], 0.0, where=in_effort)
         np.copyto(incoming[2, axes], source.effort[:count], where=in_effort)
 
     def _stale(self, follower: TrackedRobot, now_ns: int) -> None:
-        """No fresh setpoint: hold; say so once, and again when the arm stays away."""
+        """No fresh setpoint: hold; report once, and again while the arm stays silent."""
         record, robot = self._record, follower.robot
         silent_ns = now_ns - int(self.fresh_ns[follower.place])
         if not record.holding[robot] and silent_ns > self.timeout_ns:
@@ -221,7 +221,7 @@ class SetpointTracker:
                                limit=self._io.arm_lost_power_off_s)
 
     def _rest(self, follower: TrackedRobot) -> None:
-        """Nothing is asked for: no velocity, and no effort without a position to hold."""
+        """No active command: no velocity, and no effort without a position to hold."""
         if self.velocity[follower.place]:
             self._carry_velocity(follower, False)
         self.resting[follower.place] = True
@@ -243,14 +243,14 @@ class SetpointTracker:
         self._pid.carry_velocity(follower.axes, on)
 
     def _stay(self, follower: TrackedRobot, which: Flags) -> None:
-        """Hold these actuators at their measured positions, the others where they are held already."""
+        """Hold these actuators at their measured positions; the others keep their held positions."""
         axes = follower.axes
         self.incoming[0, axes] = np.where(which, self._samples.position[axes], self._pid.setpoint_position[axes])
         self.own[follower.place] = self.dirty[0] = True
         self._limit(follower)
 
     def _limit(self, follower: TrackedRobot) -> None:
-        """Limits of one robot; a setpoint of our own that lies outside them stays where it is."""
+        """Apply the limits of one robot; a setpoint of our own outside them stays."""
         axes, robots = follower.axes, self._robots
         free = self._pid.effort_mode[axes] | (not self._record.limits_enforced[follower.robot])
         low, high = np.where(free, -np.inf, robots.lower[axes]), np.where(free, np.inf, robots.upper[axes])
@@ -261,13 +261,13 @@ class SetpointTracker:
         self.dirty[0] = True
 
     def returns(self, position: Floats) -> Flags:
-        """Actuators (n,) that are beyond their limits, and come back: they may be far from where they are to be."""
+        """Actuators (n,) that return from beyond their limits: they may be far from their setpoints."""
         beyond: Flags = (position < self.low) | (position > self.high)
         beyond &= self._record.at_limit
         return beyond
 
     def encoders_set(self, robot: int, which: Flags) -> None:
-        """These encoders may read something else from this sample on: what is held is held there."""
+        """These encoders may read something else from this sample on: held actuators are held at their new readings."""
         follower = self._of_robot.get(robot)
         if follower is None or not self._record.pid_enabled[robot]:
             return
@@ -278,7 +278,7 @@ class SetpointTracker:
             self._stay(follower, held)
 
     def _apply(self, now_ns: int) -> None:
-        """Clip all positions at once and hand everything to the joint controller."""
+        """Clip all positions at once and pass all setpoints to the joint controller."""
         incoming, pid, record = self.incoming, self._pid, self._record
         np.isfinite(incoming, self._finite)
         if b"\0" in self._finite.tobytes():
@@ -290,11 +290,11 @@ class SetpointTracker:
         step = wanted - setpoint
         late = np.abs(step) > self.most_step
         setpoint[...] = np.where(late, setpoint + np.copysign(self.most_step, step), wanted)
-        self.dirty[0] = late.any()  # then it goes on in the next cycle
+        self.dirty[0] = late.any()  # then it continues in the next cycle
         pid.setpoint_velocity[...] = incoming[1]
 
     def _refuse(self, now_ns: int) -> None:
-        """Something is not a number: that robot's controller goes off before any of it is used."""
+        """A setpoint is not finite: switch that robot's controller off before any of it is used."""
         for follower in self.followers:
             bad = ~np.logical_and.reduce(self._finite[:, follower.axes])
             if bad.any():

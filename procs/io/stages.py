@@ -1,7 +1,7 @@
-"""The stages of a cycle that work on all axes at once: by native code, else by numpy, which gives the same to the bit.
+"""The stages of a cycle that work on all axes at once: native code, or else numpy with bit-identical results.
 
-`core` has the arrays, under the names of procs/native/io_fields.py. What is rare comes back as a number, not 0, and is
-handled by who is named there.
+`core` has the arrays, under the names of procs/native/io_fields.py. Rare cases are returned as a nonzero number; the
+methods named there handle them.
 """
 
 from __future__ import annotations
@@ -25,44 +25,45 @@ class Stages:
     """One call each a cycle, in this order."""
 
     track: Callable[[int], int]
-    """Setpoints of now. Bits of robots that `SetpointTracker.receive` has to look at; see `everything` there."""
+    """Take the present setpoints. Bits of robots that `SetpointTracker.receive` must examine; see `everything` there.
+    """
     decode: Callable[[], int]
     """Blocks to SI units and velocities. 1: status words or amplifiers have changed (`Power.step`)."""
     check: Callable[[], int]
-    """The sample against its limits. 1: something is beyond them (`Safety.examine`)."""
+    """Compare the sample with the limits. 1: a value is beyond its limit (`Safety.examine`)."""
     control: Callable[[], int]
     """The joint controllers. 1: a tracking error is too large (`Pid.beyond`)."""
     encode: Callable[[float, int], int]
-    """A share of the efforts to words; 1: with what acts once. 0: an effort was not finite."""
+    """Encode a share of the efforts; 1: with the words that act once. 0: an effort was not finite."""
     show: Callable[[], int]
-    """The rest of the record, once the boards are written. 1: an input has changed (`Buttons.settle`)."""
+    """Fill the rest of the record, after the boards are written. 1: an input has changed (`Buttons.settle`)."""
     at_once: Callable[[float], int]
-    """From `decode` to `encode` with this share, up to the first that has news: which that is; else READY."""
+    """From `decode` to `encode` with this share, up to the first stage with news, which is returned; else READY."""
     bound: BoundStruct | None = None
-    """What the native library works on; None: numpy does the work."""
+    """The arrays of the native library; None: numpy is used."""
     why_numpy: str = ""
-    """Why the native library does not do it; empty: it does."""
+    """Why the native library is not used; empty: it is."""
 
 
 def stages(core: RobotIo) -> Stages:
-    """The quickest there are."""
+    """The fastest available implementation."""
     bound = bind(IO, core)
     return numpy_stages(core, bound) if isinstance(bound, str) else native_stages(bound, tracking(core), core)
 
 
 def tracking(core: RobotIo | KinematicIo) -> BoundStruct | str:
-    """What the native library needs to take setpoints; why it does not, in words."""
+    """The data the native library needs to take setpoints; or the reason why it cannot."""
     return bind(TRACK, core) if core.follow.rings is not None else "setpoints come from no ring"
 
 
 def track(core: RobotIo | KinematicIo) -> Callable[[int], int]:
-    """See Stages."""
+    """The implementation of `Stages.track`."""
     tracked = tracking(core)
     return numpy_track(core) if isinstance(tracked, str) else tracked.function("track")
 
 
 def native_stages(bound: BoundStruct, tracked: BoundStruct | str, core: RobotIo) -> Stages:
-    """By native code, but for setpoints where `tracked` says why not."""
+    """Native stages; numpy for setpoints where `tracked` is a reason."""
     decode, check, control, encode, show, at_once = map(bound.function, IO.functions)
     if isinstance(tracked, str):
         return Stages(numpy_track(core), decode, check, control, encode, show, at_once, bound, tracked)
@@ -70,13 +71,13 @@ def native_stages(bound: BoundStruct, tracked: BoundStruct | str, core: RobotIo)
 
 
 def numpy_track(core: RobotIo | KinematicIo) -> Callable[[int], int]:
-    """By numpy: `SetpointTracker.receive` looks at everybody."""
+    """numpy: `SetpointTracker.receive` examines all arms."""
     follow = core.follow
     return lambda now_ns: follow.everything
 
 
 def numpy_stages(core: RobotIo, why: str) -> Stages:
-    """By numpy; `why` not by native code."""
+    """numpy stages; `why` native code is not used."""
     samples, pid, check, encode = core.samples, core.pid, core.safety.check, core.outputs.encode
 
     def decode() -> int:

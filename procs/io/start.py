@@ -1,8 +1,8 @@
-"""What io does before its loop: find and check boards and arms, see which encoders kept a preload.
+"""io's steps before its loop: find and check boards and arms, and find the encoders that kept a preload.
 
-The last again for boards that return: they may have been without power.
+The last step is repeated for boards that return: they may have been without power.
 
-The controllers of Si arms (dRA1) let no amplifier on before the arm's encoders were preloaded, and the arm knows its
+The controllers of Si arms (dRA1) enable no amplifier before the arm's encoders were preloaded; such an arm stores its
 own serial number.
 """
 
@@ -30,7 +30,7 @@ FLASH_WORDS: Final = 16
 
 
 def prepare(robots: Robots, port: BusPort) -> Flags:
-    """Open the port and make every board safe; returns of every actuator whether its encoder is preset.
+    """Open the port and make every board safe; returns for every actuator whether its encoder is preset.
 
     PortError names the board that is missing, of the wrong hardware or of an unknown firmware.
     """
@@ -44,9 +44,9 @@ def prepare(robots: Robots, port: BusPort) -> Flags:
 
 def restore(robots: Robots, port: BusPort, watchdogs: Watchdogs, outputs: DigitalOutputs, rows: Flags, now_ns: int
             ) -> Flags:
-    """Give boards (by row) that return what they had; which encoders (axes,) on them are not set any more.
+    """Restore the settings of boards (by row) that return; returns the encoders (axes,) on them that are no longer set.
 
-    Boards are asked as between two cycles. One that does not answer counts as after power-up.
+    The boards are read as between two cycles. A board that does not answer is treated as after power-up.
     """
     lost: Flags = robots.has_encoder & rows[robots.board_row[: robots.axes]]
     watchdogs.write(rows, now_ns)
@@ -61,12 +61,12 @@ def restore(robots: Robots, port: BusPort, watchdogs: Watchdogs, outputs: Digita
 
 
 def _is_set(preload: int) -> bool:
-    """An encoder was set: it is not at mid-range, where it wakes up."""
+    """Whether an encoder was set: it is not at mid-range, its value after power-up."""
     return preload & registers.ENCODER_MASK != registers.ENCODER_MIDRANGE
 
 
 def check(robots: Robots, boards: tuple[BoardInfo, ...]) -> None:
-    """The boards are what the IO files say."""
+    """Check that the boards match the IO files."""
     found = {info.board: info for info in boards}
     for board in robots.board_ids:
         if board not in found:
@@ -81,7 +81,7 @@ def check(robots: Robots, boards: tuple[BoardInfo, ...]) -> None:
                 raise PortError(f"board {board} is a {found[board].hardware}", robot.source or robot.name,
                                 f"robot {robot.name} needs {robot.hardware}")
         drives: list[Actuator | Brake] = [*robot.actuators, *robot.brakes]
-        for drive in drives:  # also where the file does not say what hardware it is
+        for drive in drives:  # also if the file does not specify the hardware
             hardware = found[drive.board_id].hardware
             axes = blocks.AXES_OF[hardware][0]
             if not drive.axis_id < axes:
@@ -90,7 +90,7 @@ def check(robots: Robots, boards: tuple[BoardInfo, ...]) -> None:
 
 
 def _prepare_si(robots: Robots, port: BusPort, robot: int) -> None:
-    """It is the arm that the file is about, and its encoders are preloaded (to 0 where nobody has yet)."""
+    """Check the arm's serial number against the file, and preload its encoders (to 0 where they are not set)."""
     keys, axes = robots.io.robots[robot], robots.slices[robot]
     rows = [row for row in np.flatnonzero(robots.on_board[robot]).tolist() if port.hardware[row] == "dRA1"]
     for row in rows:
@@ -106,7 +106,7 @@ def _prepare_si(robots: Robots, port: BusPort, robot: int) -> None:
 
 
 def arm_serial(port: BusPort, board: int) -> str:
-    """What the memory of an Si arm says it is, e.g. p123456.cal; empty where it says nothing.
+    """The serial number in an Si arm's memory, e.g. p123456.cal; empty if there is none.
 
     The memory is read word by word: the address is given twice, the second time with the read enabled.
     """
@@ -123,7 +123,7 @@ def arm_serial(port: BusPort, board: int) -> str:
 
 
 def _preset(robots: Robots, port: BusPort) -> Flags:
-    """Encoders (axes,) that were set by somebody."""
+    """Encoders (axes,) that are set."""
     preset = robots.has_encoder.copy()
     for axis in np.flatnonzero(robots.has_encoder).tolist():
         preset[axis] = _is_set(port.read_quadlet(*robots.preload_register(axis)))

@@ -1,9 +1,9 @@
-"""In-cycle tasks: users' own code on the very sample the joint controllers use, before the boards are written.
+"""In-cycle tasks: user code on the same sample as the joint controllers, before the boards are written.
 
 All tasks of a cycle write into rows of one array, whose sum the joint controller adds before it clamps to the effort
-limits. Nothing a task does stops the joint controllers: one that raises, gives what is not finite or takes too long too
-often is detached, told, and its row is 0 from that very cycle on. Time is measured with io's clock; in lock-step that
-stands still within a cycle, so that nothing is ever over its budget there.
+limits. A task cannot stop the joint controllers: a task that raises, returns values that are not finite or takes too
+long too often is detached and reported, and its row is 0 from that very cycle on. Time is measured with io's clock; in
+lock-step that clock does not advance within a cycle, so no task exceeds its budget there.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ from trocar.procs.node.setup_error import SetupError
 from trocar.procs.tables import codes
 from trocar.procs.tables.codes import Code
 
-FORGIVEN_AFTER: Final = 20  # cycles within the budget that make up for one over it
+FORGIVEN_AFTER: Final = 20  # cycles within the budget that compensate one over it
 
 Element = TypeVar("Element", bound=np.generic)
 
 
 class TaskError(SetupError):
-    """A task that cannot be attached; the text says which, where and what is needed."""
+    """A task that cannot be attached; the text names the task, its file and the requirement."""
 
     def __init__(self, row: document.TaskRow, what: str) -> None:
         super().__init__(f"in-cycle task {_label(row)}{what}")
@@ -46,7 +46,7 @@ class TaskError(SetupError):
 
 @dataclass(slots=True)
 class Attached:
-    """One task of one robot, its row and its books."""
+    """One task of one robot, with its row and its time account."""
 
     label: str
     file: str
@@ -54,10 +54,10 @@ class Attached:
     name: str
     task: Task
     sample: Sample
-    effort: Floats  # the task's own view on its row: it may even be reshaped
+    effort: Floats  # the task's own view of its row, which it may even reshape
     row: Floats
     budget_ns: int
-    patience: int  # how often in a row it may be over; 0: detached
+    patience: int  # permitted cycles over budget in a row; 0: detached
     debt: int = 0  # FORGIVEN_AFTER for each cycle over the budget, less one for each within
     steps: int = 0
     total_ns: int = 0
@@ -66,12 +66,12 @@ class Attached:
 
 
 class Tasks:
-    """All tasks of an io. There is none of these where no task is configured."""
+    """All tasks of an io; not created if no task is configured."""
 
     def __init__(self, io: document.IoConfig, robots: Robots, samples: Samples, record: IoRecord, pid: Pid,
                  reports: IoReports,
                  now_ns: Callable[[], int]) -> None:
-        """Load the modules and make the tasks; TaskError when one cannot be had."""
+        """Load the modules and create the tasks; TaskError if one fails."""
         self._record, self._reports, self._now_ns = record, reports, now_ns
         places = [(row, name) for row in io.tasks for name in row.robots]
         self._rows: Floats = np.zeros((len(places), robots.axes))
@@ -119,7 +119,7 @@ class Tasks:
             self._attached = [each for each in self._attached if each.patience]
 
     def _book(self, each: Attached, spent_ns: int) -> bool:
-        """Count the time a step took; whether the task was detached for it."""
+        """Count the time of a step; returns whether the task was detached for it."""
         if each.was_enabled != each.sample.enabled:
             self._switched(each)
         each.steps += 1
@@ -135,14 +135,14 @@ class Tasks:
         return True
 
     def _switched(self, each: Attached) -> None:
-        """The joint controller went on or off: times are reported when it goes off, and counted anew."""
+        """The joint controller went on or off: report times when it goes off, and restart the counts."""
         each.was_enabled = each.sample.enabled
         if not each.was_enabled:
             self._reports.status(f"in-cycle task {each.label}: {_times(each)}", each.name)
         each.steps = each.total_ns = each.worst_ns = 0
 
     def _refuse(self) -> None:
-        """Some row is not finite: whose it is, is detached."""
+        """A row is not finite: detach its task."""
         for each in self._attached:
             bad = ~np.isfinite(each.row)
             if bad.any():
@@ -152,7 +152,7 @@ class Tasks:
 
     def _detach(self, each: Attached, fault: Code, reason: str, value: float = np.nan, limit: float = np.nan,
                 axis: int = -1) -> None:
-        """No more of this one, nor what it has written in this cycle."""
+        """Detach this task and clear its row for this cycle."""
         each.patience = 0
         each.row.fill(0.0)
         self._reports.trip(fault, each.robot, axis, value, limit, f"{each.label}: {reason}")
@@ -160,7 +160,7 @@ class Tasks:
 
 
 def _sample(axes: slice, samples: Samples, record: IoRecord) -> Sample:
-    """The robot's part of io's own arrays, behind views that cannot be written."""
+    """The robot's part of io's arrays, as read-only views."""
     return Sample(
         _read_only(samples.position[axes]), _read_only(samples.velocity[axes]), _read_only(samples.current[axes]),
         _read_only(record.setpoint_position[axes]), _read_only(record.setpoint_velocity[axes]),
@@ -216,21 +216,21 @@ def _module(name: str) -> ModuleType:
 
 
 def _make(row: document.TaskRow, maker: TaskMaker, robot: TaskRobot) -> Task:
-    """The task of one robot; that it can be called as it will be is seen now, not in the loop."""
+    """Create the task of one robot, and check its signature here, not in the loop."""
     try:
         task = maker(robot)
     except (Exception, SystemExit) as error:
         raise TaskError(row, f" cannot be made for {robot.name}: {_reason(error, row.module)}") from error
     step = getattr(task, "step", None)
     try:
-        inspect.signature(step).bind(None, None)  # type: ignore[arg-type]  # what is no function is caught, too
+        inspect.signature(step).bind(None, None)  # type: ignore[arg-type]  # also finds an uncallable step
     except (TypeError, ValueError):
         raise TaskError(row, ": it needs a method step(sample, effort)") from None
     return task
 
 
 def _reason(error: BaseException, file: str) -> str:
-    """What went wrong and in which line of the user's file; without opening it, for this may be in the loop."""
+    """The error and its line in the user's file; without opening the file, as this may run in the loop."""
     line, trace = 0, error.__traceback__
     while trace is not None:
         if trace.tb_frame.f_code.co_filename == file:

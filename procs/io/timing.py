@@ -1,6 +1,6 @@
-"""Whether the loop keeps its period: once a second, over the cycles of that second.
+"""Check once a second, over the cycles of that second, that the loop keeps its period.
 
-The time that io waits in vain for replies is not counted: what the boards do not send is not the computer's fault.
+Time that io waits for replies that do not come is not counted: it is not the computer's fault.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ from trocar.procs.io.reports import IoReports
 from trocar.procs.tables import codes
 
 INTERVAL_NS: Final = 1_000_000_000
-START_NS: Final = 10_000_000_000  # nothing is judged before
-RATIO: Final = 2.0  # of the mean period to the one asked for that is too much
+START_NS: Final = 10_000_000_000  # no checks before
+RATIO: Final = 2.0  # ratio of the mean period to the configured one that is too much
 REPEAT_NS: Final = 120_000_000_000  # of the warning
 
 
 class Timing:
-    """Means over a second; robots that are powered are stopped when the loop is far too slow to control them."""
+    """Means over a second; powered robots are stopped when the loop is far too slow to control them."""
 
     def __init__(self, name: str, period_s: float, record: IoRecord, reports: IoReports, now_ns: int) -> None:
         self._name, self._period_s, self._record, self._reports = name, period_s, record, reports
@@ -27,7 +27,7 @@ class Timing:
         self._cycles = self._work_ns = self._waited_ns = 0
 
     def step(self, begin_ns: int, end_ns: int, waited_ns: int = 0) -> None:
-        """A cycle is over, that began and ended then; `waited_ns` in all were spent so far for replies not to come."""
+        """Count a cycle with this begin and end; `waited_ns`: total time spent so far on replies that did not come."""
         self._cycles += 1
         self._work_ns += end_ns - begin_ns
         if end_ns - self._since_ns >= INTERVAL_NS:

@@ -1,7 +1,7 @@
-"""The boards' watchdogs: a board that has not shown the period that was written to it gets no power.
+"""The boards' watchdogs: a board gets power only after it has shown the watchdog period written to it.
 
-A board that returns may have been without power, and then has its own period. The period is written again, every
-0.1 s, until the board shows it.
+A returning board may have been without power, and then has its own period. The period is written every 0.1 s until the
+board shows it.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ PERIOD_BITS: Final = 0xFFFF
 
 
 class Watchdogs:
-    """Those of all boards of a bus. `unconfirmed` (boards,): the board has not shown the period yet."""
+    """Watchdogs of all boards of a bus. `unconfirmed` (boards,): the board has not shown the period yet."""
 
     def __init__(self, robots: Robots, port: BusPort, reports: IoReports, now_ns: int) -> None:
         """Write all periods; the boards of `port` are discovered."""
@@ -37,7 +37,7 @@ class Watchdogs:
         self.write(np.ones(len(robots.board_ids), dtype=bool), now_ns)
 
     def write(self, rows: Flags, now_ns: int) -> None:
-        """Write the period to these boards, and look whether they show it. Each try takes up to a cycle's time."""
+        """Write the period to these boards, and check whether they show it. Each try takes up to a cycle's time."""
         self.unconfirmed |= rows
         for row in np.flatnonzero(rows).tolist():
             any(self._try(row) for _ in range(TRIES))
@@ -48,7 +48,7 @@ class Watchdogs:
             self._next_ns = now_ns + RETRY_NS
 
     def step(self, now_ns: int) -> None:
-        """Try the next board that is still to be confirmed: one each time, for it costs the cycle time."""
+        """Try the next unconfirmed board: one per call, as a try takes the cycle time."""
         if now_ns < self._next_ns:
             return
         self._next_ns = now_ns + RETRY_NS
@@ -60,7 +60,7 @@ class Watchdogs:
             self._reports.status("all boards have confirmed their watchdog period", self._robots.io.name)
 
     def objection(self, robot: int) -> str:
-        """Why a robot gets no power; empty: nothing."""
+        """Why a robot gets no power; empty: no reason."""
         rows = np.flatnonzero(self.unconfirmed & self._robots.on_board[robot]).tolist()
         boards = ", ".join(str(self._robots.board_ids[row]) for row in rows)
         return f"board {boards} has not confirmed its watchdog period" if rows else ""

@@ -1,1 +1,1 @@
-"""Ports: what carries datagrams to the controllers of a bus, who is on it, and how they are sampled and commanded."""
+"""Ports of a bus: transports, discovery of the controllers, and the protocols that sample and command them."""

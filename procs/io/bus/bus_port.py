@@ -1,4 +1,4 @@
-"""A bus of controllers: finds them, checks them, samples and commands them, whatever transport carries it."""
+"""A bus of controllers: finds, checks, samples and commands them over any transport."""
 
 from __future__ import annotations
 
@@ -34,20 +34,21 @@ _Writer: TypeAlias = BroadcastWrite | SequentialWrite
 _Found: TypeAlias = tuple[discovery.HubBoard, tuple[BoardInfo, ...]]
 
 ALL_BOARDS: Final = 0x3F  # in place of a board id: every board of the bus
-MAX_BLOCK: Final = 1440  # bytes of a block transfer that was asked for by hand; whatever the transport could
+MAX_BLOCK: Final = 1440  # bytes of a manual block transfer, whatever the transport permits
 
 
 class BusPort:
-    """A bus with its boards. `board_ids` may come in any order; rows of all arrays are the boards in ascending id.
+    """A bus with its boards. `board_ids` may come in any order; array rows are the boards in ascending id.
 
-    `now_ns` is the clock of all stamps, CLOCK_MONOTONIC unless `real_time=False`: a simulated clock, which stands still
-    while we wait; then receive deadlines are generous and nothing is waited for. `bridge`: over FireWire behind the hub
-    even where the boards could do without. `query_wait_ns` replaces the time the boards are given between query and
-    read, `deadline_ms` the 2 ms a cyclic read waits for its reply (0.5 s when simulated). `exclusive` refuses a bus
-    that another host is driving. `first_control` is written to the status register of all boards as soon as the bus is
-    known to be ours, before anything about them is judged (io: power off, whatever a predecessor left). Without board
-    ids (tools) everything found is listed, and nothing can be read or written cyclically. `quiet` finds the boards by
-    reads alone where an earlier host left them ready: writes, even of discovery, refresh the watchdogs.
+    `now_ns` is the clock of all stamps, CLOCK_MONOTONIC unless `real_time=False`: a simulated clock, which does not
+    advance during a wait; then receive deadlines are generous and all pauses are skipped. `bridge`: over FireWire
+    behind the hub even where the boards could do without. `query_wait_ns` replaces the time the boards are given
+    between query and read, `deadline_ms` the 2 ms a cyclic read waits for its reply (0.5 s when simulated). `exclusive`
+    refuses a bus that another host is driving. `first_control` is written to the status register of all boards as soon
+    as the bus is known to be ours, before the boards are checked (io: power off, whatever the previous process left).
+    Without board ids (tools), all boards that are found are listed, and cyclic reads and writes are not possible.
+    `quiet` finds the boards by reads alone where an earlier host left them ready: writes, even those of discovery,
+    refresh the watchdogs.
     """
 
     def __init__(self, transport: Transport, board_ids: Sequence[int], now_ns: Callable[[], int],
@@ -69,11 +70,13 @@ class BusPort:
         self._make_rows(registers.AXES)
         self.bad = np.zeros(count, np.bool_)  # boards without a sample in the last read
         self.away = np.zeros(count, np.bool_)
-        """(n_boards,): boards that have left the bus: their rows stay as they were, samples of the others count."""
+        """(n_boards,): boards that have left the bus. Their rows keep their values; samples of the other boards are
+        valid.
+        """
         self.recv_ns = 0
         """When the last datagram of the last read arrived."""
         self.send_ns = 0
-        """When the last write left."""
+        """When the last write was sent."""
         self.counters = Counters(count)
         self.boards: tuple[BoardInfo, ...] = ()
         self._link = Link(transport, now_ns, real_time, spin_ns)
@@ -89,12 +92,14 @@ class BusPort:
     def _make_rows(self, width: int) -> None:
         count = len(self.board_ids)
         self.hardware = ("QLA1",) * count
-        """Of every board: QLA1, DQLA or dRA1; known, like all arrays, when the boards are discovered."""
+        """Hardware of every board: QLA1, DQLA or dRA1; known, like all arrays, after discovery."""
         self.columns = blocks.Columns(width)
         self.blocks: Quads = np.zeros((count, self.columns.count), np.uint32)
-        """(n_boards, columns.count): the last good real-time block of every board; untouched by a bad read."""
+        """(n_boards, columns.count): the last good real-time block of every board; a bad read does not change it."""
         self.out: Quads = np.zeros((count, width + 1), np.uint32)
-        """(n_boards, columns.width + 1): a command for every motor, and control, for the next write, as Rev 8 words."""
+        """(n_boards, columns.width + 1): a command for every motor, and the control word, for the next write, as Rev 8
+        words.
+        """
 
     def open(self) -> None:
         """Open the transport."""
@@ -107,7 +112,7 @@ class BusPort:
 
     @property
     def stranger(self) -> str:
-        """ADDRESS:PORT of whoever else than the boards sent the newest datagram that was ignored; empty: nobody has."""
+        """ADDRESS:PORT of the unknown sender of the newest ignored datagram; empty: there was none."""
         return self._link.transport.stranger
 
     def __enter__(self) -> BusPort:
@@ -147,7 +152,7 @@ class BusPort:
         return hub, boards
 
     def _find_reported(self) -> _Found | None:
-        """None where the hub has no address of ours, or the boards do not know their node numbers yet."""
+        """None if the hub does not have our address, or the boards do not know their node numbers yet."""
         link = self._link
         hub = discovery.find_reported_hub(link, self._bridge)
         if hub is None:
@@ -163,14 +168,14 @@ class BusPort:
         return hub, boards
 
     def _make_ours(self, hub: discovery.HubBoard) -> None:
-        """Nobody else drives the bus, or PortError; whatever a predecessor left on is switched off."""
+        """PortError if another host drives the bus; else switch off everything that the previous process left on."""
         if self._exclusive and self.board_ids:
             discovery.refuse_other_host(self._link, hub)
         if self._first_control:
             self._link.write_quadlet(wire.BROADCAST, registers.STATUS, self._first_control)
 
     def refuse_other_host(self) -> None:
-        """PortError while somebody else drives the bus. Asks by sampling the hub, which restarts its sample timer."""
+        """PortError while another host drives the bus. The check samples the hub, which restarts its sample timer."""
         if self._hub is None:
             raise self._not_ready()
         discovery.refuse_other_host(self._link, self._hub)
@@ -187,12 +192,12 @@ class BusPort:
         wanted = {board: self._nodes[board] for board in {*self.board_ids, hub.board}}
         rows = Rows(self.board_ids, layouts, self.columns, self.blocks, self.out, self.bad, self.away, wanted,
                     hub.board, self._query_wait_ns)
-        self._nodes = self._nodes.new_child(wanted)  # a rescan keeps this part up to date
+        self._nodes = self._nodes.new_child(wanted)  # so that a rescan keeps this part up to date
         self._reader, self._writer = _parts(self._protocol, self._link, rows)
         self._make_exchange()
 
     def _check_size(self, layouts: Sequence[blocks.Layout]) -> None:
-        """What is for all boards at once must fit one datagram."""
+        """A command to all boards at once must fit one datagram."""
         transport, sizes = self._link.transport, []
         if self._protocol == BROADCAST_QUERY:
             sizes.append(("read", 4 * (sum(layout.hub_quads for layout in layouts) + 1), transport.most_read))
@@ -204,16 +209,17 @@ class BusPort:
                                 self._link.where, f"allowed: {limit}, or protocol {SEQUENTIAL}")
 
     def ask_all(self) -> None:
-        """Have every board sample, where the protocol has a step for it; what is done until `read_all` costs no time.
+        """Have every board sample, where the protocol has a step for it. The boards sample while the caller works until
+        `read_all`.
         """
         if self._reader is None:
             raise self._not_ready()
         self._reader.ask()
 
     def read_all(self) -> bool:
-        """Sample every board that is not `away` into `blocks`; False, and `blocks` as it was, where one fails.
+        """Sample every board that is not `away` into `blocks`; False if one fails, then `blocks` is unchanged.
 
-        Asks first where nobody has.
+        Queries the boards first if `ask_all` was not called.
         """
         if self._reader is None:
             raise self._not_ready()
@@ -226,22 +232,22 @@ class BusPort:
         return good
 
     def set_exchange(self, settings: ExchangeSettings) -> None:
-        """From now on `answer` does this with a sample, where it can."""
+        """Have `answer` process samples with these settings from now on, where the native library can."""
         self._settings = settings
         self._make_exchange()
 
     def _make_exchange(self) -> None:
-        """Where there is one query to all boards, and one write, on the machine's clock."""
+        """Possible with one query to all boards, one write to all, and the machine's clock."""
         reader, writer, settings = self._reader, self._writer, self._settings
         if (settings is not None and self._link.real_time and isinstance(reader, QueryRead)
                 and isinstance(writer, BroadcastWrite)):
             self._exchange = Exchange(self._link, reader, writer, settings)
 
     def answer(self, good_ns: int, wake_ns: int, over_ns: int, gap_ns: float) -> int:
-        """`read_all`, then io's stages and `write_all`: how far that got, see procs/native/progress.py.
+        """`read_all`, then io's stages and `write_all`; returns how far the call got, see procs/native/progress.py.
 
-        `good_ns`: when the sample before arrived; `gap_ns`: what lay between samples so far. Nothing is done with a
-        sample from `wake_ns` on, and nothing sent from `over_ns` on, which is of CLOCK_BOOTTIME.
+        `good_ns`: when the previous sample arrived; `gap_ns`: mean interval of the samples so far. From `wake_ns` on, a
+        sample is not processed; from `over_ns` on, on CLOCK_BOOTTIME, nothing is sent.
         """
         exchange, counters = self._exchange, self.counters
         if exchange is None:
@@ -257,7 +263,9 @@ class BusPort:
         return done
 
     def write_all(self) -> bool:
-        """Send `out` to every board, also after a bad read (it feeds the watchdogs), then zero its control words."""
+        """Send `out` to every board, also after a bad read (the write feeds the watchdogs), then zero its control
+        words.
+        """
         if self._writer is None:
             raise self._not_ready()
         counters = self.counters
@@ -269,7 +277,7 @@ class BusPort:
         return good
 
     def read_quadlet(self, board: int, address: int) -> int:
-        """One register of one board; waits up to 0.1 s, so for setup and tools. PortError when it does not answer."""
+        """One register of one board; waits up to 0.1 s, so for setup and tools. PortError without an answer."""
         value = self._link.read_quadlet(self._node(board), address)
         if value is None:
             raise self._no_answer(board, address)
@@ -282,7 +290,7 @@ class BusPort:
             raise self._not_sent(board, address)
 
     def read_block(self, board: int, address: int, quads: int) -> Quads:
-        """So many consecutive quadlets of one board, (quads,)."""
+        """This many consecutive quadlets of one board, (quads,)."""
         most = min(MAX_BLOCK, self._link.transport.most_read) // 4
         if not 2 <= quads <= most:
             raise PortError(f"block of {quads} quadlets", f"board {board}", f"allowed: 2 to {most}")
@@ -292,7 +300,7 @@ class BusPort:
         return np.frombuffer(data, np.dtype(">u4")).astype(np.uint32)
 
     def peek(self, board: int, address: int, quads: int = 1) -> Quads | None:
-        """Quadlets of one board, asked for once between two cycles; None without an answer in a cycle's time."""
+        """Quadlets of one board, read once between two cycles; None without an answer within a cycle."""
         link, node = self._link, self._node(board)
         if quads > 1:
             data = link.read_block(node, address, 4 * quads, timeout_ms=link.cycle_timeout_ms, tries=1)
@@ -312,7 +320,7 @@ class BusPort:
             raise self._not_sent(board, address)
 
     def info(self, board: int) -> BoardInfo:
-        """What is known of a board; PortError when it was not discovered."""
+        """What discovery found about a board; PortError if it was not discovered."""
         node = self._node(board)
         return next(dataclasses.replace(info, node=node) for info in self.boards if info.board == board)
 

@@ -1,11 +1,11 @@
-"""A bus of controllers for a person at a desk: `trocar bus` asks line by line, and every line is one transaction.
+"""Manual access to a bus of controllers: serves `trocar bus`, one transaction a line.
 
     python -m trocar.procs.io.bus.bus_server PORT
 
-Requests and replies are JSON objects, one a line: `{"do": "read", "board": 0, "address": 4}` is answered
-`{"value": 1363956017}`, what cannot be done `{"error": "…"}`. The first line says whether the port's name is one.
-Nothing is sent between requests, and it ends when the other side closes. Boards are found by reads alone where that is
-possible, for every write, also of discovery, refreshes the watchdogs.
+Requests and replies are JSON objects, one a line: `{"do": "read", "board": 0, "address": 4}` is answered `{"value":
+1363956017}`, an impossible request `{"error": "…"}`. The first line reports whether the port's name is valid. Nothing
+is sent between requests; the process ends when the client closes the connection. Boards are found by reads alone where
+possible, because every write, also of discovery, refreshes the watchdogs.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ Answer = dict[str, Any]
 
 
 class BusServer:
-    """The transactions a person may ask for, on a port without boards of its own."""
+    """The manual transactions, on a port without boards of its own."""
 
     def __init__(self, name: str, port: BusPort, held: contextlib.ExitStack) -> None:
-        """`port`, called `name`, is not discovered yet; what is taken beside it is given back with `held`."""
+        """`port`, called `name`, is not discovered yet; resources taken later are released with `held`."""
         self._name, self._port, self._held = name, port, held
         self._known: Mapping[str, Callable[..., Answer]] = {
             "discover": self.discover, "read": self.read, "block": self.block, "write": self.write,
@@ -61,14 +61,14 @@ class BusServer:
         return {}
 
     def own(self) -> Answer:
-        """Be the port's owner from now on; an error while another process or another host is."""
+        """Own the port from now on; an error while another process or another host owns it."""
         self._held.enter_context(hold(self._name))
         self._port.refuse_other_host()
         return {}
 
 
 def main() -> None:
-    """An answer for every line, until the other side closes."""
+    """Answer every line until the client closes the connection."""
     if len(sys.argv) != 2:
         sys.exit("started by: trocar bus")
     try:

@@ -11,8 +11,8 @@ from typing import Final, TypeAlias
 
 from trocar.procs.fpga.wire import Buffer
 
-ABI_VERSION: Final = 4  # what we understand; later ones have time stamps in responses
-EVENT_BYTES: Final = 4096  # more than any event we ask for
+ABI_VERSION: Final = 4  # the version implemented here; later ones have time stamps in responses
+EVENT_BYTES: Final = 4096  # more than any event requested here
 ROM_BYTES: Final = 1024
 NODE_MASK: Final = 0x3F
 
@@ -56,9 +56,10 @@ SEND_BROADCAST_REQUEST: Final = _ioctl(1, 0x12, REQUEST_BYTES)
 
 @dataclass(frozen=True, slots=True)
 class BusReset:
-    """The bus was reset, or, in an answer to `GET_INFO`, is as it is; node ids with the bus in the upper ten bits."""
+    """The bus was reset; in an answer to `GET_INFO`, its present state. Node ids include the bus in the upper ten bits.
+    """
 
-    node: int  # that the device stands for
+    node: int  # of the device
     local_node: int  # of the card
     manager_node: int
     resource_node: int
@@ -72,21 +73,23 @@ class BusReset:
         return self.node == self.local_node
 
     def encode(self) -> bytes:
-        """As the kernel has it."""
+        """The event as the kernel encodes it."""
         return _RESET.pack(self.closure, BUS_RESET, self.node, self.local_node, self.manager_node, self.resource_node,
                            self.root_node, self.generation)
 
 
 @dataclass(frozen=True, slots=True)
 class CdevResponse:
-    """What became of a request; `data` only of reads that were answered."""
+    """Outcome of a request; `data` only for reads that were answered."""
 
     closure: int
     code: int
     data: bytes = b""
 
     def encode(self) -> bytes:
-        """As the kernel has it: the data of short reads are there twice, of an old mistake that programs rely on."""
+        """The response as the kernel encodes it. It repeats the data of short reads: an old error that programs rely
+        on.
+        """
         head = _RESPONSE.pack(self.closure, RESPONSE, self.code, len(self.data))
         room = -len(head) % 8
         return head + (self.data.ljust(room, b"\0") + self.data if len(self.data) <= room else self.data + bytes(room))
@@ -96,7 +99,7 @@ Event: TypeAlias = BusReset | CdevResponse
 
 
 def decode_event(data: Buffer) -> Event | None:
-    """The event in what was read from a device; None for those of other kinds, and for what is none."""
+    """The event in bytes read from a device; None for events of other kinds and for malformed ones."""
     if len(data) < _RESPONSE.size:
         return None
     closure, kind, code, length = _RESPONSE.unpack_from(data)
@@ -109,12 +112,12 @@ def decode_event(data: Buffer) -> Event | None:
 
 
 def encode_info(rom_at: int, reset_at: int) -> bytearray:
-    """Asks for a device's ROM and bus; the kernel writes them to these addresses, and the card into the answer."""
+    """Request a device's ROM and bus state; the kernel writes them to these addresses, and the card into the answer."""
     return bytearray(_INFO.pack(ABI_VERSION, ROM_BYTES, rom_at, reset_at, 0, 0))
 
 
 def card_of(info: Buffer) -> int:
-    """Which card a device is on, from the answer to `encode_info`."""
+    """The card of a device, from the answer to `encode_info`."""
     return int(_INFO.unpack(info)[5])
 
 
@@ -124,7 +127,7 @@ def encode_request(tcode: int, length: int, offset: int, closure: int, data_at: 
 
 
 def vendor_of(rom: Buffer) -> int:
-    """The vendor in a configuration ROM, as quadlets of this machine; 0 where it has none."""
+    """The vendor in a configuration ROM, as quadlets of this machine; 0 if it has none."""
     first, _, _, fourth = _ROM.unpack_from(rom)
     vendor: int = first & 0xFF_FFFF if first >> 24 == 1 else fourth >> 8  # a minimal ROM is one quadlet
     return vendor

@@ -1,4 +1,4 @@
-"""Finding the hub and the boards behind it, in the order the boards expect (and original hosts use)."""
+"""Discovery of the hub and the boards behind it, in the order the boards expect (and original hosts use)."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ REPORTED_TRIES: Final = 3
 SCAN_TIMEOUTS_MS: Final = (20, 40, 100)  # one a pass; later passes only while a wanted board is missing
 NOWHERE: Final = 0x3E  # a node number that no board has
 PROBE_NS: Final = 1_000_000_000
-BUS_ENDS, TURNS = 2, 2  # silent nodes in a row; turns over the bus before a board is away
-RESCAN_SILENCES: Final = 2  # of nodes in one cycle: what a rescan may cost
-OTHER_HOST_PAUSE_MS: Final = 30  # a living host writes at least this often, or its watchdogs trip
+BUS_ENDS, TURNS = 2, 2  # silent nodes in a row; passes over the bus before a board counts as away
+RESCAN_SILENCES: Final = 2  # silent nodes in one cycle: the cost limit of a rescan
+OTHER_HOST_PAUSE_MS: Final = 30  # a running host writes at least this often, or its watchdogs trip
 OTHER_HOST_LOOKS: Final = 4
 
 
@@ -38,17 +38,17 @@ class BoardInfo:
 
 @dataclass(frozen=True, slots=True)
 class HubBoard:
-    """The board whose hub memory is read: where there is one, that with the network cable."""
+    """The board whose hub memory is read: the one with the network cable, if any."""
 
     board: int
     firmware: int
     fpga: int
     hardware: str
-    node: int  # at which it is asked before the nodes are known; BROADCAST: the hub by itself
+    node: int  # its address before the nodes are known; BROADCAST: the hub itself
 
 
 def find_hub(link: Link, bridge: bool) -> HubBoard:
-    """Give the hub its address, take the bus generation from its first reply, and learn what it is."""
+    """Give the hub its address, take the bus generation from its first reply, and identify the hub."""
     transport = link.transport
     transport.ask_everybody()
     own = 0 if bridge else wire.NO_FORWARD
@@ -81,7 +81,7 @@ def find_reported_hub(link: Link, bridge: bool) -> HubBoard | None:
 
 
 def _known_hub(link: Link, hardware: int, bridge: bool) -> HubBoard:
-    """What the hub is."""
+    """Identify the hub."""
     values = []
     for register in (registers.STATUS, registers.FIRMWARE, registers.ETHERNET):
         value = link.read_quadlet(wire.BROADCAST, register, flags=wire.NO_FORWARD)
@@ -109,9 +109,9 @@ def _silent(link: Link) -> PortError:
 
 
 def find_on_firewire(link: Link, wanted: Sequence[int]) -> tuple[HubBoard, tuple[BoardInfo, ...]]:
-    """All boards of a bus that we are on ourselves, unjudged, and the one whose hub memory is best read.
+    """All boards of a bus of which this computer is a node, unchecked, and the best one to read hub memory from.
 
-    That is the one that reports last to a query: it has heard all others before.
+    That is the board that answers a query last: it has received the blocks of all others before.
     """
     link.generation = link.seen_generation = link.transport.ask_everybody()
     boards = find_boards(link, -1, wanted)
@@ -123,7 +123,7 @@ def find_on_firewire(link: Link, wanted: Sequence[int]) -> tuple[HubBoard, tuple
 
 
 def find_boards(link: Link, hub: int, wanted: Sequence[int]) -> tuple[BoardInfo, ...]:
-    """All boards that answer, by board id, unjudged; `hub` is the id of the one with the network cable."""
+    """All boards that answer, by board id, unchecked; `hub` is the id of the one with the network cable."""
     found: dict[int, BoardInfo] = {}  # by node
     for timeout_ms in SCAN_TIMEOUTS_MS:
         for node in range(NODES):
@@ -151,7 +151,9 @@ def _identify(link: Link, node: int, hub: int, timeout_ms: int) -> BoardInfo | N
 
 
 def check_boards(link: Link, boards: Sequence[BoardInfo], wanted: Sequence[int]) -> None:
-    """Raise PortError for a wanted board that is missing, there twice, or of the wrong kind; without any, for none."""
+    """Raise PortError for a wanted board that is missing, duplicate or of the wrong kind; without any, for an empty
+    bus.
+    """
     if not wanted:
         return
     where = link.where
@@ -182,7 +184,7 @@ def check_boards(link: Link, boards: Sequence[BoardInfo], wanted: Sequence[int])
 
 
 def tune_gap(link: Link, boards: Sequence[BoardInfo]) -> None:
-    """Make all nodes use the smallest safe gap count; the power-up value wastes bus time on every packet."""
+    """Set all nodes to the smallest safe gap count; the power-up value wastes bus time on every packet."""
     link.write_quadlet(wire.BROADCAST, registers.PHY_REQUEST, 1)
     gaps = set()
     for info in sorted(boards, key=lambda info: info.node):
@@ -196,9 +198,10 @@ def tune_gap(link: Link, boards: Sequence[BoardInfo]) -> None:
 
 
 def refuse_other_host(link: Link, hub: HubBoard) -> None:
-    """Raise PortError when somebody else samples the boards: the time since the last sample is too short, every time.
+    """Raise PortError if another host samples the boards: the time since the last sample is too short in every try.
 
-    Once proves nothing: where a board was held up, the sample before may be one of ours that was not answered in time.
+    One short time proves nothing: after a delay in a board, the last sample may be one of ours whose reply came too
+    late.
     """
     if not link.real_time:
         return
@@ -224,12 +227,12 @@ def _sample(link: Link, hub: HubBoard, tries: int = SETUP_TRIES) -> bytes | None
 
 
 class Rescan:
-    """Finds the nodes of the wanted boards again after a bus reset, a few nodes a cycle so that writes go on.
+    """Finds the nodes of the wanted boards again after a bus reset, a few nodes a cycle so that writes continue.
 
-    Nodes are numbered without gaps, so two that are silent one after the other are the end of the bus (one may be
-    waking up, or its reply was lost). A board that is not found in two turns is away, and the others go on without it;
-    the next reset, which its return brings, restarts. As its replies may have been lost, or its device be opened
-    only later, one node is asked once a second. Without the hub nobody goes on.
+    Nodes are numbered without gaps, so two silent nodes in a row are the end of the bus (a single one may be waking up,
+    or its reply was lost). A board that is not found in two passes is away, and the cycle continues without it; its
+    return causes the next reset, which restarts the scan. As replies may be lost, or a device be opened later, one node
+    is read once a second. Without the hub, the scan continues.
     """
 
     def __init__(self, link: Link, nodes: dict[int, int], hub: int) -> None:
@@ -237,19 +240,19 @@ class Rescan:
         self._nodes, self._hub = nodes, hub
         self.found: dict[int, int] = {}
         self.away: frozenset[int] = frozenset()
-        """Boards that were not found, once the others go on without them."""
+        """Boards that were not found in a finished scan."""
         self._node = self._silent = self._turns = self._probe_ns = 0
         self.active = False
 
     def start(self) -> None:
-        """Begin anew with the generation the hub last showed."""
+        """Restart with the generation the hub last showed."""
         self._link.generation = self._link.seen_generation
         self._link.counters.bus_resets += 1
         self._link.write_quadlet(wire.BROADCAST, registers.PHY_REQUEST, 0)
         self.found, self._node, self._silent, self._turns, self.active = {}, 0, 0, 0, True
 
     def advance(self) -> bool:
-        """Ask further nodes; True when every board has its node again (in the map given at construction)."""
+        """Read further nodes; True when the scan is finished: all boards found, or the missing ones marked as away."""
         link = self._link
         timeout_ms = link.cycle_timeout_ms if link.real_time else SCAN_TIMEOUTS_MS[-1]
         silences = 0
@@ -276,7 +279,7 @@ class Rescan:
         return False
 
     def probe(self) -> bool:
-        """Once a second ask a node for a board that is away; whether one was found."""
+        """Once a second read one node to find a board that is away; True: a board was found."""
         link = self._link
         if not self.away or link.now_ns() - self._probe_ns < PROBE_NS:
             return False
@@ -291,7 +294,7 @@ class Rescan:
         return board in self.found
 
     def _end(self) -> bool:
-        """What was found is used from now on; always True."""
+        """Use the nodes that were found; always True."""
         self.away = frozenset(self._nodes) - frozenset(self.found)
         self._nodes.update(self.found)
         self._nodes.update(dict.fromkeys(self.away, NOWHERE))

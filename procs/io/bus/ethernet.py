@@ -1,7 +1,7 @@
 """Raw Ethernet to the controllers of a bus: the datagrams of `wire` in frames of their own, without IP.
 
-A frame has its length where others have a protocol. Boards are known by their MAC addresses, FA:61:0E:13:94 and the
-board id; FB:61:0E:13:94:FF is all of them.
+The frames carry their length in the type field. Boards are known by their MAC addresses, FA:61:0E:13:94 and the board
+id; FB:61:0E:13:94:FF addresses all of them.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from typing import Final
 from trocar.procs.fpga import wire
 from trocar.procs.io.bus.transport import RECEIVE_BUFFER_BYTES, PortError, Transport
 
-PLAIN_FRAMES: Final = 0x0004  # ETH_P_802_2: the kernel's name for frames with a length; nothing else wakes us
+PLAIN_FRAMES: Final = 0x0004  # ETH_P_802_2: the kernel's name for frames with a length; no other frames wake us
 ETHERNET_HARDWARE: Final = 1  # ARPHRD_ETHER
-MAX_READ: Final = 976  # bytes: original hosts ask for frames of 1024 bytes at most, because of the firmware
+MAX_READ: Final = 976  # bytes: original hosts read frames of 1024 bytes at most, because of the firmware
 MAX_WRITE: Final = 984
 NODES: Final = 16
 SIOCGIFHWADDR: Final = 0x8927  # kind of hardware and address of an interface
@@ -45,7 +45,8 @@ def _is_ethernet(name: str) -> bool:
 
 
 def interface_of(where: str) -> str:
-    """The interface that a port name means: itself, or the one at this place among them; PortError without any."""
+    """The interface of a port name: its name, or its index among this machine's interfaces; PortError if there is none.
+    """
     there = interfaces()
     if where in there:
         return where
@@ -58,13 +59,13 @@ def interface_of(where: str) -> str:
 class EthernetTransport(Transport):
     """A `Transport` over one packet socket, which needs the right to make one (CAP_NET_RAW).
 
-    It cannot `forget`: frames have nothing that tells a late reply but the label, which comes round again.
+    It cannot `forget`: only the label distinguishes a late reply, and labels are reused.
     """
 
     most_read, most_write = MAX_READ, MAX_WRITE
 
     def __init__(self, where: str) -> None:
-        """`where` is an interface, or its place among those of this machine; it is looked for when opened."""
+        """`where` is an interface, or its index among those of this machine; it is resolved in `open`."""
         self._named = where
         self.where = f"eth:{where}"
         self._socket: socket.socket | None = None
@@ -79,7 +80,7 @@ class EthernetTransport(Transport):
         interface = interface_of(self._named)
         self.where = f"eth:{interface}"
         try:
-            made = socket.socket(socket.AF_PACKET, socket.SOCK_RAW, 0)  # hears nothing before it is bound
+            made = socket.socket(socket.AF_PACKET, socket.SOCK_RAW, 0)  # receives nothing before it is bound
         except PermissionError as error:
             raise PortError("raw Ethernet is not permitted", self.where,
                             "give python3 the capability cap_net_raw, or use udp") from error
@@ -112,12 +113,12 @@ class EthernetTransport(Transport):
         self.shut()
 
     def ask_everybody(self) -> int:
-        """All boards hear everything."""
+        """No action: all boards receive all frames."""
         self._heads = [wire.GROUP_MAC + self._own] * (wire.BROADCAST + 1)
         return 0
 
     def aim(self, board: int, firmware: int, *, by_board: bool) -> int:
-        """From now on requests go to the hub or to the boards themselves."""
+        """Address requests to the hub, or to the boards themselves."""
         for node in range(len(self._heads)):
             mac = wire.BOARD_MAC + bytes([node if by_board else board])
             self._heads[node] = (wire.GROUP_MAC if by_board and node >= NODES else mac) + self._own
@@ -129,7 +130,7 @@ class EthernetTransport(Transport):
         self._socket.send(b"".join((head, _LENGTH.pack(len(datagram)), datagram)))
 
     def _receive(self, buffer: memoryview) -> int:
-        """Short frames are padded: what counts is the length they state."""
+        """Short frames are padded, so the length in the frame counts."""
         assert self._socket is not None
         size, head = self._socket.recvmsg_into((self._head, buffer))[0], self._head
         length: int = _LENGTH.unpack_from(head, 12)[0]

@@ -1,7 +1,7 @@
-"""From the boards' reply to the write that answers it in one native call, system calls included.
+"""One native call from the boards' reply to the write that answers it, system calls included.
 
-It handles what happens in every good cycle and nothing else. Whatever comes instead of the reply is left to
-`Link.receive`, and a write that did not leave to the caller, as if this were not here.
+The call handles normal cycles only. Any other datagram is left to `Link.receive`, and a failed write to the caller, as
+without this module.
 """
 
 from __future__ import annotations
@@ -20,37 +20,37 @@ from trocar.procs.native.library import bind
 from trocar.procs.native.progress import BAD, NONE, READY, SENT
 
 HEAD_BYTES: Final = 22  # of a block write, before its data
-GENERATION_AT: Final = -7  # of a reply, from its end: the bus generation
+GENERATION_AT: Final = -7  # bytes from the end of a reply: the bus generation
 
 
 @dataclass(frozen=True, slots=True)
 class ExchangeSettings:
-    """What io does with a sample in the call that has received it, for as long as a `Port` lives."""
+    """What io does with a sample in the call that receives it; fixed for the life of a `BusPort`."""
 
     stages: BoundStruct
-    """What the native library does io's stages on."""
+    """The arrays of io's stages for the native library."""
     oldest_ns: int
-    """A sample counts as no older than this; see procs/io/cycle.py for all three."""
+    """Upper bound of sample intervals in their mean; see procs/io/cycle.py for all three."""
     stable_ns: float
     gaps: float
 
 
 class Exchange:
-    """The native call for one reader and one writer; its arrays are bound anew when who is on the bus changes."""
+    """The native call for one reader and one writer; its arrays are bound again when the boards on the bus change."""
 
     def __init__(self, link: Link, reader: QueryRead, writer: BroadcastWrite, settings: ExchangeSettings) -> None:
         self._link, self._reader, self._writer = link, reader, writer
         self._settings, self.io = settings, settings.stages.address
         self.oldest_ns, self.stable_ns, self.gaps = settings.oldest_ns, settings.stable_ns, settings.gaps
         self.came = np.zeros(3, np.int64)
-        """How many bytes; when; when the write left."""
+        """Size and time of the reply, and time of the write."""
         self._came = self.came.data
         self._made_for: object = None
-        self._parts: tuple[BoundStruct, ...] = ()  # of which the native library has the addresses
+        self._parts: tuple[BoundStruct, ...] = ()  # their addresses are known to the native library
         self._answer: Callable[..., int] | None = None
 
     def _prepare(self) -> None:
-        """For another bus generation, hub or other boards: seldom."""
+        """Prepare for another bus generation, hub or set of boards: rare."""
         reader, groups = self._reader, self._writer.groups
         self._made_for = reader.made_for
         heads = b"".join(self._writer.heads())
@@ -74,7 +74,7 @@ class Exchange:
         if self._made_for is not reader.made_for:
             self._prepare()
         fd, call = link.transport.fd, self._answer
-        if call is None or fd < 0 or not link.misses_none:  # while labels rest, ours alone does not tell the reply
+        if call is None or fd < 0 or not link.misses_none:  # else the label alone does not identify the reply
             return NONE if reader.take(link.receive(tl, timeout_ms)) else BAD
         begin_ns = link.send_ns
         done = call(fd, tl, link.next_tl(), timeout_ms, link.spin_ns, good_ns, wake_ns, over_ns, gap_ns)
@@ -88,6 +88,6 @@ class Exchange:
         reader.has_taken(True)
         if done == SENT:
             link.send_ns = sent_ns
-        elif done == READY:  # held up, or refused, maybe because nobody listened to an earlier datagram
+        elif done == READY:  # delayed, or refused, perhaps because an earlier datagram met a closed port
             link.suspect = True
         return done

@@ -1,9 +1,9 @@
-"""FireWire to the controllers of a bus, through the character devices of the kernel (/dev/fw*), one of every node.
+"""FireWire to the controllers of a bus, through the character devices of the kernel (/dev/fw*), one for each node.
 
-Requests and replies have the form they have over Ethernet, so everything above is the same; here they become ioctls and
-events. To all boards goes what original hosts send, and the firmware is made for: some cards read no more after a real
-broadcast, so a query and the commands of all boards are addressed to node 0, and every board takes them. Only where
-node 0 is no board they are broadcast. Other registers of all boards are written board by board.
+Requests and replies have the form they have over Ethernet, so all layers above are the same; here they become ioctls
+and events. Requests to all boards are sent as original hosts send them, for which the firmware is made: some cards read
+nothing more after a real broadcast, so a query and the commands of all boards are addressed to node 0, and every board
+takes them. They are broadcast only where node 0 is no board. Other registers of all boards are written board by board.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from trocar.procs.io.bus.transport import PortError, Transport
 from trocar.shm.time.clock import monotonic_ns
 
 DEVICES: Final = Path("/dev")
-QUERY_OFFSET: Final = 0x1800  # what the firmware takes for a query of all, though it is addressed to node 0
+QUERY_OFFSET: Final = 0x1800  # address that the firmware takes for a query of all, though addressed to node 0
 COMMAND_OFFSET: Final = 0xFFFF_FFFF_0000  # and for commands to all
 REGISTERS: Final = 0xFFFF_FFFF_0000  # boards look at the lower 16 bits only; the kernel broadcasts only up there
 LOOK_AGAIN_NS: Final = 100_000_000  # a device appears some time after its board
 FOREIGN: Final = -1
 AGES: Final = 0xFFFF
-NO_ANSWER: Final = 1 << 40  # closures of requests whose outcome we need not know
+NO_ANSWER: Final = 1 << 40  # closures of requests whose outcome is not needed
 
 _REQUEST = struct.Struct(">BBIII")  # flags, generation, q0-q2
 _REPLY = struct.Struct(">IIII")
@@ -41,7 +41,7 @@ _READS = (wire.QUADLET_READ, wire.BLOCK_READ)
 
 
 class LinuxKernel:
-    """What we need of the system; tests take its place."""
+    """The system calls needed here; tests replace them."""
 
     def devices(self) -> list[str]:
         """The devices of all nodes of all cards."""
@@ -60,7 +60,7 @@ class LinuxKernel:
 
 
 class FirewireTransport(Transport):
-    """A `Transport` over the card at `place` among those of this machine (0 is the first)."""
+    """A `Transport` over the card with index `place` on this machine (0 is the first)."""
 
     on_firewire = True
 
@@ -69,12 +69,12 @@ class FirewireTransport(Transport):
         self.most_write = firewire.BROADCAST_BYTES
         self._place, self._kernel = place, kernel or LinuxKernel()
         self._card, self._generation, self._local = -1, 0, -1  # _local: descriptor of the card itself
-        self._paths: dict[str, int] = {}  # looked at: descriptor, or FOREIGN
+        self._paths: dict[str, int] = {}  # known devices: descriptor, or FOREIGN
         self._nodes: dict[int, int] = {}  # of our boards: node to descriptor
         self._descriptors: set[int] = set()
         self._looked_ns = 0
         self._replies: deque[bytes] = deque()
-        self._age = 0  # of requests: replies to those of another are not passed on
+        self._age = 0  # of requests: replies to those of another age are not passed on
         self._data = array("B", bytes(firewire.EVENT_BYTES))
         self._data_at = self._data.buffer_info()[0]
         self.close()
@@ -92,12 +92,12 @@ class FirewireTransport(Transport):
         except BaseException:
             self.close()
             raise
-        # What is not addressed to node 0 is broadcast, in packets for the slowest.
+        # Requests to all that are not addressed to node 0 are broadcast, in packets for the slowest.
         self.most_write = wire.MAX_DATA if 0 in self._nodes else firewire.BROADCAST_BYTES
         self.poll, self.recv_into, self.send = self._poll, self._receive, self._send
 
     def _find_card(self) -> int:
-        """The number of the card at our place; PortError says which there are."""
+        """The number of the card with our index; PortError lists the existing ones."""
         cards: set[int] = set()
         forbidden: list[str] = []
         for path in sorted(self._kernel.devices()):
@@ -127,7 +127,7 @@ class FirewireTransport(Transport):
                         "is the driver firewire-ohci loaded? Without hardware: trocar up FILE --boards emulated")
 
     def _ask(self, fd: int) -> tuple[int, firewire.BusReset, int]:
-        """Card, bus and vendor of a device; from now on it tells of bus resets."""
+        """Card, bus and vendor of a device; from now on the device reports bus resets."""
         rom, state = array("I", bytes(firewire.ROM_BYTES)), array("B", bytes(firewire.RESET_BYTES))
         info = firewire.encode_info(rom.buffer_info()[0], state.buffer_info()[0])
         self._kernel.ioctl(fd, firewire.GET_INFO, info)
@@ -137,14 +137,14 @@ class FirewireTransport(Transport):
         return firewire.card_of(info), event, firewire.vendor_of(rom.tobytes())
 
     def _look(self) -> None:
-        """Open the devices that are new: boards by the vendor in their ROM; nothing else is ever spoken to."""
+        """Open new devices: boards, by the vendor in their ROM; other devices are never addressed."""
         self._looked_ns = monotonic_ns()
         there = self._kernel.devices()
         for path in [path for path in self._paths if path not in there]:
             del self._paths[path]
         for path in there:
             if path not in self._paths:
-                with contextlib.suppress(OSError):  # gone again, or not ours to open yet: looked at once more later
+                with contextlib.suppress(OSError):  # gone again, or not accessible yet: tried again later
                     self._open_device(path)
 
     def _open_device(self, path: str) -> None:
@@ -164,10 +164,10 @@ class FirewireTransport(Transport):
         self._follow(fd, state)
 
     def _follow(self, fd: int, state: firewire.BusReset) -> None:
-        """A device tells which node it is in this generation."""
+        """A device reports its node in this generation."""
         if state.generation != self._generation:
             self._generation = state.generation
-            self._nodes.clear()  # the others tell soon
+            self._nodes.clear()  # the others report soon
         if state.is_local:
             self._local = fd
         else:
@@ -184,9 +184,9 @@ class FirewireTransport(Transport):
         os.close(fd)
 
     def _stop_cycle_starts(self) -> None:
-        """Packets for isochronous traffic, which nobody here has; they only delay ours."""
+        """Stop packets for isochronous traffic, which is not used here; they only delay ours."""
         self._data[:4] = array("B", firewire.CYCLE_MASTER.to_bytes(4, "big"))
-        with contextlib.suppress(OSError):  # slower, no worse
+        with contextlib.suppress(OSError):  # slower, but harmless
             self._request(self._local, wire.QUADLET_WRITE, firewire.STATE_CLEAR, 4, NO_ANSWER)
 
     def close(self) -> None:
@@ -201,23 +201,23 @@ class FirewireTransport(Transport):
         self.shut()
 
     def forget(self) -> bool:
-        """The kernel says of every reply which request it is to."""
+        """The kernel reports for every reply which request it belongs to."""
         self._age = self._age + 1 & AGES
         self._replies.clear()
         return True
 
     def ask_everybody(self) -> int:
-        """Nobody needs to be asked: the generation of the bus is known."""
+        """No request is needed: the generation of the bus is known."""
         return self._generation & 0xFF
 
     def aim(self, board: int, firmware: int, *, by_board: bool) -> int:
-        """Nodes are addressed as they are."""
+        """No action: nodes are addressed directly."""
         return 0
 
     # -- requests ------------------------------------------------------------------------------------------------------
 
     def _send(self, datagram: wire.Buffer) -> None:
-        for fd, what in self._poller.poll(0):  # a board may be gone, or another node by now
+        for fd, what in self._poller.poll(0):  # a board may be gone, or have another node by now
             self._take(fd, what)
         _, generation, q0, _, address = _REQUEST.unpack_from(datagram)
         node, tcode, tl = q0 >> 16 & 0x3F, q0 >> 4 & 0xF, q0 >> 10 & 0x3F
@@ -231,7 +231,7 @@ class FirewireTransport(Transport):
             try:
                 self._write_all(tcode, address & 0xFFFF, len(data))
             except OSError:
-                if is_current:  # else the next read tells that the bus was reset
+                if is_current:  # else the next read reports that the bus was reset
                     raise
         elif is_current:  # else the node may be another now: lost, as behind a hub
             self._request(self._descriptor(node), tcode, address, len(data), NO_ANSWER)
@@ -245,7 +245,7 @@ class FirewireTransport(Transport):
                       self._age << 24 | tl << 16 | node << 8 | tcode)
 
     def _drop(self) -> None:
-        """As a hub answers a read of another generation."""
+        """Report a dropped read, as a hub does for a read of another generation."""
         self._replies.append(_TRAILER.pack(wire.DROPPED, self._generation & 0xFF))
 
     def _write_all(self, tcode: int, address: int, length: int) -> None:
@@ -277,7 +277,7 @@ class FirewireTransport(Transport):
     # -- replies -------------------------------------------------------------------------------------------------------
 
     def _poll(self, timeout_ms: int) -> bool:
-        """Until there is a reply; what else devices tell is taken note of."""
+        """Wait for a reply; other events of the devices are recorded."""
         deadline_ns = monotonic_ns() + timeout_ms * 1_000_000
         while not self._replies:
             left_ms = max(0, -(-(deadline_ns - monotonic_ns()) // 1_000_000))
@@ -307,7 +307,7 @@ class FirewireTransport(Transport):
             self._answer(event)
 
     def _answer(self, event: firewire.CdevResponse) -> None:
-        """A reply as it would have come over Ethernet; silence where the node did not answer."""
+        """Build the reply as over Ethernet; none if the node did not answer."""
         if event.closure >> 24 != self._age:
             return
         if event.code == firewire.STALE_GENERATION:
@@ -317,7 +317,7 @@ class FirewireTransport(Transport):
         tl, node, tcode = event.closure >> 16 & 0xFF, event.closure >> 8 & 0xFF, event.closure & 0xFF
         data, trailer = event.data, _TRAILER.pack(0, self._generation & 0xFF)
         if len(data) != 4 if tcode == wire.QUADLET_READ else len(data) > wire.MAX_DATA:
-            return  # no answer to what we asked
+            return  # not an answer to our request
         head = wire.HOST_ID << 16 | tl << 10 | (tcode + 2) << 4  # a response's code is its request's plus 2
         source = (0xFFC0 | node) << 16
         if tcode == wire.QUADLET_READ:

@@ -22,12 +22,12 @@ Quads: TypeAlias = NDArray[np.uint32]
 DATAGRAM_BYTES: Final = 4096  # more than any board sends
 CYCLE_TIMEOUT_MS: Final = 2
 SETUP_TIMEOUT_MS: Final = 20
-SIMULATED_TIMEOUT_MS: Final = 500  # time stands still while we wait; emulated boards say so when no reply comes
-SIMULATED_SLICE_MS: Final = 50  # a machine that stood still for all of us has cost one of them
+SIMULATED_TIMEOUT_MS: Final = 500  # time does not advance during a wait; emulated boards report when no reply comes
+SIMULATED_SLICE_MS: Final = 50  # a stall of the whole machine costs one slice
 SETUP_TRIES: Final = 5
 QUADLET_BYTES: Final = 4
 MAX_SEQUENCE: Final = 0xFFFF
-MAX_MISSING: Final = 32  # labels, of 64, that rest because the reply to their read has not come
+MAX_MISSING: Final = 32  # labels, of 64, that rest because the reply to their read is missing
 QUIET_NS: Final = 10_000_000  # without any reply: boards answer much sooner or not at all
 
 TIMED_OUT: Final = 0
@@ -36,7 +36,7 @@ DROPPED: Final = -1
 
 @dataclass(slots=True)
 class Counters:
-    """What happened on a port since its boards were discovered; the arrays have one place a board, in row order."""
+    """Event counts of a port since its boards were discovered; the arrays have one element a board, in row order."""
 
     boards: int
     reads: int = 0
@@ -46,9 +46,9 @@ class Counters:
     timeouts: int = 0
     sequence_errors: int = 0  # cycles in which a block answered another query
     dropped: int = 0  # reads that the hub dropped: bus in reset, other generation
-    stray: int = 0  # datagrams thrown away: late, doubled or broken
+    stray: int = 0  # datagrams discarded: late, doubled or broken
     bus_resets: int = 0
-    waited_ns: int = 0  # for replies that did not come
+    waited_ns: int = 0  # waiting for replies that did not come
     board_bad_reads: NDArray[np.int64] = field(init=False)
     board_timeouts: NDArray[np.int64] = field(init=False)
     board_sequence_errors: NDArray[np.int64] = field(init=False)
@@ -67,33 +67,33 @@ class Counters:
 
 
 class Link:
-    """A transport and what belongs to a transaction. The newest reply lies in `rx` after a successful receive.
+    """A transport and the state of its transactions. After a successful receive, the newest reply is in `rx`.
 
-    A bus is Ethernet-only while `by_board`: nodes are board ids, requests are not forwarded, and the generation of a
-    FireWire bus that nobody uses is not looked at.
+    A bus is Ethernet-only while `by_board`: nodes are board ids, requests are not forwarded, and the generation of the
+    unused FireWire bus is ignored.
 
-    A reply is never taken for that to another request. Whatever is odd (no reply, one too many, one to something else)
-    makes the link suspect, and before the next read the transport forgets all earlier requests. One that cannot do so
-    has the labels alone, and they come round again: so labels of missing replies rest.
+    A reply is never taken for that to another request. Any irregularity (no reply, a second one, one to another
+    request) makes the link suspect, and before the next read the transport forgets all earlier requests. A transport
+    that cannot do so has only the labels, which are reused: so labels of missing replies rest.
 
-    When no more can rest, the boards are away, and may still answer what they were asked meanwhile. Then only single
-    reads go out, so that there is little to answer. Where labels are all there is, replies count again once a single
-    read was answered and nothing else came after it for a while.
+    When no more labels can rest, the boards are away, and may still answer earlier requests. Then only single reads are
+    sent, so that there is little to answer. On a transport that cannot forget, replies count again once a single read
+    was answered and no other datagram followed for a while.
     """
 
     def __init__(self, transport: Transport, now_ns: Callable[[], int], real_time: bool, spin_ns: int = 0) -> None:
-        """`spin_ns`: how long to look for a reply again and again before sleeping until there is one."""
+        """`spin_ns`: how long to poll for a reply before sleeping until one arrives."""
         self.transport = transport
         self.now_ns = now_ns
         self.real_time = real_time
-        self.spin_ns = spin_ns if real_time else 0  # a clock that stands still would never end it
-        self.counters = Counters(0)  # the port's own takes its place
+        self.spin_ns = spin_ns if real_time else 0  # a simulated clock would never end the polling
+        self.counters = Counters(0)  # replaced by the port's own
         self.cycle_timeout_ms = CYCLE_TIMEOUT_MS if real_time else SIMULATED_TIMEOUT_MS
         self.by_board = False
         self.flags = 0  # control flags of all requests
         self.generation = 0  # the bus generation our requests carry
         self.seen_generation = 0  # the one the newest reply carried
-        self.tl = secrets.randbelow(wire.TL_COUNT)  # of the newest request; nobody can guess the next ones
+        self.tl = secrets.randbelow(wire.TL_COUNT)  # of the newest request; the next ones cannot be guessed
         self.sequence = 1 + secrets.randbelow(MAX_SEQUENCE)  # of the newest query
         self.recv_ns = 0
         self.send_ns = 0
@@ -101,8 +101,8 @@ class Link:
         self.rx_quads: Quads = np.frombuffer(self.rx, np.uint32)  # the same bytes: not swapped yet
         self.suspect = True  # replies to earlier requests may come
         self._missing: deque[int] = deque(maxlen=MAX_MISSING)  # labels that rest
-        self._forgets = False  # the transport did, the last time
-        self._alone_ns = self._strays = 0  # when a single read went out, and how much had come that nobody waited for
+        self._forgets = False  # whether the transport did so the last time
+        self._alone_ns = self._strays = 0  # when a single read was sent, and the count of stray datagrams then
         self._alone_answered = False
 
     @property
@@ -111,7 +111,7 @@ class Link:
         return self.transport.where
 
     def open(self) -> None:
-        """Open the transport; nothing is known of the bus."""
+        """Open the transport; the state of the bus is unknown."""
         self.transport.open()
         self.by_board, self.flags = False, 0
         self.generation = self.seen_generation = 0
@@ -119,17 +119,17 @@ class Link:
         self._missing.clear()
 
     def close(self) -> None:
-        """Close the transport; harmless when it is."""
+        """Close the transport; harmless when it is closed."""
         self.transport.close()
 
     def aim(self, board: int, firmware: int, *, by_board: bool) -> int:
-        """The hub is known, and what kind of bus it is; the address it must have been given, 0 where there is none."""
+        """The hub and the kind of bus are known; returns the address that the hub must have been given, 0 if none."""
         self.by_board = by_board
         self.flags = wire.NO_FORWARD if by_board else 0
         return self.transport.aim(board, firmware, by_board=by_board)
 
     def next_tl(self) -> int:
-        """The label of the next transaction: 1, 2 … 63, 0, 1 …, but for those that rest."""
+        """The label of the next transaction: 1, 2 … 63, 0, 1 …, except those that rest."""
         tl = (self.tl + 1) % wire.TL_COUNT
         while tl in self._missing:
             tl = (tl + 1) % wire.TL_COUNT
@@ -142,7 +142,7 @@ class Link:
         return sequence
 
     def ready(self) -> bool:
-        """Before a read: what comes from now on can be told from replies to earlier ones. False: leave it out now."""
+        """Before a read: make new replies distinguishable from replies to earlier reads. False: skip this read."""
         if not self.suspect:
             return True
         if len(self._missing) < MAX_MISSING:
@@ -153,13 +153,15 @@ class Link:
         return True
 
     def _is_quiet(self) -> bool:
-        """The boards are away, or were: a single read may go out, for nothing came of the one before."""
+        """The boards are or were away; True: a single read may be sent, for no reply to the previous one has come
+        lately.
+        """
         now_ns, strays = self.now_ns(), self._strays
         if now_ns - self._alone_ns < QUIET_NS:
             return False
         self._alone_ns, self._forgets = now_ns, self._forget()
         self._strays = self.counters.stray
-        if self._strays != strays and not self._forgets:  # they still answer what they were asked meanwhile
+        if self._strays != strays and not self._forgets:  # they still answer earlier requests
             self._alone_answered = False
             return False
         if self._alone_answered:
@@ -168,7 +170,8 @@ class Link:
         return True
 
     def _believes(self) -> bool:
-        """Replies to earlier reads are missing; whether one with the newest label is the reply to the newest read."""
+        """Replies to earlier reads are missing; returns whether a reply with the newest label answers the newest read.
+        """
         if self._forgets:
             self._missing.clear()
         elif len(self._missing) == MAX_MISSING:
@@ -177,12 +180,12 @@ class Link:
         return True
 
     def doubt(self) -> None:
-        """What had the newest label was not the reply to it, which may still come."""
+        """The datagram with the newest label was not its reply, which may still come."""
         self._missing.append(self.tl)
         self.suspect = True
 
     def _forget(self) -> bool:
-        """No reply to an earlier request comes from now on; False: those that had come are thrown away, more may."""
+        """Make the transport forget earlier requests; False: the received replies were discarded, more may come."""
         if self.transport.forget():
             return True
         for _ in range(MAX_QUEUED):
@@ -194,11 +197,11 @@ class Link:
         return False
 
     def send(self, datagram: wire.Buffer) -> bool:
-        """Send one datagram; False when the system refused it (nobody listens, no buffer, no route)."""
+        """Send one datagram; False if the system refused it (closed port, no buffer, no route)."""
         try:
             self.transport.send(datagram)
         except ConnectionRefusedError:
-            # Nobody listened to an earlier datagram; hearing of it cleared the error, and this one was not sent.
+            # The error is about an earlier datagram to a closed port; this one was not sent, and is sent again.
             self.suspect = True
             try:
                 self.transport.send(datagram)
@@ -215,10 +218,10 @@ class Link:
         return not self._missing
 
     def receive(self, tl: int, timeout_ms: int, begin_ns: int = 0, come: int = NOTHING) -> int:
-        """Wait for the reply with label `tl`: its size in `rx`, or TIMED_OUT or DROPPED. Others are thrown away.
+        """Wait for the reply with label `tl`: its size in `rx`, or TIMED_OUT or DROPPED. Other replies are discarded.
 
-        `begin_ns`: since then somebody else has waited, and so many bytes have `come` to `rx` (UNREADABLE: what could
-        not be received; NOTHING: none).
+        `begin_ns`: the native library has waited since then, and `come` bytes have arrived in `rx` (UNREADABLE:
+        receiving failed; NOTHING: none).
         """
         rx, left_ms, now_ns = self.rx, timeout_ms, self.now_ns()
         if begin_ns:
@@ -243,11 +246,11 @@ class Link:
                     break
                 self.seen_generation = rx[size - 7]
                 return size
-            if not size and not self.real_time:  # so emulated boards say that there is no reply
+            if not size and not self.real_time:  # emulated boards report a missing reply this way
                 break
             self.counters.stray += 1
             self.suspect = True
-            # A simulated clock stands still meanwhile; there MAX_QUEUED is the bound.
+            # A simulated clock does not advance meanwhile; there MAX_QUEUED is the bound.
             left_ms = max(0, (deadline_ns - now_ns + 999_999) // 1_000_000)
         self.counters.timeouts += 1
         self.counters.waited_ns += min(self.now_ns() - begin_ns, timeout_ms * 1_000_000)
@@ -260,29 +263,29 @@ class Link:
             pass
 
     def _take(self, timeout_ms: int) -> int:
-        """The size of the next datagram, which lies in `rx` then; UNREADABLE, or NOTHING: none in time."""
+        """The size of the next datagram, received into `rx`; UNREADABLE, or NOTHING: none in time."""
         transport = self.transport
         if not (transport.poll(timeout_ms) if self.real_time else self._has_come(timeout_ms)):
             return NOTHING
         try:
             return transport.recv_into(self.rx)
-        except OSError:  # an ICMP "nobody listens" of an earlier send: as good as silence
+        except OSError:  # an ICMP "port unreachable" for an earlier send: treated as silence
             return UNREADABLE
 
     def _has_come(self, timeout_ms: int) -> bool:
-        """Wait for a datagram in simulated time: so long as this process, and with it the boards, had the time to."""
+        """Wait for a datagram in simulated time, for as long as this process, and with it the boards, had CPU time."""
         poll, slice_ms = self.transport.poll, min(timeout_ms, SIMULATED_SLICE_MS)
         return any(poll(slice_ms) for _ in range(max(1, -(-timeout_ms // SIMULATED_SLICE_MS))))
 
     def read_quadlet(self, node: int, address: int, *, flags: int = 0, timeout_ms: int | None = None,
                      tries: int = SETUP_TRIES) -> int | None:
-        """One register of a node; None when it does not answer. Reads have no side effects: lost ones are repeated."""
+        """One register of a node; None without an answer. Reads have no side effects, so lost ones are repeated."""
         data = self._read(wire.QUADLET_READ, node, address, QUADLET_BYTES, flags, timeout_ms, tries)
         return None if data is None else int.from_bytes(data, "big")
 
     def read_block(self, node: int, address: int, length: int, *, flags: int = 0, timeout_ms: int | None = None,
                    tries: int = SETUP_TRIES) -> bytes | None:
-        """`length` bytes of a node; None when it does not answer."""
+        """`length` bytes of a node; None without an answer."""
         return self._read(wire.BLOCK_READ, node, address, length, flags, timeout_ms, tries)
 
     def _read(self, tcode: int, node: int, address: int, length: int, flags: int, timeout_ms: int | None,
@@ -305,12 +308,12 @@ class Link:
         return self.send(wire.quadlet_write(node, address, value, self.next_tl(), self.generation, self.flags | flags))
 
     def pause(self, milliseconds: int) -> None:
-        """Let the boards do their work; late replies stay queued. Nothing to wait for when time is simulated."""
+        """Give the boards time; late replies stay queued. No pause in simulated time."""
         if self.real_time:
             select.poll().poll(milliseconds)
 
     def _settle(self) -> None:
-        """Before a read that is waited for long and repeated: what has come by now is thrown away."""
+        """Before a repeated read with a long timeout: discard everything received so far."""
         if self.suspect:
             self._forgets = self._forget()
             self._missing.clear()

@@ -1,8 +1,8 @@
-"""Ports by their names: which class opens them, and one owner for each on this machine.
+"""Ports by name: the class that opens each, and one owner for each on this machine.
 
 A second owner is refused with the name and pid of the first. The owner has an abstract Unix socket in the port's name:
-taking it is one step, and the kernel gives it back when its owner dies. It listens, so that whoever is refused can ask
-the kernel who has it.
+binding it is one atomic step, and the kernel frees it when its owner dies. The socket listens, so that a refused
+process can query the owner from the kernel.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from trocar.procs.io.bus.udp import UdpTransport
 
 _CREDENTIALS: Final = struct.Struct("3i")  # pid, user, group
 ASK_S: Final = 0.5
-ASKERS: Final = 4096  # nobody takes them out of the queue: whoever finds it full is not told the name
+ASKERS: Final = 4096  # connections are never accepted: with a full queue, the owner's name is not available
 
 
 def named(name: str) -> PortName:
@@ -36,7 +36,7 @@ def named(name: str) -> PortName:
 
 
 def transport_of(name: PortName) -> Transport:
-    """What carries datagrams to the boards of a port; nothing is opened yet."""
+    """The transport to the boards of a port; not opened yet."""
     if name.kind == UDP:
         return UdpTransport(name.where, bridge=name.bridge)
     if name.kind == ETHERNET:
@@ -54,7 +54,7 @@ def port_of(name: str, board_ids: Sequence[int], now_ns: Callable[[], int], prot
 
 
 def hold(port: str) -> socket.socket:
-    """Own `port` (as configuration files write it) until the socket is closed; PortError names who has it."""
+    """Own `port` (as configuration files write it) until the socket is closed; PortError names the present owner."""
     where = f"port {port}"
     name = f"\0trocar~port~{_owned(port)}"
     lock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -70,7 +70,7 @@ def hold(port: str) -> socket.socket:
 
 
 def _owned(name: str) -> str:
-    """What one owner at a time may have: the same for all names of one bus."""
+    """The resource with one owner at a time: the same for all names of one bus."""
     parts = named(name)
     if parts.kind == ETHERNET:
         return f"{ETHERNET}:{interface_of(parts.where)}"
@@ -78,7 +78,7 @@ def _owned(name: str) -> str:
 
 
 def _owner(name: str) -> str:
-    """Who has it: process, system and pid, as far as the kernel tells."""
+    """The owner: process, system and pid, as far as the kernel reports."""
     try:
         with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as asking:
             asking.settimeout(ASK_S)

@@ -1,8 +1,8 @@
-"""The three ways to sample all boards and to command them, once a cycle.
+"""The three protocols that sample and command all boards once a cycle.
 
-A protocol is a reader and a writer. Broadcast-query-read-write takes the same number of datagrams, array operations
-and Python instructions whatever the number of boards; the sequential protocols go from board to board. Where all boards
-are alike, their blocks lie in a datagram as rows do in `Rows.blocks`; otherwise an index says where each quadlet goes.
+A protocol is a reader and a writer. Broadcast-query-read-write takes the same number of datagrams, array operations and
+Python instructions for any number of boards; the sequential protocols handle board after board. Where all boards are
+alike, a datagram has their blocks in the layout of `Rows.blocks`; otherwise an index gives the place of each quadlet.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ BROADCAST_QUERY: Final = "broadcast-query-read-write"
 PROTOCOLS: Final = (SEQUENTIAL, SEQUENTIAL_BROADCAST, BROADCAST_QUERY)
 
 QUERY_WAIT_NS, BOARD_WAIT_NS = 10_000, 5_000  # after a query, and for each board to reach the hub's memory
-MAX_WAIT_NS: Final = 400_000  # that we wait by ourselves
+MAX_WAIT_NS: Final = 400_000  # longest wait in this process
 UNSENT: Final = -1  # in place of a label
 
 
 class BusNodes:
-    """What every reader does first: find the nodes again when the bus generation changed."""
+    """First step of every reader: find the nodes again when the bus generation changed."""
 
     def __init__(self, link: Link, rows: Rows) -> None:
         self._link, self._rows = link, rows
@@ -49,11 +49,11 @@ class BusNodes:
 
     @property
     def is_lost(self) -> bool:
-        """The map of nodes is not up to date."""
+        """The map of nodes is out of date."""
         return self._rescan.active
 
     def blame(self) -> bool:
-        """The nodes are not known again yet, which is no board's fault: bad are all. Always False."""
+        """Mark all boards as bad: the nodes are not known again yet, which is no board's fault. Always False."""
         self._rows.bad[...] = True
         return False
 
@@ -67,7 +67,7 @@ class BusNodes:
         if self._rescan.away != self._away or self._rescan.probe():
             self._away = self._rescan.away
             self._rows.away[...] = [board in self._rescan.away for board in self._rows.board_ids]
-            if self._rows.away.all():  # there is but a hub that is none of ours
+            if self._rows.away.all():  # only a hub that is not one of our boards
                 self._rescan.start()
                 return False
         return True
@@ -81,13 +81,13 @@ class QueryRead:
         self._time_mask = rows.layouts[-1].time_mask
         self._take_members()
         self.made_for = -1, -1, rows.away.tobytes()
-        """Bus generation, the hub's node, and who is away: all that is prepared is for these."""
+        """Bus generation, node of the hub, and boards away: everything prepared is valid for these."""
         self._reads: list[bytes] = []
         self._asked, self._sent, self._ready_ns = False, False, 0
-        self._read = self._is_good = False  # the last read brought blocks, and all were the wanted ones
+        self._read = self._is_good = False  # the last read brought blocks; all were valid
 
     def _take_members(self) -> None:
-        """Ask the boards that are there."""
+        """Read the boards that are present."""
         rows = self._rows
         members = np.flatnonzero(~rows.away).tolist()
         self.blocks = HubBlocks(self._link, rows, members)
@@ -99,7 +99,7 @@ class QueryRead:
         """Query all boards."""
         link = self._link
         self._asked, self._sent = True, False
-        if self._read and self._rows.query_wait_ns is None:  # here, where it costs no time of the cycle
+        if self._read and self._rows.query_wait_ns is None:  # here, where it takes no time from the cycle
             self._adapt_wait()
         self._read = False
         if not self._bus.settled() or not link.ready():
@@ -117,7 +117,7 @@ class QueryRead:
         return tl != UNSENT and self.take(link.receive(tl, link.cycle_timeout_ms))
 
     def request(self) -> int:
-        """Once the boards have sampled, ask the hub for all of it: the label of its reply, or UNSENT."""
+        """Once the boards have sampled, request all blocks from the hub: the label of the reply, or UNSENT."""
         if not self._asked:
             self.ask()
         link, now_ns, found = self._link, self._link.now_ns, self.blocks
@@ -136,7 +136,7 @@ class QueryRead:
         return UNSENT
 
     def take(self, size: int) -> bool:
-        """The reply, or what came instead, is in the link's buffer: whether all blocks are what was asked for."""
+        """The reply, or another datagram, is in the link's buffer: True if all blocks are the requested ones."""
         found = self.blocks
         if found.source(size) != self.hub_node:
             return found.blame_reply(size, self._rows.hub)
@@ -145,7 +145,7 @@ class QueryRead:
         return True if good else found.blame()
 
     def has_taken(self, good: bool) -> None:
-        """There was a reply; it says how long the boards took, where it is `good`."""
+        """A reply was taken; a `good` one gives the time the boards needed."""
         self._read, self._is_good = True, good
 
     def _prepare(self, hub_node: int) -> None:
@@ -159,13 +159,13 @@ class QueryRead:
 
     @property
     def hub_node(self) -> int:
-        """Who replies."""
+        """The node that replies."""
         return self.made_for[1]
 
     def _adapt_wait(self) -> None:
-        """Wait as long as the last board took the last time, when that is longer than the rule.
+        """Wait as long as the last board needed the last time, if longer than the rule.
 
-        Where a block was not there yet, a little longer than then, until there is one that says how long it took.
+        If a block was missing, wait a little longer each time, until a good one gives the time it needed.
         """
         if not self._is_good:
             self._wait_ns = min(self._wait_ns + BOARD_WAIT_NS, MAX_WAIT_NS)
@@ -175,7 +175,7 @@ class QueryRead:
 
 
 class SequentialRead:
-    """A block read of every board, one after the other; gives up at the first that fails."""
+    """A block read of every board, one after the other; stops at the first failure."""
 
     def __init__(self, link: Link, rows: Rows) -> None:
         self._link, self._rows, self._bus = link, rows, BusNodes(link, rows)
@@ -187,10 +187,10 @@ class SequentialRead:
         self._board_mask = swapped(BOARD_MASK)
 
     def ask(self) -> None:
-        """Every board samples when it is read."""
+        """No action: a board samples when it is read."""
 
     def read(self) -> bool:
-        """Sample board after board, but for those that are away."""
+        """Sample board after board, except those that are away."""
         rows, counters = self._rows, self._link.counters
         if not self._bus.settled():
             return self._bus.blame()
@@ -199,7 +199,7 @@ class SequentialRead:
             if not rows.away[row] and not self._read_board(row, rows.nodes[board]):
                 rows.bad[...] = False
                 rows.bad[row] = True
-                counters.board_bad_reads[row] += counters.dropped == dropped  # else it was the bus
+                counters.board_bad_reads[row] += counters.dropped == dropped  # else the fault is the bus's
                 return False
         self._unpack.run()
         rows.bad[...] = rows.away
@@ -243,7 +243,7 @@ class Groups:
         quads = np.frombuffer(buffer, BIG_QUAD, self.length // 4, 24)
         self._boards = np.array(rows.board_ids, np.uint32)[:, np.newaxis]
         self._axis_bits = np.uint32(1) << np.arange(width, dtype=np.uint32)
-        self._rev_7 = rows.layouts[0].firmware == 7  # whose groups have no header; they are mixed with no others
+        self._rev_7 = rows.layouts[0].firmware == 7  # its groups have no header and cannot be mixed with others
         if not self._rev_7:
             quads[[start // 4 for start in self.starts]] = [
                 board << 8 | layout.write_quads for board, layout in zip(rows.board_ids, rows.layouts, strict=True)]
@@ -275,7 +275,9 @@ class Groups:
         return out
 
     def sent(self) -> None:
-        """Control words act once: a power-on repeated every cycle would clear faults as they are latched."""
+        """Clear the control words, which act once: a power-on repeated every cycle would clear faults as they are
+        latched.
+        """
         self._rows.out[:, -1] = 0
 
 
@@ -317,7 +319,7 @@ class SequentialWrite:
         self._link, self._rows, self._groups = link, rows, Groups(rows)
 
     def write(self) -> bool:
-        """Send board after board; all are tried even when one datagram cannot be sent."""
+        """Send board after board; a failed datagram does not stop the others."""
         link, rows, groups = self._link, self._rows, self._groups
         groups.pack()
         done = True

@@ -1,7 +1,7 @@
-"""The broadcast query of Ethernet-only buses: the board nearest to us sends what all have told it, unasked.
+"""The broadcast query of Ethernet-only buses: the nearest board collects all blocks and sends them unrequested.
 
-Blocks come in any order, but hardly ever in another than the last time; so the wanted headers are compared where they
-were, and the order is looked up anew only when that fails.
+The order of the blocks rarely changes. So the headers are compared at their last positions, and the order is determined
+again only when that fails.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ _QUAD = struct.Struct(">I")
 
 
 class UnaskedRead:
-    """One query by multicast, one reply that nobody asked for; when that is lost, hub memory is read."""
+    """One query by multicast, one unrequested reply; if the reply is lost, hub memory is read."""
 
     def __init__(self, link: Link, rows: Rows) -> None:
         self._link, self._blocks = link, HubBlocks(link, rows, range(len(rows.board_ids)))
@@ -60,7 +60,7 @@ class UnaskedRead:
         return True
 
     def _find_order(self) -> bool:
-        """Learn the order of the blocks from their statuses; False where they are not those of all boards."""
+        """Learn the order of the blocks from their statuses; False if they are not those of all boards."""
         order, at, quads = [], DATA_AT, self._blocks.quads
         for _ in quads:
             status = _QUAD.unpack_from(self._link.rx, 4 * (at + 1 + blocks.STATUS))[0]

@@ -1,4 +1,4 @@
-"""The arrays of a port, and how the blocks of its boards lie in what is received."""
+"""The arrays of a port, and the layout of its boards' blocks in received datagrams."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ class Rows:
     blocks: Quads  # (n, columns.count)
     out: Quads  # (n, columns.width + 1)
     bad: NDArray[np.bool_]  # (n,) boards without a sample in the last read
-    away: NDArray[np.bool_]  # (n,) boards that have left the bus: they are not asked
-    nodes: dict[int, int]  # board id to node; the hub is always in it
+    away: NDArray[np.bool_]  # (n,) boards that have left the bus: they are not read
+    nodes: dict[int, int]  # board id to node; always includes the hub
     hub: int  # board id
-    query_wait_ns: int | None = None  # None: what the boards need
+    query_wait_ns: int | None = None  # None: the time the boards need
 
     @property
     def alike(self) -> bool:
@@ -47,17 +47,17 @@ class Rows:
         return len(shapes) == 1 and next(iter(shapes))[1:] == (width, width)
 
     def starts(self, quads: list[int]) -> list[int]:
-        """Where the part of every board begins when parts of so many quadlets follow each other."""
+        """Where each board's part begins when parts of these sizes, in quadlets, follow each other."""
         return [sum(quads[:row]) for row in range(len(quads))]
 
 
 def swapped(quad: int) -> int:
-    """A quadlet as it lies in a receive buffer, in the byte order of the wire."""
+    """A quadlet as stored in a receive buffer, in the byte order of the wire."""
     return int.from_bytes(quad.to_bytes(4, "big"), "little")
 
 
 def statuses(rows: Rows) -> Quads:
-    """What the top byte of every status quadlet must be."""
+    """Expected top byte of every status quadlet."""
     ids = np.array(rows.board_ids, np.uint32)
     motors = np.array([layout.motors for layout in rows.layouts], np.uint32)
     return (motors << registers.STATUS_AXES_SHIFT | ids << registers.STATUS_BOARD_SHIFT).astype(np.uint32)
@@ -67,7 +67,7 @@ Places: TypeAlias = NDArray[np.int64]
 
 
 def places(rows: Rows, starts: Sequence[int], members: Sequence[int]) -> tuple[Places, Places]:
-    """From where to where the quadlets of blocks go that begin at `starts`: those of the rows `members`."""
+    """Source and destination indices of quadlets, for the blocks of the rows `members` that begin at `starts`."""
     quads = [rows.layouts[row].read_quads for row in members]
     source = np.concatenate([np.arange(at, at + n) for at, n in zip(starts, quads, strict=True)])
     target = np.concatenate([row * rows.columns.count + np.array(rows.layouts[row].columns(rows.columns.width))
@@ -76,7 +76,7 @@ def places(rows: Rows, starts: Sequence[int], members: Sequence[int]) -> tuple[P
 
 
 class Unpack:
-    """Copies the read blocks of all boards out of a buffer, which holds them as the wire does, to `rows.blocks`."""
+    """Copies the blocks of all boards from a buffer in wire byte order to `rows.blocks`."""
 
     def __init__(self, rows: Rows, raw: Quads, starts: list[int], header: int, members: Sequence[int]) -> None:
         """Blocks of the rows `members` begin at quadlets `starts` of `raw`, each after `header` quadlets."""
@@ -101,10 +101,10 @@ class Unpack:
 
 
 class HubBlocks:
-    """The blocks of boards as a hub sends them, each after a header that says which query it answers."""
+    """The blocks of boards as a hub sends them, each after a header with the number of the query it answers."""
 
     def __init__(self, link: Link, rows: Rows, members: Sequence[int]) -> None:
-        """Of the boards in rows `members`, at least one."""
+        """For the boards in rows `members`, at least one."""
         self._link, self._rows, self._members = link, rows, list(members)
         layouts = [rows.layouts[row] for row in members]
         count, first = len(layouts), layouts[0]
@@ -112,7 +112,7 @@ class HubBlocks:
         self.quads = [layout.hub_quads for layout in layouts]
         self.length = 4 * (sum(self.quads) + 1)  # bytes
         self.size = self.length + wire.BLOCK_OVERHEAD_BYTES  # of a reply
-        # Header and status are compared as they lie in the buffer, so that only good blocks are swapped and copied.
+        # Header and status are compared in wire byte order, so that only good blocks are swapped and copied.
         self.check = np.array([(swapped(layout.check_mask), swapped(BOARD_MASK)) for layout in layouts], np.uint32)
         self.masked, self.expected = np.zeros((count, 2), np.uint32), np.zeros((count, 2), np.uint32)
         self.expected[:, 1] = statuses(rows)[self._members].byteswap()
@@ -125,13 +125,13 @@ class HubBlocks:
         self.heads: Places = np.zeros((count, 2), np.int64)
         self.last_at: Places = np.zeros(1, np.int64)
         self.last: Quads = np.zeros(1, np.uint32)
-        """Header of the last block, of those that were taken last, as it lay in the buffer."""
+        """Header of the last block that was taken, in wire byte order."""
         self.taken_from, self.taken_to = (np.zeros(self.block_quads, np.int64) for _ in range(2))
         self.order(range(count))
         self.ask, self.expect, self.take = chosen(HUB, self)  # type: ignore[method-assign]
 
     def order(self, order: Sequence[int]) -> None:
-        """Blocks come in this order of places among the members."""
+        """Set the order of the blocks, as indices of members."""
         heads, at = [0] * len(self.quads), DATA_AT
         for place in order:
             heads[place] = at
@@ -143,20 +143,20 @@ class HubBlocks:
         self.last_at[0] = heads[order[-1]]
 
     def ask(self, sequence: int, tl: int, generation: int) -> int:
-        """Put the query of this number into `query`; the next blocks answer it."""
+        """Put the query with this number into `query`; the next blocks answer it."""
         body = _QUERY.pack(0xFFFF0000 | tl << 10, wire.HOST_ID << 16, registers.QUERY,
                            sequence << 16 | self.mask_of_boards)
         self.query.data[:] = bytes((0, generation)) + body + wire.crc_bytes(body)
         return self.expect(sequence)
 
     def expect(self, sequence: int) -> int:
-        """The next ones answer the query of this number."""
+        """The next blocks answer the query with this number."""
         header = swapped((sequence & self.sequence_mask) << self.sequence_shift)
         np.bitwise_or(self.sizes, np.uint32(header), self.expected[:, 0])
         return 0
 
     def source(self, size: int) -> int:
-        """The node that sent the reply of `size` bytes, -1 where that is not a block of our length."""
+        """The node that sent the reply of `size` bytes, -1 if the reply is not a block of our length."""
         if size != self.size:
             return -1
         label, source, length = REPLY.unpack_from(self._link.rx)
@@ -165,7 +165,7 @@ class HubBlocks:
         return int(source) >> 16 & 0x3F
 
     def take(self) -> int:
-        """Copy the blocks to `rows.blocks`. 0: some header or status is not as expected, nothing is copied."""
+        """Copy the blocks to `rows.blocks`. 0: a header or status is not as expected, nothing is copied."""
         self.received.take(self.heads, out=self.masked, mode="clip")
         np.bitwise_and(self.masked, self.check, self.masked)
         if self.masked.tobytes() != self.expected.tobytes():
@@ -176,7 +176,8 @@ class HubBlocks:
         return 1
 
     def blame(self) -> bool:
-        """Note which blocks were not the wanted ones: wrong board, or the answer to another query. Always False."""
+        """Count the blocks that were not the requested ones: wrong board, or the answer to another query. Always False.
+        """
         counters, wrong = self._link.counters, self.masked != self.expected
         self._rows.bad[...] = self._rows.away
         self._rows.bad[self._members] = np.any(wrong, axis=1)
@@ -190,19 +191,19 @@ class HubBlocks:
         return False
 
     def blame_all(self) -> bool:
-        """No board was asked. Always False."""
+        """Mark all boards as bad: none was queried. Always False."""
         self._rows.bad[...] = True
         self._link.counters.board_bad_reads[self._members] += 1
         return False
 
     def blame_reply(self, size: int, hub: int) -> bool:
-        """Something of this size came that was no blocks, or nothing: from board `hub`, if any. Always False."""
+        """No blocks came, but a datagram of this size from board `hub`, or nothing. Always False."""
         rows, link = self._rows, self._link
         rows.bad[...] = True
         if size > 0:
             link.counters.stray += 1
             link.doubt()
-        if size != DROPPED:  # else it was the bus
+        if size != DROPPED:  # else the fault is the bus's
             link.counters.board_bad_reads[self._members] += 1
         if size == TIMED_OUT and hub in rows.board_ids:
             link.counters.board_timeouts[rows.board_ids.index(hub)] += 1

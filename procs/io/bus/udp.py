@@ -14,10 +14,10 @@ from trocar.procs.fpga import registers, wire
 from trocar.procs.io.bus.transport import RECEIVE_BUFFER_BYTES, PortError, Transport
 
 FRAME_DATA_BYTES: Final = 1440  # of a block transfer in one Ethernet frame
-ADDRESS_PAUSE_MS: Final = 200  # a board that got its address announces it before it answers again
-OWN_ADDRESS: Final = 9  # from this firmware on a board adds its id to the address it is given
+ADDRESS_PAUSE_MS: Final = 200  # a board announces a new address before it answers again
+OWN_ADDRESS: Final = 9  # from this firmware on a board adds its id to its address
 NODES: Final = 16
-FIRST_PORT: Final = 49152  # of those that anybody may take
+FIRST_PORT: Final = 49152  # of the ports for any use
 PORTS: Final = 16384
 BIND_TRIES: Final = 64
 
@@ -30,7 +30,7 @@ def is_loopback(address: str) -> bool:
 
 
 def discovery_address(address: str) -> str:
-    """Where discovery asks: inside 127/8 the hub itself (systems run side by side), else its old-class broadcast."""
+    """Address for discovery: inside 127/8 the hub itself (systems run side by side), else its old-class broadcast."""
     if is_loopback(address):
         return address
     octets = address.split(".")
@@ -40,20 +40,19 @@ def discovery_address(address: str) -> str:
 
 
 def address_of(address: str, board: int) -> str:
-    """The address of a board from Rev 9 on: the bus's, its last octet increased by the board id."""
+    """The address of a board from Rev 9 on: that of the bus with its last octet increased by the board id."""
     head, _, last = address.rpartition(".")
     return f"{head}.{(int(last) + board) % 256}"
 
 
 class UdpTransport(Transport):
-    """A `Transport` over one UDP socket at a time, each with a port that none had for long.
+    """A `Transport` over one UDP socket at a time, each with a port that was long unused.
 
-    Boards reply to the port that asked. So whatever is still to come of earlier requests, however much and however
-    late, finds the port of an earlier socket closed. Replies count only when they come from the port of the controllers
-    at an address of this bus: that of the hub, as soon as it is known (the kernel sees to that), or of the board that
-    the reply speaks of.
+    Boards reply to the port that sent the request. So all later replies to earlier requests find the port of an earlier
+    socket closed. Replies count only when they come from the port of the controllers at an address of this bus: that of
+    the hub, once known (the kernel checks that), or of the board named in the reply.
 
-    `bridge`: nobody is asked by multicast. `asked_at` replaces the address at which everybody is asked.
+    `bridge`: no multicast. `asked_at` replaces the address for requests to all boards.
     """
 
     def __init__(self, address: str, *, bridge: bool = False, udp_port: int = wire.UDP_PORT,
@@ -66,25 +65,25 @@ class UdpTransport(Transport):
         self.pause_ms = 0 if self._loopback else ADDRESS_PAUSE_MS
         self.most_read = self.most_write = wire.MAX_DATA if self._loopback else FRAME_DATA_BYTES
         self._socket: socket.socket | None = None
-        self._own = ""  # address of the interface that leads to the bus; empty: there is none
-        # Ports are taken in an order that comes to each of them, and that nobody can guess.
+        self._own = ""  # address of the interface that leads to the bus; empty: none
+        # Ports are taken in an order that visits all of them and cannot be guessed.
         self._port, self._stride = secrets.randbelow(PORTS), 2 * secrets.randbelow(PORTS // 2) + 1
         self._boards: list[_Peer] = [(address_of(address, node), udp_port) for node in range(NODES)]
         self._senders = frozenset(self._boards)
         self._by_node: list[_Peer | None] = self._boards + [None] * (wire.BROADCAST + 1 - NODES)
-        self._hub: _Peer | None = None  # the only one spoken to
+        self._hub: _Peer | None = None  # the only destination
         self._everybody: list[_Peer] = []
         self.close()
 
     def open(self) -> None:
         """Make the socket."""
         self.close()
-        with contextlib.suppress(OSError):  # whoever needs it is told when it is used
+        with contextlib.suppress(OSError):  # a missing network is reported at the first use
             self._own = self._address if self._loopback else self._local_address()
         self.ask_everybody()
 
     def _local_address(self) -> str:
-        """Of the interface that leads to the bus."""
+        """Address of the interface that leads to the bus."""
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             probe.connect((self._address, self._udp_port))  # sends nothing
             return str(probe.getsockname()[0])
@@ -96,10 +95,12 @@ class UdpTransport(Transport):
         self._socket, self.fd = None, -1
         self.shut()
 
-    # -- whom we speak to ----------------------------------------------------------------------------------------------
+    # -- destinations ------------------------------------------------------------------------------------------------
 
     def ask_everybody(self) -> int:
-        """By broadcast; inside 127/8 at the bus's address and, where that may be needed, by multicast, too."""
+        """Address requests to all boards: by broadcast; inside 127/8 at the bus's address and, where that may be
+        needed, by multicast, too.
+        """
         self._everybody = [(self._asked_at, self._udp_port)]
         if self._loopback and not self._bridge:
             self._everybody.append((wire.MULTICAST, self._udp_port))
@@ -108,7 +109,7 @@ class UdpTransport(Transport):
         return 0
 
     def aim(self, board: int, firmware: int, *, by_board: bool) -> int:
-        """From now on requests go to the hub, and only its replies are heard, or to the boards themselves."""
+        """Address requests to the hub, and receive only its replies, or to the boards themselves."""
         own = address_of(self._address, board) if firmware >= OWN_ADDRESS else self._address
         self._everybody = []
         self._speak_to(None if by_board else (own, self._udp_port))
@@ -124,7 +125,7 @@ class UdpTransport(Transport):
             raise PortError(f"no route ({error.strerror})", self.where, "check the network") from error
 
     def forget(self) -> bool:
-        """With a new socket; False: there is none to be had, for want of a network or of resources."""
+        """Take a new socket; False: none is available, because of a missing network or resources."""
         self._open_socket()
         with contextlib.suppress(OSError):
             self._renew()
@@ -132,7 +133,7 @@ class UdpTransport(Transport):
         return False
 
     def _renew(self) -> None:
-        """A new socket in the place of the old one."""
+        """Replace the socket."""
         made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._prepare(made)
@@ -158,10 +159,10 @@ class UdpTransport(Transport):
                 made.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(self._own))
         self._bind(made)
         if self._hub is not None:
-            made.connect(self._hub)  # only its replies are heard, and sending is cheaper
+            made.connect(self._hub)  # receives only its replies, and sends faster
 
     def _bind(self, made: socket.socket) -> None:
-        """To the next port that nobody has; inside 127/8 at the bus's address: multicast is heard from there only."""
+        """Bind to the next free port; inside 127/8 at the bus's address, the only one that receives multicast."""
         for _ in range(BIND_TRIES):
             self._port = (self._port + self._stride) % PORTS
             try:
@@ -186,7 +187,9 @@ class UdpTransport(Transport):
         self._open_socket().sendto(datagram, self._boards[node] if node < NODES else (wire.MULTICAST, self._udp_port))
 
     def _receive(self, buffer: memoryview) -> int:
-        """A board speaks for itself; before it is known, and where a reply names none, any address of the bus does."""
+        """A known board must send its own replies; before, and for replies that name no board, any address of the bus
+        may.
+        """
         size, sender = self._open_socket().recvfrom_into(buffer)
         if self._everybody or size <= wire.TRAILER_BYTES:
             is_theirs = sender in self._senders
