@@ -1,6 +1,6 @@
 """An arm, stepped once a cycle: io's record and commands in, setpoints, state record, events and io commands out.
 
-What all arms have is here; a PSM, ECM or MTM adds what is its own by the methods under "what an arm may have of its
+This class has the parts common to all arms; PSM, ECM and MTM override the methods under "what an arm may have of its
 own". It has no clock and no shared memory: time is the `now_ns` argument, records are arrays given to it.
 """
 
@@ -39,12 +39,12 @@ class ArmLogic:
     """One arm. `step` each cycle, then publish both records."""
 
     checks_tracking = True
-    """io compares setpoints with positions, but in effort mode."""
+    """io compares setpoints with positions, except in effort mode."""
     not_by_pots: tuple[int, ...] = ()
-    """Actuators whose potentiometers do not tell where they are."""
+    """Actuators whose potentiometers do not measure the position."""
 
     def __init__(self, arm: ArmConfig, around: ArmContext) -> None:
-        """A type adds its own commands and states to `_commands` and `_stages`."""
+        """A derived class adds its own commands and states to `_commands` and `_stages`."""
         self._around = around
         self._previous_state = before = previous_state(around.state)
         self.machine = ArmStates(arm.name, around.reports, self._enter, self._is_home)
@@ -80,50 +80,50 @@ class ArmLogic:
     # what an arm may have of its own
 
     def before_homing(self) -> ArmEvent:
-        """What homing begins with: ONWARD, or an event of the arm's own."""
+        """First event of homing: ONWARD, or one of the arm's own."""
         return ArmEvent.ONWARD
 
     def home(self) -> Array:
-        """Where homing takes the joints (size,): nowhere, to zero where the arm's file asks; a KINEMATIC arm in."""
+        """Homing position of the joints (size,): the present one, or zero if configured; KINEMATIC arms insert."""
         control = self.control
         if control.is_kinematic:
             return kinematic_home(control.arm, control.joints)
         return np.zeros(control.joints.size) if control.arm.homing_zero_position else self.io.setpoint.copy()
 
     def is_ready(self) -> bool:
-        """Homed altogether: what the arm carries is engaged, too."""
+        """Homing is complete: everything the arm carries is engaged, too."""
         return True
 
     def misses(self) -> str:
-        """What a person has to do before a homed arm `is_ready`; empty: nothing."""
+        """The operator's next step until a homed arm `is_ready`; empty: none."""
         return ""
 
     def unhome(self) -> None:
-        """Forget what homing found."""
+        """Discard the results of homing."""
 
     def safe(self, at: Array) -> str:
-        """Why Cartesian control may not begin at joints (size,), "": it may."""
+        """Why Cartesian control may not begin at joints (size,); "": it may."""
         return ""
 
     def guard(self, found: Array, seed: Array) -> None:
-        """Change joints (count,) that were found for a goal where it is not safe to go there from the seed."""
+        """Change the joints (count,) found for a goal if it is not safe to go there from the seed."""
 
     def look_after(self) -> None:
-        """Every cycle while HOMED."""
+        """Called every cycle while HOMED."""
 
     def watch(self) -> None:
-        """Every cycle, whatever the state: buttons, sensors."""
+        """Called every cycle in all states: buttons, sensors."""
 
     def is_clutched(self) -> bool:
         """The clutch on the arm itself is pressed."""
         return self.pressed(self.control.arm.inputs.clutch)
 
     def bears_weight(self) -> float:
-        """How much of its weight the arm bears now, 0 to 1."""
+        """Share of its weight that the arm compensates now, 0 to 1."""
         return float(self.control.driving is not None)
 
     def end_efforts(self) -> None:
-        """Who pushed is silent: hold."""
+        """Effort commands timed out: hold."""
         control = self.control
         control.report_episode(codes.EFFORT_TIMEOUT,
                                f"no effort command for {control.arm.effort_timeout_s:g} s; holding")
@@ -131,7 +131,7 @@ class ArmLogic:
         control.motion.space = Space.JOINT
 
     def shape_efforts(self) -> None:
-        """Change the efforts of this cycle, after those that were asked for are known."""
+        """Change the efforts of this cycle, after the commanded ones are known."""
 
     # the cycle
 
@@ -147,18 +147,18 @@ class ArmLogic:
 
     @property
     def at_rest(self) -> bool:
-        """It is off or holds: a cycle is as the one before, but for what is measured."""
+        """The arm is off or holds: only measured values change between cycles."""
         motion = self.control.motion
         return not (motion.moving or not motion.settled or motion.has_velocity or motion.mode is Mode.EFFORT
                     or motion.feed_end_ns != FOR_EVER_NS or self.machine.is_busy)
 
     def pressed(self, name: str) -> bool:
-        """A digital input of io is pressed; False where the arm has none of this name."""
+        """A digital input of io is pressed; False if the arm has no input of this name."""
         place = self._around.inputs.get(name, -1)
         return place >= 0 and self.io.fresh and bool(self.io.input[place])
 
     def step(self, now_ns: int, stamp_ns: int, epoch: int, requests: Iterable[Request]) -> None:
-        """One cycle. io's newest record is stamped `stamp_ns` (0: none) by its life number `epoch`."""
+        """One cycle. io's newest record has the stamp `stamp_ns` (0: none) and io's start count `epoch`."""
         io, machine, control = self.io, self.machine, self.control
         motion = control.motion
         control.now_ns = now_ns
@@ -194,7 +194,7 @@ class ArmLogic:
 
     def _show(self) -> None:
         control, machine = self.control, self.machine
-        if self._started or self._previous_state is None:  # till then its state stands, should we die as well
+        if self._started or self._previous_state is None:  # else keep the earlier state, in case we die as well
             control.record.show_state((machine.state, machine.sub_state, machine.desired, self._is_home(),
                                        machine.is_busy, control.homed_generation, control.motion.mode,
                                        control.motion.space))
@@ -202,12 +202,12 @@ class ArmLogic:
         control.record.show_motion(control.gravity.effort)
 
     def _reason(self) -> str:
-        """In FAULT why, else what is waited for."""
+        """The cause in FAULT, else the awaited condition."""
         state = self.machine.state
         return self.machine.fault_text if state is ArmState.FAULT else self._stages[state].waits
 
     def _start(self) -> None:
-        """The first fresh record of io: take over what a predecessor left, or restart."""
+        """At the first fresh record of io: take over the state of the previous process, or start from DISABLED."""
         self._started = True
         io, machine, control = self.io, self.machine, self.control
         self._epoch = io.epoch
@@ -242,13 +242,13 @@ class ArmLogic:
             self.machine.fault(found)
 
     def _rest_on(self, setup: SetupBase) -> None:
-        """The setup joints put the base somewhere else, or are not to be trusted any more."""
+        """The setup joints moved the base, or are no longer valid."""
         self.control.set_base(setup.base)
         if setup.frame:
             self.control.record.show_frame(setup.frame)
 
     def _watch_clutch(self) -> None:
-        """Pressed, a hand takes the arm, if it is ready for that; see `Manual` for the end."""
+        """When pressed, an operator moves the arm by hand, if it is ready for that; see `Manual` for the end."""
         pressed = self.is_clutched()
         if pressed is self._clutched:
             return
@@ -260,13 +260,13 @@ class ArmLogic:
             self.control.report(codes.NOT_READY, "arm not ready yet, manipulator clutch ignored", REPORT_NS)
 
     def _resume(self) -> None:
-        """We were silent so long that io held: the move has waited as well, it must not jump to where it would be."""
+        """After a silence so long that io held: continue the move from the held position, without a jump."""
         control = self.control
         if not control.motion.resume(self.io.setpoint, control.now_ns):
             control.move_ended(False, "io held, and it cannot go on from there")
 
     def _enter(self, left: ArmState) -> None:
-        """A state was entered."""
+        """Actions on entering a state."""
         control, state = self.control, self.machine.state
         if state is ArmState.FAULT:
             self._around.faults.fault()

@@ -1,4 +1,4 @@
-"""Poses, twist and Jacobian of the tip, in the base and in the reference frame: by native code, else in Python."""
+"""Poses, twist and Jacobian of the tip, in the base and in the reference frame: native code, else Python."""
 
 from __future__ import annotations
 
@@ -34,17 +34,17 @@ from trocar.procs.node.requests import CommandRefused
 class Cartesian:
     """The Cartesian part of an arm's record. `base` is the pose of the arm's base in the reference frame.
 
-    `tip` and `rotation` are the measured tip's pose (4, 4) and axes (3, 3), in the arm's base and in the reference
-    frame, `twist` (6,) its own in the reference frame; `jacobian` (6, count) is the body Jacobian, `spatial` that at
-    the base's origin. They hold while `valid`, and are this cycle's. Of the record, wrenches and the spatial Jacobian
-    are filled while they are wanted, and NaN otherwise.
+    `tip` and `rotation` are the measured tip's pose (4, 4) in the arm's base and its axes (3, 3) in the reference
+    frame, `twist` (6,) the tip's twist in the reference frame; `jacobian` (6, count) is the body Jacobian, `spatial`
+    that at the base's origin. They belong to this cycle, and hold while `valid`. In the record, wrenches and the
+    spatial Jacobian are filled while they are wanted, and NaN otherwise.
     """
 
-    DAMPING: Final = 1e-12  # of wrenches and rates where the Jacobian is singular: only a finite number is right there
+    DAMPING: Final = 1e-12  # for wrenches and rates at a singular Jacobian: only keeps them finite
     WRENCHES: Final = 1
     SPATIAL: Final = 2
     EVERYTHING: Final = WRENCHES | SPATIAL
-    """What may be wanted."""
+    """The values that are computed on demand."""
 
     def __init__(self, field: Fields, io: ArmReadings) -> None:
         """`field` gives the arrays of the arm's own record."""
@@ -60,23 +60,23 @@ class Cartesian:
         self._valid = field("cartesian_valid")
         self.valid = False
         self.complete = True
-        """Every joint tells where it is; a master's roll only does once its stop was found."""
+        """Every joint position is known; a master's roll only after its stop was found."""
         self.base_known = True
         self._is_identity = True
         self.base, self._to_base = np.eye(4), np.eye(4)
         self.tip, self.reference_tip = np.eye(4), np.eye(4)
         self.rotation: Array = self.reference_tip[:3, :3]
         self.absolute = False
-        """Wrenches of the body are in the axes of the reference frame, not the tip's."""
+        """Body wrenches are in the axes of the reference frame, not the tip's."""
         self.wanted_twist = np.zeros(6)
         self._setpoint_done = b""
         self._is_done = False
-        """What was measured last is in the record."""
+        """The newest measured values are in the record."""
         self._shown_absolute = False
         self._count = self._wanted = 0
 
     def use(self, joints: JointSpace) -> None:
-        """Another joint space; `ArmReadings` must have it already."""
+        """Use another joint space; `ArmReadings` must have it already."""
         n, io = joints.count, self.io
         self._count = n
         self.shown_body[...] = self.shown_spatial[...] = 0.0
@@ -95,7 +95,7 @@ class Cartesian:
         self.clear()
 
     def set_base(self, base: Array | None) -> None:
-        """The base's pose (4, 4) in the reference frame; None: it is not known, only local poses are valid."""
+        """Set the base's pose (4, 4) in the reference frame; None: unknown, only local poses are valid."""
         self.base_known = base is not None
         self._base_valid[...] = False
         self._setpoint_done, self._is_done = b"", False
@@ -105,7 +105,7 @@ class Cartesian:
             self._is_identity = bool(np.array_equal(base, np.eye(4)))
             pose_from_matrix(self.base, self._base_pose)
             if self.valid:
-                self.update()  # no record is without poses that were known before and after
+                self.update()  # so that no record lacks poses that were known before and after
 
     def need_base(self) -> None:
         """CommandRefused while the base frame is not known."""
@@ -113,7 +113,7 @@ class Cartesian:
             raise CommandRefused("the arm's base frame is not known")
 
     def want(self, wanted: int) -> None:
-        """Which of WRENCHES and SPATIAL somebody wants from now on; the others are NaN until then."""
+        """Compute those of WRENCHES and SPATIAL from now on; the others are NaN until then."""
         if wanted != self._wanted:
             self._blank(self._wanted & ~wanted)
             self._wanted = wanted
@@ -127,7 +127,7 @@ class Cartesian:
 
     @property
     def spatial(self) -> Array:
-        """See above; found when asked for."""
+        """See above; computed on access."""
         return self.kinematics.spatial_jacobian(self.io.rows[0, : self.kinematics.n])
 
     def to_local(self, pose: Array) -> Array:
@@ -139,7 +139,7 @@ class Cartesian:
         return pose if self._is_identity else self.base @ pose
 
     def clear(self) -> None:
-        """Nothing Cartesian is valid."""
+        """Mark all Cartesian values as invalid."""
         self.valid = False
         self._valid[...] = False
         self._base_valid[...] = False
@@ -153,7 +153,7 @@ class Cartesian:
                 self.clear()
             return
         wanted = self._setpoint_motion.tobytes()
-        is_new = wanted != self._setpoint_done  # an arm that holds needs this once
+        is_new = wanted != self._setpoint_done  # once is enough for an arm that holds
         if not is_new and self._is_done and not self.io.changed and self.absolute is self._shown_absolute:
             return  # a kinematic robot at rest
         self.valid = self._is_done = True
@@ -176,7 +176,7 @@ class Cartesian:
     # the reference of the native library
 
     def by_numpy_show(self, is_new: int, absolute: int, parts: int) -> int:
-        """All of the record, that of the setpoint where it `is_new`, and of the rest what is wanted."""
+        """Fill all of the record: the setpoint if it `is_new`, and wanted values of the rest."""
         kinematics, n = self.kinematics, self.kinematics.n
         slides = kinematics.is_prismatic.tolist()
         position, velocity, effort, wanted, wanted_velocity = self.io.rows[:5, :n].tolist()
@@ -219,25 +219,25 @@ class Cartesian:
         return 0
 
     def _rows(self) -> Rows:
-        """The body Jacobian (6, m) of the coordinates that are independent."""
+        """The body Jacobian (6, m) for the independent coordinates."""
         rows: Rows = self.kinematics.body.tolist()
         return [times(self.free.T.tolist(), row) for row in rows] if self.has_free else rows
 
     def _wrench(self, effort: list[float]) -> list[float]:
-        """At the tip, in its axes, that the efforts amount to: pinv(Jᵀ) · effort."""
+        """The wrench at the tip, in its axes, equivalent to the efforts: pinv(Jᵀ) · effort."""
         if not any(effort):  # a kinematic robot
             return [0.0] * 6
-        if self.has_free:  # joints that bend together are pushed together
+        if self.has_free:  # joints that bend together receive efforts together
             effort = times(self.free.T.tolist(), effort)
         return self._any_shortest(transposed(self._rows()), effort)
 
     def _any_shortest(self, rows: Rows, wanted: list[float]) -> list[float]:
-        """The shortest x, zeros where there is none."""
+        """The shortest x, or zeros if there is none."""
         x = shortest(rows, wanted, self.DAMPING)
         return x if math.isfinite(dot(x, x)) else [0.0] * len(x)
 
     def _show_pose(self, local: Frame, local_out: Array, out: Array) -> Frame:
-        """In both frames; that of the tip in the reference frame."""
+        """Write the pose in both frames; returns the tip in the reference frame."""
         reference = product(self.base[:3].reshape(12).tolist(), local)
         local_out[...] = pose_of(local)
         out[...] = pose_of(reference)

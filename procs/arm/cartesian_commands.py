@@ -1,4 +1,4 @@
-"""Commands of the tip. Poses are x y z, quaternion x y z w, in the reference frame unless something else is said."""
+"""Commands of the tip. Poses are x y z, quaternion x y z w, in the reference frame unless stated otherwise."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ MAX_TORQUE: Final = 100.0  # N·m
 ERROR_EVERY_NS: Final = 1_000_000_000
 
 Safe = Callable[[Array], str]
-"""Why joints (size,) are no place for Cartesian control to begin, "" where they are."""
+"""Why Cartesian control may not begin at joints (size,); "": it may."""
 
 
 class CartesianCommands:
@@ -50,7 +50,7 @@ class CartesianCommands:
         }
 
     def enter(self, name: str) -> None:
-        """CommandRefused unless Cartesian control may begin, or has begun already."""
+        """CommandRefused unless Cartesian control may begin, or is active already."""
         control = self._control
         if control.motion.space is Space.CARTESIAN:
             return
@@ -66,7 +66,8 @@ class CartesianCommands:
         return self._control.cartesian.to_local(given_pose(values[:POSE]))
 
     def _relative(self, request: Request, joints: Array) -> Array:
-        """The tip at `joints`, shifted and turned about itself in axes of the reference frame; seen from the base."""
+        """The tip at `joints`, shifted and turned about itself in axes of the reference frame; expressed in the base.
+        """
         control = self._control
         kinematics, cartesian = control.joints.kinematics, control.cartesian
         if kinematics is None:
@@ -85,7 +86,7 @@ class CartesianCommands:
         return inverse
 
     def _solve(self, name: str, goal: Array, seed: Array) -> Array:
-        """Joints (count,) for a goal in the arm's base, close to the seed; CommandRefused where there are none."""
+        """Joints (count,) for a goal in the arm's base, close to the seed; CommandRefused if there are none."""
         control, inverse = self._control, self._inverse()
         if not inverse.solve(goal, seed):
             reason = f"unable to solve inverse kinematics ({inverse.reason})"
@@ -120,7 +121,7 @@ class CartesianCommands:
         return self._follow(request.name, self._relative(request, base[:n]))
 
     def _servo_cs(self, request: Request) -> str:
-        """Pose, twist, wrench, then which of them are meant (1 or 0 each)."""
+        """Pose, twist, wrench, then a flag for each that is used (1 or 0)."""
         values = request.values
         pose, twist, wrench = (bool(flag) for flag in values[POSE + 2 * TWIST :])
         self.enter(request.name)
@@ -170,8 +171,8 @@ class CartesianCommands:
         return control.pushed()
 
     def _body_servo_cf(self, request: Request) -> str:
-        """A seventh value is how long it lasts, in s, if that is less than efforts last anyway; an eighth, whose axes
-        it has: 1 the reference frame's, 0 the tip's.
+        """A seventh value limits the duration, in s, if shorter than the timeout for efforts; an eighth selects the
+        axes: 1 the reference frame's, 0 the tip's.
         """
         self.enter(request.name)
         values, lasts_ns, absolute = request.values, FOR_EVER_NS, self._control.cartesian.absolute
@@ -203,7 +204,7 @@ class CartesianCommands:
 
 
 def _check_wrench(wrench: Array) -> None:
-    """CommandRefused where no arm can give anything like it: somebody has mistaken a unit, or an index."""
+    """CommandRefused for a wrench that no arm can exert: a wrong unit, or a wrong index."""
     force, torque = float(np.abs(wrench[:3]).max()), float(np.abs(wrench[3:]).max())
     if force > MAX_FORCE or torque > MAX_TORQUE:
         raise CommandRefused(f"{force:g} N and {torque:g} N·m; allowed: {MAX_FORCE:g} N and {MAX_TORQUE:g} N·m")

@@ -1,8 +1,8 @@
-"""What an arm does with each command of its tables: whether it is ready for it, carry it out, answer it.
+"""Execution of an arm's commands: check that the arm is ready, carry out, answer.
 
-Every command is answered. What is carried out at once is answered by `done`; a move by `accept`, then by `done` when
-it has arrived or `fail` when it has not. A refused command says why; a refused move also gives its busy pair, so that
-nobody waits for it.
+Every command is answered. A command that finishes at once is answered by `done`; a move by `accept`, then by `done` on
+arrival or `fail` without it. A refused command gives the reason; a refused move also publishes its busy pair, so that
+no client waits for it.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ KINDS: Final = {kind.value: kind for kind in StreamKind}
 
 
 class Ready(Enum):
-    """What a command needs."""
+    """Requirements of a command."""
 
     ALWAYS = "always"
     JOINT = "homed"
@@ -33,7 +33,7 @@ class Ready(Enum):
 
 @dataclass(frozen=True, slots=True)
 class ArmCommandRow:
-    """One command: what carries it out, and what it needs; all else is in its row of the table of commands."""
+    """One command: its function and its requirement; all else is in its row of the table of commands."""
 
     do: Handler
     ready: Ready = Ready.ALWAYS
@@ -43,7 +43,7 @@ Table = Mapping[str, ArmCommandRow]
 
 
 class ArmCommands:
-    """Carries out the commands of one arm: those of `rows`."""
+    """Carries out the commands of one arm: those in `rows`."""
 
     def __init__(self, control: Control, rows: dict[str, ArmCommandRow]) -> None:
         self._control, self.rows = control, rows
@@ -51,7 +51,7 @@ class ArmCommands:
         self._streamed_ns = 0
 
     def run(self, requests: Iterable[Request]) -> None:
-        """Carry out what came in, in order."""
+        """Carry out received commands, in order."""
         for request in requests:
             self._one(request)
         if self._streamed_ns:
@@ -62,7 +62,7 @@ class ArmCommands:
         if command.stops and command.is_stop(request.text, request.values):
             self._stop_others(request)
         control = self._control
-        joints = control.joints.count if control.machine.state is ArmState.HOMED else None  # else it is not ready
+        joints = control.joints.count if control.machine.state is ArmState.HOMED else None  # else the arm is not ready
         if carry_out(request, self._do, joints) and command.move:
             control.machine.publish_refused_move()
 
@@ -88,7 +88,7 @@ class ArmCommands:
         return text
 
     def _stop_others(self, request: Request) -> None:
-        """Other programs that stream have to pause before they may begin again, whether the arm is ready or not."""
+        """End the streams of other programs until they have paused, whether the arm is ready or not."""
         control, what = self._control, f"({request.name} {request.text}".rstrip() + ")"
         who = request.origin.program or "another program"
         control.record.show_stop(f"{who} {what}")
@@ -109,13 +109,13 @@ class ArmCommands:
             raise CommandRefused("there is no instrument, so no jaw")
 
     def _watch(self) -> None:
-        """A stream that stopped although its client may not: hold."""
+        """Hold if a stream stopped that its client may not stop."""
         control = self._control
         silent_ns = control.now_ns - self._streamed_ns
         if control.machine.state is ArmState.HOMED and silent_ns <= self._timeout_ns:
             return
         self._streamed_ns = 0
         if control.machine.state is not ArmState.HOMED:
-            return  # it was stopped already
+            return  # already stopped
         control.stop(control.here, Mode.POSITION, "its client is silent")
         control.report(codes.CLIENT_TIMEOUT, f"no servo command for {silent_ns * 1e-9:.3f} s; holding")

@@ -1,4 +1,4 @@
-"""What an arm is given by its process: the records, mailboxes and reports of others."""
+"""The inputs of an arm from its process: records, mailboxes and reports of other processes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from trocar.shm.system.events import Events
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class ToolReading:
-    """What io has last read from the arm's instruments: READ with the `tool`, ABSENT or ERROR, since when."""
+    """The last reading of the arm's instrument by io: READ with the `tool`, ABSENT or ERROR, since when."""
 
     status: str = ""
     tool: str = ""
@@ -25,21 +25,21 @@ class ToolReading:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class ArmContext:
-    """What an arm needs of its process besides its document row."""
+    """Everything an arm needs from its process, besides its document row."""
 
     field: Fields  # of io's record
-    robot: int  # its robot's place among io's
+    robot: int  # index of its robot in io
     first_axis: int
-    inputs: Mapping[str, int]  # places of io's digital inputs by name
+    inputs: Mapping[str, int]  # indices of io's digital inputs by name
     has_brakes: bool
     sender: LoopClient
-    state: Fields  # the arm's own records, still as a predecessor left them
+    state: Fields  # the arm's own records, still with the values of the previous process
     setpoint: Fields
     reports: Events
-    fault_report: Callable[[int], FaultReport]  # what io has told about its latched fault
-    power_report: Callable[[], FaultReport] = power_lost  # which amplifiers are off, when power was lost
+    fault_report: Callable[[int], FaultReport]  # io's report of its latched fault
+    power_report: Callable[[], FaultReport] = power_lost  # the amplifiers that are off after a loss of power
     gripper: int = -1  # axis of its gripper in io's record, -1: none
     setup_base: SetupBase | None = None  # the setup joints that carry it
-    reading: Callable[[], ToolReading] = ToolReading  # what io has last read from the memory of its instruments
-    motors: Sequence[float] = ()  # the largest efforts of its actuators, none: not known
-    faults: OwnCell = dataclasses.field(default_factory=NoFaults)  # what was asked for before one is void
+    reading: Callable[[], ToolReading] = ToolReading  # the last reading of its instrument's memory by io
+    motors: Sequence[float] = ()  # the largest efforts of its actuators; empty: not known
+    faults: OwnCell = dataclasses.field(default_factory=NoFaults)  # commands given before a fault are void

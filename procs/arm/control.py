@@ -1,4 +1,4 @@
-"""What states and commands of an arm share: the joints, where they are to go, and who waits for it."""
+"""The parts that states and commands of an arm share: the joints, their goals, and the clients that wait."""
 
 from __future__ import annotations
 
@@ -32,20 +32,20 @@ from trocar.procs.tables.codes import Code
 
 EPISODE_NS: Final = 500_000_000
 REPORT_NS: Final = 2_000_000_000
-ARRIVE_NS: Final = 500_000_000  # that joints have from the end of a move's trajectory on to arrive at its goal
+ARRIVE_NS: Final = 500_000_000  # time for joints to arrive at the goal after the end of a move's trajectory
 NEVER_NS: Final = 1 << 62
 MOVE, JAW_MOVE = "move", "jaw move"
 
 
 class Clipping:
-    """Who was told already that joints were clipped: once an episode."""
+    """The clipped joints that were already reported: once an episode."""
 
     def __init__(self, size: int) -> None:
         self._reported = np.zeros(size, dtype=np.bool_)
         self._last_ns = -REPORT_NS
 
     def is_news(self, outside: NDArray[np.bool_], now_ns: int) -> bool:
-        """These joints (size,) are clipped, and that of one of them has just begun."""
+        """Whether one of these clipped joints (size,) has just begun to be clipped."""
         if now_ns - self._last_ns >= EPISODE_NS:
             self._reported[...] = False
         self._last_ns = now_ns
@@ -55,7 +55,7 @@ class Clipping:
 
 
 class Control:
-    """The parts of one arm and the verbs that change its motion; `now_ns` is this cycle's time."""
+    """The parts of one arm and the functions that change its motion; `now_ns` is this cycle's time."""
 
     def __init__(self, arm: ArmConfig, around: ArmContext, machine: ArmStates) -> None:
         self.arm, self.machine = arm, machine
@@ -74,22 +74,22 @@ class Control:
         self.streams, self._base_steps = Streams(), BaseSteps()
         self.gravity = Weight(arm)
         self.driving: Generations | None = None
-        """The joint controller was seen on, and follows us."""
+        """Set once the joint controller was seen on and following our setpoints."""
         self.is_kinematic = arm.simulation != "NONE"
-        """KINEMATIC: io plays the robot."""
+        """KINEMATIC: io replaces the robot."""
         self.must_bias = True
         self.homed_generation = 0
         self.held = False
-        """A successor found the joint controller on, in no state for it: it just holds."""
+        """After a restart the joint controller was on, in a state that does not use it: it only holds."""
         self.now_ns = 0
         self._moves: dict[str, tuple[Request, str]] = {}
-        """Under way, with what of the goal was clipped."""
+        """Moves in progress, with the clipped parts of their goals."""
         self._reported_ns: dict[Code, int] = {}
         self._episodes_ns: dict[Code, int] = {}
         self.use(self.joints)
 
     def use(self, joints: JointSpace) -> None:
-        """Another joint space, at rest where the actuators are kept."""
+        """Use another joint space, at rest at the held actuator positions."""
         kept = self.joints.to_actuator @ self.here if self.driving is not None else None
         self.streams.end("the instrument was changed", self.now_ns)
         self.joints = joints
@@ -106,7 +106,7 @@ class Control:
         self._clipped, self._efforts_clipped = Clipping(joints.size), Clipping(joints.size)
 
     def set_base(self, base: Array | None) -> None:
-        """The base is elsewhere, see `Cartesian.set_base`; what is streamed in its frame ends where that is a step."""
+        """The base has moved, see `Cartesian.set_base`; a step ends streams in the base's frame."""
         why = self._base_steps.step(base, self.now_ns)
         self.cartesian.set_base(base)
         motion = self.motion
@@ -114,59 +114,61 @@ class Control:
         if why and motion.space is Space.CARTESIAN and (motion.mode is Mode.POSITION or springs):
             self.end_streams(why, (StreamKind.POSITION, StreamKind.EFFORT))
 
-    # what is told
+    # reports
 
     def status(self, text: str) -> None:
-        """Tell something about this arm."""
+        """Report a status of this arm."""
         self.reports.status(f"{self.arm.name}: {text}", self.arm.name)
 
     def report(self, code: Code, text: str, every_ns: int = 0) -> None:
-        """A warning, or an error that does not stop this arm; the same code again only after `every_ns`."""
+        """Report a warning, or an error that does not stop this arm; the same code again only after `every_ns`."""
         if self.now_ns - self._reported_ns.get(code, -NEVER_NS) >= every_ns:
             self._reported_ns[code] = self.now_ns
             self.reports.report(code, f"{self.arm.name}: {text}", self.arm.name)
 
     def refusal(self, code: Code, name: str, reason: str, every_ns: int = 0) -> CommandRefused:
-        """What to raise where the command `name` is refused and that is reported as well."""
+        """Report the refusal of command `name`; returns the exception to raise."""
         self.report(code, f"{name}: {reason}", every_ns)
         return CommandRefused(reason)
 
     def report_episode(self, code: Code, text: str) -> None:
-        """Something that comes again and again is told once, until it has stayed away for a while."""
+        """Report a repeated condition once, until it has been absent for a while."""
         last_ns = self._episodes_ns.get(code, -NEVER_NS)
         self._episodes_ns[code] = self.now_ns
         if self.now_ns - last_ns >= EPISODE_NS:
             self.report(code, text)
 
-    # where the joints are to go; `goal` is what the command at hand works on
+    # goals of the joints; `goal` belongs to the current command
 
     def take_goal(self) -> Array:
-        """`goal` := where all joints are to be; a servo command then changes its own part of it."""
+        """`goal` := the target of all joints; a servo command then changes its own part."""
         self.goal[...] = self.motion.target if self.motion.mode is Mode.POSITION else self.here
         return self.goal
 
     @property
     def here(self) -> Array:
-        """Where the joints are kept; in effort mode where io would keep them."""
+        """Where the joints are held; in effort mode, where io would hold them."""
         return self.io.setpoint if self.motion.mode is Mode.EFFORT else self.motion.goal
 
     @property
     def target(self) -> Array:
-        """Where the joints are going now; in effort mode where io would keep them."""
+        """Where the joints are going; in effort mode, where io would hold them."""
         return self.io.setpoint if self.motion.mode is Mode.EFFORT else self.motion.target
 
     def take_target(self) -> Array:
-        """`goal` := where the joints are going now."""
+        """`goal` := the present target of the joints."""
         self._end_efforts()
         self.goal[...] = self.motion.target
         return self.goal
 
     def _clip(self) -> NDArray[np.bool_]:
-        """Bring `goal` into the limits; which joints (size,) were outside."""
+        """Clip `goal` to the limits; returns the joints (size,) that were outside."""
         return self.joints.clip(self.goal, self.here)
 
     def _say_clipped(self, outside: NDArray[np.bool_], asked: Array | None = None) -> str:
-        """What was clipped is in the answer, and once an episode a warning; from where to where, of goals `asked`."""
+        """Text for the answer about clipped joints, and once an episode a warning; `asked`: also the values before and
+        after.
+        """
         if outside is self.joints.none or not outside.any():
             return ""
         names = self.joints.named(outside) if asked is None else self.joints.changed(outside, asked, self.goal)
@@ -175,12 +177,12 @@ class Control:
         return f"clipped: {names}"
 
     def _take_goal(self, name: str) -> NDArray[np.bool_]:
-        """Bring `goal`, of a stream of commands `name`, into the limits; which joints were outside.
+        """Clip `goal`, from a stream of commands `name`, to the limits; returns the joints that were outside.
 
-        CommandRefused where it is too far away; a running stream ends there.
+        CommandRefused if it is too far away; a running stream ends there.
 
-        It is judged as it was sent where a stream begins: a wrong number is one near a limit, too. A running stream
-        may pass a limit, and is judged by what is left of it.
+        The first goal of a stream is checked before clipping, because a wrong number may also be close to a limit. A
+        running stream may pass a limit, and its goals are checked after clipping.
         """
         is_running, governor, joints = self._is_streaming, self.motion.governor, self.joints
         if is_running and governor.most.item() > LATE_S:
@@ -201,7 +203,7 @@ class Control:
         return self.motion.mode is Mode.POSITION and self.streams.is_running(self.now_ns)
 
     def jump(self, name: str, why: str, remedy: str) -> CommandRefused:
-        """What to raise where the next goal of a stream of commands `name` is too far away; a running stream ends."""
+        """The exception for a goal of a stream of commands `name` that is too far away; a running stream ends."""
         streams = self.streams
         if self._is_streaming and streams.asking is not None:
             streams.end_one(streams.asking, f"it jumped: {why}")
@@ -215,7 +217,7 @@ class Control:
                                                  f"{governor.speed[axis]:g} {self.joints.unit(axis)}/s")
 
     def watch_lag(self) -> None:
-        """A stream of velocities, once a cycle: it ends where the joints do not go as fast."""
+        """Once a cycle for a stream of velocities: end it if the joints cannot go as fast."""
         lag_s = self.motion.governor.most.item()
         if lag_s > MAX_LAG_S:
             axis = int(self.motion.governor.behind.argmax())
@@ -227,7 +229,7 @@ class Control:
             self._report_slow()
 
     def end_streams(self, why: str, kinds: Iterable[StreamKind]) -> None:
-        """Hold, and take no more of these streams until they have paused."""
+        """Hold, and refuse these streams until they have paused."""
         self.streams.end(why, self.now_ns, kinds)
         self._hold(why)
 
@@ -236,7 +238,7 @@ class Control:
         self.status(f"stream ended: {why}")
 
     def follow(self, name: str, space: Space, velocity: Array | None = None) -> str:
-        """Follow `goal`, of a stream of commands `name`, with a velocity feed of the arm's joints (count,)."""
+        """Follow `goal`, from a stream of commands `name`, with a velocity feed for the arm's joints (count,)."""
         outside = self._take_goal(name)
         text = self._say_clipped(outside)
         if velocity is not None:
@@ -250,7 +252,7 @@ class Control:
         return text
 
     def drift(self, velocity: Array) -> str:
-        """Go at a velocity of the arm's joints (count,)."""
+        """Move at a velocity of the arm's joints (count,)."""
         self._feed(velocity)
         self._end_efforts()
         self.motion.space = Space.JOINT
@@ -263,7 +265,7 @@ class Control:
             self.motion.hold(self.io.setpoint)
 
     def _feed(self, velocity: Array) -> Array:
-        """Velocities of all joints (size,) from those of the arm's (count,)."""
+        """Velocities of all joints (size,) from those of the arm's joints (count,)."""
         feed = self._velocity
         feed[...] = 0.0
         feed[: len(velocity)] = velocity
@@ -272,7 +274,7 @@ class Control:
         return feed
 
     def adjust(self, name: str) -> str:
-        """Follow `goal`, of a stream of commands `name`, of which only the jaw has changed."""
+        """Follow `goal`, from a stream of commands `name` that changed only the jaw."""
         outside = self._take_goal(name)
         text = self._say_clipped(outside)
         self._end_efforts()
@@ -281,7 +283,9 @@ class Control:
         return text
 
     def push(self, space: Space, which: NDArray[np.bool_] | None = None) -> Efforts:
-        """Apply efforts instead of following positions, to joints `which`; what is returned is to be told which."""
+        """Apply efforts instead of following positions, to joints `which`; the caller sets the efforts in the returned
+        object.
+        """
         self.motion.space = space
         if self.motion.mode is not Mode.EFFORT:
             self.efforts.rest()
@@ -291,17 +295,17 @@ class Control:
         return self.efforts
 
     def pushed(self) -> str:
-        """What to answer to who has just said what to push with."""
+        """The answer to an effort command."""
         self.efforts.step(self.now_ns)
         return self._say_efforts_clipped()
 
     def feed(self, wrench: Array) -> str:
-        """Add a wrench (6,), in axes of the reference frame, to what follows the position; as long as efforts last."""
+        """Add a wrench (6,), in axes of the reference frame, to position control; it lasts as long as efforts do."""
         self.motion.add(self.efforts.feed(wrench), self.efforts.timeout_at(self.now_ns, wrench))
         return self._say_efforts_clipped()
 
     def step_efforts(self) -> None:
-        """The efforts of this cycle into `motion`."""
+        """Put the efforts of this cycle into `motion`."""
         motion = self.motion
         if motion.mode is Mode.EFFORT:
             self.efforts.step(self.now_ns)
@@ -322,7 +326,7 @@ class Control:
         return f"clipped: {names}"
 
     def move(self, request: Request, space: Space, what: str = MOVE) -> str:
-        """Move to `goal`; answers the request, now and at the end. CommandRefused when it cannot be planned."""
+        """Move to `goal`; answers the request, now and at the end. CommandRefused if planning fails."""
         asked = self.goal.copy()
         outside = self._clip()
         text = self._say_clipped(outside, asked)
@@ -340,12 +344,12 @@ class Control:
         return ANSWERED
 
     def short(self) -> str:
-        """Joints that are not where the last move, whose trajectory has ended, took them, and by how much; "": all are.
+        """After the trajectory of a move: joints that have not arrived at their goals, and by how much; "": all have.
         """
         return self.joints.short(self.motion.goal, self.io.position)
 
     def watch_move(self) -> None:
-        """Once a cycle: a move is over when all joints have arrived, or when they have had time enough for it."""
+        """Once a cycle: a move ends when all joints have arrived, or ARRIVE_NS after its trajectory."""
         if not self.machine.moving or self.motion.moving:
             return
         short = self.short()
@@ -353,13 +357,13 @@ class Control:
             self.move_ended(True, short)
 
     def move_ended(self, at_end: bool, reason: str = "") -> None:
-        """Nothing moves any more: at the end of a trajectory, `short` of its goal for a `reason`, or before its end."""
+        """The move has ended: after its trajectory, perhaps `short` of its goal for a `reason`, or before."""
         machine = self.machine
         if not machine.moving:
-            return  # nothing did, or a move of the arm's own, which no client waits for
+            return  # no move, or one of the arm's own without a client
         machine.moving = False
         for request, text in self._moves.values():
-            if at_end:  # a client that waits for the end only learns here that the goal was clipped
+            if at_end:  # this answer also reports a clipped goal
                 request.done("; ".join(part for part in (text, reason) if part))
             else:
                 request.fail(reason)
@@ -370,6 +374,6 @@ class Control:
         machine.publish()
 
     def stop(self, position: Array, mode: Mode, reason: str) -> None:
-        """Whatever runs, stay at `position` (size,) from now on."""
+        """End all motion and stay at `position` (size,) from now on."""
         self.motion.hold(position, mode)
         self.move_ended(False, reason)

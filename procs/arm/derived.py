@@ -1,4 +1,4 @@
-"""The door of arms derived from ours: a class of yours as the process of an arm. docs/derived-arms.md.
+"""Interface for derived arms: a user's class as the process of an arm. docs/derived-arms.md.
 
     from trocar.procs.arm.derived import DerivedPsm, State
 
@@ -35,11 +35,11 @@ from trocar.shm.commands import COMMANDS
 from trocar.shm.mailbox.command_row import FREE
 
 MAX_NAME: Final = 23
-"""Bytes of the name of a state."""
+"""Size of the name of a state, bytes."""
 
 
 class State(Stage):
-    """A state of a derived arm's own, reached from HOMED: `enter` once, `run` each cycle until `arm.end()`."""
+    """A state of a derived arm, reached from HOMED: `enter` once, `run` each cycle until `arm.end()`."""
 
     arm: DerivedArm
 
@@ -50,7 +50,7 @@ class State(Stage):
 
 
 class Guarded(Stage):
-    """The state that the arm is in. What it asks for and cannot be done ends it, and is reported."""
+    """The present user state. A request of the state that is refused ends it, and is reported."""
 
     arm: DerivedArm
 
@@ -77,10 +77,10 @@ class Guarded(Stage):
 
 
 class DerivedArm(ArmLogic):
-    """What a derived arm has besides what it is derived from: `on_NAME` for each declared command, and states."""
+    """Additions of a derived arm to its base class: `on_NAME` for each declared command, and states."""
 
     states: ClassVar[Mapping[str, type[State]]] = {}
-    """Its own states by the names that are published."""
+    """Its own states by their published names."""
 
     def __init__(self, arm: ArmConfig, around: ArmContext) -> None:
         super().__init__(arm, around)
@@ -107,10 +107,10 @@ class DerivedArm(ArmLogic):
         needs_homed = command_row(command).effect >= FREE and not command.stops
         return ArmCommandRow(do, Ready.JOINT if needs_homed else Ready.ALWAYS)
 
-    # what it may do
+    # for use by derived classes
 
     def begin(self, name: str) -> None:
-        """From HOMED to a state of its own; CommandRefused when it is not there."""
+        """From HOMED to a user state; CommandRefused if the arm is not HOMED."""
         control = self.control
         if self.state is not ArmState.HOMED:
             raise CommandRefused(f"it is in {self.machine.sub_state} and must be in {ArmState.HOMED}")
@@ -119,20 +119,20 @@ class DerivedArm(ArmLogic):
         self.machine.begin_own(name)
 
     def end(self) -> None:
-        """From a state of its own back to HOMED, holding where it is going; anywhere else nothing."""
+        """From a user state back to HOMED, holding at the present target; no effect in other states."""
         if self.state is ArmState.OWN:
             control = self.control
             control.stop(control.here, Mode.POSITION, f"{self.machine.sub_state} has ended")
             self.machine.fire(ArmEvent.ENDED)
 
     def follow(self, joints: ArrayLike) -> None:
-        """Go to joints (size,), rad or m, in this cycle, within their limits; CommandRefused when that is a jump."""
+        """Go to joints (size,), rad or m, in this cycle, within their limits; CommandRefused for a jump."""
         self._take(joints)
         self.control.streams.interrupt()
         self.control.follow(self.machine.sub_state, Space.JOINT)
 
     def move(self, joints: ArrayLike) -> None:
-        """Move to joints (size,), at the speed of moves; `is_moving` until it is there. CommandRefused: it cannot."""
+        """Move to joints (size,), at the speed of moves; `is_moving` until arrival. CommandRefused: not possible."""
         control = self.control
         self._take(joints)
         control.joints.clip(control.goal, control.here)
@@ -150,17 +150,17 @@ class DerivedArm(ArmLogic):
 
     @property
     def is_moving(self) -> bool:
-        """A `move` is under way."""
+        """A `move` is in progress."""
         return self.control.motion.moving
 
 
 class DerivedPsm(DerivedArm, PsmLogic):
-    """What `type: PSM_DERIVED` is derived from."""
+    """Base class for `type: PSM_DERIVED`."""
 
 
 class DerivedEcm(DerivedArm, EcmLogic):
-    """What `type: ECM_DERIVED` is derived from."""
+    """Base class for `type: ECM_DERIVED`."""
 
 
 class DerivedMtm(DerivedArm, MtmLogic):
-    """What `type: MTM_DERIVED` is derived from."""
+    """Base class for `type: MTM_DERIVED`."""

@@ -1,4 +1,4 @@
-"""An ECM: the endoscope it carries, and what keeps its tip out of the cannula."""
+"""An ECM: its endoscope, and the checks that keep the tip out of the cannula."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from trocar.procs.node.requests import CommandRefused, Request
 from trocar.procs.tables import codes
 
 INSERTION: Final = 2
-MIN_INSERTION: Final = 0.04  # m; a goal of the tip never takes the endoscope further out
+MIN_INSERTION: Final = 0.04  # m; goals of the tip never retract the endoscope further
 CARTESIAN_INSERTION: Final = 0.05  # m, above which Cartesian control may begin
 
 
@@ -27,7 +27,7 @@ class EcmLogic(ArmLogic):
     """See ArmLogic."""
 
     def __init__(self, arm: ArmConfig, around: ArmContext) -> None:
-        """Resumes with the endoscope that a predecessor had."""
+        """Resumes with the endoscope of the previous process."""
         super().__init__(arm, around)
         before = self._previous_state
         if before is not None and before.tool in NAMES:
@@ -55,7 +55,7 @@ class EcmLogic(ArmLogic):
         control.reports.emit("endoscope_type", name)
 
     def _carry(self, name: str) -> None:
-        """Another tip and another mass; the joints stay where they are."""
+        """Another tip and another mass; the joints keep their positions."""
         control = self.control
         control.arm = dataclasses.replace(control.arm, endoscope=name)
         before = control.gravity

@@ -1,8 +1,8 @@
 """Bounds of efforts: what motors can give (`EffortLimits`), and in effort mode speeds and walls (`EffortGuard`).
 
-A motor gives its maximum current times its torque constant, both of its io file; joints get that through the coupling.
-A kinematic file may rate a joint lower (ftmax): an instrument's wrist bears less than its motors give. Commands beyond
-that are clipped, and say so.
+A motor gives its maximum current times its torque constant, both from its io file; the coupling converts that to
+joints. A kinematic file may rate a joint lower (ftmax): an instrument's wrist withstands less than its motors give.
+Commands beyond these bounds are clipped and reported.
 """
 
 from __future__ import annotations
@@ -18,31 +18,31 @@ from trocar.procs.arm.motion import Motion
 from trocar.procs.document.system import Robot
 from trocar.procs.kinematics.poses import Array
 
-NO_MOTOR: Final = 1e-9  # N·m or N, of one that may have no current: it can be divided by
-FREE_SHARE: Final = 0.5  # of the limit of speed, up to which nothing is taken from the largest effort
-SPRING: Final = 0.3  # of the largest effort, which the wall pushes back with at the limit: soft for hands
+NO_MOTOR: Final = 1e-9  # N·m or N, for a motor without current: avoids division by 0
+FREE_SHARE: Final = 0.5  # of the speed limit, up to which the full effort is available
+SPRING: Final = 0.3  # of the largest effort, for the wall's push at the limit: soft for hands
 MAX_ZONE: Final = 0.2  # of a joint's range
 TINY: Final = 1e-9  # rad or m
 FREE: Final = np.array([[np.inf], [-np.inf]])
 
 
 def motor_efforts(robot: Robot) -> tuple[float, ...]:
-    """The largest effort of every actuator, N·m or N; none where the robot is kinematic."""
+    """The largest effort of every actuator, N·m or N; empty for a kinematic robot."""
     if not all(actuator.effort_to_current for actuator in robot.actuators):
         return ()
     return tuple(abs(actuator.maximum_current / actuator.effort_to_current) for actuator in robot.actuators)
 
 
 class EffortLimits:
-    """Clips joint efforts (size,). `most`: what each joint can have at most, by all motors together; inf: not known."""
+    """Clips joint efforts (size,). `most`: largest effort of each joint with all motors together; inf: not known."""
 
     def __init__(self, motors: Sequence[float], joints: JointSpace) -> None:
-        """`motors`: the largest effort of every actuator; none: not known, the kinematic files count alone."""
+        """`motors`: the largest effort of every actuator; empty: not known, only the kinematic files count."""
         self._motors = np.maximum(motors, NO_MOTOR) if len(motors) else np.full(joints.axes, np.inf)
         self.use(joints)
 
     def use(self, joints: JointSpace) -> None:
-        """Another joint space."""
+        """Use another joint space."""
         n = joints.size
         self._none, self._rated, self._map = joints.none, joints.rated, joints.to_joint
         self._drives = self._map != 0.0  # (size, axes)
@@ -53,10 +53,10 @@ class EffortLimits:
         self._of_joints, self._of_motors = self._load[:n], self._load[n:]
 
     def clip(self, effort: Array, *, together: bool) -> NDArray[np.bool_]:
-        """Bring `effort` (size,) to what can be given, in place; returns the mask of joints that asked for more.
+        """Clip `effort` (size,) to the possible values, in place; returns the mask of clipped joints.
 
-        `together`: all joints by the same factor, so that a wrench at the tip keeps its direction. Else one joint that
-        asks for too much leaves those alone that share no motor with it: one of them may bear a weight.
+        `together`: scale all joints by the same factor, so that a wrench at the tip keeps its direction. Else an
+        excessive joint effort does not affect joints that share no motor with it: one of them may carry a weight.
         """
         np.abs(effort, out=self._of_joints)
         np.divide(self._of_joints, self._rated, out=self._of_joints)
@@ -75,9 +75,10 @@ class EffortLimits:
         return outside
 
     def _shared(self, load: Array) -> Array:
-        """By what to divide each joint's effort (size,), for motors (axes,) that are to give so much of what they can.
+        """Divisor for each joint's effort (size,), for a `load` of the motors (axes,) as a multiple of their largest
+        efforts.
 
-        Joints that share a motor, or a motor with one that does, get the same.
+        Joints that share a motor, or a motor with one that does, get the same divisor.
         """
         over: Array = np.maximum(np.where(self._drives, load, 0.0).max(axis=1), 1.0)
         while True:
@@ -91,30 +92,29 @@ class EffortLimits:
 class EffortGuard:
     """Bounds the efforts of a cycle by a speed limit, and by a soft wall before each joint's limits.
 
-    What drives a joint may be no more than D · (v - speed): a joint that is pushed for ever comes to its limit of
-    speed and stays there, one that something else pushes beyond is braked. In the zone before a position limit that
-    speed shrinks to nothing on the way out, so that a joint comes to rest before it, and a spring pushes back
-    whatever goes in. All of that is one sided and continuous, and D is small: at half the limit of speed a joint
-    still has its whole effort, which is a fraction of what the joint controller damps with. Nothing acts on a joint
-    that is slow and away from its limits.
+    The driving effort of a joint is at most D · (v - speed): a joint under constant effort reaches its speed limit and
+    stays there; a joint that is pushed faster from outside is braked. In the zone before a position limit the permitted
+    outward speed shrinks to 0, so that a joint comes to rest before the limit, and a spring pushes it back. All of that
+    is one-sided and continuous, and D is small: at half the speed limit a joint still has its whole effort, and the
+    damping is a fraction of the joint controller's. A slow joint away from its limits is not affected.
 
-    `begin` where effort mode does.
+    Call `begin` at the start of effort mode.
     """
 
     def __init__(self, speed_ratio: float, zone_ratio: float) -> None:
-        """Times speeds and zones of the table (`trocar.procs.tables.arm_types`); 0: off."""
+        """Factors on speeds and zones of the table (`trocar.procs.tables.arm_types`); 0: off."""
         self._has_speed, self._has_zone = bool(speed_ratio), bool(zone_ratio)
         self._speed_ratio, self._zone_ratio = speed_ratio or 1.0, zone_ratio
 
     def use(self, joints: JointSpace, most: Array) -> None:
-        """Another joint space; `most` (size,) are the largest efforts, inf where that is not known: not guarded."""
+        """Use another joint space; `most` (size,) are the largest efforts, inf where unknown: not guarded."""
         n, known = joints.size, np.isfinite(most)
         self._unknown = None if known.all() else ~known
         self._most = np.where(known, most, 0.0)
         self._damping = self._most / (FREE_SHARE * joints.effort_speed)
         zone = np.minimum(joints.effort_zone * self._zone_ratio, MAX_ZONE * (joints.upper - joints.lower))
         per_zone = 1.0 / np.maximum(zone, TINY)
-        # rows (2, size): upwards, downwards; so much of the zone is left, and most was since effort mode began
+        # rows (2, size): upwards, downwards; the rest of the zone, and its maximum since effort mode began
         self._left, self._seen, self._part = np.ones((2, n)), np.zeros((2, n)), np.zeros((2, n))
         self._per_zone = np.array([-per_zone, per_zone])
         self._limit = np.array([joints.upper * per_zone, -joints.lower * per_zone])
@@ -127,7 +127,7 @@ class EffortGuard:
         self._least = -self._most
 
     def begin(self) -> None:
-        """Effort mode begins: a joint that is in its zone already stays there, pushed back only if it goes further."""
+        """Effort mode begins: a joint inside its zone may stay there, and is pushed back only if it goes further."""
         self._seen[...] = 0.0
 
     def step(self, position: Array, velocity: Array, motion: Motion) -> None:

@@ -1,6 +1,6 @@
-"""What is pushed with in effort mode: joint efforts as given, or a wrench at the tip, turned into them every cycle.
+"""Efforts of effort mode: joint efforts as given, or a wrench at the tip, converted to joint efforts every cycle.
 
-What is pushed with, other than nothing, ends by itself when it is not asked for again: who asked may be dead.
+Nonzero efforts end by themselves if the command is not repeated, because its sender may have died.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ COUNT: Final = 3 + 4 + 4 + 2 * KINDS * 6
 
 
 class Law(Enum):
-    """Where the efforts come from."""
+    """Source of the efforts."""
 
     JOINT = 0
     BODY = 1  # a wrench at the tip, in its axes or those of the reference frame
@@ -30,12 +30,12 @@ class Law(Enum):
 
 
 class ImpedanceGains:
-    """Cartesian impedance: a wrench that grows with the distance from a place and an orientation, and with speed.
+    """Cartesian impedance: a wrench that grows with the distance from a position and an orientation, and with speed.
 
-    Per axis and per sign of the error there is a set of gains: stiffness P, damping D, bias b and a dead-band that the
-    error is shrunk by: f = P · e + D · v + b. Gains have their sign: a negative P pulls back. Forces are worked out in
-    axes that are given with the place, torques in those of the orientation. All poses, twists and wrenches are those of
-    the reference frame.
+    Each axis has a set of gains for each sign of the error: stiffness P, damping D, bias b and a dead-band by which the
+    error shrinks: f = P · e + D · v + b. Gains are signed: a negative P pulls back. Forces are computed in the axes
+    given with the position, torques in those of the orientation. All poses, twists and wrenches are in the reference
+    frame.
     """
 
     def __init__(self, place: Array, force_axes: Array, orientation: Array, gains: Array) -> None:
@@ -61,10 +61,10 @@ class ImpedanceGains:
 
 
 def impedance_of(values: Array) -> ImpedanceGains:
-    """From the numbers of a command; PoseError where they are too few or a quaternion is none.
+    """Gains from the numbers of a command; PoseError for too few numbers or an invalid quaternion.
 
-    Place (3), quaternion of the forces' axes (4), orientation (4), then for positive errors P x y z rx ry rz, D, bias,
-    dead-band in that order, then the same for negative errors.
+    Position (3), quaternion of the forces' axes (4), orientation (4), then for positive errors P x y z rx ry rz, D,
+    bias, dead-band in that order, then the same for negative errors.
     """
     if len(values) != COUNT:
         raise PoseError(f"servo_ci takes {COUNT} values, {len(values)} were given")
@@ -73,10 +73,12 @@ def impedance_of(values: Array) -> ImpedanceGains:
 
 
 class Efforts:
-    """`effort` (size,) is that of this cycle, within what the motors give; `clipped` the joints that asked for more."""
+    """`effort` (size,): efforts of this cycle, within what the motors give; `clipped`: joints whose efforts were
+    limited.
+    """
 
     def __init__(self, cartesian: Cartesian, limits: EffortLimits, size: int, timeout_s: float) -> None:
-        """`cartesian` is that of this cycle; after `timeout_s` efforts end that were not asked for again, 0: never."""
+        """`cartesian` is that of this cycle; `timeout_s` after the last command, efforts end; 0: never."""
         self._cartesian, self._limits = cartesian, limits
         self._timeout_ns = round(timeout_s * 1e9) or FOR_EVER_NS
         self._absolute = False
@@ -86,46 +88,46 @@ class Efforts:
         self.use(size)
 
     def use(self, size: int) -> None:
-        """Joint vectors have another size."""
+        """Use another size of joint vectors."""
         self._asked, self.effort = np.zeros((2, size))
         self.clipped = np.zeros(size, np.bool_)
         self.rest()
 
-    # what is asked for
+    # commands
 
     def rest(self) -> None:
-        """No efforts, of the jaw neither."""
+        """Set all efforts to zero, the jaw's too."""
         self.law = Law.JOINT
         self._asked[...] = 0.0
         self._end_ns = self._timeout_at_ns = self._jaw_timeout_at_ns = FOR_EVER_NS
 
     def joint(self, efforts: Array, now_ns: int) -> None:
-        """Joint efforts (count,)."""
+        """Set joint efforts (count,)."""
         self._ask(Law.JOINT, self.timeout_at(now_ns, efforts))
         self._asked[: len(efforts)] = efforts
 
     def jaw(self, effort: float, now_ns: int) -> None:
-        """The effort of the jaw, beside whatever the other joints are asked for."""
+        """Set the effort of the jaw, independent of the other joints."""
         self._asked[-1] = effort
         self._jaw_timeout_at_ns = self.timeout_at(now_ns, self._asked[-1:])
 
     def body(self, wrench: Array, now_ns: int, *, absolute: bool, lasts_ns: int = FOR_EVER_NS) -> None:
-        """A force and torque (6,) at the tip, for so long at most; `absolute`: in axes of the reference frame."""
+        """Set a force and torque (6,) at the tip, for this long at most; `absolute`: in axes of the reference frame."""
         self._ask(Law.BODY, self.timeout_at(now_ns, wrench))
         self._absolute, self.wrench[...], self._end_ns = absolute, wrench, now_ns + lasts_ns
 
     def spatial(self, wrench: Array, now_ns: int) -> None:
-        """A force and torque (6,) at the origin of the arm's base, in its axes."""
+        """Set a force and torque (6,) at the origin of the arm's base, in its axes."""
         self._ask(Law.SPATIAL, self.timeout_at(now_ns, wrench))
         self.wrench[...] = wrench
 
     def impede(self, impedance: ImpedanceGains, now_ns: int) -> None:
-        """Push as a spring and damper do."""
+        """Act as this spring and damper."""
         self._ask(Law.IMPEDANCE, self.timeout_at(now_ns, impedance.gains))
         self._absolute, self._impedance = True, impedance
 
     def timeout_at(self, now_ns: int, numbers: Array) -> int:
-        """When what is asked for now has to be asked for again; all 0, which is nothing, never."""
+        """When a command with these numbers must be repeated; all 0: never."""
         return now_ns + self._timeout_ns if numbers.any() else FOR_EVER_NS
 
     def _ask(self, law: Law, timeout_at_ns: int) -> None:
@@ -134,11 +136,11 @@ class Efforts:
     # the cycle
 
     def is_overdue(self, now_ns: int) -> bool:
-        """Efforts, other than none, were not asked for again in time."""
+        """Nonzero efforts were not commanded again in time."""
         return now_ns >= self._timeout_at_ns or now_ns >= self._jaw_timeout_at_ns
 
     def step(self, now_ns: int) -> None:
-        """The efforts of this cycle, from the measured tip."""
+        """Compute the efforts of this cycle from the measured tip."""
         if now_ns >= self._end_ns:
             self.wrench[...] = 0.0
             self._end_ns = self._timeout_at_ns = FOR_EVER_NS
@@ -155,7 +157,8 @@ class Efforts:
 
     def feed(self, wrench: Array) -> Array:
         """Joint efforts (size,) for a wrench (6,) in axes of the reference frame; see `clipped`. The next `step` and
-        `feed` overwrite them."""
+        `feed` overwrite them.
+        """
         cartesian, n = self._cartesian, self._cartesian.jacobian.shape[1]
         self.effort[n:] = 0.0
         self.effort[:n] = (wrench.reshape(2, 3) @ cartesian.rotation).reshape(6) @ cartesian.jacobian

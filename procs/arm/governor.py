@@ -1,10 +1,10 @@
-"""The governor: what all position setpoints of an arm pass in each cycle on their way to io, whatever they come from.
+"""The governor limits all position setpoints of an arm in each cycle, before io, whatever their source.
 
 A setpoint goes to its target at no more than the joint's largest speed, and speeds up by no more than its largest
-acceleration (`servo` in procs/tables/arm_types.py) beyond how fast it has just been. A target within both is reached
-in this very cycle, so that a stream that an arm can follow is passed on unchanged. On the way to a distant target a
-joint brakes in time; it never goes beyond its target, also where a stream stops at once. Moves, which have their own
-smaller bounds, and efforts do not pass here.
+acceleration (`servo` in procs/tables/arm_types.py) relative to its recent speed. A target within both is reached in
+this very cycle, so a stream that the arm can follow passes unchanged. On the way to a distant target a joint brakes in
+time; it never goes beyond its target, even if a stream stops at once. Moves, which have their own smaller bounds, and
+efforts are not governed.
 
     low, high   = rate reduced to 0, or increased by acceleration · dt, within ± speed
     velocity    = (target − setpoint) / dt                   where that lies between low and high: the target is reached
@@ -12,10 +12,10 @@ smaller bounds, and efforts do not pass here.
     rate       := velocity, or slower than it was by a quarter of acceleration · dt, if that is faster
     setpoint   += velocity · dt
 
-`rate` goes down slowly, for goals of a stream do not come in every cycle: a stream of 1000 Hz leaves out every third
-one at 1500 Hz.
+`rate` falls slowly, because goals of a stream do not come in every cycle: at 1500 Hz, a stream of 1000 Hz skips every
+third cycle.
 
-A target that is not a number is no target: the joint stops.
+For a target that is not a number, the joint stops.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ from trocar.procs.native.arm_fields import GOVERNOR
 from trocar.procs.native.library import chosen
 
 MAX_LAG_S: Final = 0.1
-"""A stream whose target is further away than a joint goes in this time at its largest speed has jumped, and ends."""
+"""A stream whose target is further away than a joint moves in this time at its largest speed has jumped, and ends."""
 LATE_S: Final = 0.02
-"""A stream whose next goal comes while the last one is still so far away is reported to be limited."""
-MAX_STEP_NS: Final = 5_000_000  # after a pause of ours a setpoint goes on from where it is, and does not catch up
+"""A stream is reported as limited if its last goal is still this far away when the next one comes."""
+MAX_STEP_NS: Final = 5_000_000  # after a pause of this process a setpoint continues from its place, without catching up
 
 
 class Governed(Protocol):
-    """Whose arrays (size,) the governor works on; they stay the same objects."""
+    """Owner of the arrays (size,) that the governor works on; they stay the same objects."""
 
     goal: Array
     target: Array
@@ -47,12 +47,12 @@ class Governed(Protocol):
 
 
 class Governor:
-    """Brings `goal` towards `target`. `behind` (size,): seconds at the largest speed that are missing, `most` of them.
+    """Moves `goal` towards `target`. `behind` (size,): distance as seconds at the largest speed, `most`: their maximum.
 
-    `lower`, `upper` (size,): limits of the joints; `is_inside`: what was `asked` for last is within them.
+    `lower`, `upper` (size,): limits of the joints; `is_inside`: the last goal in `asked` is within them.
 
-    `clip` is for walls: it may change the setpoint (size,) of this cycle, in place, and says why, "" if it did not;
-    the reason of the newest cycle is in `clipped`.
+    `clip` is for walls: it may change the setpoint (size,) of this cycle, in place, and returns the reason, "" without
+    a change; the reason of the newest cycle is in `clipped`.
     """
 
     def __init__(self, of: Governed, speed: Array, acceleration: Array, lower: Array, upper: Array) -> None:
@@ -67,12 +67,12 @@ class Governor:
         self._advance, self._measure = chosen(GOVERNOR, self)
 
     def start(self, rate: Array | float) -> None:
-        """From rest, or at the speed of the motion that ends."""
+        """Start from rest, or at the speed of the motion that ends."""
         self.rate[...] = np.minimum(np.maximum(rate, -self.speed), self.speed)
         self.most[0] = 0.0
 
     def step(self, passed_ns: int, *, has_feed: bool) -> bool:
-        """One cycle, so long after the one before; whether there is still something to do in the next one.
+        """One cycle, this long after the previous one; returns whether the next one has work to do.
 
         `has_feed`: the velocities that came with the target are passed on as well, within the largest speeds.
         """
@@ -89,7 +89,7 @@ class Governor:
         return moves or bool(self.clipped)
 
     def lag(self) -> tuple[float, int]:
-        """How far `asked` is away, in s at the largest speed, and which joint that is."""
+        """Distance to `asked`, in s at the largest speed, and its joint."""
         worst = self._measure()
         self.is_inside = worst >= 0
         return self.most.item(), worst if worst >= 0 else ~worst
@@ -97,7 +97,7 @@ class Governor:
     # the reference of the native library
 
     def advance(self, dt: float, has_feed: int) -> int:
-        """Setpoint, rate and velocities of this cycle; whether any joint moves."""
+        """Compute setpoint, rate and velocities of this cycle; returns whether any joint moves."""
         with np.errstate(over="ignore", invalid="ignore"):
             return self._advanced(dt, has_feed)
 
@@ -122,7 +122,9 @@ class Governor:
         return int(bool((~is_direct).any() or self.rate.any()))
 
     def measure(self) -> int:
-        """`behind` and `most` of `asked`; which joint that is, its complement where a joint is outside its limits."""
+        """Fill `behind` and `most` for `asked`; returns the joint of `most`, complemented if a joint is outside its
+        limits.
+        """
         self._show(self.asked)
         worst = int(self.behind.argmax())
         return worst if ((self.lower <= self.asked) & (self.asked <= self.upper)).all() else ~worst

@@ -1,4 +1,4 @@
-"""Efforts that bear an arm's own weight, worked out each cycle from where the arm is."""
+"""Gravity compensation: efforts against an arm's own weight, computed each cycle from its position."""
 
 from __future__ import annotations
 
@@ -19,15 +19,17 @@ Model = Callable[[Array, Array], Array]
 
 
 RAMP_NS: Final = 1_000_000_000
-"""Switched off, the compensation goes in this time: a hand may be on the arm. Switched on, it is there at once: nothing
-else may hold the arm any more."""
+"""Time for the compensation to fade after switching off: a hand may be on the arm. Switching on is immediate: the arm
+may have no other support.
+"""
 
 
 class Weight:
-    """`used`: the compensation is to be on (it is where there is a model); `effort` (size,) is that of this cycle."""
+    """`used`: the compensation is requested (by default if there is a model); `effort` (size,): efforts of this cycle.
+    """
 
     def __init__(self, arm: ArmConfig) -> None:
-        """Of the joints of the arm itself."""
+        """For the joints of the arm itself."""
         joints = ARM_TYPES[arm.type].joints
         self._model = _model(arm, joints)
         self._joints = joints
@@ -37,21 +39,22 @@ class Weight:
 
     @property
     def known(self) -> bool:
-        """There is a model."""
+        """A model exists."""
         return self._model is not None
 
     def go_on(self, before: Weight) -> None:
-        """Another weight of the same arm, switched on as the one before was."""
+        """Continue for another weight of the same arm: switched on or off as `before`."""
         self.used = before.used and self.known
         self._used_share, self._stepped_ns = before._used_share, before._stepped_ns
 
     def use(self, size: int) -> None:
-        """Another size of joint vectors."""
+        """Use another size of joint vectors."""
         self.effort = np.zeros(size)
         self._done: tuple[bytes, bytes, float] | None = None
 
     def step(self, position: Array, velocity: Array, share: float, now_ns: int) -> None:
-        """Work out `effort` at joint positions and velocities (size,), of which a `share` is borne, 0 to 1."""
+        """Compute `effort` at joint positions and velocities (size,); a `share` of the weight is compensated, 0 to 1.
+        """
         if self._model is None:
             return
         passed_ns, self._stepped_ns = now_ns - self._stepped_ns, now_ns

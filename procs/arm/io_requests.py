@@ -1,6 +1,6 @@
-"""What the arm wants of io: desired states, which go out with every setpoint until io's record shows them; and orders.
+"""An arm's requests to io: desired states, sent with every setpoint until io's record shows them; and orders.
 
-A desired state is a level: nothing is sent again, nothing is lost with an io process that dies. What has an outcome
+A desired state is a level: it needs no repetition, and none is lost when an io process dies. A request with an outcome
 (the encoder bias, an encoder that is set, a memory that is read) is an order and goes through io's mailbox.
 """
 
@@ -24,14 +24,15 @@ WRAP = 1 << 32  # generations are 32-bit numbers
 
 
 class Switch:
-    """One thing of io that the arm wants on or off, or leaves as it is."""
+    """One function of io that the arm wants on, off, or unchanged."""
 
     __slots__ = ("_flag", "_is_new", "wanted")
 
     def __init__(self, flag: NDArray[Any] | None, is_new: Callable[[], None]) -> None:
-        """`flag` of io's record shows it; None: the robot has no such thing, every desired state is fulfilled.
+        """`flag` of io's record shows its state; None: the robot lacks the function, every desired state counts as
+        reached.
 
-        `is_new` is told of each change.
+        `is_new` is called at each change.
         """
         self._flag, self._is_new = flag, is_new
         self.wanted: bool | None = None
@@ -44,12 +45,12 @@ class Switch:
 
     @property
     def settled(self) -> bool:
-        """io's record shows what is wanted."""
+        """io's record shows the desired state."""
         return self.wanted is None or self._flag is None or bool(self._flag.item()) is self.wanted
 
     @property
     def code(self) -> int:
-        """As the setpoints have it."""
+        """Its code in the setpoints."""
         return NONE if self.wanted is None or self._flag is None else ON if self.wanted else OFF
 
 
@@ -58,7 +59,7 @@ class IoRequests:
 
     def __init__(self, io: ArmReadings, setpoint: Fields, sender: LoopClient, robot: str,
                  warn: Callable[[str], None], *, has_brakes: bool) -> None:
-        """`setpoint` gives the fields that the desired states go out in; `warn` hears of refusals, once each."""
+        """`setpoint` gives the fields for desired states; `warn` receives each refusal once."""
         self._io, self._sender, self._robot, self._warn = io, sender, robot, warn
         switches = {desired.name: Switch(getattr(io, desired.shown) if has_brakes or desired.name != "brakes" else None,
                                       self._change) for desired in DESIRED_STATES}
@@ -82,7 +83,7 @@ class IoRequests:
         self.bias_refusal = ""
 
     def on_behalf(self, origin: Origin) -> None:
-        """What io is asked for from now on comes from this command of a person: all desired states count anew."""
+        """Attribute further requests to this operator's command; all desired states are sent as a new generation."""
         self._sender.on_behalf(origin)
         for cell, value in zip(self._whose, (origin.id, origin.generation, origin.program.encode()), strict=True):
             cell[...] = value
@@ -90,31 +91,31 @@ class IoRequests:
 
     @property
     def is_authorized(self) -> bool:
-        """Whether a person has asked for anything since this process began: else io gives no power."""
+        """Whether an operator has given a command since this process started: else io gives no power."""
         return bool(self._whose[0].item())
 
     def _change(self) -> None:
         self._is_new = True
 
     def order(self, name: str, values: Sequence[float], about: str = "") -> int:
-        """Send a command that is no level, about the robot or something else; returns its id, 0: no room for it.
+        """Send an order about the robot or something else; returns its id, 0: no room for it.
 
         See `outcome`.
         """
         return self._sender.send(name, values, about or self._robot)
 
     def outcome(self, number: int) -> Reply | None:
-        """How an `order` ended; None: not yet."""
+        """The reply to an `order`; None: not yet."""
         return self._ended.pop(number, None)
 
     def want_no_fault(self, desired: bool) -> None:
-        """Have io forget its latched fault (the switch is 'fault present', wanted off)."""
+        """Have io clear its latched fault (the switch is 'fault present', wanted off)."""
         self.no_fault.want(False if desired else None)
 
     def bias(self, samples: float, left_out: Sequence[int] = ()) -> None:
-        """Have the encoders set from this many potentiometer samples; negative: a preset encoder will do.
+        """Have the encoders set from this many potentiometer samples; negative: preset encoders are accepted.
 
-        `left_out`: actuators whose potentiometers do not tell where they are.
+        `left_out`: actuators whose potentiometers do not measure the position.
         """
         self._samples = samples
         self._left_out = tuple(map(float, left_out))
@@ -123,18 +124,18 @@ class IoRequests:
         self.bias_refusal = ""
 
     def forget_bias(self) -> None:
-        """Nobody waits for a bias any more."""
+        """Stop waiting for a bias."""
         self._samples = 0.0
 
     @property
     def is_void(self) -> bool:
-        """io has seen the desired states, and they are void: a fault or a person's command to io came after them."""
+        """io has seen the desired states, and they are void: a later fault or operator's command to io."""
         io = self._io
         return bool(io.desired_void.item()) and int(io.desired_generation.item()) == self._generation
 
     @property
     def refusals(self) -> str:
-        """What io says to desired states that are not fulfilled, and to the bias."""
+        """io's refusals of desired states that are not reached, and of the bias."""
         return "; ".join(filter(None, (self._refused(), self.bias_refusal)))
 
     def _refused(self) -> str:
@@ -145,13 +146,13 @@ class IoRequests:
 
     @property
     def bias_done(self) -> bool:
-        """The bias that was asked for shows in io's record."""
+        """io's record shows the requested bias."""
         io = self._io
         counted = int(io.bias_generation.item()) != self._bias_before
         return bool(self._samples and counted and io.biased.item() and not io.biasing.item())
 
     def step(self, now_ns: int) -> None:
-        """Put the desired states into the setpoints, and send what is due, unless io does not answer."""
+        """Put the desired states into the setpoints, and send pending orders, unless io does not answer."""
         for answer in self._sender.poll():
             self._heard(answer)
         if self._is_new:
@@ -161,12 +162,12 @@ class IoRequests:
         if self._io.desired_refused.item() and not self.is_void:
             self._hear_refusal()
         if self._samples and now_ns >= self._bias_next_ns and not self._io.biasing.item() and not self.bias_done:
-            # asked again only after a second: between acceptance and the first sample io's record shows nothing
+            # repeated only after a second: between acceptance and the first sample io's record shows nothing
             self._bias_next_ns = now_ns + REFUSED_NS
             self._bias_id = self._sender.send("bias_encoders", (self._samples, *self._left_out), self._robot)
 
     def _publish(self) -> None:
-        """Another generation; not one that a predecessor has had. It wraps, and is never 0."""
+        """Publish another generation, different from those of the previous process. It wraps, and is never 0."""
         self._is_new = False
         seen = int(self._io.desired_generation.item())
         is_ahead = (seen - self._generation) % WRAP < WRAP // 2

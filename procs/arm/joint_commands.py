@@ -36,7 +36,7 @@ class JointCommands:
     def _servo_jr(self, request: Request) -> str:
         control, n = self._control, self._control.joints.count
         goal = control.take_goal()
-        if not control.motion.is_pending(control.now_ns):  # else on top of the goal before
+        if not control.motion.is_pending(control.now_ns):  # else relative to the previous goal
             goal[:n] = control.io.setpoint[:n]
         goal[:n] += request.values
         return control.follow(request.name, Space.JOINT)

@@ -1,10 +1,9 @@
-"""The joint space of an arm: what its axes are called and may do, with what it carries or without.
+"""The joint space of an arm: names, limits and ratings of its axes, with or without an instrument.
 
-A joint vector (size,) holds the kinematic joints and then the jaw, where there is one; rad, m. It is mapped to and
-from the actuators' by matrices, so that nothing else needs to know how an instrument couples its discs. A PSM without
-an instrument has seven joints (three of the arm, four bare discs), no tip and no jaw. A snake-like instrument has
-eight, of which the last two bend as the two before them: five and eight share an actuator's motion, so do six and
-seven.
+A joint vector (size,) holds the kinematic joints and then the jaw, if there is one; rad, m. Matrices map it to and from
+the actuators' vector, so that no other module needs to know how an instrument couples its discs. A PSM without an
+instrument has seven joints (three of the arm, four bare discs), no tip and no jaw. A snake-like instrument has eight;
+the last two bend with the two before them: five and eight share an actuator's motion, and so do six and seven.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ from trocar.procs.tables.arm_types import ARM_TYPES
 BARE_NAMES: Final = ("yaw", "pitch", "insertion", "disc_1", "disc_2", "disc_3", "disc_4")
 BARE_SLIDES: Final = (False, False, True)
 DISC_RANGE: Final = math.radians(172.0)
-DISC_EFFORT: Final = 0.343642  # N·m, of a PSM without an instrument
+DISC_EFFORT: Final = 0.343642  # N·m, for a PSM without an instrument
 SNAKE_JOINTS: Final = 8
 SNAKE_PAIRS: Final = ((4, 7), (5, 6))  # joints that share a coordinate, each bending by half of it
 
@@ -39,9 +38,9 @@ class JointSpace:
     """`count` joints are published as the arm's; one more is the jaw. joint = `to_joint` · actuator.
 
     `tool` is the instrument or endoscope. `v_max`, `a_max` are those of moves at ratio 1; for `arrival`, `effort_…` and
-    `servo_…` see `trocar.procs.tables.arm_types`; `rated` are the largest efforts by the kinematic files (ftmax), inf
-    where these say nothing. Positions and velocities map alike; efforts go with the
-    transposed matrices the other way round, so that power is the same on both sides.
+    `servo_…` see `trocar.procs.tables.arm_types`; `rated` are the largest efforts in the kinematic files (ftmax), inf
+    where unspecified. Positions and velocities map alike; efforts map with the transposed matrices in the opposite
+    direction, so that power is the same on both sides.
     """
 
     tool: str
@@ -62,39 +61,39 @@ class JointSpace:
     kinematics: Kinematics | None
     inverse: InverseSolver | None
     one_to_one: int
-    """So many joints are actuators themselves; the others are coupled."""
+    """This many joints are actuators themselves; the others are coupled."""
     none: NDArray[np.bool_]
-    """The mask of no joint (size,)."""
+    """A mask (size,) without any joint."""
     free: Array | None = None
-    """Of a snake (8, 6): its joints for so many independent ones."""
+    """For a snake (8, 6): its joints from its independent coordinates."""
     paired: Array | None = None
-    """Of a snake (9, 9): what joints that bend together make of a vector of them."""
+    """For a snake (9, 9): makes a vector consistent for joints that bend together."""
 
     @property
     def size(self) -> int:
-        """Of a joint vector."""
+        """Size of a joint vector."""
         return len(self.lower)
 
     @property
     def axes(self) -> int:
-        """Actuators."""
+        """Number of actuators."""
         return len(self.to_actuator)
 
     @property
     def lacks_inverse(self) -> str:
-        """Why there is no `inverse`."""
+        """Why the arm has no `inverse`."""
         return "there is no instrument, so no tip" if self.kinematics is None else "no inverse kinematics of this arm"
 
     @property
     def has_jaw(self) -> bool:
-        """An instrument with a jaw is on; its angle is the last of a joint vector."""
+        """An instrument with a jaw is attached; its angle is the last of a joint vector."""
         return self.count < self.size
 
     def clip(self, values: Array, here: Array | None = None) -> NDArray[np.bool_]:
-        """Bring `values` (size,) into the limits, in place; returns which ones were outside.
+        """Clip `values` (size,) to the limits, in place; returns which ones were outside.
 
-        Joints of a snake that bend together get their mean.
-        What is `here` already may stay: an instrument may have been put on beyond its limits, and must not jump.
+        Joints of a snake that bend together get their mean. Values that are `here` already may stay: an instrument may
+        have been attached beyond its limits, and must not jump.
         """
         if self.paired is not None:
             values[...] = self.paired @ values
@@ -109,11 +108,11 @@ class JointSpace:
         return outside
 
     def name(self, axis: int) -> str:
-        """What a person calls an axis."""
+        """The axis name for messages."""
         return self.names[axis] if axis < self.count else "jaw"
 
     def unit(self, axis: int) -> str:
-        """What its position is in: rad or m."""
+        """Unit of its position: rad or m."""
         slides = BARE_SLIDES if self.kinematics is None else self.kinematics.is_prismatic
         return "m" if axis < len(slides) and slides[axis] else "rad"
 
@@ -129,13 +128,13 @@ class JointSpace:
         return ", ".join(self.name(int(i)) for i in which.nonzero()[0])
 
     def changed(self, which: NDArray[np.bool_], before: Array, after: Array) -> str:
-        """Joints of a mask (size,), and what became of their values: insertion 5.000 → 0.240 m."""
+        """Joints of a mask (size,), with their values before and after: insertion 5.000 → 0.240 m."""
         return ", ".join(f"{self.name(i)} {before[i]:.3f} → {after[i]:.3f} {self.unit(i)}"
                          for i in which.nonzero()[0].tolist())
 
 
 def joints(arm: ArmConfig, tool: Tool | None = None) -> JointSpace:
-    """The joint space of `arm` with an instrument, or without; ValueError when it cannot be driven."""
+    """The joint space of `arm` with or without an instrument; ValueError if the arm cannot drive it."""
     row = ARM_TYPES[arm.type]
     axes = row.actuators
     if row.joints < axes:
@@ -216,7 +215,7 @@ def _snake(axes: int) -> tuple[Array, Array]:
 
 
 def kinematic_home(arm: ArmConfig, joints: JointSpace) -> Array:
-    """Where a KINEMATIC arm homes to (size,): inserted, so that it can move its tip from there on."""
+    """Homing position of a KINEMATIC arm (size,): inserted, so that it can move its tip from there."""
     row, goal = ARM_TYPES[arm.type], np.zeros(joints.size)
     goal[: row.joints] = row.kinematic_home[: row.joints]
     return goal

@@ -1,4 +1,4 @@
-"""An arm's process: io's newest record and the commands in, the setpoints and the arm's state out, once a cycle."""
+"""An arm's process, once a cycle: io's newest record and commands in, setpoints and the arm's state out."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ from trocar.procs.tables.manifest import proc
 from trocar.procs.user.classes import class_named
 from trocar.shm.ring.ring import RingReader
 
-BEHIND_IO_NS = 40_000  # io's record is out by then
-AT_REST = 100  # cycles without a command or a motion of its own
+BEHIND_IO_NS = 40_000  # io's record is published by then
+AT_REST = 100  # cycles without a command or motion
 PERIODS_AT_REST = 2
 PERIODS_OVERLOADED = {False: 2, True: 3}
-"""Where the machine is short of time: in motion, at rest."""
+"""Periods of an overloaded machine: in motion, at rest."""
 WARN_EVERY_NS = 60_000_000_000
 RECENT_NS = 200_000_000
 
 
 class LastGood:
-    """io's newest whole record. A read that found none leaves the last one as it was, to grow old: its positions are
-    where the robot was, which a torn record's are not.
+    """io's newest whole record. A failed read keeps the last one, which then ages: its positions are those of the
+    robot, unlike a torn record's.
     """
 
     def __init__(self, ring: RingReader) -> None:
-        """`ring` is io's; nothing of what it holds is seen before it was read whole."""
+        """`ring` is io's; its content is used only after it was read whole."""
         self._ring, self._source = ring, ring.record
         kept = bytearray(len(ring.record))
         self._kept, self._record = memoryview(kept), np.frombuffer(kept, dtype=ring.dtype, count=1)
@@ -49,22 +49,22 @@ class LastGood:
 
     @property
     def epoch(self) -> int:
-        """Which of io's lives writes the ring now."""
+        """Epoch of the ring: counts io's starts."""
         return self._ring.epoch
 
     def field(self, name: str) -> NDArray[Any]:
-        """A view on a field; resolve before the loop."""
+        """A view of a field; resolve before the loop."""
         return self._record[name].reshape(self._record[name].shape[1:])
 
     def take(self) -> None:
-        """Read the newest record, if it can be had whole."""
+        """Read the newest record, if it is whole."""
         if self._ring.newest():
             self._kept[:] = self._source
             self.stamp_ns = self._ring.stamp_ns
 
 
 def readings(ring: RingReader, io: IoConfig, reader: str) -> Callable[[], ToolReading]:
-    """What `io` has last read from the instruments that its `reader` reads; its ring tells of every reading."""
+    """io's last reading of the instruments that its `reader` reads; its ring publishes every reading."""
     names = [row.name for row in io.instrument_readers]
     if reader not in names:
         return ToolReading
@@ -82,9 +82,9 @@ def readings(ring: RingReader, io: IoConfig, reader: str) -> Callable[[], ToolRe
 
 
 def fault_reports(io: LastGood, events: RingReader, robot: str) -> Callable[[int], FaultReport]:
-    """What io has just told about a fault of `robot`, else what the fault table says. `io` reads the record.
+    """io's newest report of a fault of `robot`, else the text of the fault table. `io` reads the record.
 
-    io tells its events before it publishes the record that shows the fault.
+    io reports its events before it publishes the record that shows the fault.
     """
 
     def report(number: int) -> FaultReport:
@@ -99,7 +99,7 @@ def fault_reports(io: LastGood, events: RingReader, robot: str) -> Callable[[int
 
 
 def power_reports(io: LastGood, document: IoConfig, number: int) -> Callable[[], FaultReport]:
-    """What io's record shows of amplifiers of a robot when power was lost: one alone that is off is named."""
+    """The report for a loss of power, from the amplifiers in io's record: a single one that is off is named."""
     robot, titles = document.robots[number], axis_titles(document)[number]
     brakes = sum(len(each.actuators) for each in document.robots)
     brakes += sum(len(each.brakes) for each in document.robots[:number])
@@ -111,7 +111,7 @@ def power_reports(io: LastGood, document: IoConfig, number: int) -> Callable[[],
     def report() -> FaultReport:
         wanted = [axis for axis, at in enumerate(places) if enabled[at]]
         off = [axis for axis in wanted if not on[places[axis]]]
-        if not off or len(off) == len(wanted):  # the supply of all
+        if not off or len(off) == len(wanted):  # the common supply
             return power_lost()
         boards = boards_of(drives[off[0]])
         also = f"also axis {', '.join(map(str, off[1:]))}" if off[1:] else ""
@@ -135,7 +135,7 @@ def place_in(io: IoConfig, arm: ArmConfig) -> tuple[int, int]:
 
 
 def gripper_in(io: IoConfig, arm: ArmConfig) -> int:
-    """The axis of a master's gripper in io's record, -1: it has none."""
+    """The axis of a master's gripper in io's record, -1: none."""
     first = 0
     for robot in io.robots:
         if arm.gripper and robot.name == arm.gripper and robot.actuators:
@@ -145,7 +145,7 @@ def gripper_in(io: IoConfig, arm: ArmConfig) -> int:
 
 
 def setup_base(node: runtime.Node, arm: ArmConfig) -> SetupBase | None:
-    """What the setup joints that carry the arm say of its base; None: it stands by itself."""
+    """The base frame from the setup joints that carry the arm; None: the arm is not on setup joints."""
     if not arm.base_from:
         return None
     record = node.input(arm.base_from, late_s=SETUP_LATE_S)
@@ -153,18 +153,18 @@ def setup_base(node: runtime.Node, arm: ArmConfig) -> SetupBase | None:
 
 
 def logic_of(arm: ArmConfig) -> type[ArmLogic]:
-    """The class that is this arm: that of its type, or one of a user's own derived from it."""
+    """The class of this arm: that of its type, or a user's class derived from it."""
     of_type = class_of(ARM_TYPES[arm.type].process, ArmLogic)
     return class_named(arm.derived, of_type, f"Derived{arm.type.title()}") if arm.derived else of_type
 
 
 def most_periods(period_s: float) -> int:
-    """How many periods an arm may let pass at most, so that it never seems silent."""
+    """The most periods an arm may skip without a timeout in other processes."""
     return max(1, int(0.5 * proc("arm").late_s / period_s))
 
 
 class ArmLoop(runtime.Loop):
-    """One arm with its rings and mailbox; `cycle` is all it does once a period."""
+    """One arm with its rings and mailbox; `cycle` does the work of one period."""
 
     def __init__(self, node: runtime.Node) -> None:
         super().__init__(node)
@@ -198,20 +198,20 @@ class ArmLoop(runtime.Loop):
         self._show_wanted()
 
     def _show_wanted(self) -> None:
-        """Of what is computed on demand, what somebody wants."""
+        """Compute on demand the values that some process wants."""
         wanted = self._subscriptions.wanted
         self.arm.control.cartesian.want(sum(part for bit, part in self._parts if wanted & bit))
 
     @property
     def may_rest(self) -> bool:
-        """It has been off or has held for a while, and nobody has subscribed to its records: half of them will do."""
+        """The arm has been off or held for a while, and its records have no subscribers: half the cycles are enough."""
         return self._resting > AT_REST and not self._subscriptions.wanted & self._records
 
     def periods(self, is_overloaded: bool, now_ns: int) -> int:
-        """How many periods the next cycle takes: two at rest; more where the machine is short of time, which is said.
+        """Periods of the next cycle: two at rest; more, with a warning, on an overloaded machine.
 
-        An arm that skips deadlines takes the time of others, and arms that together leave nothing are stopped by Linux
-        for 50 ms: half as many cycles, evenly, are better.
+        An arm that skips deadlines takes time from other processes, and Linux stops arms for 50 ms if they leave no
+        time at all: half as many cycles, evenly spaced, are better.
         """
         if not is_overloaded:
             return min(PERIODS_AT_REST, self._most_periods) if self.may_rest else 1
@@ -240,7 +240,7 @@ class ArmLoop(runtime.Loop):
 
 
 def main() -> None:
-    """Run one arm until asked to stop; its robot is then held by io."""
+    """Run one arm until stopped; io then holds its robot."""
     runtime.run("arm", ArmLoop)
 
 

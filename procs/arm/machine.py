@@ -1,4 +1,4 @@
-"""The operating state of an arm: the table of `states.py` at work, `state_command`, and what is reported about it."""
+"""The operating state of an arm: runs the table of `states.py`, handles `state_command`, and reports changes."""
 
 from __future__ import annotations
 
@@ -24,54 +24,54 @@ from trocar.shm.system.events import Events
 
 
 class ArmStates:
-    """Current state and the state asked for; `enter` is told of each change with the state that was left."""
+    """Current and desired state; `enter` is called at each change with the previous state."""
 
     def __init__(
         self, name: str, reports: Events, enter: Callable[[ArmState], None], is_homed: Callable[[], bool]
     ) -> None:
-        """`is_homed` is asked at each publication."""
+        """`is_homed` is called at each publication."""
         self.name, self.reports = name, reports
         self._enter, self._is_homed = enter, is_homed
         self.state = ArmState.DISABLED
         self.own = ""
-        """What OWN is called, see `begin_own`."""
+        """Published name of OWN, see `begin_own`."""
         self.desired = ArmState.DISABLED
         self.paused = ArmState.ENABLED
         self.reason = self.fault_text = ""
         self.moving = False
         self._desired_before = ArmState.ENABLED
         self._pending: list[Request] = []
-        """State commands under way: all ask for `_asked`."""
+        """State commands in progress: all request `_asked`."""
         self._asked = ArmEvent.DISABLE
 
     @property
     def is_busy(self) -> bool:
-        """A transition or a move is under way."""
+        """A transition or a move is in progress."""
         return self.moving or self.state in BUSY
 
     @property
     def sub_state(self) -> str:
-        """The state as it is published."""
+        """The published state name."""
         return self.own if self.state is ArmState.OWN else self.state
 
     @property
     def goes_on(self) -> bool:
-        """The state asked for lies beyond the present one."""
+        """The desired state lies beyond the present one."""
         return self.desired in BEYOND.get(self.state, ())
 
     def publish(self) -> None:
-        """Tell the operating state."""
+        """Report the operating state."""
         self.reports.operating_state(PUBLISHED[self.state], self.sub_state, self._is_homed(), self.is_busy)
 
     def publish_refused_move(self) -> None:
-        """The pair busy, not busy: who waits for a move that was refused goes on at once."""
+        """Report busy, then not busy: a client that waits for a refused move continues at once."""
         self.reports.operating_state(PUBLISHED[self.state], self.sub_state, self._is_homed(), True)
         if not self.moving:
             self.reports.goal_reached(False)
         self.publish()
 
     def fire(self, event: ArmEvent) -> None:
-        """Something has come true."""
+        """An event occurred."""
         target = follow(self.state, event)
         if self.state is ArmState.PAUSED and event is ArmEvent.RESUME:
             target = RESUMES[self.paused]
@@ -79,33 +79,33 @@ class ArmStates:
             self._set(target)
 
     def begin_own(self, name: str) -> None:
-        """From HOMED to a state of a derived arm's own, which is published by this name."""
+        """From HOMED to a state of a derived arm, published under this name."""
         self.own = name
         self.fire(ArmEvent.BEGUN)
 
     def fault(self, found: FaultReport) -> None:
-        """Something went wrong: say it, and stop driving the arm."""
+        """Report a fault, and stop driving the arm."""
         self.reason, self.fault_text = found.words(self.name), found.text
         if found.code is not None:
             self.reports.report(found.code, found.text, self.name, found.axis, found.value, found.limit, found.board)
         self.fire(ArmEvent.PROBLEM)
 
     def place(self, state: ArmState, paused: ArmState = ArmState.ENABLED) -> None:
-        """Begin in `state`, after a restart."""
+        """Start in `state`, after a restart."""
         self.paused = paused
         self.desired = ArmState.ENABLED if state is ArmState.POWERING else state
         self._desired_before = paused
         self._set(state)
 
     def forget_desired(self, reason: str) -> None:
-        """Whatever was asked for of an arm without power is not to be done any more."""
+        """Drop the desired state of an arm without power."""
         if self.state is ArmState.DISABLED and self.desired is not ArmState.DISABLED:
             self.desired = ArmState.DISABLED
             self._answer_pending(reason)
             self.publish()
 
     def command(self, request: Request, objection: str) -> bool:
-        """A state_command; `objection` is why it cannot be done although the table allows it. Returns whether it is."""
+        """A state_command; `objection` refuses it although the table allows it. Returns whether it is accepted."""
         word = request.text.strip()
         reason = refusal(self.state, word)
         if not reason and word in (ArmEvent.ENABLE, ArmEvent.HOME):
@@ -128,7 +128,7 @@ class ArmStates:
         return True
 
     def settle(self, is_power_off: bool) -> None:
-        """Answer the state commands under way when they have come to their end."""
+        """Answer the state commands in progress when they have ended."""
         if not self._pending:
             return
         if self._is_done(self._asked, is_power_off):

@@ -1,8 +1,8 @@
-"""Where the joints are to go: the target of a stream, the trajectory of a move, efforts instead of positions.
+"""Motion of the joints: the target of a stream, the trajectory of a move, efforts instead of positions.
 
-What io gets is `goal`: of a stream what the governor makes of its target in this cycle, of a move the point of its
+io receives `goal`: for a stream, the governor's output for its target in this cycle; for a move, the point of its
 trajectory. Vectors are (size,) in the joint space of `joints.py`, jaw last; time is the `now_ns` argument. A move of
-the arm and one of the jaw share one trajectory: a new goal for one of them leaves the other's goal as it is.
+the arm and one of the jaw share one trajectory: a new goal for one of them leaves the other's goal unchanged.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Mode(IntEnum):
 
 
 class Space(IntEnum):
-    """Control spaces, as published: what the goals in force were given in."""
+    """Control spaces, as published: the space of the goals in force."""
 
     NONE = 0
     JOINT = 1
@@ -38,10 +38,11 @@ class Space(IntEnum):
 
 
 class Motion:
-    """The setpoint generator; `goal`, `velocity`, `effort` are what io is to follow in this cycle.
+    """The setpoint generator; io follows `goal`, `velocity` and `effort` in this cycle.
 
-    `target` is where the joints are going, `asked` what the command at hand works on, `feed_velocity` the velocities
-    that a stream gave with its target. They stay the same objects in one joint space, see `trocar.procs.arm.governor`.
+    `target` is the target of the joints, `asked` the working copy of the current command, `feed_velocity` the
+    velocities that a stream gave with its target. They stay the same objects in one joint space, see
+    `trocar.procs.arm.governor`.
     """
 
     def __init__(self, joints: JointSpace, jerk_time_s: float = 0.0) -> None:
@@ -56,12 +57,12 @@ class Motion:
         self.drifting = False
         """Its target moves at `feed_velocity`."""
         self.settled = True
-        """The setpoint stands at its target."""
+        """The setpoint is at its target."""
         self._stepped_ns = 0
         self.use(joints)
 
     def use(self, joints: JointSpace) -> None:
-        """Another joint space, from the next `hold` on: other arrays, nothing is under way."""
+        """Use another joint space, from the next `hold` on: new arrays, no motion in progress."""
         n = joints.size
         self._v_max, self._a_max = joints.v_max, joints.a_max
         self.rows = np.zeros((2, n))
@@ -69,7 +70,7 @@ class Motion:
         self.effort, self.target, self.asked, self.feed_velocity = np.zeros((4, n))
         self.governor = Governor(self, joints.servo_speed, joints.servo_acceleration, joints.lower, joints.upper)
         self.feed = np.zeros(n)
-        """Efforts added while positions are followed, until `feed_end_ns`."""
+        """Efforts added to position control, until `feed_end_ns`."""
         self.feed_end_ns = FOR_EVER_NS
         self._lower, self._upper = joints.lower, joints.upper
         self.in_effort = np.zeros(n, dtype=np.bool_)
@@ -84,7 +85,7 @@ class Motion:
 
     @property
     def end_ns(self) -> int:
-        """When the move that runs, or ran last, ends."""
+        """End of the move that runs, or ran last."""
         return self._start_ns + self._duration_ns
 
     def hold(self, position: Array, mode: Mode = Mode.POSITION) -> None:
@@ -109,7 +110,7 @@ class Motion:
         self._served_ns = now_ns
 
     def drift(self, velocity: Array, now_ns: int) -> None:
-        """Go at a velocity from here on, until a stream of such commands ends or a limit comes."""
+        """Move at a velocity, until the stream of such commands ends or a limit is reached."""
         if self.mode is not Mode.POSITION or not self.drifting:
             self._enter(Mode.POSITION)
             self.target[...] = self.goal
@@ -118,7 +119,7 @@ class Motion:
         self._served_ns = now_ns
 
     def adjust(self, position: Array) -> None:
-        """Follow `position` for a part of the joints: a stream of the others goes on, with its velocities."""
+        """Follow `position` for some joints: a stream for the others continues, with its velocities."""
         if self.mode is not Mode.POSITION:
             self._enter(Mode.POSITION)
         self.target[...] = position
@@ -130,14 +131,14 @@ class Motion:
         self.in_effort[...] = True if which is None else which
 
     def add(self, feed: Array, end_ns: int) -> None:
-        """Add efforts (size,) to those that follow the position."""
+        """Add efforts (size,) to position control."""
         self.feed[...] = feed
         self.feed_end_ns = end_ns
 
     def move(self, target: Array, measured_velocity: Array, now_ns: int) -> str:
-        """Go to `target` and stop there, starting from what is followed now; a move that runs is bent smoothly.
+        """Move to `target` and stop there, starting from the present setpoint; a running move is redirected smoothly.
 
-        Returns why it cannot be done, empty when it is under way; on a refusal nothing changes.
+        Returns the reason for a refusal, empty when the move is in progress; on a refusal nothing changes.
         """
         if self.moving:
             self._evaluate(now_ns)
@@ -163,16 +164,18 @@ class Motion:
         return reason
 
     def _bound_start(self) -> None:
-        """Moves brake more gently than streams do: begin one at no more than what stays within the joint limits."""
+        """Moves brake more gently than streams: limit the start velocity so that the move stays within the joint
+        limits.
+        """
         room = np.where(self.velocity > 0.0, self._upper - self.goal, self.goal - self._lower)
         most = np.sqrt(self._a_max * self.ratio_a * np.maximum(room, 0.0))  # stops in half of it
         np.minimum(self.velocity, most, out=self.velocity)
         np.maximum(self.velocity, -most, out=self.velocity)
 
     def resume(self, position: Array, now_ns: int) -> bool:
-        """A move was not followed for a while and stands at `position`: go on from there, from rest.
+        """A move was not followed for a while and is held at `position`: continue from there, from rest.
 
-        Returns False when that cannot be planned; the move has ended at `position` then.
+        Returns False if planning fails; then the move has ended at `position`.
         """
         self.goal[...] = position
         self.velocity[...] = 0.0
@@ -183,11 +186,11 @@ class Motion:
         return False
 
     def set_ratio(self, v: float, a: float, now_ns: int) -> None:
-        """New ratios, in ]0, 1]; what is left of a running move takes them on."""
+        """New ratios, in ]0, 1]; they apply to the rest of a running move."""
         self.ratio_v, self.ratio_a = v, a
         if self.moving:
             self._evaluate(now_ns)
-            self._plan(self.target, now_ns)  # should it fail, the move goes on as it was
+            self._plan(self.target, now_ns)  # should it fail, the move continues unchanged
 
     def step(self, now_ns: int) -> None:
         """Advance to `now_ns`."""
@@ -247,7 +250,7 @@ class Motion:
         self.drifting = False
 
     def end_feed(self) -> None:
-        """Nothing is added any more."""
+        """End the added efforts."""
         self.feed[...] = 0.0
         self.feed_end_ns = FOR_EVER_NS
 

@@ -1,9 +1,9 @@
-"""Joints for a stream of goals of the tip; where one cannot be had as near to it as the limits allow, without a jump.
+"""Joints for a stream of goals of the tip; for an unreachable goal, as near to it as the limits allow, without a jump.
 
-A surgeon works at limits all the time, so they are nothing to stop for. What is found differs from the goal then, and
-the answer to the command says why; the way there, and back from there, is gone at a bounded velocity. Goals that
-begin at the tip and go on from each other are no mistake; one that is far away has jumped, as one that the joints
-cannot reach in time (procs/arm/governor.py).
+Surgeons often work at limits, so limits do not stop a stream. The joints then differ from the goal's, and the answer to
+the command gives the reason; the joints go there, and back, at a bounded velocity. Goals that begin at the tip and
+follow each other closely are accepted; a distant goal counts as a jump, like one that the joints cannot reach in time
+(procs/arm/governor.py).
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from trocar.procs.kinematics.poses import Array
 from trocar.procs.node.requests import CommandRefused
 
 Guard = Callable[[Array, Array], None]
-"""Changes the joints (count,) found for a goal, in place, where they would not be safe to go to from the second."""
+"""Changes the joints (count,) found for a goal, in place, if it is not safe to go there from the second argument."""
 
 FURTHEST_TURN: Final = 0.5 * math.pi  # rad; more at once is another way to hold the tip, or another turn of the roll
-QUICKEST: Final = math.pi  # rad/s at and from a limit, if the joint is as quick as that
-BREAK_NS: Final = 30_000_000  # a goal that comes later than this is none of a stream, and may be gone to at once
-HELD_UP_NS: Final = 1_000_000_000  # but so long a stream that was held up on its way from a limit goes on there
+QUICKEST: Final = math.pi  # rad/s at and from a limit, if the joint is that fast
+BREAK_NS: Final = 30_000_000  # a goal after a longer gap begins a new stream, and may be reached at once
+HELD_UP_NS: Final = 1_000_000_000  # but within this time a delayed stream continues on its way from a limit
 FIRST_STEP_NS: Final = 5_000_000
 FURTHEST: Final = 0.05  # m
 SAME: Final = 1e-6  # rad or m
@@ -33,19 +33,20 @@ MIN_NS: Final = 1_000
 
 
 class Reach:
-    """Remembers whether the stream is at a limit, or not back from there yet."""
+    """Remembers whether the stream is at a limit, or on its way back from one."""
 
     def __init__(self, control: Control, guard: Guard | None) -> None:
         self._control, self._guard = control, guard
         self._served_ns = -BREAK_NS
         self._is_limited = False
-        self._kept: Array = np.zeros(0)  # where that left the joints
-        self._wanted: Array = np.zeros(3)  # where it asked the tip to be, m
+        self._kept: Array = np.zeros(0)  # the joints after the last limited goal
+        self._wanted: Array = np.zeros(3)  # the tip position in that goal, m
 
     def find(self, name: str, inverse: InverseSolver, goal: Array, at: Array) -> tuple[Array, str]:
-        """Joints (count,) for a goal (4, 4) in the arm's base, kept at `at` now; why they are not the goal's, or "".
+        """Joints (count,) for a goal (4, 4) in the arm's base, from the present `at`; and why they differ from the
+        goal's, or "".
 
-        CommandRefused where the goal of a command `name` cannot be had and is far away.
+        CommandRefused if the goal of a command `name` is unreachable and far away.
         """
         passed_ns = self._control.now_ns - self._served_ns
         begins = passed_ns >= BREAK_NS and not (passed_ns < HELD_UP_NS and self._is_left_at(at))
@@ -75,25 +76,25 @@ class Reach:
         return found, why or ("on the way back from there" if self._is_limited else "")
 
     def _is_left_at(self, at: Array) -> bool:
-        """The stream was limited, and nothing else has moved the joints since."""
+        """The stream was limited, and the joints have not moved otherwise since."""
         return bool(self._is_limited and len(at) == len(self._kept) and np.abs(at - self._kept).max() <= SAME)
 
     def _most(self, count: int, passed_ns: int) -> Array:
-        """How far each joint may go in that time."""
+        """Largest motion of each joint in that time."""
         return np.minimum(self._control.joints.v_max[:count], QUICKEST) * (max(passed_ns, MIN_NS) * 1e-9)
 
     def _unreachable(self, inverse: InverseSolver, goal: Array, at: Array) -> str:
-        """Why the joints of the goal cannot be had from here, "": they are in `inverse.q`."""
+        """Why the joints of the goal cannot be reached from here, "": they are in `inverse.q`."""
         if not inverse.solve(goal, at):
             return inverse.reason
-        turns = [abs(x) for x in (inverse.q - at).tolist()]  # of a prismatic joint it is never so many m
+        turns = [abs(x) for x in (inverse.q - at).tolist()]  # a prismatic joint never moves this many m
         most = max(turns)
         if most <= FURTHEST_TURN:
             return ""
         return f"{inverse.kinematics.names[turns.index(most)]} would have to turn by {math.degrees(most):.0f}° at once"
 
     def _keep_safe(self, found: Array, at: Array) -> str:
-        """Not into the cannula."""
+        """Keep out of the cannula."""
         if self._guard is None:
             return ""
         wanted = found.tobytes()

@@ -1,4 +1,4 @@
-"""What the arm reads of io's record: its own robot's axes and flags, and the same numbers in joint space."""
+"""The arm's view of io's record: its own robot's axes and flags, and the same numbers in joint space."""
 
 from __future__ import annotations
 
@@ -19,15 +19,16 @@ HARMLESS = frozenset((0, ARM_LOST.number, *(fault.number for fault in FAULTS if 
 
 
 class ArmReadings:
-    """Views on one robot in io's record, resolved once; `update` converts to joint space, see `JointSpace`.
+    """Views of one robot in io's record, resolved once; `update` converts to joint space, see `JointSpace`.
 
-    `fresh`: io is alive; `has_power`: supply, relay and watchdog are good and every amplifier is on; `valid`: joint
-    values mean something (fresh, powered, biased). `problem`: number of a latched fault that ends driving, 0: none;
-    that io missed this very process is none once we are back. `rows` (6, size): all joint values in the order of ROWS.
+    `fresh`: io's record is recent; `has_power`: supply, relay and watchdog are good and every amplifier is on; `valid`:
+    joint values are meaningful (fresh, powered, biased). `problem`: number of a latched fault that ends driving, 0:
+    none; a timeout of this very process no longer counts once it runs again. `rows` (6, size): all joint values in the
+    order of ROWS.
     """
 
     def __init__(self, field: Fields, robot: int, first_axis: int, joints: JointSpace) -> None:
-        """`field` gives the record's arrays, `robot` is the place among io's robots, `first_axis` its first axis."""
+        """`field` gives the record's arrays, `robot` is the index of the robot in io, `first_axis` its first axis."""
         axes = slice(first_axis, first_axis + joints.axes)
 
         def axis(name: str) -> NDArray[Any]:
@@ -40,7 +41,7 @@ class ArmReadings:
         self.epoch = 0
         self.fresh = False
         self.changed = True
-        """Joint values are others than in the cycle before."""
+        """Joint values have changed since the previous cycle."""
         self._raw = b""
         self.input = field("input")
         self.age_ns = flag("sample_age_ns")
@@ -62,7 +63,7 @@ class ArmReadings:
         self.use(joints)
 
     def use(self, joints: JointSpace) -> None:
-        """Another joint space: other arrays from now on, filled with what was read last."""
+        """Use another joint space: other arrays from now on, filled with the last values."""
         self.rows = np.zeros((6, joints.size))
         self.position, self.velocity, self.effort = self.rows[:3]
         self.setpoint, self.setpoint_velocity, self.setpoint_effort = self.rows[3:]
@@ -73,7 +74,7 @@ class ArmReadings:
         self._convert()
 
     def update(self, now_ns: int, stamp_ns: int, epoch: int) -> None:
-        """A new cycle: the record was stamped `stamp_ns` (0: there is none yet) by io's life number `epoch`."""
+        """A new cycle: io's record has the stamp `stamp_ns` (0: none yet) and io's start count `epoch`."""
         self.stamp_ns, self.epoch = stamp_ns, epoch
         self.fresh = stamp_ns > 0 and abs(now_ns - stamp_ns) <= LATE_NS
         powered = self.powered.item()
@@ -92,14 +93,14 @@ class ArmReadings:
         if not self.changed:  # a kinematic robot at rest
             return
         self._raw = raw
-        self._read.dot(self._motion_map, self.rows)  # half of what matmul takes
+        self._read.dot(self._motion_map, self.rows)  # takes half as long as matmul
         np.matmul(self._efforts, self._effort_map, out=self._joint_efforts)
 
 
 def contiguous_view(rows: Sequence[NDArray[Any]]) -> Array:
-    """A view (len(rows), …) of equal float64 arrays that lie at even distances in one buffer: copied in one call.
+    """A view (len(rows), …) of equal float64 arrays at even distances in one buffer: copied in one call.
 
-    ValueError when they do not: the order of fields in the topic table has changed.
+    ValueError otherwise: the order of fields in the topic table has changed.
     """
     addresses = [int(row.__array_interface__["data"][0]) for row in rows]
     step = addresses[1] - addresses[0]

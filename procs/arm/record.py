@@ -18,10 +18,10 @@ Shown = tuple[ArmState, str, ArmState, bool, bool, int, Mode, Space]
 
 
 class ArmRecord:
-    """Fills the `state` record but for its Cartesian part; arrays are resolved once."""
+    """Fills the `state` record except its Cartesian part; arrays are resolved once."""
 
     def __init__(self, field: Fields, io: ArmReadings, *, simulated: bool) -> None:
-        """`field` gives the arrays of the arm's record, `io` what they are filled from."""
+        """`field` gives the arrays of the arm's record, `io` their values."""
         self._io = io
         self._valid, self._count, self._names = field("valid"), field("count"), field("names")
         self._joint_rows = contiguous_view([field(name) for name in ROWS])
@@ -44,7 +44,7 @@ class ArmRecord:
         self._joints = 0
 
     def use(self, joints: JointSpace) -> None:
-        """Another joint space; `ArmReadings` must have it already."""
+        """Use another joint space; `ArmReadings` must have it already."""
         n, rows = joints.count, self._io.rows
         self._joints = n
         self._count[...] = n
@@ -60,16 +60,16 @@ class ArmRecord:
             self._copies += [(self._jaw_rows[:4], rows[:4, n]), (self._jaw_rows[4:], rows[5:, n])]
 
     def show_frame(self, name: str) -> None:
-        """The reference frame's name."""
+        """Show the reference frame's name."""
         self._frame[...] = name.encode()
 
     def show_ratios(self, motion: Motion) -> None:
-        """Ratios of moves."""
+        """Show the ratios of moves."""
         for cell, value in zip(self._ratios, (motion.ratio, motion.ratio_v, motion.ratio_a), strict=True):
             cell[...] = value
 
     def show_state(self, shown: Shown) -> None:
-        """The operating state as of this cycle: states, desired one, homed, busy, bias generation, mode, space."""
+        """Show the operating state of this cycle: states, desired one, homed, busy, bias generation, mode, space."""
         if shown == self._shown:
             return
         self._shown = shown
@@ -84,18 +84,19 @@ class ArmRecord:
         self._space[...] = space
 
     def show_reason(self, reason: str) -> None:
-        """Why it is in FAULT, or what it waits for."""
+        """Show the cause of FAULT, or the awaited condition."""
         if reason != self._why:
             self._why = reason
             self._reason[...] = shorten(reason, self._reason.dtype.itemsize)
 
     def show_stop(self, who: str) -> None:
-        """A stop has come from `who`."""
+        """Show a stop by `who`."""
         self._stops += 1
         self._stopped_by[...] = shorten(who, self._stopped_by.dtype.itemsize)
 
     def show_motion(self, gravity: Array) -> None:
-        """Joint values; zero and invalid unless powered, biased and fresh. `gravity` (size,): efforts against it."""
+        """Show joint values; zero and invalid unless powered, biased and fresh. `gravity` (size,): efforts against it.
+        """
         if not self._io.valid:
             if not self._is_blank:
                 self._blank()
@@ -142,15 +143,15 @@ class SetpointRecord:
         self._has_velocity[...] = False
 
     def use(self, joints: JointSpace) -> None:
-        """Another joint space."""
+        """Use another joint space."""
         self._to_actuator, self._effort_map = joints.to_actuator.T, joints.to_joint
         self._moved_by = joints.to_actuator != 0.0
         self._done, self._fed = b"", (b"", b"")
 
     def show(self, motion: Motion, gravity: Array, measured: Array, driving: Generations | None) -> None:
-        """What io is asked for and which bias and enable that is meant for; None: alive, asking for nothing.
+        """Show the setpoints for io, with the bias and the enable they are meant for; None: alive without a command.
 
-        `gravity` (size,): efforts added in every mode; `measured` (size,): where joints in effort mode are.
+        `gravity` (size,): efforts added in every mode; `measured` (size,): positions of the joints in effort mode.
         """
         if driving is not self._driving:
             self._drive(driving)
@@ -173,7 +174,7 @@ class SetpointRecord:
         if motion.has_velocity is not self._carries:
             self._has_velocity[...] = self._carries = motion.has_velocity
         wanted = rows.tobytes()
-        if wanted != self._done:  # an arm that holds needs this once
+        if wanted != self._done:  # once is enough for an arm that holds
             self._done = wanted
             np.matmul(rows, self._to_actuator, out=self._rows)
 

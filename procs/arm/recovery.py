@@ -1,7 +1,7 @@
-"""Taking over from a predecessor: this process may have died and been started again while the arm was held by io.
+"""Recovery: this process may have died and been restarted while io held the arm.
 
-An arm that is held must neither be dropped nor jump because its process is new: what it was doing stands in its own
-last record, what is true now in io's.
+A held arm must neither drop nor jump because its process is new: its previous state is in its own last record, its
+present condition in io's.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from trocar.procs.node.inputs import Fields
 
 @dataclass(frozen=True)
 class PreviousState:
-    """What the last record of this arm says; `base` is None when its base frame was not known."""
+    """The last record of this arm; `base` is None if its base frame was not known."""
 
     sub_state: str
     bias_generation: int
@@ -32,7 +32,7 @@ class PreviousState:
 
 
 def previous_state(field: Fields) -> PreviousState | None:
-    """Read the record before anything is written to it; None when no arm has written it yet."""
+    """Read the record before it is overwritten; None if no arm has written it yet."""
     sub_state = _text(field("sub_state"))
     if not sub_state:
         return None
@@ -63,7 +63,7 @@ def _ratio(value: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Beginning:
-    """The state to begin in; `paused` is what a PAUSED arm goes back to, `reason` why it is FAULT."""
+    """The initial state; `paused` is the state to resume from PAUSED, `reason` the cause of FAULT."""
 
     state: ArmState
     paused: ArmState = ArmState.ENABLED
@@ -71,10 +71,10 @@ class Beginning:
 
 
 def beginning(before: PreviousState | None, io: ArmReadings) -> Beginning:
-    """Where to begin, from the last record of a predecessor and the first fresh one of io."""
+    """The initial state, from the last record of the previous process and the first fresh one of io."""
     if io.has_power and not io.problem:
         if before is None or not _is_still_homed(before, io):
-            return Beginning(ArmState.ENABLED)  # powered, but nothing is known: the joint controller goes on as it is
+            return Beginning(ArmState.ENABLED)  # powered, without a known state: the joint controller continues
         if before.sub_state == ArmState.PAUSED:
             return Beginning(ArmState.PAUSED, ArmState.HOMED)
         return Beginning(ArmState.HOMED)

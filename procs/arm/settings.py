@@ -1,4 +1,4 @@
-"""Commands that set something or only ask: ratios, base frame, gravity compensation, kinematics of joints at hand."""
+"""Commands for settings and queries: ratios, base frame, gravity compensation, kinematics of given joints."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ POSE: Final = 7
 
 
 class Settings:
-    """What needs no readiness."""
+    """Commands that do not need a ready arm."""
 
     def __init__(self, control: Control, base_from: str) -> None:
-        """`base_from`: the setup joints that give the base frame, "" where commands do."""
+        """`base_from`: the setup joints that give the base frame, "" if commands do."""
         self._control, self._base_from, self._has_reported_no_model = control, base_from, False
         self.table: Table = {
             "trajectory_j/set_ratio": ArmCommandRow(
@@ -62,13 +62,13 @@ class Settings:
         if wanted and not gravity.known:
             why = ("this arm has no gravity model; an arm file gives it one: gravity_compensation of a master, "
                    "kinematic_gc of others")
-            if self._has_reported_no_model:  # a teleoperation asks whenever it begins to follow
+            if self._has_reported_no_model:  # a teleoperation sends this each time it begins to follow
                 raise CommandRefused(why)
             self._has_reported_no_model = True
             raise self._control.refusal(codes.COMMAND_REFUSED, request.name, why)
         gravity.used = wanted
 
-    # questions; the answer is a JSON list of numbers
+    # queries; the answer is a JSON list of numbers
 
     def _forward(self, request: Request) -> str:
         pose = self._pose_of(request)
@@ -79,7 +79,7 @@ class Settings:
         return _answer(pose_from_matrix(self._pose_of(request)).tolist())
 
     def _pose_of(self, request: Request) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
-        """The pose (4, 4) after so many joints as there are values; of the tip when they are all given."""
+        """The pose (4, 4) after as many joints as there are values; the tip's if all are given."""
         kinematics, values = self._control.joints.kinematics, request.values
         if kinematics is None:
             raise CommandRefused("there is no instrument, so no tip")
@@ -92,7 +92,7 @@ class Settings:
         return kinematics.fk_to(joints, len(values))
 
     def _inverse(self, request: Request) -> str:
-        """Seed (count,), then the pose of the tip in the arm's base; moves nothing."""
+        """Arguments: seed (count,), then the pose of the tip in the arm's base; moves nothing."""
         joints, values = self._control.joints, request.values
         if joints.inverse is None:
             raise CommandRefused(joints.lacks_inverse)

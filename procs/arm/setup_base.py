@@ -1,6 +1,6 @@
-"""Where the setup joints put an arm's base: their newest record, as long as it is fresh.
+"""The arm's base frame from the setup joints: their newest record, as long as it is fresh.
 
-A record that is too old is none: setup joints whose process has died may have been moved since.
+A record that is too old is ignored: setup joints whose process has died may have been moved since.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ MAX_TURN: Final = 0.1  # rad
 
 
 class BaseSteps:
-    """How far a base frame has moved in 30 ms: a camera carries it smoothly, a program puts it elsewhere."""
+    """Motion of a base frame within 30 ms: a camera moves it smoothly, a program sets it in steps."""
 
     def __init__(self) -> None:
         self._past: deque[tuple[int, Array]] = deque()
 
     def step(self, base: Array | None, now_ns: int) -> str:
-        """It is here (4, 4) from now on, None: not known. Why that is a step that no stream goes on across, or ""."""
+        """Set the base to (4, 4), None: unknown. Returns why that is a step that ends streams, or ""."""
         if base is None:
             return ""
         past = self._past
@@ -49,24 +49,24 @@ class SetupBase:
     """The base frame of one arm. After `update`: `base` (4, 4), None while it is unknown, and its `frame`."""
 
     def __init__(self, record: Input, place: int) -> None:
-        """`place` is that of the setup arm in the record."""
+        """`place` is the index of the setup arm in the record."""
         self._record = record
         self._valid = record.field("base_valid")[place : place + 1].reshape(())
         self._frame = record.field("reference_frame")[place : place + 1].reshape(())
         self._pose: Array = record.field("measured_cp")[place]
-        self._kept: list[float] = []  # Python's own comparison takes a tenth of numpy's
+        self._kept: list[float] = []  # comparison in Python takes a tenth of numpy's time
         self._kept_frame = b""
         self._good = False
         self.base: Array | None = None
         self.frame = ""
 
     def update(self, now_ns: int) -> bool:
-        """Look at the newest record; True when `base` or `frame` have changed."""
+        """Read the newest record; True when `base` or `frame` have changed."""
         if self._record.look(now_ns):
             self._good = bool(self._valid.item())
         if not (self._good and self._record.fresh):
             return self._forget()
-        if not self._record.whole:  # torn: the one before stays in force, to grow old
+        if not self._record.whole:  # torn: the previous one stays in force, and ages
             return False
         if self.base is not None and self._frame.item() == self._kept_frame and self._pose.tolist() == self._kept:
             return False
@@ -78,7 +78,7 @@ class SetupBase:
         return changed
 
     def _take(self) -> bool:
-        """What the record says is believed when it is a pose."""
+        """Accept the record's pose if it is valid."""
         pose, frame = self._pose.copy(), bytes(self._frame.item())
         try:
             pose[3:] = unit_quaternion(pose[3:])
@@ -92,7 +92,7 @@ class SetupBase:
 
 
 def place_of(info: dict[str, Any], name: str) -> int:
-    """The place of a setup arm in its process's record, from the header's info; ValueError names what there is."""
+    """The index of a setup arm in its process's record, from the header's info; ValueError lists the existing ones."""
     known = list(info.get("setups", {}))
     if name not in known:
         raise ValueError(f"no setup arm {name}; there are {', '.join(known) or 'none'}")

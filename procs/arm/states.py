@@ -1,8 +1,8 @@
-"""THE TABLE of an arm's states: what leads from one to the next, what is published, which commands are taken when.
+"""THE TABLE of an arm's states: transitions, published names, and the commands allowed in each state.
 
-A state leaves by a command (first block) or by something that has come true (second block); the third block has what
-only some arms come to. A pair that is not in the table changes nothing. Differences from dVRK 2.4, on purpose:
-`enable` in FAULT is a new try by way of DISABLED, `unhome` goes back to ENABLED, and only HOMED takes motion commands.
+A state ends by a command (first block) or by a condition (second block); the third block has transitions of some arms
+only. A pair that is not in the table changes nothing. Deliberate differences from dVRK 2.4: `enable` in FAULT is a new
+try by way of DISABLED, `unhome` goes back to ENABLED, and only HOMED takes motion commands.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ class ArmState(StrEnum):
     HOMED = "HOMED"
     PAUSED = "PAUSED"
     FAULT = "FAULT"
-    MANUAL = "MANUAL"  # PSM, ECM: the clutch on the arm is pressed, a hand moves it
+    MANUAL = "MANUAL"  # PSM, ECM: the clutch on the arm is pressed, the arm is moved by hand
     ENGAGING_ADAPTER = "ENGAGING_ADAPTER"  # PSM
     ENGAGING_TOOL = "ENGAGING_TOOL"  # PSM
     FINDING_ROLL = "CALIBRATING_ROLL"  # MTM: the roll goes to its lower stop
     SETTING_ROLL = "RESETTING_ROLL_ENCODER"  # MTM: its encoder is set there
-    OWN = "OWN"  # of a derived arm; what is published is the name that it has there
+    OWN = "OWN"  # of a derived arm; published under the name given there
 
 
 class ArmEvent(StrEnum):
-    """What moves an arm between its states: the words of `state_command`, then conditions."""
+    """Events that move an arm between its states: the words of `state_command`, then conditions."""
 
     ENABLE = "enable"
     DISABLE = "disable"
@@ -39,19 +39,19 @@ class ArmEvent(StrEnum):
     UNHOME = "unhome"
     PAUSE = "pause"
     RESUME = "resume"
-    ONWARD = "onward"  # the state asked for lies further on, and this state's business is done
+    ONWARD = "onward"  # the desired state lies further on, and this state has finished
     POWERED = "powered"  # power is good and every amplifier is on
     BIASED = "biased"  # the encoders were set
     ARRIVED = "arrived"  # the homing goal is reached
     PRESSED = "pressed"  # the clutch on the arm
     RELEASED = "released"
-    ADAPTER = "adapter"  # an adapter is on and has to be engaged
-    TOOL = "tool"  # so has an instrument
-    ENGAGED = "engaged"  # or there is nothing to engage any more
+    ADAPTER = "adapter"  # an adapter is attached and has to be engaged
+    TOOL = "tool"  # the same for an instrument
+    ENGAGED = "engaged"  # or there is nothing left to engage
     ROLL = "roll"  # the roll has to be found
-    STOPPED = "stopped"  # it stands at its stop
+    STOPPED = "stopped"  # the roll is at its stop
     SET = "set"  # its encoder is set
-    BEGUN = "begun"  # a state of a derived arm's own
+    BEGUN = "begun"  # a state of a derived arm
     ENDED = "ended"
     PROBLEM = "problem"  # timeout, lost power, fault of the joint controller, silent or restarted io
 
@@ -69,7 +69,7 @@ TRANSITIONS: dict[tuple[ArmState, ArmEvent], ArmState] = {
     (ArmState.FAULT, ArmEvent.ENABLE): ArmState.DISABLED,
     **{(state, ArmEvent.UNHOME): ArmState.ENABLED for state in UP if state is not ArmState.ENABLED},
     **{(state, ArmEvent.PAUSE): ArmState.PAUSED for state in UP},
-    (ArmState.PAUSED, ArmEvent.RESUME): ArmState.ENABLED,  # or where RESUMES says, of the state that was paused
+    (ArmState.PAUSED, ArmEvent.RESUME): ArmState.ENABLED,  # or the state that RESUMES gives for the paused one
 
     (ArmState.DISABLED, ArmEvent.ONWARD): ArmState.POWERING,
     (ArmState.POWERING, ArmEvent.POWERED): ArmState.ENABLED,
@@ -93,7 +93,7 @@ TRANSITIONS: dict[tuple[ArmState, ArmEvent], ArmState] = {
     (ArmState.OWN, ArmEvent.ENDED): ArmState.HOMED,
 }
 
-# Half-done work is begun again after a pause, not taken up in the middle.
+# Unfinished work restarts after a pause, and does not resume in the middle.
 RESUMES: dict[ArmState, ArmState] = {
     ArmState.ENABLED: ArmState.ENABLED,
     ArmState.CALIBRATING: ArmState.ENABLED,
@@ -118,7 +118,7 @@ PUBLISHED: dict[ArmState, str] = {
 
 BUSY = frozenset((ArmState.POWERING, *UP)) - {ArmState.ENABLED, ArmState.BIASED, ArmState.HOMED}
 
-# States in which homing is valid: what happens in them does not end it.
+# States in which homing is valid: no event in them ends it.
 AT_HOME = frozenset((ArmState.HOMED, ArmState.ENGAGING_ADAPTER, ArmState.ENGAGING_TOOL, ArmState.MANUAL, ArmState.OWN))
 
 ACCEPTED: dict[str, tuple[ArmEvent, ...]] = {
@@ -128,7 +128,7 @@ ACCEPTED: dict[str, tuple[ArmEvent, ...]] = {
     "FAULT": (ArmEvent.ENABLE, ArmEvent.DISABLE, ArmEvent.UNHOME),
 }
 
-# The state asked for by each command; resume goes back to what was asked for before the pause.
+# The desired state of each command; resume goes back to the one before the pause.
 DESIRES: dict[ArmEvent, ArmState] = {
     ArmEvent.ENABLE: ArmState.ENABLED,
     ArmEvent.DISABLE: ArmState.DISABLED,
@@ -137,7 +137,7 @@ DESIRES: dict[ArmEvent, ArmState] = {
     ArmEvent.PAUSE: ArmState.PAUSED,
 }
 
-# States in which the next one is taken as soon as the state asked for lies beyond.
+# States that are left at once when the desired state lies beyond.
 BEYOND: dict[ArmState, frozenset[ArmState]] = {
     ArmState.DISABLED: frozenset((ArmState.ENABLED, ArmState.HOMED)),
     ArmState.ENABLED: frozenset((ArmState.HOMED,)),
@@ -151,7 +151,7 @@ def follow(state: ArmState, event: ArmEvent) -> ArmState:
 
 
 def refusal(state: ArmState, word: str) -> str:
-    """Why a state_command is not taken now; empty: it is."""
+    """Why a state_command is refused; empty: it is accepted."""
     if word not in COMMANDS:
         known = ", ".join(COMMANDS)
         return f"{word!r} is not a state_command; there are {known}"

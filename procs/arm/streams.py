@@ -1,10 +1,10 @@
-"""Who streams setpoints to an arm, and who may.
+"""Arbitration between programs that stream setpoints to an arm.
 
-Goals of the arm's joints are one stream, those of its jaw another, efforts a third: they may come from different
-programs. Of each of the first two there is one at a time: another program's goals are refused until the first has
-paused for 0.1 s or has ended, so that they cannot end it. A stop ends the streams of all others than its sender, a goal
-that is out of reach its own. What was ended stays ended, whatever it goes on to ask for, until it has paused for 0.5 s
-and for three of its periods.
+An arm has three kinds of streams, perhaps from different programs: goals of its joints, goals of its jaw, efforts. Of
+each of the first two there is one at a time: another program's goals are refused until the first has paused for 0.1 s
+or has ended, so that they cannot end it. A stop ends the streams of all programs but its sender's; a goal that is out
+of reach ends its own stream. An ended stream stays ended, whatever it sends, until it has paused for 0.5 s and for
+three of its periods.
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ from typing import Final
 from trocar.procs.node.requests import STREAM_ENDED, STREAM_PAUSE_NS, Request
 from trocar.shm.mailbox.command_row import FREE
 
-STREAM_NS: Final = 100_000_000  # a goal older than this is of no stream
+STREAM_NS: Final = 100_000_000  # an older goal belongs to no stream
 PERIODS: Final = 3
-MAX_PERIOD_NS: Final = 1_000_000_000  # goals that come more slowly are single ones
+MAX_PERIOD_NS: Final = 1_000_000_000  # goals at longer intervals are single ones
 KEPT: Final = 32
 
 
 class StreamKind(Enum):
-    """What is streamed, in the words of the table of commands."""
+    """Kind of stream, in the words of the table of commands."""
 
     POSITION = "position"
     JAW = "jaw"
     EFFORT = "effort"
 
-    __hash__ = object.__hash__  # a third of what an Enum's own takes
+    __hash__ = object.__hash__  # takes a third of the time of Enum's own
 
 
 WORDS: Final = {StreamKind.POSITION: "positions", StreamKind.JAW: "jaw positions", StreamKind.EFFORT: "efforts"}
@@ -38,7 +38,7 @@ WORDS: Final = {StreamKind.POSITION: "positions", StreamKind.JAW: "jaw positions
 
 @dataclass(slots=True, eq=False)
 class Stream:
-    """What one program streams, of one kind; `ended` says why it is over."""
+    """A stream of one kind from one program; `ended` is the reason for its end."""
 
     kind: StreamKind
     sender: Hashable
@@ -49,31 +49,31 @@ class Stream:
     ended: str = ""
 
     def has_paused(self, now_ns: int) -> bool:
-        """It is over by itself."""
+        """The stream is over by itself."""
         return now_ns - self.asked_ns >= max(STREAM_PAUSE_NS, PERIODS * self.period_ns)
 
 
 class Streams:
-    """Of one arm. A sender is any value that is another one for another program."""
+    """The streams of one arm. A sender is any hashable value that differs between programs."""
 
     def __init__(self) -> None:
         self._streams: dict[tuple[StreamKind, Hashable], Stream] = {}
         self._owners: dict[StreamKind, Stream] = {}
-        """Of each kind the one whose goal was taken last."""
+        """For each kind the stream whose goal was accepted last."""
         self._leader: Hashable = None
-        """Whose stream or move the arm follows."""
+        """The sender of the stream or move that the arm follows."""
         self.asking: Stream | None = None
-        """The stream whose goal is being looked at."""
+        """The stream whose goal is being checked."""
         self._restarted_ns = -STREAM_PAUSE_NS
 
     def restart(self, now_ns: int) -> None:
-        """The process restarts: what asks within STREAM_PAUSE_NS may be a stream that it does not know, and ends."""
+        """The process restarts: a stream within STREAM_PAUSE_NS may be one from before the restart, and is ended."""
         self._restarted_ns = now_ns
 
     def objection(self, kind: StreamKind, sender: Hashable, request: Request, now_ns: int) -> str:
-        """Why the next goal of a stream is not taken, "": it is.
+        """Why the next goal of a stream is refused, "": it is accepted.
 
-        What takes efforts away is not refused to those that a restart has interrupted.
+        After a restart, commands that remove efforts are not refused.
         """
         stream = self._streams.get((kind, sender))
         if stream is None:
@@ -94,7 +94,7 @@ class Streams:
         return ""
 
     def take(self, now_ns: int) -> None:
-        """The goal that is asked for is followed."""
+        """Accept the goal that was checked."""
         stream = self.asking
         if stream is not None:
             stream.taken_ns = now_ns
@@ -103,37 +103,37 @@ class Streams:
                 self._leader = stream.sender
 
     def is_running(self, now_ns: int) -> bool:
-        """A goal of the stream that asks was taken not long ago, and no other program's since."""
+        """The sender's stream had a goal accepted recently, and no other program's since."""
         stream = self.asking
         return (stream is not None and now_ns - stream.taken_ns <= STREAM_NS
                 and self._owners.get(stream.kind) is stream)
 
     def leads(self, sender: Hashable) -> bool:
-        """What the arm follows is a stream or a move of this sender."""
+        """The arm follows a stream or a move of this sender."""
         return self._leader is not None and self._leader == sender
 
     def lead(self, sender: Hashable) -> None:
-        """It is a move of this sender."""
+        """The arm follows a move of this sender."""
         self._leader = sender
 
     def interrupt(self) -> None:
-        """The arm does something else now."""
+        """The arm no longer follows a stream or move."""
         self._leader = self.asking = None
 
     def end(self, reason: str, now_ns: int, kinds: Iterable[StreamKind] = tuple(StreamKind), *,
             spared: Hashable = None) -> None:
-        """End the streams of all programs, or of all but one that is `spared`."""
+        """End the streams of all programs, except one that is `spared`."""
         for stream in self._streams.values():
             if stream.kind in kinds and stream.sender != spared and not stream.has_paused(now_ns):
                 self.end_one(stream, reason)
 
     def end_one(self, stream: Stream, reason: str) -> None:
-        """End this stream; why it ended first stays the reason."""
+        """End this stream; the first reason is kept."""
         stream.ended = stream.ended or reason
         self._leave(stream)
 
     def leave(self, sender: Hashable) -> None:
-        """This sender streams no more: another program may begin at once."""
+        """This sender's streams are over: another program may begin at once."""
         for stream in tuple(self._owners.values()):
             if stream.sender == sender:
                 self._leave(stream)

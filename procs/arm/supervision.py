@@ -1,4 +1,4 @@
-"""What makes an arm go FAULT, asked each cycle."""
+"""Conditions that put an arm into FAULT, checked each cycle."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ class Generations:
 
     @classmethod
     def now(cls, io: ArmReadings) -> Generations:
-        """Those in force."""
+        """The present ones."""
         return cls(int(io.bias_generation.item()), int(io.pid_generation.item()))
 
 
 def power_lost() -> FaultReport:
-    """That power went, when nobody knows more."""
+    """The report of a power loss without details."""
     return FaultReport(codes.POWER_LOST, "detected power loss (actuators)")
 
 
@@ -39,9 +39,9 @@ def problem(
             fault_report: Callable[[int], FaultReport],
     power_report: Callable[[], FaultReport],
 ) -> FaultReport:
-    """What is wrong; NO_FAULT when nothing is.
+    """The present problem; NO_FAULT if there is none.
 
-    `epoch` is the life of io that was powered on; `driving` is None until the joint controller was seen to follow us.
+    `epoch` is the start count of io at power-on; `driving` is None until the joint controller was seen to follow us.
     """
     if state in UNWATCHED:
         return NO_FAULT

@@ -1,1 +1,1 @@
-"""A master: what only it has."""
+"""Parts of a master only."""

@@ -1,7 +1,7 @@
-"""A master's gripper: its angle, and when it is closed or pinched.
+"""A master's gripper: its angle, and the events "closed" and "pinch".
 
-It is a robot of its own on the arm's io, without a motor: what it shows is its potentiometer, which needs neither power
-nor a bias. A KINEMATIC master's stands at 0.
+The gripper is a robot of its own on the arm's io, without a motor: it shows its potentiometer, which needs neither
+power nor a bias. That of a KINEMATIC master stays at 0.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ class GripperLogic:
     """Fills its part of the arm's record and raises gripper/closed and gripper/pinch."""
 
     def __init__(self, control: Control, io: Fields, axis: int, own: Fields) -> None:
-        """`axis` of io's record, -1: there is none; `own` gives the arrays of the arm's record."""
+        """`axis` of io's record, -1: none; `own` gives the arrays of the arm's record."""
         self._control = control
         self._angle = io("pot_position")[axis : axis + 1].reshape(()) if axis >= 0 else None
         self._valid, self._position, self._velocity = (
             own("gripper_valid"), own("gripper_position"), own("gripper_velocity"))
         self._debounce_ns = round(control.arm.gripper_debounce_s * 1e9)
         self._zero = control.arm.gripper_zero
-        self._closed: bool | None = None  # nobody has looked yet
+        self._closed: bool | None = None  # not known yet
         self._open_ns = self._stamp_ns = 0
         self._valid[...] = False
         self._position[...] = self._velocity[...] = 0.0
 
     def step(self, now_ns: int) -> None:
-        """Look at it, once a cycle."""
+        """Update angle and events, once a cycle."""
         io = self._control.io
         if not io.fresh:
             self._valid[...] = False
@@ -61,10 +61,10 @@ class GripperLogic:
         self._valid[...] = True
 
     def _judge(self, low: bool, now_ns: int) -> None:
-        """Closed once it has been low for the debounce time, open at once when it no longer is."""
+        """Closed after it has been low for the debounce time; open as soon as it is not low."""
         if not low:
             self._open_ns = now_ns
-        if self._closed is None:  # how it is found is reported, but nobody has pinched
+        if self._closed is None:  # the first state is reported, but is no pinch
             self._closed = low
             if low:
                 self._report()

@@ -20,21 +20,21 @@ from trocar.procs.document.system import ArmConfig
 from trocar.procs.kinematics.poses import Array
 from trocar.procs.tables import codes
 
-OFF_STOP: Final = math.radians(10.0)  # where homing does not go to zero, the roll is not left at its stop
+OFF_STOP: Final = math.radians(10.0)  # where homing does not go to zero, the roll is moved off its stop
 BORNE_NS: Final = 1_000_000_000
 AT_TIP: Final = (Law.BODY, Law.IMPEDANCE)
 PLATFORM, PITCH, YAW = 3, 4, 5
 STIFFNESS: Final = 1.0  # N·m/rad
 DAMPING: Final = 0.1  # N·m·s/rad
-MAX_WAY: Final = 0.05 * math.pi  # rad: further off does not pull harder
+MAX_WAY: Final = 0.05 * math.pi  # rad: a larger error does not increase the pull
 MAX_EFFORT: Final = 0.4  # N·m
 
 
 class Platform:
-    """A master's platform follows the wrist while efforts are asked for: it keeps the wrist yaw away from its limits.
+    """A master's platform follows the wrist in effort mode, which keeps the wrist yaw away from its limits.
 
-    With wrenches at the tip the seven joints are one more than the tip's freedoms, and nothing asks for the one that is
-    left over. A spring is stretched by what the yaw turns about the platform's axis.
+    With wrenches at the tip the seven joints have one freedom more than the tip, and no command controls it. A spring
+    is stretched by the angle of the yaw about the platform's axis.
     """
 
     def __init__(self, control: Control) -> None:
@@ -61,12 +61,12 @@ class MtmLogic(ArmLogic):
     def __init__(self, arm: ArmConfig, around: ArmContext) -> None:
         super().__init__(arm, around)
         control, before = self.control, self._previous_state
-        control.cartesian.complete = False  # until the roll was looked at
+        control.cartesian.complete = False  # until the state of the roll is known
         self._gripper = GripperLogic(control, around.field, around.gripper, around.state)
         self._platform = Platform(control)
         self._lock = OrientationLock(control)
         if before is not None:
-            control.reports.emit("orientation_locked", value=0.0)  # whatever it was: it is not any more
+            control.reports.emit("orientation_locked", value=0.0)  # a lock of an earlier process has ended
         self._borne = float(before is not None and before.bore_weight)
         self._borne_ns = 0
         self._commands.rows.update(self._lock.table)
@@ -86,7 +86,7 @@ class MtmLogic(ArmLogic):
         self._lock.watch()
 
     def bears_weight(self) -> float:
-        """See ArmLogic; not while servo positions are followed. It comes and goes slowly where the joints are held."""
+        """See ArmLogic; not while servo positions are followed. It changes slowly where the joints are held."""
         control, mode = self.control, self.control.motion.mode
         step = (control.now_ns - self._borne_ns) / BORNE_NS
         self._borne_ns = control.now_ns
@@ -101,7 +101,7 @@ class MtmLogic(ArmLogic):
         return self._borne
 
     def end_efforts(self) -> None:
-        """See Arm: a hand may be on it, so it is let go of, but for its weight."""
+        """See ArmLogic: an operator may hold the arm, so it is released, except for gravity compensation."""
         control = self.control
         control.report_episode(codes.EFFORT_TIMEOUT,
                                f"no effort command for {control.arm.effort_timeout_s:g} s; let go")
@@ -114,5 +114,5 @@ class MtmLogic(ArmLogic):
         self._lock.step()
 
     def before_homing(self) -> ArmEvent:
-        """The roll is found once; it stays where it is known as long as the controllers have power."""
+        """The roll is found once; it stays known as long as the controllers have power."""
         return ArmEvent.ONWARD if self.is_ready() else ArmEvent.ROLL

@@ -1,9 +1,9 @@
-"""A master whose tip is free in its place, but not in its orientation: the arm in effort mode, the wrist following.
+"""A master with free tip position and locked orientation: the arm in effort mode, the wrist in position mode.
 
-The first three joints place the tip; whatever they do, the other four go where the tip's axes are those that were
-locked. What is missing at first, and wherever that place jumps, is made up for by a trajectory, so that nothing else
-does. The platform stays where it was when locked, as far as the limits of the wrist yaw allow. Any other mode or space
-ends it.
+The first three joints place the tip; the other four move so that the tip keeps its locked orientation. A trajectory
+removes the initial error, and the error after a jump of the wrist's goal, so that the wrist never jumps. The platform
+keeps its position at the time of locking, as far as the limits of the wrist yaw allow. Any other mode or space ends the
+lock.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from trocar.procs.tables import codes
 WRIST: Final = 3  # the first joint that follows
 ROLL: Final = 6
 FOLLOWING: Final = 4
-SAME: Final = 1e-6  # rad: a goal that has moved by less is no new one
-ROOM: Final = 1e-4  # rad: at a limit, but not beyond
+SAME: Final = 1e-6  # rad: a smaller change of the goal is ignored
+ROOM: Final = 1e-4  # rad: distance kept from a limit
 
 
 class OrientationLock:
-    """`table` has its commands; `step` comes in each cycle of effort mode, `watch` in every cycle."""
+    """`table` has its commands; call `step` in each cycle of effort mode, `watch` in every cycle."""
 
     def __init__(self, control: Control) -> None:
         self._control = control
@@ -38,7 +38,7 @@ class OrientationLock:
         self.locked = False
         self._rotation, self._seed = np.eye(3), np.zeros(control.joints.size)
         self._goal, self._velocity = np.zeros((2, FOLLOWING))
-        self._trajectory = Trajectory(FOLLOWING)  # of what is missing
+        self._trajectory = Trajectory(FOLLOWING)  # of the remaining error
         self._missing, self._missing_velocity, self._nothing = np.zeros((3, FOLLOWING))
         self._start_ns = self._stepped_ns = 0
         self._failing = False
@@ -50,7 +50,7 @@ class OrientationLock:
     # commands
 
     def _lock(self, request: Request) -> None:
-        """A quaternion x y z w of the tip in the reference frame, or none: as it is."""
+        """Lock at a quaternion x y z w of the tip in the reference frame, or at the present orientation."""
         control = self._control
         if not self._is_free():
             raise CommandRefused("the arm is not in Cartesian effort mode; send body/servo_cf first")
@@ -86,12 +86,12 @@ class OrientationLock:
     # the cycle
 
     def watch(self) -> None:
-        """Whether it is still what the arm is asked for."""
+        """End the lock when the arm has left Cartesian effort mode."""
         if self.locked and not self._is_free():
             self._report(False)
 
     def step(self) -> None:
-        """Where the last four joints are to go in this cycle."""
+        """Set the goals of the last four joints in this cycle."""
         self.watch()
         if not self.locked:
             return
@@ -107,7 +107,8 @@ class OrientationLock:
         motion.has_velocity = True
 
     def _advance(self, now_ns: int) -> None:
-        """The goal of this cycle; how far it is further away than the joints may go is missing from then on."""
+        """Update the goal of this cycle; the part of a change beyond the joints' speed is added to the remaining error.
+        """
         self._trajectory.evaluate((now_ns - self._start_ns) * 1e-9, self._missing, self._missing_velocity)
         most = self._control.joints.v_max[WRIST:] * ((now_ns - self._stepped_ns) * 1e-9)
         self._stepped_ns = now_ns
@@ -120,7 +121,7 @@ class OrientationLock:
             self._plan(now_ns)
 
     def _follow_hand(self) -> None:
-        """How fast pitch, yaw and roll have to turn for the tip not to, with the platform resting."""
+        """Velocities of pitch, yaw and roll that keep the tip from turning, with the platform at rest."""
         control = self._control
         turning, rates = control.cartesian.jacobian[3:], control.io.velocity[:WRIST]
         self._velocity[...] = 0.0
@@ -130,7 +131,7 @@ class OrientationLock:
             np.clip(needed, -v_max, v_max, out=self._velocity[1:])
 
     def _solve(self) -> Array:
-        """Joints (4,) for the locked orientation where the tip is now; where there are none, those of before."""
+        """Joints (4,) for the locked orientation at the tip's present place; without a solution, the previous ones."""
         found = self._master.facing(self._rotation, self._control.io.position, self._seed)
         if found is None or self._beyond(found):
             if not self._failing:
@@ -139,7 +140,7 @@ class OrientationLock:
                                      f"the locked orientation cannot be kept: {self._why(found)}")
             return self._goal
         self._failing = False
-        self._seed[WRIST + 1 :] = found[WRIST + 1 :]  # not the platform's: it comes back to where it was locked
+        self._seed[WRIST + 1 :] = found[WRIST + 1 :]  # not the platform's: it returns to where it was locked
         return found[WRIST:]
 
     # its parts
@@ -153,7 +154,7 @@ class OrientationLock:
         self._control.reports.emit("orientation_locked", value=float(locked))
 
     def _begin(self, position: Array, velocity: Array) -> None:
-        """The joints (4,) are here, and go at this velocity."""
+        """Start from these joints (4,) and this velocity."""
         limit = self._control.joints.v_max[WRIST:]
         self._follow_hand()
         np.subtract(position, self._goal, out=self._missing)
@@ -165,11 +166,11 @@ class OrientationLock:
         joints, motion = self._control.joints, self._control.motion
         v_max, a_max = joints.v_max[WRIST:] * motion.ratio_v, joints.a_max[WRIST:] * motion.ratio_a
         error = self._trajectory.start(self._missing, self._missing_velocity, self._nothing, v_max, a_max, 0.0)
-        if error is None:  # else the one before goes on
+        if error is None:  # else the previous one continues
             self._start_ns = now_ns
 
     def _bring_within(self, found: Array) -> None:
-        """The roll may come to the same orientation a turn away from its limit."""
+        """Turn the roll by a full turn, away from its limit: the orientation is the same."""
         joints = self._control.joints
         if found[ROLL] > joints.upper[ROLL]:
             found[ROLL] -= 2.0 * math.pi

@@ -1,1 +1,1 @@
-"""A PSM: what only it has."""
+"""Parts of a PSM only."""

@@ -1,6 +1,6 @@
-"""Something that is put on a PSM: its sterile adapter, or an instrument. Is it there, does it have to be engaged?
+"""An attachment of a PSM, its sterile adapter or an instrument: whether it is present and must be engaged.
 
-What is known of it stands in the arm's own record, so that a successor goes on from there.
+Its state is kept in the arm's own record, so that a restarted process continues from there.
 """
 
 from __future__ import annotations
@@ -10,30 +10,30 @@ from typing import Any, Final
 
 from numpy.typing import NDArray
 
-SETTLE_NS: Final = 500_000_000  # a switch that has just begun to be looked at has come to its level by then
+SETTLE_NS: Final = 500_000_000  # a switch that is newly observed has reached its level by then
 
 
 class AttachmentState(IntEnum):
-    """How it is with it, as published."""
+    """State of the attachment, as published."""
 
-    UNKNOWN = 0  # nobody has looked yet
+    UNKNOWN = 0  # not observed yet
     ABSENT = 1
-    FOUND = 2  # it was on from the start: taken for engaged as soon as the arm is homed
-    NEW = 3  # it was attached since: the discs have to be turned until it catches
+    FOUND = 2  # present at start: taken as engaged once the arm is homed
+    NEW = 3  # attached later: the discs have to turn until it engages
     ENGAGED = 4
 
 
 class Attachment:
-    """One of them; `look` each cycle."""
+    """One attachment; call `look` each cycle."""
 
     def __init__(self, cell: NDArray[Any], reported: NDArray[Any], *, has_switch: bool, always: bool = False) -> None:
-        """`cell` and `reported` of the record hold the fit and that it is there because somebody says so.
+        """`cell` and `reported` are fields of the record: the state, and "present by command".
 
-        `has_switch`: an input of io tells when it is on. `always`: it is never taken off.
+        `has_switch`: an input of io shows its presence. `always`: it is never removed.
         """
         self._cell, self._reported = cell, reported
         self.present = self.waits = self.is_settled = False
-        """It is on; it is on and not engaged; it is engaged, or not there."""
+        """Present; present and not engaged; engaged or absent."""
         self.fit = AttachmentState(min(int(cell.item()), AttachmentState.ENGAGED))
         self.has_switch, self._always = has_switch, always
         self._settled_ns = 0
@@ -42,7 +42,7 @@ class Attachment:
 
     @property
     def fit(self) -> AttachmentState:
-        """How it is with it."""
+        """State of the attachment."""
         return self._fit
 
     @fit.setter
@@ -54,11 +54,11 @@ class Attachment:
         self.is_settled = fit in (AttachmentState.ENGAGED, AttachmentState.ABSENT)
 
     def say(self, on: bool) -> None:
-        """It is on from now on whatever its switch says; or the switch counts again."""
+        """True: present whatever its switch shows; False: the switch counts again."""
         self._reported[...] = on
 
     def look(self, pressed: bool, now_ns: int) -> bool:
-        """Its switch is `pressed`; True when it was put on, found or taken off."""
+        """Take the state of its switch; True when it was attached, found or removed."""
         before = self._fit
         if before is AttachmentState.UNKNOWN and self.has_switch:
             self._settled_ns = self._settled_ns or now_ns + SETTLE_NS

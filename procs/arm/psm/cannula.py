@@ -1,7 +1,7 @@
-"""What keeps an instrument's wrist from bending in the cannula, and tells whether its tip is beyond it.
+"""Keeps an instrument's wrist from bending in the cannula, and checks whether its tip is beyond the cannula.
 
-All is measured from the remote centre, where the shaft passes through the cannula: the wrist (frame 4 of the chain)
-lies on the shaft, so that it comes further out by what is inserted.
+All distances are from the remote centre, where the shaft passes through the cannula: the wrist (frame 4 of the chain)
+lies on the shaft, so it moves out with insertion.
 """
 
 from __future__ import annotations
@@ -18,24 +18,24 @@ from trocar.procs.node.requests import CommandRefused
 from trocar.procs.tables import codes
 
 INSERTION: Final = 2
-WRIST_FRAME, TIP_FRAME = 4, 6  # of the chain
+WRIST_FRAME, TIP_FRAME = 4, 6  # indices in the chain
 SAFE_DISTANCE: Final = 0.045  # m to the wrist
-SAFE_BUFFER: Final = 0.002  # so much less is enough for Cartesian control to begin
-MIN_GOAL: Final = 0.001  # m to the tip: closer, its direction means nothing
+SAFE_BUFFER: Final = 0.002  # less by this is enough for Cartesian control to begin
+MIN_GOAL: Final = 0.001  # m to the tip: closer, its direction is undefined
 DEPTH: Final = 0.025  # m to the tip: further, it is beyond the cannula
 SNAKE_DEPTH: Final = 0.027
 PROBE: Final = 0.2  # m of insertion
 
 
 class Cannula:
-    """`measure` after every change of the joint space."""
+    """Call `measure` after every change of the joint space."""
 
     def __init__(self, control: Control) -> None:
         self._control = control
         self._wrist = 0.0
 
     def measure(self) -> None:
-        """Where the wrist is when nothing is inserted: behind the remote centre, so negative."""
+        """Wrist position without insertion: behind the remote centre, so negative."""
         kinematics = self._control.joints.kinematics
         if kinematics is not None:
             at = np.zeros(kinematics.n)
@@ -43,16 +43,16 @@ class Cannula:
             self._wrist = float(np.linalg.norm(kinematics.fk_to(at, WRIST_FRAME)[:3, 3])) - PROBE
 
     def safe(self, at: Array) -> str:
-        """Why Cartesian control may not begin at joints (size,), "": it may."""
+        """Why Cartesian control may not begin at joints (size,); "": it may."""
         if at[INSERTION] + self._wrist >= SAFE_DISTANCE - SAFE_BUFFER:
             return ""
         least = SAFE_DISTANCE - SAFE_BUFFER - self._wrist
         return f"the instrument needs to be inserted past the cannula, to {least:.4f} m, for Cartesian control"
 
     def guard(self, found: Array, seed: Array) -> None:
-        """The wrist stays out of the cannula; an arm that has begun closer goes no further out.
+        """Keep the wrist out of the cannula; from a start inside the safe distance, it retracts no further.
 
-        Changes joints (count,) that were found for a goal; CommandRefused where that is at the remote centre.
+        Changes joints (count,) that were found for a goal; CommandRefused for a goal at the remote centre.
         """
         least = SAFE_DISTANCE - self._wrist
         if found[INSERTION] >= least:
@@ -65,7 +65,9 @@ class Cannula:
         found[INSERTION] = max(seed[INSERTION], found[INSERTION]) if seed[INSERTION] <= least else least
 
     def is_beyond(self, joints: JointSpace, tool: Tool, discs: Array) -> bool:
-        """The tip of an instrument that was just put on is beyond the cannula, with the actuators (7,) as they are."""
+        """The tip of a newly attached instrument is beyond the cannula, with the actuators (7,) at their present
+        positions.
+        """
         if joints.kinematics is None:
             return False
         least = self._control.arm.cannula_depth or (SNAKE_DEPTH if tool.snake else DEPTH)

@@ -1,6 +1,6 @@
-"""Which instrument is on a PSM: its file says so (FIXED), a person does (MANUAL), or its memory (AUTOMATIC).
+"""Identification of the instrument on a PSM: by its file (FIXED), the operator (MANUAL), or its memory (AUTOMATIC).
 
-Where the memory cannot be read, or nobody knows what it says, a person is asked as well.
+If the memory cannot be read, or its content is unknown, the operator is asked as well.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from trocar.procs.node.requests import CommandRefused
 from trocar.procs.tables import codes
 
 RETRY_NS: Final = 500_000_000
-MAX_NS: Final = 6_000_000_000  # io gives up a reading after 3 s, and may have one of another arm under way
+MAX_NS: Final = 6_000_000_000  # io gives up a reading after 3 s, and may have one for another arm in progress
 
 
 class Detection:
-    """Finds out; `step` while an instrument is on and `tool` is None."""
+    """Identifies the instrument; call `step` while one is present and `tool` is None."""
 
     def __init__(self, control: Control, reading: Callable[[], ToolReading]) -> None:
         arm = control.arm
@@ -30,28 +30,28 @@ class Detection:
         self._reads = arm.tool_detection == "AUTOMATIC" and bool(arm.instrument_reader)
         self.tool: Tool | None = None
         self.joints: JointSpace | None = None
-        """The joint space of the arm with it."""
+        """The arm's joint space with this instrument."""
         self.asks = False
-        """A person is asked for it."""
+        """The operator is asked for the type."""
         self._asked_ns = self._due_ns = self._heard_ns = self._order = 0
         if self._fixed and arm.tool is not None:
             self.take(arm.tool)
 
     def forget(self) -> None:
-        """It was taken off, or there is another one."""
+        """The instrument was removed or replaced."""
         self.asks = False
         self._asked_ns = self._order = 0
         if not self._fixed:
             self.tool = self.joints = None
 
     def take(self, tool: Tool) -> None:
-        """It is this one; ValueError when the arm cannot be driven with it."""
+        """Set the instrument; ValueError if the arm cannot be driven with it."""
         self.joints = joints(self._control.arm, tool)
         self.tool = tool
         self.asks = False
 
     def named(self, name: str) -> None:
-        """A person says which one; CommandRefused when there is none of this name."""
+        """The operator names the instrument; CommandRefused if there is none of this name."""
         try:
             self._take_named(name)
         except ValueError as error:
@@ -68,7 +68,7 @@ class Detection:
         self._control.reports.emit("tool_type", full_name(found.entry))
 
     def step(self) -> None:
-        """Find out which one is on."""
+        """Identify the attached instrument."""
         if not self._reads:
             self._ask()
             return
@@ -77,7 +77,7 @@ class Detection:
         if news and 0 < self._asked_ns <= reading.since_ns:
             self._heard_ns = reading.since_ns
             self._hear(reading)
-        elif not self.asks:  # else another reading, whoever asks for it, may still tell
+        elif not self.asks:  # else a reading requested by another program may still identify it
             self._have_it_read()
 
     def _hear(self, reading: ToolReading) -> None:
@@ -110,7 +110,7 @@ class Detection:
 
     @property
     def request(self) -> str:
-        """What a person is asked for."""
+        """The request to the operator."""
         arm = self._control.arm
         return f"instrument not named (tool_detection {arm.tool_detection}): trocar send {arm.name} set_tool_type NAME"
 

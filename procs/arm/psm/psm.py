@@ -1,4 +1,4 @@
-"""A PSM: its sterile adapter and its instrument, which are put on it, found out about, engaged, and taken off."""
+"""A PSM with its sterile adapter and its instrument: attached, identified, engaged, and removed."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ ADAPTER_TURNS: Final = (-1.0, 1.0, -1.0, 1.0, 0.0)
 
 
 class ArrivedHomed(Homed):
-    """An arm comes to be homed with all engaged that need not be turned for it: nobody sees it half done."""
+    """On entering HOMED, engage attachments that need no turning first, so that no intermediate state is published."""
 
     arm: PsmLogic
 
@@ -46,7 +46,7 @@ class PsmLogic(ArmLogic):
     """See ArmLogic. The joint space is that of the instrument when and only when it is engaged."""
 
     def __init__(self, arm: ArmConfig, around: ArmContext) -> None:
-        """Resumes with the adapter and the instrument that a predecessor had."""
+        """Resumes with the adapter and the instrument of the previous process."""
         super().__init__(arm, around)
         control, before, field = self.control, self._previous_state, around.state
         reported = field("emulated")
@@ -64,7 +64,7 @@ class PsmLogic(ArmLogic):
         if known is not None:
             self.detection.take(known)
         if self.tool.fit is AttachmentState.ENGAGED and self.detection.tool is None:
-            self.tool.fit = AttachmentState.FOUND  # the configuration no longer knows it
+            self.tool.fit = AttachmentState.FOUND  # the configuration no longer has it
         if self.tool.fit is not AttachmentState.ENGAGED:
             control.use(joints(arm))
         elif self.detection.joints is not None:
@@ -93,7 +93,7 @@ class PsmLogic(ArmLogic):
         return next((tool for tool in known if tool.name.encode()[:longest] == name.encode()), None)
 
     def home(self) -> Array:
-        """See ArmLogic; with an instrument on it stays."""
+        """See ArmLogic; with an instrument the arm stays in place."""
         if not self.control.is_kinematic and self.tool.fit is not AttachmentState.ABSENT:
             here: Array = self.io.setpoint.copy()
             return here
@@ -117,7 +117,7 @@ class PsmLogic(ArmLogic):
 
     def watch(self) -> None:
         if not (self.io.fresh and self._sampled.item()):
-            return  # an io that has just started has not looked at its inputs yet
+            return  # an io that has just started has not read its inputs yet
         now, inputs = self.control.now_ns, self.control.arm.inputs
         if self.adapter.look(self.pressed(inputs.adapter), now):
             self.control.status(f"sterile adapter {'on' if self.adapter.present else 'off'}")
@@ -138,12 +138,12 @@ class PsmLogic(ArmLogic):
             self.machine.publish()
 
     def note_ready(self) -> bool:
-        """What `is_ready` says is told now; was it not before?"""
+        """True if `is_ready` has changed since the last call."""
         before, self._was_ready = self._was_ready, self.is_ready()
         return before is not self._was_ready
 
     def fit(self) -> ArmEvent | None:
-        """Take for engaged what need not be turned for it; what has to be is the answer."""
+        """Engage attachments that need no turning; returns the event for one that does."""
         kinematic = self.control.is_kinematic
         if self.adapter.waits:
             if self.adapter.fit is AttachmentState.NEW and not self.tool.present and not kinematic:
@@ -179,7 +179,7 @@ class PsmLogic(ArmLogic):
         return self.tool.fit is AttachmentState.NEW and self.detection.tool is not None
 
     def _tool_goals(self) -> list[Array]:
-        """Bare discs (7,) for the positions of an instrument's joints, of which a snake's bend in pairs."""
+        """Bare discs (7,) for engage positions of an instrument's joints; a snake's bend in pairs."""
         tool = self.detection.tool
         if tool is None:
             return []
@@ -191,7 +191,7 @@ class PsmLogic(ArmLogic):
         return goals
 
     def _carry(self) -> None:
-        """The instrument is engaged: its joints from now on, the discs where they are."""
+        """The instrument is engaged: use its joints, with the discs in place."""
         control = self.control
         space, tool = self.detection.joints, self.detection.tool
         if space is None or tool is None:
@@ -201,7 +201,7 @@ class PsmLogic(ArmLogic):
         control.status(f"instrument {full_name(tool)}")
 
     def _drop(self) -> None:
-        """There is none any more."""
+        """The instrument is gone."""
         self.detection.forget()
         if self.joints.kinematics is not None:
             self._change(joints(self.control.arm))
@@ -244,14 +244,14 @@ class PsmLogic(ArmLogic):
     def guard(self, found: Array, seed: Array) -> None:
         self.cannula.guard(found, seed)
 
-    # the jaw, the last of a joint vector: the space stays, the other joints are kept where they are
+    # the jaw, the last of a joint vector: the space stays, the other joints keep their places
 
     def _jaw_servo_jp(self, request: Request) -> str:
         self.control.take_goal()[-1] = request.values[0]
         return self.control.adjust(request.name)
 
     def _jaw_servo_jf(self, request: Request) -> str:
-        """From any other mode this begins Cartesian effort control, without a wrench at the tip."""
+        """From any other mode this starts Cartesian effort control, without a wrench at the tip."""
         control = self.control
         if control.motion.mode is not Mode.EFFORT:
             self.cartesian_commands.enter(request.name)

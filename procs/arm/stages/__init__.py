@@ -1,1 +1,1 @@
-"""What an arm does in each of its states: on the way in, and every cycle."""
+"""Actions of an arm in each of its states: on entry, and every cycle."""

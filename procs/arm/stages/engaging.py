@@ -1,4 +1,4 @@
-"""A sterile adapter or an instrument was put on: the discs turn to and fro until it has caught."""
+"""After a sterile adapter or an instrument was attached: the discs turn to and fro until it engages."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ if TYPE_CHECKING:
 
 
 class Engaging(Driving):
-    """One move to each goal, the first being where the turning begins."""
+    """One move to each goal; the first goal is the start of the turning."""
 
     def __init__(self, arm: ArmLogic, what: str, goals: Callable[[], Sequence[Array]], still: Callable[[], bool],
                  caught: Callable[[], None]) -> None:
-        """`goals` (size,) each; `still`: it is on and has to be engaged; `caught` is called at the end."""
+        """`goals` (size,) each; `still`: attached and not engaged; `caught` is called at the end."""
         super().__init__(arm)
         self._what, self._plan, self._still, self._caught = what, goals, still, caught
         self._goals: Sequence[Array] = ()

@@ -1,4 +1,4 @@
-"""A homed arm that follows commands, and one that a hand moves."""
+"""A homed arm that follows commands, and one that is moved by hand."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from trocar.procs.tables.arm_types import ARM_TYPES
 
 
 class Homed(Stage):
-    """Commands are followed; what io clips is reported, and what the arm has on it is looked after."""
+    """Commands are followed; clipping by io is reported, and the arm's attachments are updated."""
 
     _limited = b""
 
@@ -28,7 +28,7 @@ class Homed(Stage):
 
     def run(self) -> None:
         control = self.control
-        control.io_requests.want_no_fault(bool(control.io.fault.item()) and not control.io.problem)  # we were missed
+        control.io_requests.want_no_fault(bool(control.io.fault.item()) and not control.io.problem)  # our timeout
         control.io_requests.tracking.want(self.arm.checks_tracking and control.motion.mode is not Mode.EFFORT)
         limited = control.io.at_limit.tobytes()
         if limited != self._limited:
@@ -48,9 +48,10 @@ class Homed(Stage):
 
 
 class Manual(Stage):
-    """The clutch on the arm is pressed: no efforts but those against gravity, a hand moves it; released, it holds.
+    """The clutch on the arm is pressed: efforts only against gravity, so the arm can be moved by hand; released, it
+    holds.
 
-    What an instrument brings is held meanwhile: a jaw does not drop its needle.
+    The instrument's joints are held meanwhile: a jaw does not drop its needle.
     """
 
     def enter(self) -> None:

@@ -12,7 +12,7 @@ from trocar.procs.tables import codes
 
 BIAS_SAMPLES: Final = 1970.0
 BIAS_NS: Final = 30_000_000_000
-BRAKES_NS: Final = 4_000_000_000  # those of a Classic ECM take 2 s to let go
+BRAKES_NS: Final = 4_000_000_000  # those of a Classic ECM take 2 s to release
 SETTLE_NS: Final = 2_000_000_000
 
 
@@ -54,7 +54,7 @@ class Calibrating(Stage):
 
 
 class Biased(Stage):
-    """Joint values mean something; on to homing, by way of what this arm needs before."""
+    """Joint values are valid; continue to homing, after the steps this arm needs before."""
 
     def enter(self) -> None:
         self.control.io_requests.pots.want(not self.control.arm.calibration_mode)
@@ -65,7 +65,7 @@ class Biased(Stage):
 
 
 class Driving(Stage):
-    """A stage that first has io switch the joint controller on, then the brakes off, then begins."""
+    """A stage that first has io switch the joint controller on, then release the brakes, then begins."""
 
     def enter(self) -> None:
         control, io_requests = self.control, self.control.io_requests
@@ -82,7 +82,7 @@ class Driving(Stage):
         elif self._is_ready():
             self._begun = True
             control = self.control
-            control.io_requests.pid.want(None)  # from here on the controller going off is a fault, not to be repaired
+            control.io_requests.pid.want(None)  # from now on a controller that goes off is a fault, not to be repaired
             control.motion.hold(control.io.setpoint, Mode.NONE)
             self.begin()
         elif self.is_late:
@@ -102,24 +102,24 @@ class Driving(Stage):
             control.driving = Generations.now(control.io)
             control.motion.hold(control.io.setpoint, Mode.NONE)
             self.within(SWITCH_NS + BRAKES_NS)
-        io_requests.brakes.want(True)  # only now that somebody holds the arm
+        io_requests.brakes.want(True)  # only now that the joint controller holds the arm
         return io_requests.brakes.settled
 
     def begin(self) -> None:
-        """io follows, and nothing else holds the arm."""
+        """io follows, and brakes no longer hold the arm."""
 
     def drive(self) -> None:
-        """Once a cycle from then on."""
+        """Called once a cycle from then on."""
 
 
 class Homing(Driving):
-    """To the homing position; there when every joint has arrived, as in any move."""
+    """Move to the homing position; homed when every joint has arrived, as in any move."""
 
     def begin(self) -> None:
         control = self.control
         control.goal[...] = self.arm.home()
         outside = control.joints.clip(control.goal)
-        if outside.any():  # io will hold the limits once homed: go there smoothly now
+        if outside.any():  # io will enforce the limits once homed: go there smoothly now
             control.status(f"moving into the joint limits: {control.joints.named(outside)}")
         reason = control.motion.move(control.goal, control.io.velocity, control.now_ns)
         if reason:

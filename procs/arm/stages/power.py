@@ -1,4 +1,4 @@
-"""Without power, on the way to it, and with nothing but power."""
+"""Stages without power, during power-on, and with power only."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from trocar.procs.arm.states import ArmEvent
 from trocar.procs.arm.supervision import POWER_PROBLEMS
 from trocar.procs.tables import codes
 
-POWER_NS: Final = 3_100_000_000  # io gives up after 3 s, which is never to be raised, and says so; if it does not
+POWER_NS: Final = 3_100_000_000  # io gives up after 3 s, never to be raised, and reports it; else this does
 TRIES: Final = 2
 
 
 class Disabled(Stage):
-    """No power; on the way up io has to forget its fault first."""
+    """No power; before power-on io has to clear its fault."""
 
     def enter(self) -> None:
         let_go(self.control)
@@ -44,7 +44,7 @@ class Disabled(Stage):
 
 
 class Powering(Stage):
-    """Power was asked for; one more try where the first is not enough."""
+    """Power was requested; one more try if the first fails."""
 
     def enter(self) -> None:
         self._tries = 0
@@ -60,7 +60,7 @@ class Powering(Stage):
                 self.fail(codes.POWER_TIMEOUT, "failed to enable power")
         elif io_requests.power.settled and io.has_power:
             control.machine.fire(ArmEvent.POWERED)
-        elif io_requests.is_void and not (io.problem or io.power_requested.item()):  # a person took it back
+        elif io_requests.is_void and not (io.problem or io.power_requested.item()):  # an operator's command withdrew it
             self.fail(codes.POWER_TIMEOUT, "failed to enable power")
         elif self.is_late or io.problem in POWER_PROBLEMS:
             if self._tries < TRIES and io_requests.is_authorized:
@@ -84,12 +84,12 @@ class Powering(Stage):
 
 
 class Enabled(Stage):
-    """Power, and nothing is driven: brakes hold, the joint controller is off."""
+    """Power without motion: brakes hold, the joint controller is off."""
 
     def enter(self) -> None:
         control, io_requests = self.control, self.control.io_requests
         control.driving = None
-        io_requests.power.want(None)  # from here on a loss of power is a fault, not a thing to repair
+        io_requests.power.want(None)  # from now on a loss of power is a fault, not to be repaired
         if not control.held:
             io_requests.brakes.want(False)
             io_requests.pid.want(None if control.is_kinematic else False)
@@ -100,14 +100,14 @@ class Enabled(Stage):
 
 
 class Paused(Stage):
-    """The joint controller holds, or stays off; what it did before, it is watched while it holds."""
+    """The joint controller holds, or stays off; while it holds, it is supervised as before."""
 
     def enter(self) -> None:
         self.control.io_requests.tracking.want(self.arm.checks_tracking)
 
 
 class Fault(Stage):
-    """No power, until somebody disables the arm or tries again."""
+    """No power, until the arm is disabled or enabled again."""
 
     def enter(self) -> None:
         let_go(self.control)

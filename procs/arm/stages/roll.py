@@ -1,6 +1,6 @@
-"""A master's roll: driven to its lower stop, whose place is known, and its encoder set there.
+"""A master's roll: driven to its lower stop, whose position is known, and its encoder set there.
 
-The potentiometer of the roll goes round several times over the joint's range, so that it cannot tell the position.
+The potentiometer of the roll turns several times over the joint's range, so it cannot measure the position.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from trocar.procs.tables import codes
 ROLL: Final = 6  # the joint, and its actuator
 LOWER_STOP: Final = math.radians(-480.0)
 TRAVEL: Final = 6.5 * math.pi  # further than the whole range
-LAG: Final = math.pi  # behind its goal by so much, the roll stands at its stop
-STANDING: Final = 0.5  # rad/s: slower is standing; a roll that is only slow has not arrived
+LAG: Final = math.pi  # this far behind its goal, the roll is at its stop
+STANDING: Final = 0.5  # rad/s: slower is standstill; a roll that is only slow has not arrived
 NEAR: Final = math.radians(6.0)
 SET_NS: Final = 3_000_000_000
 RETRY_NS: Final = 100_000_000
@@ -29,7 +29,7 @@ CLOSE: Final = math.radians(5.0)
 
 
 class FindingRoll(Driving):
-    """The roll goes down until it lags behind; the other joints hold."""
+    """The roll moves down until it lags behind; the other joints hold."""
 
     def begin(self) -> None:
         control = self.control
@@ -52,7 +52,7 @@ class FindingRoll(Driving):
 
 
 class SettingRoll(Stage):
-    """io sets the encoder and shows that it did; the roll is limp meanwhile, and the other joints hold."""
+    """io sets the encoder and confirms it; the roll is limp meanwhile, and the other joints hold."""
 
     def enter(self) -> None:
         control = self.control
@@ -89,7 +89,7 @@ class SettingRoll(Stage):
         control = self.control
         reads = float(control.io.position[ROLL])
         if abs(reads - LOWER_STOP) < CLOSE:
-            control.driving = Generations.now(control.io)  # positions mean something else from here on
+            control.driving = Generations.now(control.io)  # positions have a new meaning from here on
             control.motion.hold(control.io.setpoint, Mode.NONE)
             control.machine.fire(ArmEvent.SET)
         else:
