@@ -1,4 +1,4 @@
-"""What a teleoperation sees: arms by their records and events, which it asks by their mailboxes, and the operator."""
+"""A teleoperation's view of its arms, by records and events, with commands by mailboxes; and of the operator."""
 
 from __future__ import annotations
 
@@ -19,45 +19,45 @@ from trocar.shm.mailbox.messages import Reply
 from trocar.shm.mailbox.origins import Origin
 from trocar.shm.ring.ring import RingReader
 
-SHOWN_NS: Final = 1_000_000_000  # so long a refusal is shown
-LIMIT_SHOWN_NS: Final = 100_000_000  # and so long that a goal could not be reached: each goal is answered
-LIMITED: Final = ("at its limit", "clipped")  # what answers to goals that could not be reached begin with
-JAW: Final = "jaw"  # at its limit whenever the gripper is wide open: not worth a word
+SHOWN_NS: Final = 1_000_000_000  # how long a refusal is shown
+LIMIT_SHOWN_NS: Final = 100_000_000  # how long an unreached goal is shown: each goal is answered
+LIMITED: Final = ("at its limit", "clipped")  # beginnings of answers to goals that could not be reached
+JAW: Final = "jaw"  # at its limit whenever the gripper is wide open: not reported
 NO_FAULTS: Final = frozenset((INVERSE_KINEMATICS.code.encode(),))
-"""Codes of errors that are about a command: it was refused, and nothing is wrong with the arm."""
+"""Codes of errors about a command: it was refused, but the arm has no problem."""
 ERROR: Final = 3  # severity of events
 HELD: Final = (1, 2)  # control modes: position, trajectory
 IN_HAND: Final = b"MANUAL"  # internal state
-MAX_GOALS: Final = 1000  # under way at once; answers to so many were lost
-# Setup joints may carry a base while somebody follows; what goes further from one record to the next is another base.
+MAX_GOALS: Final = 1000  # in progress at once; more means that answers were lost
+# Setup joints may move a base during following; a larger step from one record to the next is another base.
 BASE_STEP_M: Final = 0.005
 BASE_STEP_RAD: Final = 0.1
 
 
 class TeleopArm:
-    """One arm. `look` once a cycle; what it says holds until the next one.
+    """One arm. Call `look` once a cycle; the values hold until the next call.
 
-    `whole`: this cycle's record is good; `restarted`: another process writes it than in the last cycle; `rebased`: its
-    base frame is another one; `stopped_by`: which program has stopped it since the last look, "": none; `is_in_hand`:
-    the clutch on the arm itself is pressed; `refuses_goals`: it did not go to the last goal it has answered.
+    `whole`: this cycle's record is good; `restarted`: the writer has changed since the last cycle; `rebased`: the base
+    frame has changed; `stopped_by`: the program that has stopped the arm since the last look, "": none; `is_in_hand`:
+    the clutch on the arm itself is pressed; `refuses_goals`: the arm did not go to the last goal it has answered.
 
-    `is_silent`: nothing came for too long; `is_enabled`, `is_ready`: ENABLED, and homed, as published; `fault`: why it
-    is not to be believed from this cycle on, `doubt`: the same for as long as that lasts, "": it is; `has_pose`: its
-    poses are known, and believed.
+    `is_silent`: no record for too long; `is_enabled`, `is_ready`: ENABLED, and homed, as published; `fault`: why the
+    arm is implausible from this cycle on, `doubt`: the same for as long as that lasts, "": plausible; `has_pose`: its
+    poses are known and plausible.
     """
 
     sets_pace = True
-    """Its records come in time with ours."""
+    """The teleoperation synchronizes its cycle with this arm's records."""
 
     def __init__(self, name: str, record: Input, events: RingReader, sender: LoopClient, *, is_master: bool) -> None:
-        """`is_master`: it is followed, so it has to move as a hand moves it; see MotionCheck."""
+        """`is_master`: the slave follows this arm, so its motion is checked against a hand's; see MotionCheck."""
         self.name, self._record, self._events, self._sender = name, record, events, sender
         field = record.field
         self._state, self._homed, self._busy = field("state"), field("is_homed"), field("is_busy")
         self._sub_state, self._mode, self._known = field("sub_state"), field("control_mode"), field("reference_valid")
         self._pose, self._setpoint_pose = field("measured_cp"), field("setpoint_cp")
         self.twist = field("measured_cv")
-        """Of the tip in the reference frame (6,)."""
+        """Twist of the tip in the reference frame (6,)."""
         self.joint_setpoint, self._tool = field("setpoint_position"), field("tool")
         self._simulated, self._base = field("simulated"), self.base_of(field)
         self._stops, self._stopped_by = self.stops_of(field)
@@ -67,7 +67,7 @@ class TeleopArm:
         self._gripper_valid, self._gripper = field("gripper_valid"), field("gripper_position")
         self._severity, self._code, self._text = (events.field(name) for name in ("severity", "code", "text"))
         self.measured, self.setpoint = np.zeros(7), np.zeros(7)
-        """Poses (7,) of the tip in the reference frame, of the last record in which they were known."""
+        """Poses (7,) of the tip in the reference frame, from the last record in which they were known."""
         self.stamp_ns = self._move = self._weight = self._now_ns = 0
         self.whole = self.restarted = self.is_moving = self.has_arrived = False
         self.rebased = self.is_in_hand = self.refuses_goals = False
@@ -80,10 +80,10 @@ class TeleopArm:
         self.is_enabled = self.is_ready = self.has_pose = self._reported = self._is_busy = False
         self._check = MotionCheck(name, self._pose, self.twist) if is_master else None
 
-    # what is seen
+    # inputs
 
     def look(self, now_ns: int) -> None:
-        """Its newest record and what became of commands."""
+        """Read the newest record and the replies to commands."""
         self._now_ns = now_ns
         self.whole, self.rebased, self.stopped_by = self._record.look(now_ns), False, ""
         self.restarted, self.stamp_ns = self._record.restarted, self._record.stamp_ns
@@ -114,15 +114,15 @@ class TeleopArm:
             self._hear(answer)
 
     def base_of(self, field: Fields) -> Array:
-        """The field with the pose of its base (7,) in the reference frame."""
+        """The field with the pose of the arm's base (7,) in the reference frame."""
         return field("base_frame")
 
     def stops_of(self, field: Fields) -> tuple[NDArray[Any], NDArray[Any]]:
-        """The fields with the count of its stops, and with who sent the last one."""
+        """The fields with the count of the arm's stops, and with the sender of the last one."""
         return field("stops"), field("stopped_by")
 
     def _look_at_stops(self) -> None:
-        """Teleoperations send none: all are of other programs."""
+        """Teleoperations send no stops: all are from other programs."""
         stops = int(self._stops)
         if self._seen_stops not in (None, stops):
             self.stopped_by = bytes(self._stopped_by.item()).decode(errors="replace")
@@ -138,42 +138,42 @@ class TeleopArm:
             last[...] = base
 
     def objection(self) -> str:
-        """Why its newest record is not to be believed, besides a jump; "": it may be."""
+        """Why the newest record is implausible, except for a jump; "": it is plausible."""
         return ""
 
     @property
     def is_busy(self) -> bool:
-        """A transition or a move is under way."""
+        """A transition or a move is in progress."""
         return self._is_busy or self.is_moving
 
     @property
     def is_kinematic(self) -> bool:
-        """There is no robot: forces do not move it, only who tells it where to be."""
+        """There is no robot: forces do not move the arm, only position commands."""
         return bool(self._simulated)
 
     @property
     def is_held(self) -> bool:
-        """It holds or follows positions; one that is kinematic is moved like that."""
+        """The arm holds or follows positions; never true for a kinematic arm, which always does."""
         return self._mode.item() in HELD and not self._simulated
 
     @property
     def is_taken(self) -> bool:
-        """It was let go, and then another program moved it or made it hold."""
+        """The arm was released, and then another program moved it or made it hold."""
         return self._was_free and self.is_held
 
     @property
     def reported(self) -> str:
-        """Its state in words."""
+        """The arm's state in words."""
         return bytes(self._sub_state.item()).decode(errors="replace") or "not there"
 
     @property
     def tool(self) -> str:
-        """The instrument that is on."""
+        """The attached instrument."""
         return bytes(self._tool.item()).decode(errors="replace")
 
     @property
     def has_jaw(self) -> bool:
-        """An instrument with a jaw is on."""
+        """An instrument with a jaw is attached."""
         return bool(self._has_jaw)
 
     @property
@@ -183,44 +183,44 @@ class TeleopArm:
 
     @property
     def gripper(self) -> float:
-        """Angle of a master's gripper, NaN: it has none."""
+        """Angle of a master's gripper, NaN: none."""
         return float(self._gripper) if self._gripper_valid else float("nan")
 
     @property
     def refusal(self) -> str:
-        """Why it did not do something it was asked for just now, "": it does all."""
+        """Reason for a recent refusal of a command, "": none."""
         return self._refusal if self._now_ns - self._refused_ns < SHOWN_NS else ""
 
     @property
     def has_ended_stream(self) -> bool:
-        """It has just ended our stream of goals, and refuses them until that has paused."""
+        """The arm has just ended our stream of goals, and refuses them until the stream has paused."""
         return self._now_ns - self._ended_ns < LIMIT_SHOWN_NS
 
     @property
     def limit(self) -> str:
-        """Why it could not go all the way to its goal just now, "": it could."""
+        """Why the arm could not reach a recent goal, "": it could."""
         return self._limit if self._now_ns - self._limited_ns < LIMIT_SHOWN_NS else ""
 
     def errors(self) -> list[str]:
-        """What went wrong with it since last asked."""
+        """Errors of the arm since the last call."""
         found = []
         while self._events.next():
             if self._severity.item() == ERROR and self._code.item() not in NO_FAULTS:
                 found.append(bytes(self._text.item()).decode(errors="replace"))
         return found
 
-    # what is asked
+    # commands
 
     def on_behalf(self, origin: Origin) -> None:
-        """What it is asked for from now on comes from this command of a person."""
+        """Attribute further commands to this operator's command."""
         self._sender.on_behalf(origin)
 
     def send(self, name: str, values: Sequence[float] | Array = (), text: str = "") -> int:
-        """Ask it for something; its number, 0: its mailbox is full."""
+        """Send a command; returns its number, 0: the arm's mailbox is full."""
         return self._sender.send(name, values, text)
 
     def pursue(self, name: str, values: Array) -> int:
-        """Send it a goal of a stream; `refuses_goals` until it takes one, if it does not take this."""
+        """Send a goal of a stream; if the arm refuses it, `refuses_goals` until one is accepted."""
         number = self.send(name, values)
         if number:
             if len(self._goals) >= MAX_GOALS:
@@ -229,25 +229,25 @@ class TeleopArm:
         return number
 
     def move(self, pose: Array) -> None:
-        """Move its tip to a pose (7,); `is_moving` until it said how that ended, then `has_arrived` or not."""
+        """Move the tip to a pose (7,); `is_moving` until the reply on its end, then `has_arrived` or not."""
         self._move = self.send("move_cp", pose)
         self.is_moving, self.has_arrived = bool(self._move), False
 
     def leave(self) -> None:
-        """Hold, if it does what we asked for; another program that has it already goes on undisturbed."""
+        """Hold, if the arm follows our commands; another program that controls it is not disturbed."""
         self.send("end_stream")
 
     def let_go(self) -> None:
-        """No forces but those against its weight, if it is ready for commands."""
+        """Release the arm: only efforts against its weight, if it is ready for commands."""
         self._was_free = False
         if self.is_ready and not self.is_silent:
-            self._weight = self.send("use_gravity_compensation", (1.0,))  # first: then nothing else bears it
+            self._weight = self.send("use_gravity_compensation", (1.0,))  # first: the arm has no other support then
             self.send("body/servo_cf", (0.0,) * 6)
 
     def _hear(self, answer: Reply) -> None:
         if answer.id == self._weight:
             self._weight = 0
-            return  # not every arm has a model of its weight
+            return  # some arms have no model of their weight
         if answer.id in self._goals:
             self._goals.discard(answer.id)
             self.refuses_goals = answer.outcome in ("refused", "failed")
@@ -265,12 +265,12 @@ class TeleopArm:
 
 
 class BaseFrame:
-    """Where the slave's base stands, when something else carries it: the tip of another arm, or of a setup arm."""
+    """The slave's base frame when the base is movable: the tip of another arm, or of a setup arm."""
 
     doubt = ""
 
     def __init__(self, name: str, record: Input, setup: int | None = None) -> None:
-        """`setup`: the place of the setup arm, if `record` is that of setup joints."""
+        """`setup`: the index of the setup arm, if `record` is that of setup joints."""
         self.name, self._record = name, record
         self._measured = record.field("measured_cp")
         self._known = record.field("reference_valid" if setup is None else "base_valid")
@@ -280,7 +280,7 @@ class BaseFrame:
         self._reported = False
 
     def look(self, now_ns: int) -> None:
-        """Once a cycle."""
+        """Read the record once a cycle."""
         if self._record.look(now_ns):
             self._reported = bool(self._known.item()) and math.isfinite(self._measured.dot(self._measured))
             if self._reported:
@@ -288,15 +288,15 @@ class BaseFrame:
 
     @property
     def pose(self) -> Array | None:
-        """(7,); None: not known."""
+        """The pose (7,); None: not known."""
         return self._pose if self._reported and self._record.fresh else None
 
 
 class Operator:
-    """The operator, as the console sees them.
+    """The operator, as the console reports.
 
-    `absence` is why they count as absent, "": they are there, as they always are without a console (None). `clutch`: as
-    the console's record has it, for who has missed its commands.
+    `absence` is why the operator counts as absent, "": present; always present without a console (None). `clutch`: from
+    the console's record, in case its commands were missed.
     """
 
     def __init__(self, console: str, record: Input | None) -> None:
@@ -307,7 +307,7 @@ class Operator:
             self._clutch = record.field("clutch")
 
     def look(self, now_ns: int) -> None:
-        """Once a cycle; a console that was started anew counts as silent for that cycle."""
+        """Once a cycle; a restarted console counts as silent for that cycle."""
         if self._record is None:
             return
         whole = self._record.look(now_ns)

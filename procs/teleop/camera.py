@@ -1,8 +1,4 @@
-"""How two masters carry the camera, as if the surgeon held the scene between the hands.
-
-Positions and velocities are in the masters' reference frame (x right, y up, z away from the view), in m and m/s; ECM
-joints are yaw, pitch, insertion, roll. Formulas as in dVRK 2.4, mtsTeleOperationECM, in closed form.
-"""
+"""Camera control with two masters: the operator holds the scene between the hands."""
 
 from __future__ import annotations
 
@@ -13,17 +9,17 @@ import numpy as np
 
 from trocar.procs.kinematics.poses import Array
 
-STIFFNESS: Final = 150.0  # N/m: what keeps the hands as far apart as they were
+STIFFNESS: Final = 150.0  # N/m: keeps the distance between the hands
 DAMPING: Final = np.array((10.0, 10.0, 40.0))  # N·s/m
-LOWEST: Final = np.array((-0.4, -0.2, 0.01))  # m: where both masters must be to begin
+LOWEST: Final = np.array((-0.4, -0.2, 0.01))  # m: both masters must be beyond this to begin
 HIGHEST: Final = np.array((0.4, 0.2, 0.8))
 
 
 class Camera:
-    """`goal` (4,) are the ECM's joints, `left_force` and `right_force` (3,) what the masters are pushed with."""
+    """`goal` (4,) are the ECM's joints, `left_force` and `right_force` (3,) the forces on the masters."""
 
     def __init__(self, scale: float, roll_offset: float) -> None:
-        """`scale` is of the insertion only; `roll_offset` (rad) of the camera on the ECM."""
+        """`scale` applies to the insertion only; `roll_offset` (rad) of the camera on the ECM."""
         self.scale, self._roll_offset = scale, roll_offset
         self.goal = np.zeros(4)
         self.left_force, self.right_force = np.zeros(3), np.zeros(3)
@@ -57,12 +53,12 @@ class Camera:
         return self.goal
 
     def orientation(self, first: Array) -> Array:
-        """What a master's orientation (3, 3) becomes that was `first` at `begin`, for the present goal."""
+        """A master's orientation (3, 3) for the present goal, from its orientation `first` at `begin`."""
         return (_turn(self.goal) @ self._first_turn.T).T @ first
 
 
 def outside(name: str, place: Array) -> str:
-    """Why a master at `place` (3,) is nowhere to begin, "": it is."""
+    """Why a master at `place` (3,) may not begin, "": it may."""
     if np.all((place >= LOWEST) & (place <= HIGHEST)):
         return ""
     at = ", ".join(f"{value:.3f}" for value in place)
@@ -71,14 +67,14 @@ def outside(name: str, place: Array) -> str:
 
 
 def _scene(left: Array, right: Array) -> tuple[Array, Array, Array, Array]:
-    """From left to right; the middle; up and side of the plane through both and the eye."""
+    """Vector from left to right; the middle; up and side of the plane through both and the eye."""
     span, centre = right - left, 0.5 * (left + right)
     up = _unit(_cross(span, centre))
     return span, centre, up, _unit(_cross(centre, up))
 
 
 def _directions(centre: Array, up: Array) -> tuple[Array, Array, Array]:
-    """Where the scene is seen from above, from the side, and how it is rolled."""
+    """Directions of the scene from above and from the side, and its roll."""
     return (_unit(np.array((centre[0], 0.0, centre[2]))), _unit(np.array((0.0, centre[1], centre[2]))),
             _unit(np.array((up[0], up[1], 0.0))))
 
@@ -86,7 +82,7 @@ def _directions(centre: Array, up: Array) -> tuple[Array, Array, Array]:
 def _signed_angle(first: Array, now: Array, axis: int) -> float:
     """The angle from one vector to another about an axis of the frame, to which both are perpendicular.
 
-    Not by the arc cosine, which makes 15 nrad of the last bit where the two are nearly the same.
+    Avoids the arc cosine, which turns a change in the last bit into 15 nrad for nearly equal vectors.
     """
     return math.atan2(float(_cross(first, now)[axis]), float(first @ now))
 

@@ -1,4 +1,4 @@
-"""Two masters that carry the camera."""
+"""Camera teleoperation: two masters and an ECM."""
 
 from __future__ import annotations
 
@@ -19,15 +19,14 @@ from trocar.shm.operator_topics import TeleopState
 from trocar.shm.system.events import Events
 
 JOINTS: Final = 4
-WRENCH_LASTS_S: Final = LATE_S  # forces on the masters end by themselves when we do
+WRENCH_LASTS_S: Final = LATE_S  # forces on the masters end by themselves when this process does
 IN_REFERENCE_FRAME: Final = 1.0
-MAX_STEP: Final = 0.1  # rad, m: no hands carry a camera further in a cycle, but crossing they turn it over
-NEW_TURN: Final = 1e-3  # rad, m: masters are turned further when a joint of the camera has moved by as much
+MAX_STEP: Final = 0.1  # rad, m: no hands move a camera further in a cycle, but crossing hands turn it over
+NEW_TURN: Final = 1e-3  # rad, m: masters are turned again when a joint of the camera has moved by this much
 
 
 class TeleopEcm(Teleop):
-    """States and motion of two masters and an ECM; see Teleop. The head sensor is not asked, only whether the console
-    lives.
+    """States and motion of two masters and an ECM; see Teleop. The head sensor is not used, only the console's timeout.
     """
 
     def __init__(self, settings: Settings, left: TeleopArm, right: TeleopArm, slave: TeleopArm, operator: Operator,
@@ -89,7 +88,7 @@ class TeleopEcm(Teleop):
         self._goal[...] = self.camera.goal
 
     def _free_masters(self) -> None:
-        """Their places are free, their orientations stay."""
+        """Free the masters' positions and lock their orientations."""
         for turn, master in zip(self._first_turns, self.masters, strict=True):
             turn[...] = matrix_from_pose(master.measured)[:3, :3]
             if master.is_ready:
@@ -109,7 +108,7 @@ class TeleopEcm(Teleop):
         if self._was_refused and not self.slave.refuses_goals:
             self.go(TeleopState.SETTING)
             return
-        if self.slave.refuses_goals:  # it stays where it is, and will not catch up with what it has missed
+        if self.slave.refuses_goals:  # the ECM holds, and will not catch up
             self._was_refused = True
             self._begin_here()
         goal = self.camera.step(left.measured[:3], right.measured[:3], left.twist[:3], right.twist[:3])
@@ -123,7 +122,7 @@ class TeleopEcm(Teleop):
         for master, force, first in zip(self.masters, (self.camera.left_force, self.camera.right_force),
                                         self._first_turns, strict=True):
             if master.is_kinematic:
-                continue  # a force would only end the move that somebody has it make
+                continue  # a force would only end a move commanded by another program
             self._wrench[:3] = force
             master.send("body/servo_cf", self._wrench)
             if turned:
@@ -145,7 +144,7 @@ class TeleopEcm(Teleop):
     def rescale(self, scale: float) -> None:
         self.camera.scale = scale
         left, right = self.masters
-        if self.following:  # from here on: nothing moves by the change itself
+        if self.following:  # from here on: the change itself moves nothing
             self.camera.begin(left.measured[:3], right.measured[:3], self.camera.goal.copy())
             for turn, master in zip(self._first_turns, self.masters, strict=True):
                 turn[...] = matrix_from_pose(master.measured)[:3, :3]

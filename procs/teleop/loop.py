@@ -15,20 +15,20 @@ from trocar.procs.teleop.third_party import ThirdPartyArm
 from trocar.shm.mailbox.generations import Cell, Watched
 from trocar.shm.ring.ring import RingWriter
 
-BEHIND_MASTER_NS: Final = 190_000  # its record is out by then
+BEHIND_MASTER_NS: Final = 190_000  # its record is published by then
 
-IDLE_PERIODS: Final = 10  # while DISABLED it looks around a hundred times a second, and when it is asked for something
+IDLE_PERIODS: Final = 10  # while DISABLED it runs a hundred times a second, and at each command
 
 
 def jaw_range(node: runtime.Node, psm: str) -> JawRange:
-    """The jaws of the instruments that the arm may carry."""
-    arms = [arm for arm in node.document.arms if arm.name == psm]  # none: a program of somebody else
+    """The jaw limits of the instruments that the arm may carry."""
+    arms = [arm for arm in node.document.arms if arm.name == psm]  # none: a third-party program
     tools = [tool for arm in arms for tool in (*arm.tools, arm.tool) if tool is not None]
     return {tool.name: (tool.jaw.lower, tool.jaw.upper) for tool in tools}.get
 
 
 def base_frame(node: runtime.Node, row: PsmRow) -> BaseFrame | None:
-    """What carries the slave, if the file says so: an arm, or a setup arm of setup joints."""
+    """The arm, or the setup arm, that carries the slave, if the file names one."""
     name, setup = row.base_frame_from, row.base_frame_interface
     if not name:
         return None
@@ -39,7 +39,7 @@ def base_frame(node: runtime.Node, row: PsmRow) -> BaseFrame | None:
 
 
 def build(node: runtime.Node, record: RingWriter, faults: Cell) -> Teleop:
-    """The teleoperation of this process, on `record`; `faults` of its arms."""
+    """The teleoperation of this process, on `record`; `faults`: those of its arms."""
     row = node.document.teleop(node.name)
     there = row.console in {process.name for process in node.document.processes}
     operator = Operator(row.console, node.input(row.console) if there else None)
@@ -89,12 +89,12 @@ class TeleopLoop(runtime.Loop):
                 node.latency(node.clock.now_ns() - master.stamp_ns)
 
     def close(self) -> None:
-        """As if it were disabled."""
+        """End as if the teleoperation were disabled."""
         self.teleop.leave(self.node.now_ns)
 
 
 def main() -> None:
-    """Run one teleoperation until asked to stop; its slave then holds."""
+    """Run one teleoperation until stopped; its slave then holds."""
     runtime.run("teleop", TeleopLoop)
 
 

@@ -1,7 +1,7 @@
-"""Whether a master moves as a hand can move it: one rule for all masters, ours and those of third parties.
+"""Plausibility of a master's motion: one rule for all masters, ours and third-party ones.
 
-A pose that cannot be reached from the one before is a fault, and so is a twist too fast: following ends, and restarts
-only after STEADY_NS without a fault.
+A pose that a hand cannot reach from the previous one is a fault, and so is a twist too fast: following ends, and
+restarts only after STEADY_NS without a fault.
 """
 
 from __future__ import annotations
@@ -14,39 +14,39 @@ import numpy as np
 from trocar.procs.kinematics.poses import Array, angle_between
 from trocar.procs.node.inputs import LATE_NS
 
-# A hand is slower than this, also where it rolls a master between two fingers; an encoder that jumps, or a tracker
-# that lost its way, is faster. What a step may have on top is for coarse resolution and records that were late.
+# A hand is slower than this, even if it rolls a master between two fingers; an encoder that jumps, or a tracker
+# that lost its target, is faster. The additional step permits coarse resolution and late records.
 MAX_M_S: Final = 2.0
 MAX_RAD_S: Final = 30.0
 STEP_M: Final = 0.005
 STEP_RAD: Final = 0.1
-MAX_STEP_NS: Final = LATE_NS  # a record that comes later is from a master that was silent
-STEADY_NS: Final = 500_000_000  # so long without a fault until it is believed again
+MAX_STEP_NS: Final = LATE_NS  # a later record is from a master that was silent
+STEADY_NS: Final = 500_000_000  # time without a fault until the master is plausible again
 
 
 class MotionCheck:
-    """`fault`: why a master is not to be believed from this cycle on; `doubt`: the same for as long as it lasts."""
+    """`fault`: why a master is implausible from this cycle on; `doubt`: the same for as long as it lasts."""
 
     def __init__(self, name: str, pose: Array, twist: Array) -> None:
-        """`pose` (7,) and `twist` (6,) of the tip, in the reference frame, are views on its newest record."""
+        """`pose` (7,) and `twist` (6,) of the tip, in the reference frame, are views of the newest record."""
         self._name, self._pose, self._twist = name, pose, twist
         self.fault = self.doubt = ""
         self._last = np.zeros(7)
         self._has_last = False
         self._stamp_ns = self._seen_ns = self._steady_ns = 0
-        self._room_m, self._room_rad = STEP_M, STEP_RAD  # left: a master that is always too fast uses them up
+        self._room_m, self._room_rad = STEP_M, STEP_RAD  # remaining: a master that is always too fast uses them up
 
     def forget(self) -> None:
-        """It may be anywhere: the next pose is compared with nothing."""
+        """The master may be anywhere: the next pose is not compared."""
         self._has_last = False
 
     def look(self, stamp_ns: int, now_ns: int, *, known: bool, objection: str = "") -> None:
-        """Once a cycle. `known`: its pose is, `objection`: what else is wrong with the record of this stamp."""
+        """Once a cycle. `known`: the pose is, `objection`: any other problem of the record with this stamp."""
         self.fault = ""
         if stamp_ns != self._stamp_ns:
             wrong = self._judge(stamp_ns, now_ns, known) or objection
             if wrong:
-                if now_ns >= self._steady_ns:  # the first: it is reported once, however many follow
+                if now_ns >= self._steady_ns:  # reported once for a series of faults
                     self.fault = self.doubt = wrong
                 self._steady_ns = now_ns + STEADY_NS
             self._stamp_ns, self._seen_ns = stamp_ns, now_ns
@@ -75,6 +75,6 @@ class MotionCheck:
 
     def _speed(self) -> str:
         linear, angular = math.hypot(*self._twist[:3]), math.hypot(*self._twist[3:])
-        if linear <= MAX_M_S and angular <= MAX_RAD_S:  # not a number fails, too
+        if linear <= MAX_M_S and angular <= MAX_RAD_S:  # false for NaN, too
             return ""
         return f"{self._name} says it goes at {linear:.3g} m/s, {angular:.3g} rad/s"

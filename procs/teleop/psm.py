@@ -1,4 +1,4 @@
-"""A master on a PSM."""
+"""PSM teleoperation: one master and one PSM."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from trocar.shm.mailbox.generations import Cell
 from trocar.shm.operator_topics import TeleopState
 from trocar.shm.system.events import Events
 
-WRENCH_LASTS_S: Final = LATE_S  # the master's wrench ends by itself when we do
-AGAIN_NS: Final = 500_000_000  # until a master is aligned anew that could not be
-SAME_JAW: Final = 1e-6  # rad: it is there already
+WRENCH_LASTS_S: Final = LATE_S  # the master's wrench ends by itself when this process does
+AGAIN_NS: Final = 500_000_000  # until a failed alignment of a master is repeated
+SAME_JAW: Final = 1e-6  # rad: already reached
 
 JawRange = Callable[[str], tuple[float, float] | None]
 """Lower and upper limit of an instrument's jaw, None: not known."""
@@ -139,7 +139,7 @@ class TeleopPsm(Teleop):
             self.master.leave()
 
     def _send_alignment(self) -> None:
-        """The master stays where it is and turns as the slave is."""
+        """Turn the master, in place, to the slave's orientation."""
         pose = self.master.setpoint.copy()
         pose[3:] = self.slave.setpoint[3:]
         self._aligned_to[...], self._aligned_ns = self.slave.setpoint, self.now_ns
@@ -165,7 +165,7 @@ class TeleopPsm(Teleop):
         if self.operator.absence:
             self.wait(f"waiting: {self.operator.absence}")
             return
-        if master.is_busy or slave.is_busy:  # the roll that alignment makes is nobody's
+        if master.is_busy or slave.is_busy:  # the roll that alignment causes is not the operator's
             self.presence.forget_roll()
             self.presence.look(master.gripper, math.nan)
         else:
@@ -179,7 +179,7 @@ class TeleopPsm(Teleop):
             self.wait(f"{reason} ({master.refusal})" if master.refusal else reason)
 
     def _keep_aligned(self) -> None:
-        """Align again when the slave has turned, or the master could not get there."""
+        """Align again when the slave has turned, or the master did not arrive."""
         master = self.master
         turned = angle_between(self._aligned_to, self.slave.setpoint) > self.settings.start_orientation_tolerance
         failed = not (master.is_moving or master.has_arrived) and self.now_ns - self._aligned_ns > AGAIN_NS
@@ -205,7 +205,7 @@ class TeleopPsm(Teleop):
         return None if self.base is None else self.base.pose
 
     def _free_master(self, locked: bool) -> None:
-        """Its place is free; its orientation, too, unless `locked`."""
+        """Free the master's position; its orientation, too, unless `locked`."""
         if self.settings.mtm_is_haptic:
             self.master.let_go()
             if self.master.is_ready:
@@ -226,7 +226,7 @@ class TeleopPsm(Teleop):
             self._was_active = self.presence.is_active
             self.pause()
             return
-        if slave.refuses_goals:  # it stays where it is, and will not catch up with what it has missed
+        if slave.refuses_goals:  # the slave holds, and will not catch up
             self._was_refused = True
             self._begin_here()
         elif self._was_refused:  # as after the clutch
@@ -250,7 +250,7 @@ class TeleopPsm(Teleop):
         self.reason = slave.refusal or slave.limit or master.refusal
 
     def _pass_wrench(self, wrench: Array) -> None:
-        """Give it to the master, as long as whoever gave it to us gives it again."""
+        """Pass a wrench to the master, as long as its sender repeats it."""
         if self.now_ns >= self._wrench_end_ns and wrench.any():
             self._wrench = None
             self.master.let_go()
@@ -271,10 +271,10 @@ class TeleopPsm(Teleop):
             self.master.leave()
 
     def set_clutch(self, pressed: bool) -> None:
-        """See Teleop; a click while not clutched starts anew as well, and takes no presence away."""
+        """See Teleop; a click while not clutched also restarts, and does not end presence."""
         if not pressed and not self.clutched:
             self._was_active = self.presence.is_active
-        if not (pressed and self.clutched):  # else the presence of before is the one to come back to
+        if not (pressed and self.clutched):  # else restore the presence from before
             super().set_clutch(pressed)
 
     # commands
@@ -295,7 +295,7 @@ class TeleopPsm(Teleop):
         if locked and self.following and self.settings.mtm_is_haptic:
             self.master.send("lock_orientation")
         elif not locked and self.state is not TeleopState.DISABLED:
-            self.go(TeleopState.DISABLED)  # the desired state stays: it aligns again
+            self.go(TeleopState.DISABLED)  # the desired state stays, so alignment is repeated
 
     def _lock_translation(self, request: Request) -> None:
         self.mapping.translation_locked = locked = switch(request)

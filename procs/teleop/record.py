@@ -32,15 +32,15 @@ class TeleopRecord:
         self._room = self._reason.dtype.itemsize
 
     def scale(self, of_file: float) -> float:
-        """The scale that a predecessor of this process was given, without one that of the file."""
+        """The scale given to the previous process; without one, that of the file."""
         return float(self._scale) if self._scale > 0.0 else of_file
 
     def show_scale(self, scale: float) -> None:
-        """The scale in force."""
+        """Show the scale in force."""
         self._scale[...] = scale
 
     def show(self, state: str, desired: str, reason: str, *, following: bool, clutched: bool) -> None:
-        """What both kinds have."""
+        """Fill the fields that both kinds have."""
         self._following[...], self._clutched[...] = following, clutched
         if self._reported != (state, desired, reason):
             self._reported = (state, desired, reason)

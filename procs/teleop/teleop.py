@@ -1,7 +1,7 @@
-"""What teleoperations of PSMs and of ECMs have in common: states, the arms they need, commands, the record.
+"""Common base of teleoperations of PSMs and of ECMs: states, arms, commands, the record.
 
-Stepped once a cycle, then publish the record. No clock and no shared memory: time is the `now_ns` argument, records
-are arrays given to it. Nothing here waits: what arms are asked for is seen in their records and answers.
+Step it once a cycle, then publish the record. It has no clock and no shared memory: time is the `now_ns` argument,
+records are arrays given to it. No call waits: the effect of commands to arms shows in their records and answers.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from trocar.shm.mailbox.origins import NOBODY, Origin
 from trocar.shm.operator_topics import TeleopState
 from trocar.shm.system.events import Events
 
-MARGIN_NS: Final = 50_000_000  # goals on their way when a stream was ended
-SETTING_NS: Final = 60_000_000_000  # that arms may take to be homed
+MARGIN_NS: Final = 50_000_000  # for goals in transit when a stream was ended
+SETTING_NS: Final = 60_000_000_000  # time for arms to be homed
 REPORT_NS: Final = 2_000_000_000
 PRESSED, CLICKED = 1.0, 2.0
 
@@ -30,21 +30,21 @@ NEEDS_ARMS: Final = frozenset((TeleopState.ALIGNING, TeleopState.ENABLED))
 
 
 class Teleop:
-    """One teleoperation; a kind adds its commands, what it does in each state and what the clutch does."""
+    """One teleoperation; derived classes add commands, the work in each state and the effect of the clutch."""
 
     words: Mapping[str, TeleopState] = {"enable": TeleopState.ENABLED, "disable": TeleopState.DISABLED}
 
     def __init__(self, name: str, arms: tuple[TeleopArm, ...], operator: Operator, record: TeleopRecord,
                  events: Events,
                  faults: Cell) -> None:
-        """DISABLED, whatever a predecessor was: following begins only when it is asked for again.
+        """Starts DISABLED after a restart, too: following begins only after a new command.
 
-        `faults` of its arms: what was asked for before one is void.
+        `faults`: those of its arms; commands given before a fault are void.
         """
         self.name, self.arms, self.operator, self.record, self.events = name, arms, operator, record, events
         self._faults = faults
         self.origin: Origin = NOBODY
-        """The person's command that it carries out."""
+        """The operator's command that is carried out."""
         self.state = self.desired = TeleopState.DISABLED
         self.following = self.clutched = False
         self.reason = ""
@@ -53,25 +53,25 @@ class Teleop:
         self._reported_ns = -REPORT_NS
         self._asked: set[tuple[str, str]] = set()
         self._recovering = False
-        """SETTING_ARMS_STATE because an arm's process was lost, not because somebody asked."""
+        """SETTING_ARMS_STATE because an arm was lost, not by command."""
         self._table: dict[str, Handler] = {
             "state_command": self._state_command, "clutch": self._clutch, "set_scale": self._set_scale,
             **self.commands()}
 
-    # what a kind has of its own
+    # overridden by each kind
 
     def commands(self) -> Mapping[str, Handler]:
-        """Commands of this kind."""
+        """Additional commands."""
         return {}
 
     def look(self) -> None:
-        """What it reads besides its arms."""
+        """Read inputs besides the arms."""
 
     def set_up(self) -> None:
-        """All arms are ready: go on to the next state, or `stop`."""
+        """All arms are ready: enter the next state, or `stop`."""
 
     def enter(self, state: TeleopState) -> None:
-        """A state was entered."""
+        """Actions on entering a state."""
 
     def run(self) -> None:
         """One cycle of ALIGNING_MTM or ENABLED; all arms are ready and their records good."""
@@ -80,16 +80,16 @@ class Teleop:
         """The clutch was pressed; following has ended."""
 
     def release(self) -> None:
-        """It was released while nothing is desired."""
+        """The clutch was released while the desired state is DISABLED."""
 
     def forget_presence(self) -> None:
-        """The operator has to show presence again."""
+        """Require the operator to show presence again."""
 
     def lose(self) -> None:
-        """The operator is absent or cannot be seen while ALIGNING_MTM or ENABLED."""
+        """The operator is absent or not observable while ALIGNING_MTM or ENABLED."""
 
     def rescale(self, scale: float) -> None:
-        """Another scale from here on; nothing moves by the change itself."""
+        """Use another scale from here on; the change itself moves nothing."""
 
     def show(self) -> None:
         """Fill the kind's own part of the record."""
@@ -98,11 +98,11 @@ class Teleop:
 
     @property
     def is_idle(self) -> bool:
-        """DISABLED, and nothing else is asked for."""
+        """DISABLED, and no other state is desired."""
         return self.state is TeleopState.DISABLED and self.desired is TeleopState.DISABLED
 
     def step(self, now_ns: int, requests: Iterable[Request]) -> None:
-        """Look, answer commands, act, show."""
+        """One cycle: read inputs, answer commands, act, fill the record."""
         self.passed_s = (now_ns - self._last_ns) * 1e-9 if self._last_ns else 0.0
         self.now_ns = self._last_ns = now_ns
         for arm in self.arms:
@@ -122,7 +122,7 @@ class Teleop:
         self._show()
 
     def leave(self, now_ns: int) -> None:
-        """The process ends in order: as if it were disabled."""
+        """The process ends normally: as if disabled."""
         self.now_ns = now_ns
         self.desire(TeleopState.DISABLED)
 
@@ -135,7 +135,7 @@ class Teleop:
             self.run()
 
     def _supervise(self) -> None:
-        """Whatever is wrong with an arm ends it; one that only was not heard of may come back by itself."""
+        """A problem of an arm stops teleoperation; after a silence or restart it may resume by itself."""
         if self.desired is not TeleopState.DISABLED and self.origin.generation < self._faults.valid_from:
             self.stop(codes.FAULT_SINCE, "there was a fault since it was asked for")
         for arm in self.arms:
@@ -170,19 +170,19 @@ class Teleop:
         self.stop(codes.ARM_NOT_READY, f"{arm.name} is not {missing}", arm.name)
 
     def interrupt(self, code: Code, text: str, component: str) -> None:
-        """What is known of an arm holds no longer, its process is gone or was."""
+        """Data of an arm are no longer valid, because its process is or was gone."""
         self.events.report(code, f"{self.name}: {text}", component)
         self._begin_anew()
 
     def pause(self) -> None:
-        """The slave has ended our stream: back to SETTING_ARMS_STATE, where the pause that it requires is made."""
+        """The slave has ended our stream: back to SETTING_ARMS_STATE for the required pause."""
         self._paused_until_ns = self.now_ns + STREAM_PAUSE_NS + MARGIN_NS
         self.go(TeleopState.SETTING)
 
     def _begin_anew(self) -> None:
-        """Back to SETTING_ARMS_STATE, and presence has to be shown again.
+        """Back to SETTING_ARMS_STATE; presence has to be shown again.
 
-        Nothing is enabled or homed there that is not by itself, see `_recovering`.
+        There an arm is neither enabled nor homed by command, see `_recovering`.
         """
         self.forget_presence()
         self.go(TeleopState.SETTING)
@@ -233,26 +233,26 @@ class Teleop:
         self.enter(state)
 
     def desire(self, state: TeleopState) -> None:
-        """Another state is asked for; presence has to be shown for it."""
+        """Set another desired state; presence has to be shown for it."""
         if state is self.desired:
             return
         self.desired = state
         self.forget_presence()
         self.events.emit("desired_state", state)
         self.events.status(f"{self.name}: set desired state to {state}", self.name)
-        # at once: what is asked for later in this very cycle must find that it has stopped
+        # at once: later commands in this very cycle must find it stopped
         stops = state is TeleopState.DISABLED and self.state is not TeleopState.DISABLED
         if stops or self.state is TeleopState.ENABLED:
             self.go(state)
 
     def stop(self, code: Code, text: str, component: str = "") -> None:
-        """Something is wrong: say it; DISABLED from this cycle on, until it is asked for again."""
+        """Report a problem; DISABLED from this cycle on, until enabled again."""
         self.reason = text
         self.events.report(code, f"{self.name}: {text}", component or self.name)
         self.desire(TeleopState.DISABLED)
 
     def follow(self, on: bool) -> None:
-        """The slave follows, or stays where it is."""
+        """Let the slave follow, or hold."""
         if on is self.following:
             return
         self.following = on
@@ -261,14 +261,14 @@ class Teleop:
         self.events.emit("following", value=float(on))
 
     def wait(self, reason: str) -> None:
-        """Why it does not follow yet: shown, and every now and then a warning."""
+        """Show why the slave does not follow yet, with a warning at intervals."""
         self.reason = reason
         if reason and self.now_ns - self._reported_ns >= REPORT_NS:
             self._reported_ns = self.now_ns
             self.events.report(codes.TELEOP_WAITING, f"{self.name}: {reason}", self.name)
 
     def settle(self) -> None:
-        """A new state: its first reason to wait is reported when it has lasted."""
+        """A new state: its first reason to wait is reported only if it lasts."""
         self._reported_ns = self.now_ns
 
     # commands
@@ -305,12 +305,12 @@ class Teleop:
         self.events.emit("scale", value=scale)
 
     def _clutch(self, request: Request) -> None:
-        """A click repeats what came last."""
+        """A click repeats the last state."""
         value = float(request.values[0])
         self.set_clutch(self.clutched if value == CLICKED else value == PRESSED)
 
     def set_clutch(self, pressed: bool) -> None:
-        """The clutch of the console; the arms are let go or held also while DISABLED."""
+        """Handle the console's clutch; it releases or holds the arms while DISABLED, too."""
         self.clutched = pressed
         self.events.status(f"{self.name}: console clutch {'pressed' if pressed else 'released'}", self.name)
         if pressed:

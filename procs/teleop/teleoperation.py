@@ -1,4 +1,4 @@
-"""How a master's motion becomes that of a PSM: pose, jaw, and whether somebody holds the master.
+"""Mapping of a master's motion to a PSM: pose and jaw, and detection of a hand on the master.
 
 Poses are (7,), x y z qx qy qz qw, in the arms' reference frames, which makes motion agree with the view; "first" values
 are those of the last `rebase`. Angles in rad, lengths in m. Formulas as in dVRK 2.4, mtsTeleOperationPSM.
@@ -22,34 +22,34 @@ Quaternion = tuple[float, float, float, float]
 IDENTITY: Final = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 Y_AXIS: Final = (0.0, 1.0, 0.0)
 
-TOGETHER: Final = 0.8  # of both thresholds: a bit of each is presence as well
+TOGETHER: Final = 0.8  # share of the sum of both thresholds: smaller motions of both are presence as well
 CAUGHT_UP: Final = math.radians(2.0)
 NO_GRIPPER_JAW: Final = math.radians(45.0)  # jaw where the master has no gripper
-MAX_LOST_S: Final = LATE_S  # a cycle that came later than this lets the jaw go no further
+MAX_LOST_S: Final = LATE_S  # a later cycle moves the jaw no further
 
 
 def roll_between(master: Array, slave: Array) -> float:
-    """The angle (0 to π) between the y axes of two tips, poses (7,): how far the master is rolled against the slave."""
+    """The angle (0 to π) between the y axes of two tips, poses (7,): the roll of the master against the slave."""
     a, b, c = turned(master[3:].tolist(), Y_AXIS)
     d, e, f = turned(slave[3:].tolist(), Y_AXIS)
     return math.acos(max(-1.0, min(1.0, a * d + b * e + c * f)))
 
 
 class PoseMapping:
-    """The pose mapping. `goal` (7,) is where the slave was last told to go; it never jumps but by `begin`."""
+    """The pose mapping. `goal` (7,) is the last goal for the slave; only `begin` makes it jump."""
 
     def __init__(self, scale: float, *, rotation_locked: bool = False, translation_locked: bool = False) -> None:
-        """Not yet based: call `begin` before `step`."""
+        """Call `begin` before `step`."""
         self.scale, self.rotation_locked, self.translation_locked = scale, rotation_locked, translation_locked
         self.goal: Array = np.array(IDENTITY)
         self.offset: Quaternion = IDENTITY[3:]
-        """Of the slave's orientation to the master's: R_masterᵀ · R_goal."""
+        """Rotation from the slave's orientation to the master's: R_masterᵀ · R_goal."""
         self._first_offset = self.offset
         self._first_master, self._first_slave = list(IDENTITY), list(IDENTITY)
         self._first_base: list[float] | None = None
 
     def begin(self, master: Array, slave: Array, base: Array | None = None) -> None:
-        """Follow from here on: the master's measured pose, the slave's setpoint, its base frame where one moves."""
+        """Follow from here on: the master's measured pose, the slave's setpoint, its base frame if that moves."""
         self._first_master, self._first_slave = master.tolist(), slave.tolist()
         self._first_base = None if base is None else base.tolist()
         self.goal[...] = slave
@@ -79,9 +79,9 @@ class PoseMapping:
         return self.goal
 
     def velocity(self, twist: Array, *, linear: bool, angular: bool) -> Sequence[float]:
-        """The slave's twist (6) for the master's: linear scaled, angular as it is; zero where not `linear`, `angular`.
+        """The slave's twist (6) for the master's: linear scaled, angular unchanged; zero unless `linear`, `angular`.
 
-        What is locked does not move.
+        Locked parts are zero.
         """
         x, y, z, a, b, c = twist.tolist()
         scale = self.scale if linear and not self.translation_locked else 0.0
@@ -92,7 +92,7 @@ class PoseMapping:
 def _carried(
     first: Sequence[float], base: Sequence[float], place: Sequence[float], quaternion: Sequence[float]
 ) -> tuple[float, float, float, Quaternion]:
-    """What stays where it is, seen from a base that has moved: base⁻¹ · first · pose."""
+    """A pose fixed in the reference frame, expressed in a base that has moved: base⁻¹ · first · pose."""
     back = conjugate(base[3:])
     x, y, z = turned(first[3:], place)
     x, y, z = turned(back, (first[0] + x - base[0], first[1] + y - base[1], first[2] + z - base[2]))
@@ -100,40 +100,40 @@ def _carried(
 
 
 class Presence:
-    """Whether somebody holds the master: its gripper or its roll has moved since the last `reset`."""
+    """Detects a hand on the master: its gripper or its roll has moved since the last `reset`."""
 
     def __init__(self, gripper_threshold: float, roll_threshold: float) -> None:
-        """Ranges from which on somebody does, rad; 0 for the gripper: always."""
+        """Ranges of motion that show a hand, rad; 0 for the gripper: always."""
         self._gripper_threshold, self._roll_threshold = gripper_threshold, roll_threshold
         self.is_active = False
         self.reset()
 
     def reset(self) -> None:
-        """Forget the ranges seen, not the answer."""
+        """Forget the ranges, but not the result."""
         self._gripper_low, self._gripper_high = math.inf, -math.inf
         self.forget_roll()
 
     def forget_roll(self) -> None:
-        """Forget the range of the roll seen."""
+        """Forget the range of the roll."""
         self._roll_low, self._roll_high = math.inf, -math.inf
 
     def forget(self) -> None:
-        """Nobody is known to hold it."""
+        """Forget the result, too: no hand is known to be on the master."""
         self.is_active = False
         self.reset()
 
     @property
     def gripper_range(self) -> float:
-        """How far the gripper has moved."""
+        """Range of the gripper's motion."""
         return max(0.0, self._gripper_high - self._gripper_low)
 
     @property
     def roll_range(self) -> float:
-        """How far the roll has moved."""
+        """Range of the roll's motion."""
         return max(0.0, self._roll_high - self._roll_low)
 
     def look(self, gripper: float, roll: float) -> bool:
-        """Take this cycle's angles in (NaN: not known); once active it stays so until forgotten."""
+        """Add this cycle's angles (NaN: not known); once active, it stays active until `forget`."""
         if math.isfinite(gripper):
             self._gripper_low, self._gripper_high = min(self._gripper_low, gripper), max(self._gripper_high, gripper)
         if math.isfinite(roll):
@@ -147,7 +147,7 @@ class Presence:
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """What is looked at before following starts; angles in rad."""
+    """Conditions for the start of following; angles in rad."""
 
     error: float
     tolerance: float
@@ -156,7 +156,7 @@ class Start:
 
 
 def waiting_for(master: str, start: Start) -> str:
-    """Why following does not start, in plain words; "": it may."""
+    """Why following does not start, for the operator; "": it may."""
     reasons = []
     if not start.error <= start.tolerance:
         reasons.append(f"{master} {math.degrees(start.error):.1f}° {OFF} {math.degrees(start.tolerance):g}°")
@@ -168,9 +168,9 @@ def waiting_for(master: str, start: Start) -> str:
 
 
 class JawMapping:
-    """The jaw's angle for the gripper's: jaw = k·g + o. The ghost of the gripper follows it at a limited rate.
+    """The jaw's angle from the gripper's: jaw = k·g + o. A ghost of the gripper follows it at a limited rate.
 
-    A jaw whose upper limit is 0 does not open (k = 0): it stays where it is.
+    A jaw whose upper limit is 0 does not open (k = 0): it keeps its angle.
     """
 
     def __init__(self, gripper_zero: float, gripper_max: float, rate: float, rate_after_clutch: float) -> None:
@@ -183,26 +183,26 @@ class JawMapping:
         self.use(0.0, gripper_max)
 
     def use(self, lower: float, upper: float) -> None:
-        """The range of the jaw that is on, rad."""
+        """Set the range of the attached jaw, rad."""
         self._lower = lower
         self._factor = upper / (self._max - self._zero)
         self._offset = -self._zero * self._factor
 
     def jaw_of(self, gripper: float) -> float:
-        """The jaw's angle for a gripper's."""
+        """The jaw's angle for a gripper angle."""
         return self._factor * gripper + self._offset
 
     def begin(self, jaw: float) -> None:
-        """Go on from the jaw's setpoint, slowly until the gripper is caught up with."""
+        """Continue from the jaw's setpoint, slowly until the jaw has caught up with the gripper."""
         self._begun = jaw
         if self._factor:
             self.ghost = (jaw - self._offset) / self._factor
         self._catching_up, self._has_gripper = True, False
 
     def step(self, gripper: float, passed_s: float) -> float:
-        """The jaw's angle after `passed_s`; `gripper` NaN: the master has none, or it is not seen any more.
+        """The jaw's angle after `passed_s`; `gripper` NaN: the master has none, or its angle is not known any more.
 
-        Without one the jaw goes to NO_GRIPPER_JAW; with one that is not seen it stays.
+        Without a gripper the jaw goes to NO_GRIPPER_JAW; with an unknown angle it stays.
         """
         if not self._factor:
             return self._begun

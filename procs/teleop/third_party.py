@@ -1,4 +1,4 @@
-"""An arm that is a third-party program: nothing that it says is believed before it is looked at."""
+"""An arm of a third-party program: its values are checked before use."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from trocar.procs.teleop.arms import TeleopArm
 from trocar.shm.mailbox.client import LoopClient
 from trocar.shm.ring.ring import RingReader
 
-UNIT: Final = 1e-3  # how far from length 1 a quaternion may be
+UNIT: Final = 1e-3  # permitted deviation of a quaternion from length 1
 
 
 class ThirdPartyArm(TeleopArm):
-    """The same as an arm, but that a number that is none, or a gripper that comes and goes, is a fault as well."""
+    """A TeleopArm with more faults: a value that is not a number, and a gripper that comes and goes."""
 
-    sets_pace = False  # its records come when it likes
+    sets_pace = False  # its records may be irregular
 
     def __init__(self, name: str, record: Input, events: RingReader, sender: LoopClient) -> None:
-        super().__init__(name, record, events, sender, is_master=True)  # a slave may jump as well
+        super().__init__(name, record, events, sender, is_master=True)  # a third-party slave is checked, too
         self._shown = record.field("measured_cp"), record.field("setpoint_cp")
         self._had_gripper = False
 
     def base_of(self, field: Fields) -> Array:
-        """Programs do not tell of bases; one that is another is a jump."""
+        """Programs do not report bases; a change of base shows as a jump."""
         return np.zeros(7)
 
     def stops_of(self, field: Fields) -> tuple[NDArray[Any], NDArray[Any]]:
