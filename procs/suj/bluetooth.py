@@ -2,8 +2,9 @@
 
     python -m trocar.procs.suj.bluetooth ADDRESS...
 
-prints a line for every reading, `{"board": ADDRESS, "reading": TEXT}`, and for every change of what is wrong,
-`{"board": ADDRESS, "problem": TEXT}`. It ends when nobody reads any more. The optional package bleak does the talking.
+prints a line for every reading, `{"board": ADDRESS, "reading": TEXT}`, and for every change of the problem, `{"board":
+ADDRESS, "problem": TEXT}`. The process ends when its output is closed. The optional package bleak does the
+communication.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ MOST: Final = 65536
 
 
 class BluetoothBoards:
-    """The reading end: a child that talks to the boards."""
+    """The parent's end: reads the output of a child that communicates with the boards."""
 
     def __init__(self, addresses: Sequence[str]) -> None:
         """Start the child."""
@@ -43,7 +44,7 @@ class BluetoothBoards:
         self._left, self._ended_ns = b"", 0
 
     def poll(self, now_ns: int) -> list[tuple[str, bytes]]:
-        """Readings since the last call; a child that has ended is started again after a while."""
+        """Readings since the last call; an ended child is restarted after a while."""
         if self._ended_ns and now_ns - self._ended_ns > AGAIN_NS:
             self.close()
             self._start()
@@ -75,7 +76,7 @@ class BluetoothBoards:
         return lines
 
     def problem(self, address: str) -> str:
-        """Why nothing comes of a board."""
+        """Why a board sends no readings."""
         return self._problems.get(address.upper(), "nobody asks this board")
 
     def close(self) -> None:
@@ -87,13 +88,13 @@ class BluetoothBoards:
 
 
 def say(address: str, **what: str) -> None:
-    """A line for the reading end."""
+    """Print a line for the parent."""
     sys.stdout.write(json.dumps({"board": address, **what}) + "\n")
     sys.stdout.flush()
 
 
 async def watch(client_of: Any, address: str) -> None:
-    """One board, for ever: connect, read, and again after whatever went wrong."""
+    """Read one board endlessly: connect, read, and reconnect after any error."""
     while True:
         try:
             async with client_of(address, timeout=CONNECT_S) as client:
@@ -102,7 +103,7 @@ async def watch(client_of: Any, address: str) -> None:
                     await asyncio.sleep(PERIOD_S)
         except BrokenPipeError:
             raise
-        except Exception as error:  # whatever a Bluetooth stack may raise
+        except Exception as error:  # a Bluetooth stack may raise anything
             say(address, problem=f"{type(error).__name__}: {error}"[:150])
         await asyncio.sleep(RETRY_S)
 
@@ -113,7 +114,7 @@ async def watch_all(client_of: Any, addresses: Sequence[str]) -> None:
 
 
 def main() -> None:
-    """Read until nobody listens."""
+    """Read until the output is closed."""
     try:
         from bleak import BleakClient
     except ImportError:

@@ -1,7 +1,7 @@
-"""Classic setup joints: potentiometers behind a multiplexer, brakes that clutch buttons let go, one lift.
+"""Classic setup joints: potentiometers behind a multiplexer, brakes released by clutch buttons, one lift.
 
-A setup arm is known when three whole rounds of the multiplexer have passed since it came to rest; it is lost as soon
-as somebody clutches it, the lift moves it or the samples stop.
+The pose of a setup arm is known three whole rounds of the multiplexer after it came to rest; it is lost as soon as the
+arm is clutched, the lift moves it or the samples stop.
 """
 
 from __future__ import annotations
@@ -26,24 +26,24 @@ from trocar.shm.system.events import Events
 ROUNDS: Final = 3  # whole ones, after the one during which the arm came to rest
 MAX_ROUND_NS: Final = 5_000_000_000
 POWER_NS: Final = 4_000_000_000  # io gives up by itself after 3 s
-OLD_FAULT_NS: Final = 200_000_000  # by then the power-on has cleared what was latched before
+OLD_FAULT_NS: Final = 200_000_000  # by then the power-on has cleared earlier latched faults
 JOINTS: Final = 6
 LIFT_COMMAND_NS: Final = 1_000_000_000
-LIFT_REPEAT_NS: Final = 10_000_000  # io stops the lift when it has not been asked for 30 ms
+LIFT_REPEAT_NS: Final = 10_000_000  # io stops the lift 30 ms after the last command
 RAMP_A_S: Final = 8.0
 CLUTCH_COMMAND_NS: Final = 60_000_000_000
 
 
 class SetupArmBrakes:
-    """A current lets the brakes of one setup arm go, along a ramp of 8 A/s up and down.
+    """A current releases the brakes of one setup arm, along a ramp of 8 A/s up and down.
 
-    `current` (n,) is what is asked of the brakes of each setup arm, A; they hold where `engaged`.
+    `current` (n,) is the commanded current for the brakes of each setup arm, A; they hold where `engaged`.
     """
 
     def __init__(self, arms: tuple[CartArm, ...]) -> None:
         """All engaged, without current."""
         release = np.array([arm.release_current for arm in arms])
-        self._sign = np.where(release < 0.0, -1.0, 1.0)  # files have the ramp's sizes; the wiring may turn them
+        self._sign = np.where(release < 0.0, -1.0, 1.0)  # files have the ramp's sizes; the wiring may invert them
         self._release = np.abs(release)
         self._hold = np.array([arm.engaged_current for arm in arms])
         self._size: Array = np.zeros(len(arms))
@@ -51,7 +51,7 @@ class SetupArmBrakes:
         self.engaged: NDArray[np.bool_] = np.ones(len(arms), dtype=bool)
 
     def step(self, dt_s: float, clutched: NDArray[np.bool_]) -> None:
-        """`dt_s` later, somebody wants to move those that are clutched."""
+        """Advance by `dt_s`, releasing the brakes of clutched arms."""
         goal = np.where(clutched, self._release, self._hold)
         most = RAMP_A_S * dt_s
         self._size += np.clip(goal - self._size, -most, most)
@@ -60,14 +60,14 @@ class SetupArmBrakes:
         self.engaged[clutched] = False
 
     def cut(self) -> None:
-        """No power: they hold at once."""
+        """No power: the brakes hold at once."""
         self._size.fill(0.0)
         self.current.fill(0.0)
         self.engaged.fill(True)
 
 
 class Classic(SetupPower):
-    """What a Classic cart does in each cycle; it is its own power."""
+    """The work of a Classic cart in each cycle; also its power."""
 
     def __init__(self, cart: Cart, setups: Setups, board: InterfaceBoard, reports: Events, field: Fields,
                  setpoint: Fields, multiplexer: Multiplexer | None = None) -> None:
@@ -81,7 +81,7 @@ class Classic(SetupPower):
         self._plugs = np.array([arm.plug - 1 for arm in cart.arms], dtype=np.intp)
         self._lifts = np.array([arm.lifts for arm in cart.arms], dtype=bool)
         self._rest = [-1] * n  # whole rounds at rest, from -1: one has begun before
-        self._until_ns = [0] * n  # clutched by command
+        self._until_ns = [0] * n  # end of a clutch by command
         self._lift_until_ns, self._lift_asked = 0, 0.0
         self._lift_sent: float | None = None
         self._lift_sent_ns = 0
@@ -115,28 +115,28 @@ class Classic(SetupPower):
         self._board.ask("power_off", 1.0)  # relays open as in the reference
 
     def go_on(self) -> None:
-        """A predecessor has powered on."""
+        """The previous process has powered on."""
         self._driving_epoch = self._board.epoch
 
     @property
     def has_io(self) -> bool:
-        """io has written something since we began."""
+        """io has published a record since this process started."""
         return self._board.stamp_ns > 0
 
     @property
     def is_powered(self) -> bool:
-        """Power is on, or on its way."""
+        """Power is on, or being switched on."""
         return self._board.power_requested and not self._board.has_fault
 
     def is_on(self) -> bool:
-        """Powered, and io takes our currents; asked while power comes, it has io take them."""
+        """Powered, and io accepts our currents; while power comes up, the call requests that from io."""
         board = self._board
         if self._asked_ns and board.powered and board.amps_on and not board.pid_enabled and not board.has_fault:
-            board.ask("pid_enable", 1.0)  # currents of the brakes are taken from our setpoints from now on
+            board.ask("pid_enable", 1.0)  # from now on io takes the currents of the brakes from our setpoints
         return board.powered and board.amps_on and board.pid_enabled
 
     def problem(self, now_ns: int, *, powering: bool) -> str:
-        """What is wrong, "" when all is well."""
+        """The present problem, "": none."""
         board = self._board
         if not board.is_fresh(now_ns):
             return "io does not answer"
@@ -150,10 +150,10 @@ class Classic(SetupPower):
             return "detected power loss"
         return "" if board.pid_enabled else "the current of the brakes was switched off"
 
-    # -- what people ask for -------------------------------------------------------------------------------------------
+    # -- commands ------------------------------------------------------------------------------------------------------
 
     def clutch(self, place: int, on: bool, now_ns: int) -> None:
-        """Let the brakes of an arm go for a minute, or hold again."""
+        """Release the brakes of an arm for a minute, or engage them."""
         self._until_ns[place] = now_ns + CLUTCH_COMMAND_NS if on else 0
 
     def lift(self, velocity: float, now_ns: int) -> None:
@@ -163,7 +163,7 @@ class Classic(SetupPower):
     # -- a cycle -------------------------------------------------------------------------------------------------------
 
     def step(self, now_ns: int, state: SetupState) -> None:
-        """Samples in, currents out."""
+        """One cycle: read samples, set currents."""
         dt_s, self._before_ns = min(now_ns - (self._before_ns or now_ns), 20_000_000) * 1e-9, now_ns
         if not self._board.look(self._sample):
             self._multiplexer.skip()
@@ -205,7 +205,7 @@ class Classic(SetupPower):
                 self._reports.report(codes.CLUTCH_RELEASED,
                                      f"{name}: clutched by command for a minute; its brakes hold again", name)
             if pressed[place]:
-                self._until_ns[place] = 0  # when the button is let go, that ends what a command began, too
+                self._until_ns[place] = 0  # releasing the button also ends a clutch by command
             clutched = bool(pressed[place]) or self._until_ns[place] > 0
             if clutched != self._clutched[place]:
                 name = self._arms[place].name
@@ -213,7 +213,7 @@ class Classic(SetupPower):
             self._clutched[place] = clutched
 
     def _look_at_buttons(self, enabled: bool) -> None:
-        """A button that is stuck, or pressed when power comes or we begin, moves nothing until it was seen released."""
+        """A button that is stuck, or pressed at power-on or start, has no effect until it was seen released."""
         pressed = np.append(self._board.pressed[self._plugs], self._board.up or self._board.down)
         self._counts = (self._counts | ~pressed) & enabled
         if enabled and not self._was_enabled:
@@ -238,7 +238,7 @@ class Classic(SetupPower):
         return buttons if self._board.is_authorized else 0.0
 
     def _move_lift(self, velocity: float, now_ns: int) -> None:
-        """It moves as long as that goes on being asked for."""
+        """Move the lift as long as the command is repeated."""
         is_due = velocity and now_ns - self._lift_sent_ns >= LIFT_REPEAT_NS
         if self._lifts.any() and (velocity != self._lift_sent or is_due):
             self._lift_sent, self._lift_sent_ns = velocity, now_ns
@@ -261,7 +261,7 @@ class Classic(SetupPower):
                 self._reports.report(codes.MULTIPLEXER_CHANNEL, text, self._name)
 
     def _lose_all(self, now_ns: int) -> None:
-        """Old readings are none."""
+        """Old readings are void."""
         for place in range(len(self._arms)):
             self._setups.lose(place, moved=False)
         self._is_away = True
@@ -270,7 +270,7 @@ class Classic(SetupPower):
             self._reports.report(codes.MULTIPLEXER_STUCK, text, self._name)
 
     def _read(self, place: int) -> None:
-        """A whole round has been read."""
+        """Use the readings of a whole round."""
         plug = self._plugs[place]
         volts = self._multiplexer.volts
         self._primary[place, :JOINTS], self._secondary[place, :JOINTS] = volts[plug, :6], volts[plug, 6:12]

@@ -1,4 +1,4 @@
-"""What setup joints do when asked; refusals say why."""
+"""Commands of setup joints; refusals give the reason."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from trocar.procs.suj.machine import SetupState, SetupStates
 from trocar.procs.suj.setups import Setups
 from trocar.procs.suj.si import Si
 
-FURTHEST: Final = 100.0  # m or rad: no joint of a patient cart goes further
+FURTHEST: Final = 100.0  # m or rad: beyond any joint of a patient cart
 
 
 class SetupCommands:
@@ -23,7 +23,7 @@ class SetupCommands:
 
     def __init__(self, cart: Cart, setups: Setups, machine: SetupStates, source: Classic | Si | None,
                  refer: Callable[[int], None]) -> None:
-        """`refer(place)` makes a setup arm the reference; `source` None: nobody can move them."""
+        """`refer(place)` makes a setup arm the reference; `source` None: the arms cannot be moved."""
         self._cart, self._setups, self._machine = cart, setups, machine
         self._source, self._refer = source, refer
         self._now_ns = 0
@@ -33,7 +33,7 @@ class SetupCommands:
         }
 
     def execute(self, requests: Iterable[Request], now_ns: int) -> None:
-        """Carry out what came in."""
+        """Carry out received commands."""
         self._now_ns = now_ns
         for request in requests:
             if request.name == "state_command":

@@ -1,8 +1,9 @@
-"""Base frames of the carried arms: their poses in the cart, seen from the tip of the reference arm.
+"""Base frames of the carried arms: their poses in the cart, expressed in the tip frame of the reference arm.
 
     C = (local of the reference setup arm · tip of the arm it carries)⁻¹       base of the others = C · local
 
-The reference arm itself stands in the cart, frame "Cart"; so do all where nothing hangs on the reference setup arm.
+The base of the reference arm itself is given in the cart, frame "Cart"; so are all bases if the reference setup arm
+carries no arm.
 """
 
 from __future__ import annotations
@@ -23,13 +24,13 @@ class CarriedTip:
     """The tip of an arm on a setup arm, in its base, from its own record."""
 
     def __init__(self, name: str, record: Input) -> None:
-        """`name` of the arm is that of its tip's frame, too."""
+        """`name` of the arm is also that of its tip's frame."""
         self.name, self._record = name, record
         self._valid, self._pose = record.field("cartesian_valid"), record.field("local_measured_cp")
         self._kept: Array | None = None
 
     def pose(self, now_ns: int) -> Array | None:
-        """The newest (4, 4); None when it is not valid or too old."""
+        """The newest pose (4, 4); None if it is invalid or too old."""
         if self._record.look(now_ns):
             self._kept = self._read()
         return self._kept if self._record.fresh else None
@@ -44,7 +45,7 @@ class CarriedTip:
 
 
 class Frames:
-    """Fills the base frames of the record; does nothing while nothing changes."""
+    """Fills the base frames of the record; does nothing without changes."""
 
     def __init__(self, setups: Setups, field: Fields) -> None:
         """`field` gives the record's arrays."""
@@ -56,9 +57,9 @@ class Frames:
         self._known: tuple[int, str, bytes] | None = None
 
     def update(self, reference: int, frame: str, tip: Array | None) -> None:
-        """`reference`: place of the reference setup arm, -1: none; `frame`: that of the tip of the arm it carries.
+        """`reference`: index of the reference setup arm, -1: none; `frame`: that of the tip of the arm it carries.
 
-        `frame` "" : it carries none. `tip` (4, 4): in that arm's base, None: unknown.
+        `frame` "": it carries none. `tip` (4, 4): in that arm's base, None: unknown.
         """
         known = (reference, frame, tip.tobytes() if tip is not None else b"")
         if known == self._known and self._setups.changes == self._seen:

@@ -1,4 +1,4 @@
-"""A Classic cart's interface board as io sees it: samples in order, flags of the newest one, and what io is asked."""
+"""A Classic cart's interface board through io: samples in order, flags of the newest one, and commands to io."""
 
 from __future__ import annotations
 
@@ -19,32 +19,32 @@ from trocar.shm.ring.ring import RingReader
 from trocar.shm.system.events import Events
 
 SILENT_NS: Final = 50_000_000  # io writes 1500 records a second
-MOST: Final = 256  # samples looked at in one cycle
+MOST: Final = 256  # samples read in one cycle
 HARMLESS: Final = frozenset((0, ARM_LOST.number, *(fault.number for fault in FAULTS if fault.severity < ERROR)))
 
 
 class IoMailbox:
-    """io's mailbox: what is refused is reported, once in a row."""
+    """io's mailbox: refusals are reported, once in a row."""
 
     def __init__(self, client: LoopClient, reports: Events, name: str) -> None:
-        """`client` is our place in it; `name` of this process."""
+        """`client` is our place in the mailbox; `name` that of this process."""
         self._client, self._reports, self._name, self._reported = client, reports, name, ""
 
     @property
     def is_authorized(self) -> bool:
-        """Whether an operator's command stands behind what is sent; for a process that begins none does."""
+        """Whether messages are authorized by an operator's command; not after the start of a process."""
         return bool(self._client.origin.id)
 
     def on_behalf(self, origin: Origin) -> None:
-        """What is sent from now on comes from this command of a person."""
+        """Attribute further messages to this operator's command."""
         self._client.on_behalf(origin)
 
     def send(self, name: str, values: Sequence[float], text: str) -> None:
-        """Queue a command; a full mailbox is no error here, the multiplexer notices and restarts."""
+        """Queue a command; a full mailbox is no error here, because the multiplexer detects it and restarts."""
         self._client.send(name, values, text)
 
     def poll(self) -> None:
-        """Look at the replies."""
+        """Read the replies."""
         for reply in self._client.poll():
             if reply.outcome == "refused" and reply.text != self._reported:
                 self._reported = reply.text
@@ -52,7 +52,7 @@ class IoMailbox:
 
 
 class InterfaceBoard:
-    """`look` reads what io wrote since the last call; flags are those of the newest good sample.
+    """`look` reads io's records since the last call; flags are those of the newest good sample.
 
     `pressed` are the clutch buttons of plugs 1 to 4, `up` and `down` those of the lift.
     """
@@ -81,7 +81,7 @@ class InterfaceBoard:
         self._lost = records.lost
 
     def look(self, sample: Callable[[int, int, NDArray[np.float64]], None]) -> bool:
-        """Give every good sample to `sample(stamp, channel, volts)`; False when some were missed in between."""
+        """Pass every good sample to `sample(stamp, channel, volts)`; False if some were missed in between."""
         records, whole = self._records, True
         for _ in range(MOST):
             if not records.next():
@@ -98,7 +98,7 @@ class InterfaceBoard:
         return whole
 
     def _take(self) -> None:
-        """Flags and buttons."""
+        """Update flags and buttons."""
         for name, cell in self._flags.items():
             setattr(self, name, cell.item())
         pressed = [place >= 0 and bool(self._input[place]) for place in self._buttons]
@@ -106,19 +106,19 @@ class InterfaceBoard:
         self.up, self.down = pressed[PLUGS:]
 
     def is_fresh(self, now_ns: int) -> bool:
-        """io is alive, and so are its boards."""
+        """io and its boards send fresh samples."""
         return self.stamp_ns > 0 and -SILENT_NS <= now_ns - self.stamp_ns <= SILENT_NS
 
     @property
     def has_fault(self) -> bool:
-        """io has latched a fault of this robot that matters."""
+        """io has latched a fault of this robot that prevents operation."""
         return self.fault not in HARMLESS
 
     @property
     def is_authorized(self) -> bool:
-        """Whether an operator has asked for anything since this process began."""
+        """Whether an operator has given a command since this process started."""
         return self._orders.is_authorized
 
     def ask(self, name: str, *values: float) -> None:
-        """Have io do something with the cart's robot; what it refuses is reported."""
+        """Send io a command for the cart's robot; refusals are reported."""
         self._orders.send(name, values, self.robot)

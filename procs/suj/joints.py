@@ -25,15 +25,15 @@ PATIENCE_NS: Final = 1_000_000_000  # for io's first record after a restart
 
 
 class SetupJoints:
-    """Everything a process `suj` does but talk to shared memory."""
+    """All of a process `suj` except shared memory."""
 
     def __init__(self, cart: Cart, field: Fields, setups: Setups, source: Classic | Si | None, reports: Events,
                  tips: Sequence[CarriedTip | None], faults: OwnCell | None = None,
                  on_behalf: Callable[[Origin], None] | None = None) -> None:
-        """`field` gives the arrays of the record, which may still hold what a predecessor wrote.
+        """`field` gives the arrays of the record, which may still hold the values of the previous process.
 
-        `source` measures where the arms are, None: nobody does; `tips` are those of the carried arms, None: none there.
-        `faults`: what was asked for before one is void; `on_behalf` is told whose commands are carried out.
+        `source` measures the arms' positions, None: not measured; `tips` are those of the carried arms, None: none
+        there. `faults`: commands given before a fault are void; `on_behalf` receives the origin of each command.
         """
         self._cart, self._setups, self._source, self._tips = cart, setups, source, tips
         classic = source if isinstance(source, Classic) else None
@@ -59,7 +59,7 @@ class SetupJoints:
         return names.index(name) if name in names else -1
 
     def _settle(self, reported: bool) -> None:
-        """At first nothing is known but what was reported: by a predecessor, or by the file."""
+        """Initial poses: from the previous process's record, else the file, if `reported`; else unknown."""
         for place, arm in enumerate(self._cart.arms):
             if reported and self._before and self._setups.take_over(place):
                 continue
@@ -83,7 +83,7 @@ class SetupJoints:
         self._show()
 
     def _begin(self, now_ns: int) -> None:
-        """Go on where a predecessor was, as soon as io's record says how things are."""
+        """Continue the previous process's state, once io's record shows the present one."""
         self._begun_ns = self._begun_ns or now_ns
         before, classic = self._before, self._classic
         if classic is None or before == SetupState.DISABLED:
@@ -103,7 +103,7 @@ class SetupJoints:
             self.machine.reason = f"the process was restarted; {reason}"
 
     def _heard(self, request: Request) -> Request:
-        """Whose command the next one is."""
+        """Note the origin of the next command."""
         self._asked_by = request.origin.id
         if self._asked_by and self._on_behalf is not None:
             self._on_behalf(request.origin)

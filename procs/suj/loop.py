@@ -1,4 +1,4 @@
-"""The process of setup joints: where the cart's arms stand, as base frames for the arms they carry."""
+"""The process of setup joints: publishes their positions as base frames for the arms they carry."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ BEHIND_IO_NS: Final = 120_000
 
 
 def clutches(node: runtime.Node, cart: Cart) -> Callable[[int], NDArray[np.bool_]]:
-    """Whether a clutch button of an Si setup arm is pressed: they are buttons of the arms they carry."""
+    """Whether a clutch button of an Si setup arm is pressed: the buttons belong to the carried arms."""
     pressed = np.zeros(len(cart.arms), dtype=bool)
     found = []
     for place, setup in enumerate(cart.arms):
@@ -47,7 +47,7 @@ def clutches(node: runtime.Node, cart: Cart) -> Callable[[int], NDArray[np.bool_
 
 
 def brakes(node: runtime.Node, cart: Cart, orders: Callable[[str], IoMailbox]) -> Callable[[int, bool], None]:
-    """Has the io of a carried arm let the brakes of an Si setup arm go; `orders` gives the mailbox of an io."""
+    """Has the io of a carried arm release the brakes of an Si setup arm; `orders` gives the mailbox of an io."""
     found = {}
     for place, setup in enumerate(cart.arms):
         arm = next((arm for arm in node.document.arms if arm.name == setup.carries), None)
@@ -127,7 +127,7 @@ def link_of(cart: Cart) -> PotLink:
 
 
 def main() -> None:
-    """Run one patient cart until asked to stop; its brakes then hold."""
+    """Run one patient cart until stopped; its brakes then hold."""
     runtime.run("suj", SetupLoop)
 
 

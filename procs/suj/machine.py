@@ -1,4 +1,4 @@
-"""The operating state of setup joints: DISABLED, POWERING, ENABLED, FAULT, and what is answered to state commands."""
+"""The operating state of setup joints: DISABLED, POWERING, ENABLED, FAULT, and the answers to state commands."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ PUBLISHED: Final = {SetupState.POWERING: "DISABLED"}  # the others under their o
 
 
 class SetupPower:
-    """What the brakes and the lift get their current from; this one is for carts where nothing has to be powered:
-    KINEMATIC, fixed, or with brakes of their own.
+    """Power of the brakes and the lift; this base class is for carts that need no power: KINEMATIC, fixed, or with
+    brakes of their own.
     """
 
     def on(self, now_ns: int) -> None:
@@ -37,25 +37,25 @@ class SetupPower:
         """Power off at once; brakes hold."""
 
     def is_on(self) -> bool:
-        """Powered, with all that it takes to move brakes."""
+        """Powered, with everything needed to move brakes."""
         return True
 
     def problem(self, now_ns: int, *, powering: bool) -> str:
-        """What is wrong while power should be there or come; "" when all is well."""
+        """The present problem while power is on or coming up; "": none."""
         return ""
 
 
 class SetupStates:
-    """Current and desired state; `enter` is told of each change."""
+    """Current and desired state; `enter` is called at each change."""
 
     def __init__(self, name: str, reports: Events, power: SetupPower, enter: Callable[[SetupState], None]) -> None:
-        """DISABLED; `power` is looked at in each step."""
+        """DISABLED; `power` is checked in each step."""
         self.name, self.state, self.desired = name, SetupState.DISABLED, SetupState.DISABLED
         self._reports, self._power, self._enter = reports, power, enter
         self._homed, self._is_beginning = False, False
         self._now_ns = 0
         self._pending: list[Request] = []
-        """State commands under way: all ask for `_asked`."""
+        """State commands in progress: all request `_asked`."""
         self._asked = ""
         self.reason = ""
 
@@ -66,16 +66,16 @@ class SetupStates:
 
     @property
     def is_busy(self) -> bool:
-        """A transition is under way."""
+        """A transition is in progress."""
         return self.state is SetupState.POWERING
 
     @property
     def published(self) -> str:
-        """The state as clients see it."""
+        """The published state."""
         return PUBLISHED.get(self.state, str(self.state))
 
     def begin(self, state: SetupState, homed: bool, now_ns: int) -> None:
-        """Begin in `state`: where a predecessor was, or DISABLED. Power is left as it is."""
+        """Start in `state`: that of the previous process, or DISABLED. Power is left unchanged."""
         self.desired = SetupState.ENABLED if state is SetupState.POWERING else state
         self._homed, self._now_ns = homed, now_ns
         self._is_beginning = True
@@ -113,7 +113,7 @@ class SetupStates:
         self.step(now_ns)
 
     def step(self, now_ns: int) -> None:
-        """Look at the power, go on, and answer what has come to its end."""
+        """Check the power, advance, and answer finished commands."""
         if self.state in (SetupState.POWERING, SetupState.ENABLED):
             problem = self._power.problem(now_ns, powering=self.state is SetupState.POWERING)
             if problem:
@@ -127,13 +127,13 @@ class SetupStates:
 
     @property
     def waits(self) -> str:
-        """In FAULT why, else what is waited for; empty: nothing."""
+        """The cause in FAULT, else the awaited condition; empty: none."""
         if self.state is SetupState.FAULT:
             return self.reason
         return "motor power and amplifiers" if self.state is SetupState.POWERING else ""
 
     def fault(self, reason: str) -> None:
-        """Something went wrong: say it, and let the brakes hold."""
+        """Report a fault, and engage the brakes."""
         self.reason = reason
         self._reports.report(codes.SUJ_FAULT, f"{self.name}: {reason}", self.name)
         self.desired, self._homed = SetupState.FAULT, False
@@ -141,7 +141,7 @@ class SetupStates:
         self._answer(reason)
 
     def publish(self) -> None:
-        """Tell the operating state."""
+        """Report the operating state."""
         self._reports.operating_state(self.published, self.state, self.is_homed, self.is_busy)
 
     def _answer(self, reason: str) -> None:

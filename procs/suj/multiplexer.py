@@ -1,8 +1,8 @@
-"""The 16-channel multiplexer of a Classic cart: four analog inputs at a time, a channel after the other.
+"""The 16-channel multiplexer of a Classic cart: four analog inputs at a time, one channel after the other.
 
 Channels 0 to 5 are the first potentiometers of the six joints, 6 to 11 the second ones, 12 to 15 other voltages. The
-interface board counts: a pulse takes it one channel on, another one back to 0, and four lines show where it is. After
-each step the inputs need 30 ms to settle; then 60 samples are averaged.
+interface board has a counter: one pulse advances it by a channel, another resets it to 0, and four lines show the
+channel. After each step the inputs need 30 ms to settle; then 60 samples are averaged.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ INCREMENT, RESET = "increment", "reset"
 class Multiplexer:
     """`volts` (plugs, channels) are those of the last complete round; `rounds` counts them.
 
-    `wrong`: (shown, expected) while the counter is not where it should be, None otherwise.
+    `wrong`: (shown, expected) while the counter shows an unexpected channel, else None.
     """
 
     def __init__(self, samples: int = SAMPLES, settle_ns: int = SETTLE_NS) -> None:
-        """The counter may be anywhere: ask for `begin` first."""
+        """The counter's position is unknown: call `begin` first."""
         self._samples, self._settle_ns = samples, settle_ns
         self.volts: Array = np.zeros((PLUGS, CHANNELS))
         self.rounds = 0
@@ -39,13 +39,13 @@ class Multiplexer:
         self._ready_ns = 0
 
     def begin(self, now_ns: int) -> str:
-        """From the first channel on, whatever was before; returns what the counter needs."""
+        """Restart from the first channel; returns the pulse the counter needs."""
         self._count, self._expected, self._ready_ns = 0, 0, now_ns + self._settle_ns
         self._sum.fill(0.0)
         return RESET
 
     def take(self, stamp_ns: int, channel: int, volts: Array) -> str:
-        """A sample of the four inputs while the counter shows `channel`; returns what the counter needs, or ""."""
+        """A sample of the four inputs while the counter shows `channel`; returns the pulse the counter needs, or ""."""
         if stamp_ns < self._ready_ns:
             return ""
         if channel != self._expected:
@@ -58,7 +58,7 @@ class Multiplexer:
         return self._next(stamp_ns)
 
     def skip(self) -> None:
-        """Samples were missed: those of this channel are taken anew."""
+        """Samples were missed: restart the average of this channel."""
         self._count = 0
         self._sum.fill(0.0)
 

@@ -1,4 +1,4 @@
-"""Two potentiometers for every joint: what they make of it together, and whether they agree."""
+"""Two potentiometers for every joint: their weighted mean, and whether they agree."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ SI_LIMITS: Final = (0.003, np.radians(2.0))
 
 
 class Potentiometers:
-    """Those of one setup arm."""
+    """The potentiometers of one setup arm."""
 
     def __init__(self, arm: CartArm, limits: tuple[float, float]) -> None:
-        """`limits`: how far the two of a joint may be apart, prismatic and turning."""
+        """`limits`: permitted difference between the two of a joint, prismatic and revolute."""
         self._scale = np.array([[row[0] for row in pots] for pots in (arm.primary, arm.secondary)])
         self._offset = np.array([[row[1] for row in pots] for pots in (arm.primary, arm.secondary)])
-        self._there = np.logical_or.reduce(self._scale != 0.0)  # a scale of 0: there is no such joint
+        self._there = np.logical_or.reduce(self._scale != 0.0)  # a scale of 0: no such joint
         self._weight = np.array(arm.weight)
         self._limits = np.array([limits[0]] + [limits[1]] * (arm.joints - 1))
         self.joints: Array = np.zeros(arm.joints)
-        self.worst = -1  # joint whose potentiometers are too far apart, the worst; -1: they agree
+        self.worst = -1  # joint with the largest excess difference between its potentiometers; -1: they agree
         self.apart, self.limit = 0.0, 0.0
 
     def update(self, primary: Array, secondary: Array) -> bool:
-        """Readings (joints,) as they come; whether they agree. `joints` is the weighted mean, of absent joints 0."""
+        """Take readings (joints,); returns whether they agree. `joints` is the weighted mean, 0 for absent joints."""
         positions = self._offset + self._scale * np.stack((primary, secondary))
         positions[:, ~self._there] = 0.0
         self.joints[...] = self._weight * positions[0] + (1.0 - self._weight) * positions[1]
@@ -43,14 +43,14 @@ class Potentiometers:
         return agree
 
     def volts(self, joints: Array) -> tuple[Array, Array]:
-        """What both potentiometers of every joint would read there; 0 of absent ones."""
+        """Voltages of both potentiometers of every joint at these positions; 0 for absent ones."""
         scale = np.where(self._scale == 0.0, 1.0, self._scale)
         values = np.where(self._scale == 0.0, 0.0, (joints - self._offset) / scale)
         return values[0], values[1]
 
 
 class PotReadings:
-    """Readings of setup arms at rest, and what is reported of them."""
+    """Readings of setup arms at rest, and reports about them."""
 
     def __init__(self, setups: Setups, limits: tuple[float, float], reports: Events) -> None:
         """`limits` as in `Potentiometers`."""
@@ -59,7 +59,7 @@ class PotReadings:
         self._apart = [False] * len(setups.arms)
 
     def take(self, place: int, primary: Array, secondary: Array) -> None:
-        """Both readings (joints,) of one arm; where it is is known while its potentiometers agree."""
+        """Take both readings (joints,) of one arm; its pose is known while its potentiometers agree."""
         pots, name, apart = self._pots[place], self._setups.names[place], self._apart[place]
         agree = pots.update(primary, secondary)
         self._apart[place] = not agree

@@ -1,4 +1,4 @@
-"""The setup arms of one cart: where their joints are, and where that puts the arms they carry."""
+"""The setup arms of one cart: their joint positions, and the resulting base poses of the arms they carry."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from trocar.procs.node.inputs import Fields
 
 
 class Setups:
-    """All setup arms, by their places; positions and flags are those of the record.
+    """All setup arms, by index; positions and flags are those of the record.
 
-    `local` (n, 4, 4) are the poses of the carried arms' bases in the cart, `valid` (n,) says which of them count.
+    `local` (n, 4, 4) are the poses of the carried arms' bases in the cart, `valid` (n,) marks those that count.
     `changes` counts changes of either.
     """
 
@@ -28,26 +28,27 @@ class Setups:
         self._poses: Array = field("local_measured_cp")
         self.local: Array = np.tile(np.eye(4), (len(self.arms), 1, 1))
         self._kinematics = [Kinematics(arm.chain) if arm.chain is not None else None for arm in cart.arms]
-        self._stood: list[Array | None] = [None for _ in cart.arms]  # joints for which the pose was taken
+        self._stood: list[Array | None] = [None for _ in cart.arms]  # joints for which the pose was computed
         self.changes = 0
 
     def place(self, name: str) -> int:
-        """The place of a setup arm; ValueError names what there is."""
+        """The index of a setup arm; ValueError lists the existing ones."""
         if name not in self.names:
             raise ValueError(f"no setup arm {name or 'without a name'}; there are {', '.join(self.names)}")
         return self.names.index(name)
 
     def harness(self, place: int, joints: Array) -> None:
-        """The joints are here, and so is the carried arm."""
+        """Set the joints, and the pose of the carried arm from them."""
         arm = self.arms[place]
         self.position[place, : arm.joints] = joints
         self._stood[place] = np.array(joints, dtype=np.float64)
         self.put(place, self._pose(arm, place, joints))
 
     def measure(self, place: int, joints: Array) -> float:
-        """Joints measured at rest. Where the carried arm is was settled by the first measurement after it was moved.
+        """Take joints measured at rest. The first measurement after a motion sets the carried arm's pose.
 
-        Returns the largest difference to that one in parts of what counts as moved; from 1 on the pose is taken anew.
+        Returns the largest difference to that one, relative to the limit for a motion; from 1 on the pose is computed
+        again.
         """
         stood = self._stood[place]
         if stood is None:
@@ -63,14 +64,14 @@ class Setups:
         return moved
 
     def put(self, place: int, pose: Array) -> None:
-        """The carried arm's base is at this pose (4, 4) in the cart."""
+        """Set the pose (4, 4) of the carried arm's base in the cart."""
         self.local[place] = pose
         pose_from_matrix(pose, self._poses[place])
         self.valid[place] = True
         self.changes += 1
 
     def lose(self, place: int, *, moved: bool) -> None:
-        """Where it is is not known; `moved`: it may be elsewhere when it is known again."""
+        """The pose is unknown; `moved`: it may have changed when it is known again."""
         if moved:
             self._stood[place] = None
         if self.valid[place]:
@@ -78,7 +79,9 @@ class Setups:
             self.changes += 1
 
     def take_over(self, place: int) -> bool:
-        """Go on from the record of a predecessor: joints, or the pose of what has none. False when it holds nothing."""
+        """Take over the previous process's record: joints, or the pose of an arm without joints. False if there is
+        none.
+        """
         arm = self.arms[place]
         if not self.valid[place]:
             return False
@@ -95,7 +98,7 @@ class Setups:
         return bool(np.isfinite(joints).all())
 
     def _pose(self, arm: CartArm, place: int, joints: Array) -> Array:
-        """world · FK(q) · tip; joints without potentiometers stand at 0."""
+        """world · FK(q) · tip; joints without potentiometers count as 0."""
         kinematics = self._kinematics[place]
         if kinematics is None or arm.world is None or arm.tip is None:
             raise ValueError(f"{arm.name} has no joints")
@@ -106,5 +109,5 @@ class Setups:
 
 
 def moved_limits(joints: int) -> Array:
-    """How much counts as moved: 2 mm and 1°, the first joint being the prismatic one."""
+    """Limits of a motion: 2 mm and 1°, the first joint being the prismatic one."""
     return np.array([0.002] + [np.radians(1.0)] * (joints - 1))

@@ -1,7 +1,8 @@
-"""Si setup joints: potentiometers that small boards read and tell over Bluetooth; brakes are the arms' own.
+"""Si setup joints: small boards read the potentiometers and send them over Bluetooth; the carried arms' io drives the
+brakes.
 
-Each setup arm has a board for all its joints but the first; those hang on the board of the base, one for every arm.
-A reading is JSON: `{"timestamp": ms of the board, "pots": [[first potentiometers], [second ones]]}`, in counts.
+Each setup arm has a board for all its joints but the first; the first joints of all arms share the board of the base. A
+reading is JSON: `{"timestamp": ms of the board, "pots": [[first potentiometers], [second ones]]}`, in counts.
 """
 
 from __future__ import annotations
@@ -23,10 +24,10 @@ from trocar.procs.suj.setups import Setups
 from trocar.procs.tables import codes
 from trocar.shm.system.events import Events
 
-STALE_NS: Final = 5_000_000_000  # boards are asked several times a second, and a connection takes seconds
-SETTLED: Final = 2  # readings after somebody let go: the first may be from before
+STALE_NS: Final = 5_000_000_000  # boards are read several times a second, and a connection takes seconds
+SETTLED: Final = 2  # readings after a release: the first may be from before
 CLUTCH_COMMAND_NS: Final = 60_000_000_000
-BRAKE_REPEAT_NS: Final = 10_000_000  # io has the brakes hold when they have not been asked for 30 ms
+BRAKE_REPEAT_NS: Final = 10_000_000  # io engages the brakes 30 ms after the last command
 MAX_POTS: Final = 8
 
 
@@ -34,17 +35,17 @@ class PotLink(Protocol):
     """Potentiometer boards."""
 
     def poll(self, now_ns: int) -> Iterable[tuple[str, bytes]]:
-        """(address of a board, its reading), as they came since the last call."""
+        """(address of a board, its reading), in the order received since the last call."""
 
     def problem(self, address: str) -> str:
-        """Why nothing comes of a board, in words; "" when all is well."""
+        """Why a board sends no readings, for the operator; "": it does."""
 
     def close(self) -> None:
-        """Give up all connections."""
+        """Close all connections."""
 
 
 def counts(reading: bytes) -> Array:
-    """The counts (2, pots) of a reading; ValueError when it is none."""
+    """The counts (2, pots) of a reading; ValueError for a malformed one."""
     try:
         pots = json.loads(reading)["pots"]
         first, second = ([float(value) for value in row] for row in pots)
@@ -56,13 +57,13 @@ def counts(reading: bytes) -> Array:
 
 
 class Si:
-    """What an Si cart does in each cycle."""
+    """The work of an Si cart in each cycle."""
 
     def __init__(self, cart: Cart, setups: Setups, link: PotLink, reports: Events, field: Fields,
                  pressed: Callable[[int], NDArray[np.bool_]], let_go: Callable[[int, bool], None]) -> None:
-        """`field` gives the record's arrays; `pressed(now)` says for each arm whether a clutch button is pressed.
+        """`field` gives the record's arrays; `pressed(now)` returns for each arm whether a clutch button is pressed.
 
-        `let_go(place, on)` asks io for the brakes of an arm, which follow its buttons by themselves.
+        `let_go(place, on)` commands io to release the brakes of an arm, which also follow its buttons directly.
         """
         n = len(cart.arms)
         self._name, self._arms, self._base, self._setups, self._link = (
@@ -81,13 +82,13 @@ class Si:
         self._rounds = field("rounds")
 
     def clutch(self, place: int, on: bool, now_ns: int) -> None:
-        """Let the brakes of an arm go for a minute, or hold again."""
+        """Release the brakes of an arm for a minute, or engage them."""
         self._until_ns[place] = now_ns + CLUTCH_COMMAND_NS if on else 0
         if not on:
             self._let_go(place, False)
 
     def step(self, now_ns: int, state: SetupState) -> None:
-        """Buttons and readings."""
+        """One cycle: buttons and readings."""
         self._begun_ns = self._begun_ns or now_ns
         self._clutch(now_ns)
         for address, reading in self._link.poll(now_ns):
@@ -148,7 +149,7 @@ class Si:
         self._report(place, f"{arm.name}: not known where it is ({'; '.join(reasons) or 'its board is silent'})")
 
     def _report(self, place: int, text: str) -> None:
-        """Once for every new problem, and when it is over."""
+        """Report every new problem once, and its end."""
         if text == self._reported[place]:
             return
         if text:
@@ -159,9 +160,9 @@ class Si:
 
 
 class EmulatedBoards:
-    """Emulated boards: every setup arm stands where the file says (`simulated_position`), or with all joints 0.
+    """Emulated boards: every setup arm is at the position in the file (`simulated_position`), or has all joints 0.
 
-    `turn` moves one, as hands would.
+    `turn` moves one, like an operator.
     """
 
     PERIOD_NS: Final = 100_000_000
@@ -173,7 +174,7 @@ class EmulatedBoards:
         self._next_ns = 0
 
     def turn(self, place: int, joints: Array) -> None:
-        """The joints of an arm are here from now on."""
+        """Set the joints of an arm."""
         self._joints[place] = np.array(joints, dtype=np.float64)
 
     def poll(self, now_ns: int) -> list[tuple[str, bytes]]:
@@ -190,11 +191,11 @@ class EmulatedBoards:
                         for arm, values in zip(self._cart.arms, read, strict=True)]
 
     def problem(self, address: str) -> str:
-        """There is none."""
+        """Never a problem."""
         return ""
 
     def close(self) -> None:
-        """Nothing is open."""
+        """No connection to close."""
 
 
 def _reading(now_ns: int, values: NDArray[Any]) -> bytes:
