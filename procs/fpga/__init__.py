@@ -1,1 +1,1 @@
-"""The controllers as a host sees them: datagrams, registers, blocks, and bits as SI units."""
+"""Host side of the controllers: datagrams, registers, blocks, and conversion of bits to SI units."""

@@ -1,7 +1,7 @@
-"""Real-time blocks of firmware Rev 7, 8 and 9: what is in which quadlet, of read blocks, hub memory and write groups.
+"""Real-time blocks of firmware Rev 7, 8 and 9: the quadlets of read blocks, hub memory and write groups.
 
 `io` and `boards` use the tables (`LAYOUTS`, `AXES_OF`, columns) on whole arrays, a row a board. Columns are the same in
-every revision: Rev 7 only lacks the last kind.
+every revision, but Rev 7 lacks the last kind.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ DIGITAL_INPUT: Final = 2
 TEMPERATURE: Final = 3  # two bytes; in 31:16 data-buffer status, or two more bytes of a DQLA
 SCALARS: Final = 4
 KINDS: Final = 7  # ADC, position, period, quarter 1, quarter 5, running, motor status
-_OF_MOTORS: Final = (0, 6)  # kinds there are of every motor; the others are of every encoder
+_OF_MOTORS: Final = (0, 6)  # kinds with a column for each motor; the others have one for each encoder
 
 
 class Columns:
-    """Where what lies in a row with room for `width` axes: slices of `width` columns, and `count` of all."""
+    """Columns of a row with room for `width` axes: slices of `width` columns, and `count` of all."""
 
     def __init__(self, width: int) -> None:
         self.width, self.count = width, SCALARS + KINDS * width
@@ -51,9 +51,9 @@ class Layout:
 
     firmware: int
     sequence_shift: int
-    sequence_mask: int  # after the shift: how much of the sequence number comes back
+    sequence_mask: int  # after the shift: the returned part of the sequence number
     has_size: bool  # the header names the block's size in 31:24
-    mismatch: int  # bit the board sets for a wrong sequence; 0 where there is none
+    mismatch: int  # bit the board sets for a wrong sequence; 0: none
     time_mask: int  # update time, ticks since the query
     motors: int = registers.AXES
     encoders: int = registers.AXES
@@ -71,7 +71,7 @@ class Layout:
         return self.motors + (1 if self.firmware == 7 else 2)
 
     def columns(self, width: int) -> list[int]:
-        """The columns that the quadlets of a read block fill in a row with room for `width` axes."""
+        """The columns filled by the quadlets of a read block, in a row with room for `width` axes."""
         filled = list(range(SCALARS))
         for kind in range(KINDS - 1 if self.firmware == 7 else KINDS):
             first = SCALARS + kind * width
@@ -85,7 +85,7 @@ class Layout:
 
     @property
     def check_mask(self) -> int:
-        """Bits of a hub header that are known beforehand."""
+        """Bits of a hub header with known values."""
         return (self.sequence_mask << self.sequence_shift | self.mismatch
                 | (0xFF00_0000 if self.has_size else 0))
 
@@ -101,11 +101,11 @@ LAYOUTS: Final = {
     9: Layout(9, 16, 0xFF, True, 1 << 15, 0x7FFF),
 }
 REVISIONS: Final = f"Rev {', '.join(map(str, LAYOUTS))}"
-"""Those of the firmware that are known, to read."""
+"""Layouts for reading, by firmware revision."""
 
 
 def layout_of(firmware: int, motors: int = registers.AXES, encoders: int = registers.AXES) -> Layout:
-    """Layout of a controller with so many motors and encoders; WireError for a firmware nobody knows."""
+    """Layout of a controller with this many motors and encoders; WireError for an unknown firmware."""
     layout = LAYOUTS.get(firmware)
     if layout is None:
         raise WireError(f"firmware Rev {firmware}; allowed: {REVISIONS}", "real-time block")
@@ -113,7 +113,7 @@ def layout_of(firmware: int, motors: int = registers.AXES, encoders: int = regis
 
 
 def read_quads(firmware: int, motors: int = registers.AXES, encoders: int = registers.AXES) -> int:
-    """Quadlets of a real-time read block of a board with so many motors and encoders."""
+    """Quadlets of a real-time read block of a board with this many motors and encoders."""
     return layout_of(firmware, motors, encoders).read_quads
 
 
@@ -123,5 +123,5 @@ def hub_read_quads(firmware: int, boards: int) -> int:
 
 
 def hub_read_quads_of(boards: Iterable[tuple[int, str]]) -> int:
-    """The same for any boards: firmware and hardware of each."""
+    """The same for any boards, given firmware and hardware of each."""
     return sum(read_quads(firmware, *AXES_OF[hardware]) + 1 for firmware, hardware in boards) + 1

@@ -1,8 +1,8 @@
 """Bits to SI units and back: (n,) arrays over actuators, results written in place.
 
-Scales and offsets are those of the IO file. Two ways a wrong number could become a large current are closed here:
-a value that is not finite never becomes bits, and bits are brought modulo 65536 as the converter does (an offset of
-−32768 is as good as +32768), never saturated.
+Scales and offsets are those of the IO file. Two ways from a wrong number to a large current are excluded here: a value
+that is not finite never becomes bits, and bits are reduced modulo 65536 like in the converter (an offset of −32768 is
+equivalent to +32768), never saturated.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def linear(bits: NDArray[np.generic], scale: Floats, offset: Floats, out: Floats
 def position_bits(position: Floats, scale: Floats, offset: Floats) -> Ints:
     """Encoder counts (0 at mid-range) nearest to positions [rad or m].
 
-    Rounds: cutting off, as the reference does, loses a count in one of 260. ValueError where a position is not finite
+    Rounds, because truncation, as in the reference, loses a count in one of 260. ValueError if a position is not finite
     or outside the 24-bit counter.
     """
     counts = np.rint((position - offset) / scale)
@@ -58,7 +58,7 @@ class CurrentEncoder:
         self.bits: Ints = np.zeros(len(scale), dtype=np.int64)
 
     def encode(self, current: Floats) -> bool:
-        """Fill `bits` (n,); False when some current was not finite: those axes got the bits of 0 A."""
+        """Fill `bits` (n,); False if a current was not finite: those axes got the bits of 0 A."""
         values = self._float
         np.multiply(current, self.scale, values)
         np.add(values, self.offset, values)
@@ -72,10 +72,10 @@ class CurrentEncoder:
 
 
 def current_range(scale: Floats, offset: Floats) -> tuple[Floats, Floats]:
-    """Least and most current [A] of a 16-bit converter; beyond them bits would come round with the other sign."""
+    """Least and most current [A] of a 16-bit converter; beyond them, bits would wrap to the opposite sign."""
     turn = np.floor(np.trunc(offset) / (CURRENT_MASK + 1)) * (CURRENT_MASK + 1)
     ends = np.zeros((2, len(scale)))
-    for row, bits in enumerate((turn + 0.5, turn + CURRENT_MASK - 0.5)):  # half a bit inside: they are cut off later
+    for row, bits in enumerate((turn + 0.5, turn + CURRENT_MASK - 0.5)):  # half a bit inside: they are truncated later
         np.divide(bits - offset, scale, out=ends[row], where=scale != 0.0)
     return ends.min(axis=0), ends.max(axis=0)
 

@@ -1,6 +1,6 @@
-"""What the memory of an instrument (DS2505, 2 KiB) says: where what lies, and how it is read.
+"""The memory of an instrument (DS2505, 2 KiB): its layout, and the commands to read it.
 
-One chunk of 256 bytes from `RECORD_AT` on holds all of it. Nothing guards these bytes against a bad contact.
+One chunk of 256 bytes from `RECORD_AT` on holds all data. These bytes have no checksum against a bad contact.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ ANSWERED, SILENT = 1, 3
 
 @dataclass(frozen=True, slots=True)
 class Instrument:
-    """One instrument as it names itself."""
+    """One instrument, from its memory."""
 
     name: str
     model: int
@@ -40,7 +40,7 @@ class Instrument:
 
 
 def instrument_of(record: bytes) -> Instrument:
-    """The instrument whose memory from `RECORD_AT` on is `record`; ValueError says what makes no sense of it."""
+    """The instrument from its memory `record`, which starts at `RECORD_AT`; ValueError explains an invalid one."""
     if len(record) != CHUNK_BYTES:
         raise ValueError(f"{len(record)} bytes; needed: {CHUNK_BYTES}")
     company = record[COMPANY_AT - RECORD_AT :][: len(COMPANY)]
@@ -51,5 +51,5 @@ def instrument_of(record: bytes) -> Instrument:
     if not name or not name.isprintable() or not name.isascii():
         raise ValueError(f"it has no readable name: {text[:16]!r}")
     at = MODEL_AT - RECORD_AT
-    model = int.from_bytes(record[at + 1 : at + 4], "big")  # the first byte of four means something else
+    model = int.from_bytes(record[at + 1 : at + 4], "big")  # the first byte of four has another meaning
     return Instrument(name, model, record[VERSION_AT - RECORD_AT])

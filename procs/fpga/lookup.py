@@ -1,7 +1,7 @@
 """Tables of digital potentiometers: the position at each of 4096 readings, for every actuator of a robot.
 
-In the document a table is text (base64 of doubles as this machine has them), so that it travels and decodes quickly.
-Readings without a position are NaN.
+In the document a table is text (base64 of doubles in this machine's format), for fast transfer and decoding. Readings
+without a position are NaN.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 
 
 def pack(rows: Sequence[Sequence[float]]) -> str:
-    """The table as text; ValueError names the first row that is not one of 4096 numbers."""
+    """The table as text; ValueError names the first row that does not have 4096 numbers."""
     table = np.zeros((len(rows), ENTRIES))
     for number, row in enumerate(rows):
         if len(row) != ENTRIES or not all(isinstance(x, int | float) and math.isfinite(x) for x in row):
@@ -32,7 +32,7 @@ def pack(rows: Sequence[Sequence[float]]) -> str:
 
 
 def unpack(text: str, actuators: int) -> Floats:
-    """The table (actuators, 4096); ValueError where the text is not one."""
+    """The table (actuators, 4096); ValueError if the text is not a table."""
     data = base64.b64decode(text.encode("ascii"), validate=True)
     if len(data) != actuators * ENTRIES * 8:
         raise ValueError(f"potentiometer table of {len(data)} bytes; wanted: {actuators * ENTRIES * 8}")
@@ -40,12 +40,12 @@ def unpack(text: str, actuators: int) -> Floats:
 
 
 class InverseLookup:
-    """From positions to readings, as real potentiometers give them: the nearest entry, on a fine grid."""
+    """From positions to readings, like real potentiometers: the nearest entry, on a fine grid."""
 
     GRID: Final = 1 << 14  # finer than the tables
 
     def __init__(self, table: Floats) -> None:
-        """`table` (n, 4096). A row without any position always reads 0."""
+        """`table` (n, 4096). A row without positions always reads 0."""
         n = len(table)
         self._low, self._per_unit = np.zeros(n), np.zeros(n)
         self._readings = np.zeros((n, self.GRID), dtype=np.uint16)
@@ -68,7 +68,7 @@ class InverseLookup:
         self._flat = self._readings.reshape(-1)
 
     def readings(self, position: Floats) -> NDArray[np.uint16]:
-        """Readings (n,) at positions (n,); beyond a table's ends those of the ends."""
+        """Readings (n,) at positions (n,); beyond a table's ends, the readings at the ends."""
         places = np.rint((position - self._low) * self._per_unit)
         cell = np.clip(np.nan_to_num(places), 0, self.GRID - 1).astype(np.intp)
         found: NDArray[np.uint16] = self._flat[self._rows + cell]

@@ -1,4 +1,4 @@
-"""Names of ports as configuration files write them, and what each of them means."""
+"""Names of ports in configuration files, and their meaning."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _LARGEST: Final = 99
 
 
 class PortNameError(ValueError):
-    """Not the name of a port we can open: what is wrong, and what is allowed."""
+    """Not the name of a port we can open: the problem, and the allowed names."""
 
     def __init__(self, what: str, allowed: str = PORTS) -> None:
         super().__init__(f"{what}; allowed: {allowed}")
@@ -30,10 +30,11 @@ class PortNameError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class PortName:
-    """A port: by what (`UDP`, `ETHERNET`, `FIREWIRE`), where, and whether a hub is to bridge to FireWire in any case.
+    """A port: its kind (`UDP`, `ETHERNET`, `FIREWIRE`), its place, and whether a hub must bridge to FireWire in any
+    case.
 
-    `where` is an IPv4 address (UDP), an Ethernet interface or its place among them (0 is the first), or the place of a
-    card among those of FireWire.
+    `where` is an IPv4 address (UDP), an Ethernet interface or its index (0 is the first), or the index of a FireWire
+    card.
     """
 
     kind: str
@@ -56,7 +57,7 @@ class PortName:
 
     @property
     def owned(self) -> str:
-        """What one owner at a time may have: the same for all names of one bus."""
+        """The resource with one owner at a time: the same for all names of one bus."""
         return f"{self.kind}:{self.where}"
 
 

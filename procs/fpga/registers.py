@@ -113,7 +113,7 @@ STATUS_DQLA_WAVEFORM_ACTIVE: Final = 1 << 3
 STATUS_DQLA_EXPANDER: Final = 1 << 0
 # of a dRA1
 STATUS_ECM: Final = 1 << 22
-STATUS_PRELOADED: Final = 1 << 3  # encoders were preloaded since the ESPM began
+STATUS_PRELOADED: Final = 1 << 3  # encoders were preloaded since the start of the ESPM
 STATUS_ESPM_SUPPLY: Final = 1 << 2
 STATUS_ESPM_REACHES_ARM: Final = 1 << 1
 STATUS_ESPM: Final = 1 << 0
@@ -130,9 +130,9 @@ CONTROL_AMPS_OFF: Final = 0x0000_0F00
 CONTROL_REBOOT: Final = 0x0030_0000
 CONTROL_RELAY_MASK: Final = 1 << 17
 CONTROL_POWER_MASK: Final = 1 << 19
-CONTROL_DOUT_TEST: Final = 1 << 24  # find out anew what hardware the digital outputs have
+CONTROL_DOUT_TEST: Final = 1 << 24  # determine the hardware of the digital outputs again
 CONTROL_EXPANDER_TEST: Final = 1 << 23  # Rev 8 on: whether there is an I/O expander
-CONTROL_REAL_TIME_BITS: Final = 0x000F_FFFF  # Rev 7 and 8 take no more than these out of a real-time block
+CONTROL_REAL_TIME_BITS: Final = 0x000F_FFFF  # Rev 7 and 8 use only these from a real-time block
 
 # -- digital inputs (register 0x0A and quad 2 of a real-time block); nibbles hold axis 1 in their lowest bit -----------
 INPUT_ENCODER_SUPPLY_FAULT: Final = 1 << 31
@@ -142,7 +142,7 @@ INPUT_ENCODER_A_SHIFT: Final = 24
 INPUT_ENCODER_B_SHIFT: Final = 20
 INPUT_ENCODER_INDEX_SHIFT: Final = 16
 INPUT_DOUT_SHIFT: Final = 12  # register polarity: 1 is a low pin
-INPUT_FAR_SHIFT: Final = 16  # limits and home of the second QLA of a DQLA lie in 27:16
+INPUT_FAR_SHIFT: Final = 16  # limits and home of the second QLA of a DQLA are in 27:16
 INPUT_DOUT_FAR_SHIFT: Final = 28
 INPUT_NEGATIVE_LIMIT_SHIFT: Final = 8
 INPUT_POSITIVE_LIMIT_SHIFT: Final = 4
@@ -156,7 +156,7 @@ DAC_AMP_ENABLE: Final = 1 << 28  # Rev 8 on
 DAC_BOARD_SHIFT: Final = 24  # Rev 7 block write: board id
 DAC_MODE_SHIFT: Final = 24  # Rev 8 on: 0 current, 1 voltage
 DAC_VALUE_MASK: Final = 0xFFFF
-DAC_READ_REV_7: Final = 0x0030_0000  # of a value read back, once there was one
+DAC_READ_REV_7: Final = 0x0030_0000  # in a value read back, after one was written
 MODE_CURRENT: Final = 0
 MODE_VOLTAGE: Final = 1
 
@@ -197,8 +197,8 @@ PERIOD_DIRECTION_CHANGED: Final = 1 << 29
 PERIOD_EDGE_ERROR: Final = 1 << 28
 PERIOD_PARTIAL: Final = 1 << 27
 QUARTER_EDGE_SHIFT: Final = 26  # four bits: A up, B up, A down, B down
-SAME_EDGE: Final = VELOCITY_DIRECTION | 0xF << QUARTER_EDGE_SHIFT  # what makes two of them comparable
-SLOWEST_S: Final = 1.0  # without a count for so long, the velocity from counts is zero
+SAME_EDGE: Final = VELOCITY_DIRECTION | 0xF << QUARTER_EDGE_SHIFT  # bits that make two of them comparable
+SLOWEST_S: Final = 1.0  # after this time without a count, the velocity from counts is zero
 MIN_QUARTER: Final = 2000.0  # ticks of the newest quarter period; with fewer, time is too coarse for accelerations
 EDGE_A_UP: Final = 8
 EDGE_B_UP: Final = 4
@@ -246,7 +246,7 @@ def hardware_name(hardware_id: int) -> str:
 def watchdog_counts(seconds: float) -> int:
     """Watchdog period register for a time in s: rounded down, at least one count; 0 s switches the watchdog off.
 
-    Raises ValueError where the 16-bit register cannot hold it (341 ms and more) or the time is not a number.
+    Raises ValueError if the 16-bit register cannot hold it (341 ms and more) or the time is not a number.
     """
     if not 0.0 <= seconds < 0x10000 * WATCHDOG_UNIT_S:
         raise ValueError(f"watchdog of {seconds} s; allowed: 0 (off) to {0xFFFF * WATCHDOG_UNIT_S:.3f} s")
@@ -267,7 +267,7 @@ def ip_text(quadlet: int) -> str:
 
 
 def arm_memory(robot: str, serial: str) -> str:
-    """What the memory of an Si arm says it is: robot PSM1 with serial number 123456 is p123456.cal."""
+    """Identification in the memory of an Si arm: robot PSM1 with serial number 123456 is p123456.cal."""
     return f"{robot[:1].lower()}{serial}.cal"
 
 

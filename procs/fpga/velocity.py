@@ -17,29 +17,29 @@ Floats = NDArray[np.float64]
 Words = NDArray[np.uint32]
 
 
-_NEVER: Final = 1e-300  # stands for 0 ticks where a division needs something
+_NEVER: Final = 1e-300  # replaces 0 ticks in divisions
 
 
 class FirmwareVelocity:
     """Counts/s and counts/s² from running, period, quarter 5 and quarter 1 words.
 
-    A caller fills `words` (4, n), in that order, and calls `update`. Magnitudes are worked on without a sign, so that a
+    A caller fills `words` (4, n), in that order, and calls `update`. Magnitudes are computed without sign, so that a
     prediction that would change sign stops at zero.
 
         v = 4 / period                                         over the last four edges, in the middle of them
         a = 8 (q5 − q1) / (period · (period + q5 − q1) · (q5 + q1))
-        predicted = v + a · (period / 2 + running), of which no more than one count in the running time
+        predicted = v + a · (period / 2 + running), at most one count in the running time
     """
 
     def __init__(self, n: int, clock_hz: float | Floats = float(registers.CLOCK_HZ)) -> None:
-        """`clock_hz` is the tick rate of the boards, of all or (n,) of each."""
-        # Quarter 1 is there twice, to be compared with the two rows before it at once: operands of one shape that lie
-        # in one piece take a third of the time of others.
+        """`clock_hz` is the tick rate of the boards, common or (n,) for each."""
+        # Quarter 1 is stored twice, to be compared with the two previous rows at once: operands of one shape in
+        # contiguous memory take a third of the time.
         rows: Words = np.zeros((5, n), dtype=np.uint32)
         self.words: Words = rows[:4]
         self.predicted: Floats = np.zeros(n)  # counts/s at the time of the sample
         hz: Floats = np.asarray(clock_hz) + np.zeros(n)
-        # per n: speed and the most that can have been missed since the last edge [counts/s]
+        # per n: largest possible speed since the last edge, and speed [counts/s]
         self._speeds = np.zeros((2, n))
         self._cap, self._speed = self._speeds
         self._edges_hz = np.array([hz, 4.0 * hz])
@@ -62,7 +62,7 @@ class FirmwareVelocity:
         same = np.array([[registers.VELOCITY_DIRECTION], [registers.SAME_EDGE]], np.uint32)
         self._same = same | np.zeros((2, n), np.uint32)
         self._no_bits = np.zeros((2, n), dtype=np.uint32)
-        reasons = np.zeros((4, n), dtype=bool)  # why edges do not compare
+        reasons = np.zeros((4, n), dtype=bool)  # why edges are not comparable
         self._apart, self._short = reasons[:2], reasons[2:]
         self._incomparable, self._or_this = self._apart
         self._shortest = np.array([[1.0], [registers.MIN_QUARTER]]) + np.zeros((2, n))
@@ -111,7 +111,7 @@ class FirmwareVelocity:
         return np.multiply(now, self.sign, self.predicted)
 
     def _accelerate(self) -> None:
-        """Magnitude of the acceleration along the direction of motion; zero where the edges do not compare."""
+        """Magnitude of the acceleration along the direction of motion; zero where the edges are not comparable."""
         self._quarter1_again[...] = self._quarter1_word
         np.bitwise_xor(self._compared, self._with, self._unlike)
         np.bitwise_and(self._unlike, self._same, self._unlike)
@@ -135,7 +135,7 @@ class SoftwareVelocity:
     """Counts/s from count differences: the last jump over the time it took, then a slope down to zero."""
 
     def __init__(self, n: int) -> None:
-        """Nothing known yet: the first update gives 0."""
+        """No sample yet: the first update gives 0."""
         self.velocity: Floats = np.zeros(n)
         self.previous = np.zeros(n)
         self.since, self.slope = np.zeros(n), np.zeros(n)
@@ -143,28 +143,28 @@ class SoftwareVelocity:
         self._a, self._b = np.zeros(n), np.zeros(n)
         self._moved, self._young = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
         self._none, self._one, self._slowest = np.zeros(n), np.ones(n), np.full(n, registers.SLOWEST_S)
-        self.known = np.zeros(1, dtype=bool)  # the counts of the update before are
+        self.known = np.zeros(1, dtype=bool)  # the previous update's counts are valid
 
     def forget(self) -> None:
-        """The counters were set, nobody knows to what: the next update gives 0."""
+        """The counters were set to unknown values: the next update gives 0."""
         self.known[0] = False
 
     def reset(self, counts: NDArray[np.generic]) -> None:
-        """The counters were set: what they show now is no motion."""
+        """The counters were set: their change is not motion."""
         np.copyto(self.previous, counts)
         for each in (self.since, self.slope, self.velocity):
             each.fill(0.0)
         self.known[0] = True
 
     def update(self, counts: NDArray[np.generic], dt: Floats) -> Floats:
-        """Estimate from `counts` (n,) and the boards' time since the sample before, `dt` (n,) in s."""
+        """Estimate from `counts` (n,) and the boards' time since the previous sample, `dt` (n,) in s."""
         if not self.known[0]:
             self.reset(counts)
             return self.velocity
         change, v = self._change, self.velocity
         np.subtract(counts, self.previous, change)
         np.copyto(self.previous, counts)
-        # no count: run down the slope for a second, then stand still
+        # no count: run down the slope for a second, then 0
         np.less(self.since, self._slowest, self._young)
         np.multiply(self.slope, dt, self._a)
         np.subtract(v, self._a, v)

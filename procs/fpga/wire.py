@@ -15,13 +15,13 @@ from typing import Final, TypeAlias
 UDP_PORT: Final = 1394
 MULTICAST: Final = "224.0.0.100"  # Ethernet-only (Rev 9): all boards
 FRAME_HEADER_BYTES: Final = 14  # of raw Ethernet: to, from, length
-FRAME_DATAGRAM_BYTES: Final = 1023  # firmware takes a longer frame for another protocol
+FRAME_DATAGRAM_BYTES: Final = 1023  # firmware treats a longer frame as another protocol
 BOARD_MAC: Final = bytes.fromhex("fa610e1394")  # then the board id
 GROUP_MAC: Final = bytes.fromhex("fb610e1394ff")  # all boards
 BROADCAST: Final = 0x3F  # node number that means every node
 BUS: Final = 0x3FF
 HOST_ID: Final = 0xFFD0
-NO_FORWARD: Final = 0x01  # control flag: not to be relayed to FireWire
+NO_FORWARD: Final = 0x01  # control flag: do not relay to FireWire
 MAX_DATA: Final = 2024  # bytes of a block transfer on any link
 TL_COUNT: Final = 64
 
@@ -53,7 +53,7 @@ _REVERSED = bytes(int(f"{value:08b}"[::-1], 2) for value in range(256))
 
 
 class WireError(ValueError):
-    """Bytes (or values) that are no valid datagram or block: what is wrong, and where."""
+    """Bytes (or values) that are not a valid datagram or block: the problem, and its place."""
 
     def __init__(self, what: str, where: str) -> None:
         super().__init__(f"{where}: {what}")
@@ -62,7 +62,7 @@ class WireError(ValueError):
 
 
 def crc_bytes(data: Buffer) -> bytes:
-    """CRC of `data` as it stands on the wire (4 bytes)."""
+    """CRC of `data` in wire byte order (4 bytes)."""
     # CRC-32/BZIP2 is zlib's CRC with every byte and the result mirrored; zlib is far quicker than a table in Python.
     mirrored = zlib.crc32(bytes(data).translate(_REVERSED))
     return mirrored.to_bytes(4, "little").translate(_REVERSED)
@@ -92,8 +92,8 @@ def _block(data: bytes, where: str) -> bytes:
 class WireRequest:
     """A datagram from host to board.
 
-    `data` holds the payload of writes (4 bytes for a quadlet), `length` the bytes a block read asks for. `crc` (header)
-    and `data_crc` (block write only) of None are computed when encoding.
+    `data` holds the payload of writes (4 bytes for a quadlet), `length` the requested bytes of a block read. `crc`
+    (header) and `data_crc` (block write only) of None are computed when encoding.
     """
 
     tcode: int
@@ -118,14 +118,14 @@ class WireRequest:
 
     @property
     def crc_ok(self) -> bool:
-        """True when every CRC of the request is the right one."""
+        """True when every CRC of the request is correct."""
         fresh = encode_request(WireRequest(self.tcode, self.node, self.address, self.tl, self.generation, self.flags,
                                            self.data, self.length, self.bus, self.source, self.retry, self.priority))
         return fresh == encode_request(self)
 
 
 def encode_request(request: WireRequest) -> bytes:
-    """The datagram of a request; raises WireError where a field does not fit."""
+    """The datagram of a request; raises WireError if a field does not fit."""
     r = request
     q0 = (_fit(r.bus, 10, "bus") << 22 | _fit(r.node, 6, "node") << 16 | _fit(r.tl, 6, "tl") << 10
           | _fit(r.retry, 2, "retry") << 8 | _fit(r.tcode, 4, "tcode") << 4 | _fit(r.priority, 4, "priority"))
@@ -149,7 +149,7 @@ def encode_request(request: WireRequest) -> bytes:
 
 
 def quadlet_read(node: int, address: int, tl: int, generation: int, flags: int = 0) -> bytes:
-    """Datagram that asks for one quadlet."""
+    """Datagram that reads one quadlet."""
     return encode_request(WireRequest(QUADLET_READ, node, address, tl, generation, flags))
 
 
@@ -160,7 +160,7 @@ def quadlet_write(node: int, address: int, value: int, tl: int, generation: int,
 
 
 def block_read(node: int, address: int, length: int, tl: int, generation: int, flags: int = 0) -> bytes:
-    """Datagram that asks for `length` bytes."""
+    """Datagram that reads `length` bytes."""
     return encode_request(WireRequest(BLOCK_READ, node, address, tl, generation, flags, length=length))
 
 
