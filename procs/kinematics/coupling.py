@@ -1,7 +1,7 @@
 """Actuators to joints and back, for positions, velocities and efforts.
 
-One matrix says it all: joint = A · actuator for positions and velocities; power is the same on both sides, so
-efforts go with the transposed inverse: joint effort = A⁻ᵀ · actuator effort, actuator effort = Aᵀ · joint effort.
+One matrix defines all of them: joint = A · actuator for positions and velocities; power is the same on both sides, so
+efforts use the transposed inverse: joint effort = A⁻ᵀ · actuator effort, actuator effort = Aᵀ · joint effort.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ class Coupling:
 
 
 def coupling(actuators: int, chain: Chain, tool: Tool | None = None) -> Coupling:
-    """The coupling of an arm: its instrument's block on the last four, else the kinematic file's, else none."""
+    """The coupling of an arm: its instrument's block on the last four actuators, else the kinematic file's, else none.
+    """
     matrix = np.eye(actuators)
     if tool is not None:
         _place(matrix, tool.actuator_to_joint, TOOL_AT, tool.source or tool.name)

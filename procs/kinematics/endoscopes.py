@@ -1,4 +1,4 @@
-"""Endoscopes an ECM may carry: where their tip looks from the roll joint, and what the camera weighs."""
+"""Endoscopes of an ECM: their tip frames, relative to the roll joint, and the masses of their cameras."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ NAMES: Final = (NONE, *(f"{kind}_{look}" for kind in MASSES for look in LOOKS))
 
 @dataclass(frozen=True, slots=True)
 class Endoscope:
-    """One endoscope: camera mass [kg], and the frame of its tip (4, 4) seen from the roll joint."""
+    """One endoscope: camera mass [kg], and the frame of its tip (4, 4) relative to the roll joint."""
 
     name: str
     mass: float

@@ -1,7 +1,7 @@
-"""Forward kinematics and Jacobians of a Denavit-Hartenberg chain: by native code, else number by number.
+"""Forward kinematics and Jacobians of a Denavit-Hartenberg chain: native code, else scalar Python.
 
-The tip transform goes through a unit quaternion, as dVRK loads it, and belongs to the full chain only. Jacobian rows:
-linear x y z, then angular x y z.
+The tip transform is converted to a unit quaternion and back, as when dVRK loads it, and belongs to the full chain only.
+Jacobian rows: linear x y z, then angular x y z.
 """
 
 from __future__ import annotations
@@ -23,9 +23,10 @@ QUARTER_TURN_AS_WRITTEN = 1.5708  # in alpha only, this spelling means a right a
 class Links:
     """The links of a chain as arrays, upper three rows of rigid transforms.
 
-    `placements` (n, 3, 4): where each joint is, seen from the one before, the first from the base; it moves along its z
-    where it `slides` (n,), else about it. `ends` (n + 1, 3, 4): the frames after so many links, seen from the last
-    joint before them; without links that is the base, seen from where poses are told.
+    `placements` (n, 3, 4): pose of each joint relative to the previous one, the first relative to the base; a joint
+    moves along its z where it `slides` (n,), else about it. `ends` (n + 1, 3, 4): the frames after each number of
+    links, relative to the last joint before them; without links that is the base, relative to the frame of published
+    poses.
     """
 
     def __init__(self, chain: Chain, links: tuple[DhLink, ...]) -> None:
@@ -42,7 +43,7 @@ class Links:
         self._slides: list[bool] = self.slides.tolist()
 
     def frames(self, q: Sequence[float]) -> list[Frame]:
-        """Of joints, once each has moved."""
+        """Frames of the joints after their motion."""
         frames: list[Frame] = []
         for placement, slides, position in zip(self._placements, self._slides, q, strict=True):
             frames.append(moved(product(frames[-1], placement) if frames else placement, slides, position))
@@ -57,7 +58,7 @@ class Kinematics:
     """
 
     def __init__(self, chain: Chain, tool: Tool | None = None, tip: Array | None = None) -> None:
-        """`tip` (4, 4) replaces the tool's tip transform (endoscopes, whose tips stand in no file)."""
+        """`tip` (4, 4) replaces the tool's tip transform (for endoscopes, whose tips are in no file)."""
         links = chain.links + (tool.links if tool is not None else ())
         if not links:
             raise ValueError(f"{chain.source or 'chain'}: a chain needs at least one joint")
@@ -72,7 +73,7 @@ class Kinematics:
         self.is_prismatic = self.links.slides
         last = np.vstack((self.links.ends[-1], (0.0, 0.0, 0.0, 1.0)))
         self.end = np.einsum("ij,jk->ik", last, tip)[:3]
-        """The tip (3, 4), seen from the last joint."""
+        """The tip (3, 4), relative to the last joint."""
         self._end: Frame = self.end.reshape(12).tolist()
         self._ends: Sequence[Frame] = self.links.ends.reshape(-1, 12).tolist()
         self.q = np.zeros(self.n)
@@ -80,20 +81,20 @@ class Kinematics:
         self.body_columns, self.spatial_columns = np.zeros((self.n, 6)), np.zeros((self.n, 6))
         self.body: Array = self.body_columns.T
         self.spatial: Array = self.spatial_columns.T
-        self._updated = b""  # joints that `tip`, `body` and `spatial` are for
+        self._updated = b""  # joints for which `tip`, `body` and `spatial` were computed
         self._update, self._frame = chosen(CHAIN, self, "by_numpy_")
 
     def update(self, q: Array) -> None:
         """Tip pose and Jacobians at q into `tip`, `body`, `spatial`."""
         raw = q.tobytes()
-        if raw == self._updated:  # a kinematic robot is where it was told to be
+        if raw == self._updated:  # a kinematic robot is exactly at its setpoint
             return
         self._updated = raw
         self.q[...] = q
         self._update()
 
     def forget(self) -> None:
-        """Somebody else writes `tip`, `body` and `spatial`."""
+        """`tip`, `body` and `spatial` are overwritten by other code: compute them at the next update."""
         self._updated = b""
 
     def fk(self, q: Array, out: Array | None = None) -> Array:
@@ -127,11 +128,11 @@ class Kinematics:
     # the reference of the native library
 
     def tip_after(self, frames: Sequence[Frame]) -> Frame:
-        """The tip, after the frames of all joints."""
+        """The tip, from the frames of all joints."""
         return product(frames[-1], self._end)
 
     def by_numpy_update(self) -> int:
-        """At `q`."""
+        """The reference of `update`."""
         frames = self.links.frames(finite(self.q.tolist()))
         tip = self.tip_after(frames)
         slides = self.is_prismatic.tolist()
@@ -141,7 +142,7 @@ class Kinematics:
         return 0
 
     def by_numpy_frame(self, link: int) -> int:
-        """`frame` after so many links, -1: the tip."""
+        """`frame` after this many links, -1: the tip."""
         frames = self.links.frames(finite(self.q.tolist()))
         if link < 0:
             frame = self.tip_after(frames)
@@ -154,7 +155,7 @@ class Kinematics:
 def split_row(convention: str, link: DhLink) -> tuple[Array, Array]:
     """(before, after): the link's transform is before · joint motion about or along z · after, each (4, 4).
 
-    An alpha of exactly ±1.5708 means ±π/2, while offsets of 1.5708 are taken as written: the difference shows in the
+    An alpha of exactly ±1.5708 means ±π/2, while offsets of 1.5708 are used as written: the difference shows in the
     sixth digit of every pose, and files and calibrations were made with it.
     """
     alpha = math.copysign(math.pi / 2, link.alpha) if abs(link.alpha) == QUARTER_TURN_AS_WRITTEN else link.alpha
@@ -175,6 +176,6 @@ def _screw_z(angle: float, distance: float) -> Array:
 
 
 def _screw_x(angle: float, distance: float) -> Array:
-    quarter = abs(angle) == math.pi / 2  # cos would leave 6e-17, and the zero is exact in the files' meaning
+    quarter = abs(angle) == math.pi / 2  # cos would give 6e-17, and the zero is exact in the files' meaning
     c, s = (0.0 if quarter else math.cos(angle)), math.sin(angle)
     return np.array(((1.0, 0.0, 0.0, distance), (0.0, c, -s, 0.0), (0.0, s, c, 0.0), (0.0, 0.0, 0.0, 1.0)))

@@ -1,7 +1,8 @@
-"""Rigid frames and small systems of equations, number by number: what the native library does, in the same order.
+"""Rigid frames and small systems of equations in scalar Python: the operations of the native library, in the same
+order.
 
 A frame is the upper three rows of a rigid transform: twelve numbers. One frame is too little work for numpy's per-call
-cost, and its matrix products are not the same to the bit on every machine.
+cost, and its matrix products are not bit-identical on all machines.
 """
 
 from __future__ import annotations
@@ -16,11 +17,11 @@ Frame = Sequence[float]
 Rows = list[list[float]]
 
 SAME_TURN: Final = 1e-12  # sine of half an angle
-SMALL_TURN: Final = 1e-8  # rad², below which a series serves
+SMALL_TURN: Final = 1e-8  # rad², below which a series is used
 
 
 def finite(q: list[float]) -> list[float]:
-    """Joints: what is not finite is NaN, of which sine and cosine are NaN as well."""
+    """Joints with NaN for values that are not finite, because sine and cosine of NaN are NaN as well."""
     return q if math.isfinite(dot(q, q)) else [x if math.isfinite(x) else math.nan for x in q]
 
 
@@ -96,7 +97,7 @@ def pose_of(f: Frame) -> tuple[float, ...]:
 
 
 def turned_twist(f: Frame, v: Sequence[float]) -> list[float]:
-    """Both halves of (6,), from the axes of f to those that f is seen from."""
+    """Both halves of (6,), from the axes of f to those of its parent frame."""
     a, b, c, _, d, e, h, _, i, j, k, _ = f
     x, y, z, p, q, r = v
     return [a * x + b * y + c * z, d * x + e * y + h * z, i * x + j * y + k * z,
@@ -112,7 +113,7 @@ def turned_back(f: Frame, v: Sequence[float]) -> list[float]:
 
 
 def dot(a: Sequence[float], b: Sequence[float]) -> float:
-    """Σ a · b, from the first on."""
+    """Σ a · b, summed from the first element on."""
     total = 0.0
     for x, y in zip(a, b, strict=True):
         total += x * y
@@ -138,7 +139,7 @@ def squared(rows: Rows, damping: float) -> Rows:
 
 
 def solve(a: Rows, x: list[float]) -> bool:
-    """x := a⁻¹ · x, which also changes a; False where a is singular."""
+    """x := a⁻¹ · x, which also changes a; False if a is singular."""
     n = len(x)
     for k in range(n):
         best = k
@@ -164,7 +165,9 @@ def solve(a: Rows, x: list[float]) -> bool:
 
 
 def shortest(rows: Rows, wanted: Sequence[float], damping: float) -> list[float]:
-    """The shortest x that brings rows · x next to what is wanted: the damped pseudo-inverse; NaN where that fails."""
+    """The shortest x that minimizes the distance from rows · x to `wanted`: the damped pseudo-inverse; NaN if that
+    fails.
+    """
     columns = transposed(rows)
     if len(rows) <= len(columns):
         y = list(wanted)

@@ -1,8 +1,8 @@
-"""Joint efforts that hold an arm against gravity, from the masses of its links: by native code, else in Python.
+"""Joint efforts that hold an arm against gravity, from the masses of its links: native code, else Python.
 
-`up` (3,) is g · (0, sin p, cos p) in the chain's base frame, p the mounting pitch: the acceleration that would feel
-like gravity, so that efforts are those which hold. An Si arm stands on a parallelogram: its few joints move a longer
-chain of links (`kinematic_gc`), the efforts of which come together in the joints.
+`up` (3,) is g · (0, sin p, cos p) in the chain's base frame, p the mounting pitch: the acceleration equivalent to
+gravity, so that the efforts are the holding efforts. An Si arm has a parallelogram: its few joints move a longer chain
+of links (`kinematic_gc`), whose efforts are added up in the joints.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from trocar.procs.kinematics.poses import Array
 from trocar.procs.native.arm_fields import GRAVITY
 from trocar.procs.native.library import chosen
 
-STANDARD_GRAVITY: Final = 9.81  # m/s², as the reference has it
-# Rows are links, columns joints: how the links of Si arms follow, and whose efforts a joint bears.
+STANDARD_GRAVITY: Final = 9.81  # m/s², as in the reference
+# Rows are links, columns joints: how the links of Si arms follow, and whose efforts a joint carries.
 PSM_SI_LINKS: Final = np.array(((1, 0, 0), (0, 0, 0), (0, 1, 0), (0, -1, 0), (0, 1, 0), (0, 0, 0.5), (0, 0, 0.5)))
 PSM_SI_BEARS: Final = np.array(((1, 0, 0), (0, 0, 0), (0, 1, 0), (0, -1, 0), (0, 1, 0), (0, 0, 0), (0, 0, 1.0)))
 ECM_SI_LINKS: Final = np.array(((1, 0, 0), (0, 0, 0), (0, 1, 0), (0, -1, 0), (0, 1, 0), (0, 0, 1.0)))
 ECM_SI_BEARS: Final = ECM_SI_LINKS
 SHAPES: Final = {7: (PSM_SI_LINKS, PSM_SI_BEARS), 6: (ECM_SI_LINKS, ECM_SI_BEARS)}
-"""Of Si arms, by the number of their links."""
+"""For Si arms, by the number of their links."""
 CAMERA_LINK: Final = {4: 2, 6: 5}
-"""Which link of an ECM carries the endoscope, by the number of links."""
+"""Index of the ECM link that carries the endoscope, by the number of links."""
 
 
 def up_of(mounting_pitch: float) -> Array:
@@ -38,12 +38,15 @@ def up_of(mounting_pitch: float) -> Array:
 
 
 class Gravity:
-    """Of one arm. `effort(q)` (n,) is preallocated: the next call overwrites it; n is the arm's number of joints."""
+    """Gravity of one arm. `effort(q)` (n,) is preallocated: the next call overwrites it; n is the arm's number of
+    joints.
+    """
 
     def __init__(self, links: Chain, joints: int, up: Array, camera_mass: float | None = None) -> None:
-        """`links` have masses; `joints` are those of the arm. `camera_mass` [kg] is that of an ECM's endoscope.
+        """`links` have masses; `joints` is the number of the arm's joints. `camera_mass` [kg] is that of an ECM's
+        endoscope.
 
-        ValueError where the links are neither the joints themselves nor those of an Si arm.
+        ValueError if the links are neither the joints themselves nor those of an Si arm.
         """
         count = len(links.links)
         if count == joints:
@@ -60,7 +63,7 @@ class Gravity:
             self.masses[CAMERA_LINK[count]] = camera_mass
         ends = self.links.ends[1:].reshape(count, 12).tolist()
         self.centres = np.array([_seen(end, link.com) for end, link in zip(ends, links.links, strict=True)])
-        """Of masses (n, 3), seen from the links' joints."""
+        """Centres of mass (n, 3), relative to the links' joints."""
         self.follow, self.bear = follow.copy(), np.ascontiguousarray(bear.T)
         self.moved = follow.shape[1]
         self.up = np.array(up, dtype=np.float64)
@@ -69,13 +72,13 @@ class Gravity:
         (self._hold,) = chosen(GRAVITY, self, "by_numpy_")
 
     def effort(self, q: Array) -> Array:
-        """Holding efforts [N·m or N] at joint positions q (n,); 0 for joints that bear nothing (wrists)."""
+        """Holding efforts [N·m or N] at joint positions q (n,); 0 for joints without load (wrists)."""
         self.q[...] = q[: self.moved]
         self._hold()
         return self.efforts
 
     def by_numpy_hold(self) -> int:
-        """The reference of the native library: from the last link on, what the mass after each joint does to it."""
+        """The reference of the native library: the effect of the mass after each joint, from the last link on."""
         frames = self.links.frames(finite(times(self.follow.tolist(), self.q.tolist())))
         slides, up = self.links.slides.tolist(), self.up.tolist()
         mass, moment, torques = 0.0, [0.0, 0.0, 0.0], [0.0] * len(frames)
@@ -94,6 +97,6 @@ class Gravity:
 
 
 def _seen(f: Sequence[float], point: Sequence[float]) -> list[float]:
-    """A point (3,) of the frame f, from where f is seen."""
+    """A point (3,) of the frame f, in f's parent frame."""
     x, y, z = point
     return [f[r] * x + f[r + 1] * y + f[r + 2] * z + f[r + 3] for r in (0, 4, 8)]

@@ -1,8 +1,8 @@
-"""Holding efforts of an MTM from parameters measured on that very arm, as its gravity-compensation file has them.
+"""Holding efforts of an MTM from parameters measured on that very arm, in its gravity-compensation file.
 
 A linear model: torque = α · (Y(q) · pos) + (1 − α) · (Y(q) · neg), one parameter set for each direction of motion; α
 blends them by joint velocity, which also compensates friction. Y holds ten terms of the masses and, for each of six
-joints, a polynomial of fourth order (cables). The result is kept within the torques the file calls safe; the roll gets
+joints, a polynomial of fourth order (cables). The result is limited to the safe torques of the file; the roll gets
 none.
 """
 
@@ -24,7 +24,7 @@ class MasterGravity:
 
     def __init__(self, parameters: MasterGravityParameters) -> None:
         up, down = np.array(parameters.positive), np.array(parameters.negative)
-        sets = np.column_stack((0.5 * (up + down), 0.5 * (up - down)))  # the mean, and what motion adds to it
+        sets = np.column_stack((0.5 * (up + down), 0.5 * (up - down)))  # the mean, and the addition by motion
         self._masses = sets[:MASS_TERMS].copy()
         self._cables = sets[MASS_TERMS:].reshape(MODELLED_JOINTS, CABLE_ORDERS, 2).copy()
         self._lower, self._upper = np.array(parameters.lower), np.array(parameters.upper)
@@ -35,7 +35,7 @@ class MasterGravity:
         self._effort = np.zeros(MASTER_JOINTS)
 
     def effort(self, q: Array, velocity: Array) -> Array:
-        """At joint positions q and velocities (7,) [rad, rad/s]."""
+        """Efforts at joint positions q and velocities (7,) [rad, rad/s]."""
         joints, powers, speed = q[:MODELLED_JOINTS], self._powers[:, 0], velocity[:MODELLED_JOINTS]
         powers[:, 1] = joints
         np.multiply(joints, joints, out=powers[:, 2])
@@ -53,7 +53,7 @@ class MasterGravity:
 
 
 def mass_terms(q: Array) -> Array:
-    """(6, 10): how the ten mass parameters act on the joints; the first joint is vertical and bears none."""
+    """(6, 10): the effect of the ten mass parameters on the joints; the first joint is vertical and carries none."""
     _, q2, q3, q4, q5, q6 = q[:MODELLED_JOINTS].tolist()
     s, c = math.sin(q2 + q3), math.cos(q2 + q3)
     s4, c4, s5, c5, s6, c6 = math.sin(q4), math.cos(q4), math.sin(q5), math.cos(q5), math.sin(q6), math.cos(q6)

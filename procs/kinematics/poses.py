@@ -15,19 +15,19 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 POSE = 7  # numbers of a pose vector
-QUATERNION_TOLERANCE = 1e-3  # how far from length 1 a quaternion may be to be taken for one with rounding
-QUATERNION_SLACK: Final = 0.1  # the same of commands: people and programs write few digits
-ROTATION_TOLERANCE = 1e-6  # how far R·Rᵀ may be from identity
+QUATERNION_TOLERANCE = 1e-3  # permitted deviation of a quaternion from length 1, for rounding
+QUATERNION_SLACK: Final = 0.1  # the same for commands: people and programs write few digits
+ROTATION_TOLERANCE = 1e-6  # permitted deviation of R·Rᵀ from identity
 
 
 class PoseError(ValueError):
-    """What was given is no pose: wrong size, not finite, or no rotation."""
+    """Not a valid pose: wrong size, not finite, or not a rotation."""
 
 
 def unit_quaternion(quaternion: Array) -> tuple[float, float, float, float]:
-    """The quaternion (4,) x y z w at length 1; PoseError when it is not finite or its length is not nearly 1.
+    """The quaternion (4,) x y z w at length 1; PoseError if it is not finite or its length is not nearly 1.
 
-    A zero quaternion is what an empty message carries; to normalise it would turn it into NaN or an arbitrary rotation.
+    An empty message has a zero quaternion; normalising it would give NaN or an arbitrary rotation.
     """
     if len(quaternion) != 4:
         raise PoseError(f"a quaternion has 4 numbers, not {len(quaternion)}")
@@ -43,7 +43,7 @@ def _unit(x: float, y: float, z: float, w: float, tolerance: float) -> tuple[flo
 
 
 def normalised(pose: Array) -> Array:
-    """A copy of the pose (7,) with its quaternion at length 1; PoseError when it is no pose."""
+    """A copy of the pose (7,) with its quaternion at length 1; PoseError if it is invalid."""
     if len(pose) != POSE:
         raise PoseError(f"a pose has {POSE} numbers, not {len(pose)}")
     result = np.array(pose, dtype=np.float64)
@@ -54,12 +54,12 @@ def normalised(pose: Array) -> Array:
 
 
 def given_rotation(quaternion: Array) -> Array:
-    """The rotation (3, 3) that a command gives as x y z w, perhaps with few digits; PoseError when it is none."""
+    """The rotation (3, 3) of a command's x y z w, perhaps with few digits; PoseError if it is invalid."""
     return given_pose(np.concatenate((np.zeros(3), quaternion)))[:3, :3].copy()
 
 
 def given_pose(pose: Array) -> Array:
-    """The 4×4 matrix of a pose (7,) that a command gives; PoseError when its quaternion is none."""
+    """The 4×4 matrix of a command's pose (7,); PoseError if its quaternion is invalid."""
     px, py, pz, x, y, z, w = pose.tolist()
     return _matrix(px, py, pz, *_unit(x, y, z, w, QUATERNION_SLACK))
 
@@ -87,10 +87,10 @@ def pose_from_matrix(matrix: Array, out: Array | None = None) -> Array:
 
 
 def renormalised(matrix: Array) -> Array:
-    """The 4×4 matrix with its rotation passed through a unit quaternion, as dVRK does when it loads a tip transform.
+    """The 4×4 matrix with its rotation converted to a unit quaternion and back, as when dVRK loads a tip transform.
 
-    This is not the nearest rotation: with rounded entries such as 0.7071 the result differs, and files are written so
-    that this one is right.
+    This is not the nearest rotation: with rounded entries such as 0.7071 the result differs, and files are written for
+    this method.
     """
     return matrix_from_pose(pose_from_matrix(np.asarray(matrix, dtype=np.float64)))
 
@@ -98,7 +98,7 @@ def renormalised(matrix: Array) -> Array:
 def product(
     first: Sequence[float], second: Sequence[float]
 ) -> tuple[float, float, float, float]:
-    """The quaternion x y z w of one rotation after another: first · second."""
+    """The quaternion x y z w of the composed rotation first · second."""
     ax, ay, az, aw = first
     bx, by, bz, bw = second
     return (aw * bx + ax * bw + ay * bz - az * by, aw * by - ax * bz + ay * bw + az * bx,
@@ -106,7 +106,7 @@ def product(
 
 
 def conjugate(quaternion: Sequence[float]) -> tuple[float, float, float, float]:
-    """The quaternion of the rotation back."""
+    """The quaternion of the inverse rotation."""
     x, y, z, w = quaternion
     return -x, -y, -z, w
 
@@ -147,7 +147,7 @@ def inverse(matrix: Array) -> Array:
 
 
 def rotation_vector(matrix: Array) -> Array:
-    """Axis times angle (3,) of the rotation in a 3×3 or 4×4 matrix; the angle lies in [0, π]."""
+    """Axis times angle (3,) of the rotation in a 3×3 or 4×4 matrix; the angle is in [0, π]."""
     (a, b, c), (d, e, f), (g, h, i) = matrix[:3, :3].tolist()
     x, y, z, w = quaternion_of(a, b, c, d, e, f, g, h, i)
     sine = math.sqrt(x * x + y * y + z * z)

@@ -1,7 +1,7 @@
-"""Joint trajectories to a goal at rest, time-optimal within velocity and acceleration limits, on ruckig.
+"""Joint trajectories to a goal at rest, time-optimal within velocity and acceleration limits, with ruckig.
 
-All joints end together, and along a straight line in joint space wherever the start allows it. Without a jerk limit a
-move from rest over a distance d takes 2·√(d/a), or d/v + v/a once it reaches v. Time is the caller's, in seconds.
+All joints end at the same time, and along a straight line in joint space if the start allows it. Without a jerk limit a
+move from rest over a distance d takes 2·√(d/a), or d/v + v/a once it reaches v. The caller gives the time, in seconds.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from trocar.procs.kinematics.poses import Array
 
 
 class PlanError(enum.Enum):
-    """Why a trajectory could not be planned; the value is a sentence for people."""
+    """Why a trajectory could not be planned; the value is a sentence for messages."""
 
     SIZE = "start, goal and limits must have one number per joint"
     NOT_FINITE = "start, goal and limits must be finite"
@@ -25,37 +25,39 @@ class PlanError(enum.Enum):
 
 
 class Trajectory:
-    """One trajectory of n joints at a time; `start` replaces the one under way.
+    """One trajectory of n joints at a time; `start` replaces the one in progress.
 
-    To change the goal in mid-flight, start again from what `evaluate` last gave: position and velocity stay continuous,
-    with a jerk limit acceleration, too. `forget` what was under way before starting from elsewhere.
-    A start faster than v_max (the limit was lowered) is braked first.
+    To change the goal in mid-flight, start again from the last `evaluate`: position and velocity stay continuous, with
+    a jerk limit acceleration, too. Call `forget` before a start from another state. A start faster than v_max (the
+    limit was lowered) is braked first.
     """
 
     def __init__(self, n: int, jerk_time_s: float = 0.0) -> None:
-        """`jerk_time_s`: how long acceleration takes to come up to its limit; 0: no time, there is no jerk limit."""
+        """`jerk_time_s`: time for acceleration to reach its limit; 0: no jerk limit."""
         self.n = n
         self._jerk_time_s = jerk_time_s
-        self._acceleration = [0.0] * n  # where the trajectory was last looked at
+        self._acceleration = [0.0] * n  # at the last evaluation
         self.duration = 0.0  # s, of the whole trajectory
-        self.active = False  # a trajectory was started and has not been seen to end
+        self.active = False  # a trajectory was started and its end was not evaluated yet
         self._start_s = 0.0
         self._goal = np.zeros(n)
         self._planner = ruckig.Ruckig(n)
         self._path = ruckig.Trajectory(n)
         self._request = ruckig.InputParameter(n)
-        self._request.synchronization = ruckig.Synchronization.Phase  # by time where phase cannot be kept
+        self._request.synchronization = ruckig.Synchronization.Phase  # by time if phase is not possible
         self._request.max_jerk = [math.inf] * n
 
     @property
     def goal(self) -> Array:
-        """Where the trajectory ends (n,): its own array, not to be written."""
+        """End of the trajectory (n,): its own array, do not write."""
         return self._goal
 
     def start(
         self, position: Array, velocity: Array, goal: Array, v_max: Array, a_max: Array, now_s: float
     ) -> PlanError | None:
-        """Plan from (position, velocity) now to `goal` at rest; all (n,). On an error the trajectory before goes on."""
+        """Plan from (position, velocity) now to `goal` at rest; all (n,). On an error the previous trajectory
+        continues.
+        """
         error = _fault(self.n, position, velocity, goal, v_max, a_max)
         if error is not None:
             return error
@@ -83,11 +85,11 @@ class Trajectory:
         return None
 
     def forget(self) -> None:
-        """The next start is from another place, or from rest."""
+        """The next start is from another position, or from rest."""
         self.active = False
 
     def evaluate(self, now_s: float, position: Array, velocity: Array) -> bool:
-        """Write position and velocity (n,) of time `now_s`; True once the goal is reached (exactly, at rest)."""
+        """Write position and velocity (n,) at time `now_s`; True once the goal is reached (exactly, at rest)."""
         elapsed = now_s - self._start_s
         if elapsed >= self.duration:
             position[...] = self._goal
@@ -99,7 +101,7 @@ class Trajectory:
 
 
 def _fault(n: int, position: Array, velocity: Array, goal: Array, v_max: Array, a_max: Array) -> PlanError | None:
-    """What a planner would choke on: asked here, so that no exception is thrown in a control loop."""
+    """Errors in the planner's input: checked here, so that no exception is raised in a control loop."""
     vectors = (position, velocity, goal, v_max, a_max)
     if any(vector.shape != (n,) for vector in vectors):
         return PlanError.SIZE

@@ -1,4 +1,4 @@
-"""A chain as URDF, the description that ROS's tools draw robots from: joints where ours are, thin rods between them."""
+"""A chain as URDF, the robot description for ROS tools: joints at ours, thin rods between them."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from trocar.procs.kinematics.forward import Kinematics
 from trocar.procs.kinematics.poses import Array
 
 ROD_M: Final = 0.004
-"""Radius of what is drawn."""
+"""Radius of the rods."""
 SHORT_M: Final = 1e-6
 VELOCITY: Final = 1.0
-"""URDF wants a limit; what the arm keeps to is its own business."""
+"""URDF requires a velocity limit; the arm's own limit is not in it."""
 
 
 def urdf(name: str, kinematics: Kinematics) -> str:
-    """The robot `name` from NAME_base to NAME_tip, a link behind each joint called as that: NAME_yaw …
+    """The robot `name` from NAME_base to NAME_tip, a link behind each joint with the joint's name: NAME_yaw …
 
     Joints have the chain's own names, positions and limits (rad, m).
     """
@@ -41,7 +41,7 @@ def urdf(name: str, kinematics: Kinematics) -> str:
 
 
 def _link(robot: ElementTree.Element, name: str, to: Array) -> str:
-    """A link, with a rod from its joint to the next one, (3,)."""
+    """A link, with a rod from its joint to the next one at `to` (3,)."""
     link = ElementTree.SubElement(robot, "link", name=name)
     length = float(np.linalg.norm(to))
     if length > SHORT_M:
@@ -56,7 +56,7 @@ def _link(robot: ElementTree.Element, name: str, to: Array) -> str:
 
 def _joint(robot: ElementTree.Element, name: str, kind: str, parent: str, child: str,
            placement: Array) -> ElementTree.Element:
-    """A joint at `placement` (3, 4), seen from the link before it."""
+    """A joint at `placement` (3, 4), relative to the previous link."""
     joint = ElementTree.SubElement(robot, "joint", name=name, type=kind)
     _origin(joint, placement[:, 3], _angles(placement[:, :3]))
     ElementTree.SubElement(joint, "parent", link=parent)
@@ -73,6 +73,6 @@ def _angles(rotation: Array) -> tuple[float, float, float]:
     r = rotation.tolist()
     level = math.hypot(r[0][0], r[1][0])
     pitch = math.atan2(-r[2][0], level)
-    if level < SHORT_M:  # looking straight up or down: only one turn is left to choose
+    if level < SHORT_M:  # vertical: only one turn is left to choose
         return math.atan2(-r[1][2], r[1][1]), pitch, 0.0
     return math.atan2(r[2][1], r[2][2]), pitch, math.atan2(r[1][0], r[0][0])

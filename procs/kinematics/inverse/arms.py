@@ -1,4 +1,4 @@
-"""Which solver belongs to which arm, and to what an arm carries."""
+"""Selection of the solver for an arm and its instrument or endoscope."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from trocar.procs.kinematics.poses import Array
 from trocar.procs.tables.arm_types import ARM_TYPES, found
 
 ECM_JOINTS, PSM_JOINTS, MTM_JOINTS, SNAKE_JOINTS = 4, 6, 7, 8
-BENDS: Final = np.eye(SNAKE_JOINTS)[:, :PSM_JOINTS]  # the last two joints bend as the two before them, in reverse
+BENDS: Final = np.eye(SNAKE_JOINTS)[:, :PSM_JOINTS]  # the last two joints bend like those before, in reverse order
 BENDS[7, 4] = BENDS[6, 5] = 1.0
 Solvers = Callable[[Chain, Tool | None, Array | None], InverseSolver | None]
-"""What the table of arm types names: the solver for a chain, its tool and its tip; None: it does not fit them."""
+"""Makes the solver for a chain, its tool and its tip, as named in the table of arm types; None: not suitable."""
 
 
 def inverse_of(arm_type: str, chain: Chain, tool: Tool | None = None, tip: Array | None = None) -> InverseSolver:
-    """The solver of an arm type: of a PSM with its tool, of an ECM with its endoscope's `tip` (4, 4).
+    """The solver of an arm type: for a PSM with its tool, for an ECM with its endoscope's `tip` (4, 4).
 
-    ValueError for arms or chains that none fits.
+    ValueError for arms or chains without a suitable solver.
     """
     row = ARM_TYPES.get(arm_type)
     make = cast(Solvers, found(row.inverse)) if row is not None and row.inverse else _none
@@ -41,7 +41,7 @@ def inverse_of(arm_type: str, chain: Chain, tool: Tool | None = None, tip: Array
 
 
 def instrument_inverse(chain: Chain, tool: Tool | None, tip: Array | None) -> InverseSolver | None:
-    """Of a PSM with an instrument."""
+    """The solver of a PSM with an instrument."""
     if tool is not None and _joints(chain, tool) == PSM_JOINTS:
         return InverseSolver(Kinematics(chain, tool), Wrist(chain, tool))
     if tool is not None and tool.snake and _joints(chain, tool) == SNAKE_JOINTS:
@@ -50,13 +50,13 @@ def instrument_inverse(chain: Chain, tool: Tool | None, tip: Array | None) -> In
 
 
 def endoscope_inverse(chain: Chain, tool: Tool | None, tip: Array | None) -> InverseSolver | None:
-    """Of an ECM."""
+    """The solver of an ECM."""
     fits = tool is None and _joints(chain, tool) == ECM_JOINTS
     return EndoscopeInverse(chain, np.eye(4) if tip is None else tip) if fits else None
 
 
 def master_inverse(chain: Chain, tool: Tool | None, tip: Array | None) -> InverseSolver | None:
-    """Of an MTM."""
+    """The solver of an MTM."""
     fits = tool is None and _joints(chain, tool) == MTM_JOINTS
     return InverseSolver(Kinematics(chain), Master(chain)) if fits else None
 
@@ -70,21 +70,21 @@ def _joints(chain: Chain, tool: Tool | None) -> int:
 
 
 def carrying(arm: ArmConfig, carried: str) -> Kinematics:
-    """From its base to its tip; without an instrument that we know, to where one would be."""
+    """Kinematics from the arm's base to its tip; without a known instrument, to the instrument's place."""
     if ARM_TYPES[arm.type].has_endoscope:
         return Kinematics(arm.chain, tip=_tip(carried))
     return Kinematics(arm.chain, _tool(arm, carried))
 
 
 def inverse_carrying(arm: ArmConfig, carried: str) -> InverseSolver:
-    """Finds joints for a pose of that tip, as the arm itself does; ValueError where no tip is known."""
+    """The solver for a pose of that tip, as the arm itself uses it; ValueError if the tip is unknown."""
     if ARM_TYPES[arm.type].has_endoscope:
         return inverse_of(arm.type, arm.chain, tip=_tip(carried))
     return inverse_of(arm.type, arm.chain, _tool(arm, carried))
 
 
 def _tip(carried: str) -> Array:
-    """Of an endoscope (4, 4)."""
+    """The tip of an endoscope (4, 4)."""
     return endoscope(carried if carried in NAMES else NONE).tip
 
 

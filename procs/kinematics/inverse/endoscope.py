@@ -1,4 +1,4 @@
-"""An ECM: four joints, so that a goal is a place and a turn about the shaft; where it looks follows from the place."""
+"""Inverse of an ECM: four joints, so a goal is a position and a turn about the shaft; the position fixes the view."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from trocar.procs.kinematics.inverse.turns import Triple, added, cross, inner, s
 from trocar.procs.kinematics.poses import Array, inverse
 
 MAX_TILT: Final = 0.5 * math.pi
-FURTHEST_TILT: Final = 3.1  # rad; beyond, the way there means nothing
-PLACE_AND_ROLL: Final = (0, 1, 2, 5)  # rows of the twist that four joints can have
+FURTHEST_TILT: Final = 3.1  # rad; beyond, the direction of the tilt is undefined
+PLACE_AND_ROLL: Final = (0, 1, 2, 5)  # rows of the twist that four joints can control
 
 
 class EndoscopeShaft:
-    """ECM: four joints, so that a goal is a place and a turn about the shaft; where it looks follows from the place."""
+    """ECM: four joints, so a goal is a position and a turn about the shaft; the position fixes the view."""
 
     def __init__(self, chain: Chain, tip: Array) -> None:
         """`chain` is yaw, pitch, insertion, roll; `tip` (4, 4) of the endoscope."""
@@ -30,7 +30,7 @@ class EndoscopeShaft:
         self._from_tip = frame_of(inverse(tip))
 
     def attainable(self, goal: Array) -> tuple[Frame, float]:
-        """Frame of the roll joint for a goal (4, 4) of the tip, and how far it was tilted to lie on the shaft."""
+        """Frame of the roll joint for a goal (4, 4) of the tip, and the tilt that aligned the goal with the shaft."""
         frame = product(frame_of(goal), self._from_tip)
         _, _, a, x, _, _, b, y, _, _, c, z = frame
         along = added((x, y, z), self._shaft.centre, -1.0)
@@ -48,7 +48,7 @@ class EndoscopeShaft:
         return frame, tilt
 
     def solutions(self, goal: Array, seed: Array) -> Iterator[list[float]]:
-        """The shaft as it is inserted, then backwards; `goal` is a frame of the roll joint."""
+        """The shaft as inserted, then backwards; `goal` is a frame of the roll joint."""
         end = self._shaft.last_frame(frame_of(goal))
         for along, depth in both_ways((end[3], end[7], end[11])):
             q = self._shaft.joints(along, depth)
@@ -57,7 +57,7 @@ class EndoscopeShaft:
 
 
 def _tilt(axis: Triple, cosine: float) -> Frame:
-    """The turn about an axis whose length is its sine."""
+    """The rotation about an axis whose length is the sine of its angle."""
     x, y, z = axis
     k = 1.0 / (1.0 + cosine)
     return (cosine + x * x * k, x * y * k - z, x * z * k + y, 0.0,
@@ -66,9 +66,9 @@ def _tilt(axis: Triple, cosine: float) -> Frame:
 
 
 class EndoscopeInverse(InverseSolver):
-    """Of an ECM: where its goal does not look along the shaft it is tilted; `tilt` [rad] tells by how much.
+    """Solver of an ECM: a goal that does not look along the shaft is tilted; `tilt` [rad] is the angle.
 
-    A goal that would have to be tilted by more than a right angle is refused.
+    A goal that needs a tilt by more than a right angle is refused.
     """
 
     def __init__(self, chain: Chain, tip: Array) -> None:
@@ -77,7 +77,7 @@ class EndoscopeInverse(InverseSolver):
         self.tilt, self._frame = 0.0, np.eye(4)
 
     def solve(self, goal: Array, seed: Array) -> bool:
-        """Joints whose tip is where `goal` (4, 4) says, turned about the shaft as it says."""
+        """Joints whose tip has the position of `goal` (4, 4) and its turn about the shaft."""
         frame, self.tilt = self._endoscope.attainable(goal)
         self._frame[:3].reshape(12)[...] = frame
         if self.tilt > MAX_TILT:
@@ -87,6 +87,6 @@ class EndoscopeInverse(InverseSolver):
         return super().solve(self._frame, seed)
 
     def approach(self, goal: Array, at: Array, most: Array) -> None:
-        """See InverseSolver; where the goal looks to is not asked."""
+        """See InverseSolver; the goal's direction of view is ignored."""
         self._frame[:3].reshape(12)[...] = self._endoscope.attainable(goal)[0]
         super().approach(self._frame, at, most)

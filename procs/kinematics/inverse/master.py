@@ -1,4 +1,4 @@
-"""Every place, and the best platforms, of an MTM."""
+"""Inverse of an MTM: all arm positions, and the best platforms."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Master:
         self._platform, self._yaw = (links[3].lower, links[3].upper), min(-links[5].lower, links[5].upper) - YAW_ROOM
 
     def solutions(self, goal: Array, seed: Array) -> Iterator[list[float]]:
-        """Platform as near to the seed's as the yaw's limits allow, and where the yaw is 0."""
+        """The platform as near to the seed's as the yaw's limits allow, and the one where the yaw is 0."""
         frame = frames.product(self._from_base, frame_of(goal))
         rotation, middle = turn_of(frame), float(seed[3])
         for q in self._places(frame[3], frame[7], frame[11]):
@@ -48,10 +48,10 @@ class Master:
                 yield self._wrist(q, rest, platform)
 
     def facing(self, rotation: Array, q: Array, seed: Array) -> Array | None:
-        """Joints (7,) where the first three of `q` are and the tip has the axes `rotation` (3, 3) in the base frame.
+        """Joints (7,) with the first three from `q` and the tip's axes at `rotation` (3, 3) in the base frame.
 
-        The platform stays as near to the seed's as the yaw's limits allow, the other angles come within half a turn of
-        the seed's; those of pitch and roll may be beyond their limits. None: no platform will do.
+        The platform is as near to the seed's as the yaw's limits allow; the other angles are within half a turn of the
+        seed's; pitch and roll may exceed their limits. None: no platform is suitable.
         """
         arm: list[float] = q.tolist()
         tip = product(turn_of(self._from_base), rotation.ravel().tolist())
@@ -65,7 +65,7 @@ class Master:
         return found
 
     def _forearm_axes(self, q: list[float]) -> Turn:
-        """What the platform turns in: the frame after the first three joints."""
+        """The frame after the first three joints, in which the platform turns."""
         axes: Turn = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
         for (before, after), angle in zip(self._turns[:3], q, strict=False):
             axes = product(turned(product(axes, before), angle), after)
@@ -90,7 +90,7 @@ class Master:
         return [math.remainder(angle - offset, 2.0 * math.pi) for angle, offset in zip(angles, offsets, strict=True)]
 
     def _platforms(self, rest: Turn, seed: float) -> Iterator[float]:
-        """Platform positions: sin(yaw) = size · sin(angle − middle) must stay within the yaw's limits."""
+        """Platform positions for which the yaw, with sin(yaw) = size · sin(angle − middle), stays within its limits."""
         x, y = rest[2], rest[5]
         size, middle = math.hypot(x, y), math.atan2(y, x)
         most = math.sin(self._yaw)
@@ -107,6 +107,6 @@ class Master:
     def _wrist(self, arm: list[float], rest: Turn, platform: float) -> list[float]:
         before, after = self._turns[3]
         _, _, c, _, _, f, g, h, i = product(back(product(turned(before, platform), after)), rest)
-        # the wrist yaw, less its offset, lies between -π and 0: there its sine is negative
+        # the wrist yaw without its offset is between -π and 0: there its sine is negative
         angles = math.atan2(-f, -c), -math.acos(max(-1.0, min(1.0, i))), math.atan2(-h, g)
         return [*arm[:3], platform, *self._less_offsets(angles, 4)]

@@ -19,7 +19,7 @@ from trocar.procs.kinematics.inverse.turns import Triple, Turn, product, turn_of
 from trocar.procs.kinematics.poses import Array, inverse
 
 TINY: Final = 1e-12
-ROOM: Final = 1e-3  # rad or m beyond a limit where a solution is still worked out
+ROOM: Final = 1e-3  # rad or m beyond a limit up to which a solution is still computed
 
 
 def frame_of(matrix: Array) -> Frame:
@@ -29,14 +29,14 @@ def frame_of(matrix: Array) -> Frame:
 
 
 class Shaft:
-    """Yaw, pitch, insertion and roll of an arm with a remote centre, whatever comes after the roll."""
+    """Yaw, pitch, insertion and roll of an arm with a remote centre, independent of the joints after the roll."""
 
     def __init__(self, chain: Chain, links: tuple[DhLink, ...], tip: Array) -> None:
         """`links` are those of the arm and its tool; `tip` (4, 4) follows the last."""
         self.n = len(links)
         befores = [frame_of(split_row(chain.convention, link)[0]) for link in links]
         self.turns = [turn_of(before) for before in befores]
-        """Of the links, before their joints move."""
+        """Rotations of the links, before their joints move."""
         self.places: list[Triple] = [(before[3], before[7], before[11]) for before in befores]
         base = np.array(chain.base) if chain.base is not None else np.eye(4)
         self._from_base, self._from_tip = frame_of(inverse(base)), frame_of(inverse(tip))
@@ -45,7 +45,7 @@ class Shaft:
         self._ranges = [(link.lower - ROOM, link.upper + ROOM) for link in links[:3]]
 
     def last_frame(self, goal: Frame) -> Frame:
-        """Of the last link, seen from the remote centre, for a goal of the tip."""
+        """Frame of the last link, relative to the remote centre, for a goal of the tip."""
         return frames.product(frames.product(self._from_base, goal), self._from_tip)
 
     def joints(self, along: Triple, depth: float) -> list[float]:
@@ -58,12 +58,12 @@ class Shaft:
         return all(low <= value <= high for value, (low, high) in zip(q, self._ranges, strict=False))
 
     def rotation(self, q: list[float]) -> Turn:
-        """Of the insertion frame."""
+        """Rotation of the insertion frame."""
         turns = self.turns
         return product(turned(product(turned(turns[0], q[0]), turns[1]), q[1]), turns[2])
 
     def turned(self, joint: int, before: Turn, after: Turn) -> float:
-        """Position of a revolute joint between the frame of the link before and that of its own."""
+        """Position of a revolute joint between the frame of the previous link and that of its own."""
         a, b, _, d, e, _, g, h, _ = product(before, self.turns[joint])
         p, q, _, s, t, _, v, w, _ = after
         return math.atan2(b * p + e * s + h * v - (a * q + d * t + g * w),
@@ -71,7 +71,7 @@ class Shaft:
 
 
 def both_ways(wrist: Triple) -> Iterator[tuple[Triple, float]]:
-    """Direction and depth of a shaft through the remote centre to `wrist`: as it is inserted, then backwards."""
+    """Direction and depth of a shaft through the remote centre to `wrist`: as inserted, then backwards."""
     depth = math.sqrt(wrist[0] * wrist[0] + wrist[1] * wrist[1] + wrist[2] * wrist[2])
     if depth > TINY:
         for towards in (depth, -depth):

@@ -28,21 +28,21 @@ from trocar.procs.kinematics.inverse.turns import (
 )
 from trocar.procs.kinematics.poses import Array, renormalised
 
-ROUNDS: Final = 6  # of a snake's shaft towards the remote centre; each leaves a tenth to a third of the error before
+ROUNDS: Final = 6  # iterations for the shaft's direction; each leaves a tenth to a third of the previous error
 SETTLED: Final = 1.0 - 1e-9
 ASIDE: Final = 1e-5  # m
 NUDGE: Final = 1e-6  # rad
 WIDEST: Final = 0.5  # rad
-FAR: Final = 4.0  # lengths of the wrist from the remote centre: there the way to the goal says the shaft's direction
+FAR: Final = 4.0  # wrist lengths from the remote centre: further, the goal's position gives the shaft's direction
 
 
 class Snake:
     """PSM whose wrist bends twice, each time by the same pitch and yaw: roll, pitch, yaw, yaw, pitch.
 
-    Seen from the shaft the last frame is turned by Rz(roll) · Ry(p) · Rx(2y) · Ry(p), up to fixed turns: its bottom row
-    gives p and y. Where the shaft ends follows from them, and the shaft's direction from that; it is found by going
-    round, from a wrist that is straight. With the shaft's end within the wrist's length of the remote centre (where no
-    arm may be sent to poses) it may be missed.
+    Relative to the shaft the last frame is turned by Rz(roll) · Ry(p) · Rx(2y) · Ry(p), up to fixed turns: its bottom
+    row gives p and y. These give the end of the shaft, and that gives the shaft's direction, found by iteration from a
+    straight wrist. If the shaft's end is within the wrist's length of the remote centre (where no arm may be sent to
+    poses), the solution may be missed.
     """
 
     def __init__(self, chain: Chain, tool: Tool) -> None:
@@ -54,10 +54,12 @@ class Snake:
         self._length = sum(link.a for link in links[4:])
         self._bends = min(link.upper for link in links[4:]) + ROOM
         self._pitches, self._yaws = pitch[5], product(pitch, yaw)[2]
-        """1 or -1: bends are about +y and +x of the shaft, or the other way."""
+        """1 or -1: bends are about +y and +x of the shaft, or about -y and -x."""
 
     def solutions(self, goal: Array, seed: Array) -> Iterator[list[float]]:
-        """From three directions: as inserted to the goal, backwards, and along the tip, for next to the centre."""
+        """Solutions from three directions: as inserted to the goal, backwards, and along the tip, for goals close to
+        the centre.
+        """
         end = self._shaft.last_frame(frame_of(goal))
         _, _, x, _, _, y, _, _, z = product(turn_of(end), self._unbent)
         tip = (x, y, z)
@@ -75,7 +77,7 @@ class Snake:
                 return
 
     def _settle(self, end: Frame, along: Triple) -> Triple:
-        """Direction of the shaft: that of the place where it ends, which depends on it."""
+        """Direction of the shaft, from the position of its end, which depends on the direction."""
         first = along
         for _ in range(ROUNDS):
             wrist = self._wrist(end, along)
@@ -86,7 +88,7 @@ class Snake:
             if inner(along, before) > SETTLED:
                 return along
         along = first
-        # Next to the remote centre going round leads away: there the direction is sought whose end lies beside it.
+        # Close to the remote centre the iteration diverges: search the direction without a lateral offset of the end.
         for _ in range(ROUNDS):
             one, other = across(along)
             wrist = self._wrist(end, along)
@@ -108,7 +110,7 @@ class Snake:
         return along
 
     def _bend(self, end: Frame, along: Triple) -> tuple[list[float], Turn, float, float]:
-        """Joints with the shaft's first three, the turn after them, pitch and twice the yaw."""
+        """Joints with the shaft's first three, the rotation after them, pitch and twice the yaw."""
         shaft = self._shaft
         q = shaft.joints(along, 0.0)
         bend = product(product(back(shaft.rotation(q)), turn_of(end)), self._unbent)  # Rz(roll) times the two bends
@@ -119,7 +121,7 @@ class Snake:
         return q, bend, pitch, twice
 
     def _wrist(self, end: Frame, along: Triple) -> Triple:
-        """Where a shaft along `along` must end."""
+        """Required end of a shaft along `along`."""
         _, _, pitch, twice = self._bend(end, along)
         return self._end_of_shaft(end, self._pitches * pitch, self._yaws * 0.5 * twice)
 

@@ -1,8 +1,9 @@
-"""Inverse kinematics: joints for a pose, in bounded time, within limits, or a reason why not. Never a silent clip.
+"""Inverse kinematics: joints for a pose, in bounded time, within limits, or the reason for a failure. Never a silent
+clip.
 
 Newton's method on the error twist e = log(T(q)⁻¹ · goal), which the body Jacobian maps to joint steps, converges
-quadratically from a seed close by: what servoing needs. Where that fails, the geometry of the arm gives every solution
-there is, and Newton only removes the last millionths, which come from files that write 1.5708 for a right angle.
+quadratically from a close seed: the case of servoing. If that fails, the arm's geometry gives all solutions, and Newton
+only removes the last millionths, caused by files that write 1.5708 for a right angle.
 """
 
 from __future__ import annotations
@@ -20,41 +21,42 @@ from trocar.procs.kinematics.poses import Array
 from trocar.procs.native.arm_fields import INVERSE
 from trocar.procs.native.library import chosen
 
-CLOSE: Final = 0.2  # m and rad: from further away the geometry is quicker, and knows which solution it finds
-MAX_STEPS: Final = 12  # of all ways together: the geometry's solutions need one or two each
+CLOSE: Final = 0.2  # m and rad: from further away the geometry is faster, and knows which solution it finds
+MAX_STEPS: Final = 12  # for all attempts together: the geometry's solutions need one or two each
 LIMIT_ROOM: Final = 1e-9  # rad or m: rounding at a limit is no reason to refuse
-GUESS_ROOM: Final = 1e-4  # the same for what the geometry says
+GUESS_ROOM: Final = 1e-4  # the same for solutions of the geometry
 FULL_TURN: Final = 2.0 * math.pi
 
 
 class Geometry(Protocol):
-    """What the shape of an arm says about its solutions."""
+    """Solutions from the geometry of an arm."""
 
     def solutions(self, goal: Array, seed: Array) -> Iterable[list[float]]:
-        """Joints (n) that bring the tip next to `goal` (4, 4), for every way there is to reach it.
+        """Joints (n) that bring the tip close to `goal` (4, 4), one list for every solution.
 
-        Where the first joints are beyond their limits the others may be NaN.
+        If the first joints exceed their limits, the others may be NaN.
         """
 
 
 class InverseSolver:
-    """Solves for one chain; `q` (n,) holds the last result, `reason` why there is none, `axis` which joint is to blame.
+    """Solves for one chain; `q` (n,) holds the last result, `reason` why there is none, `axis` the joint that prevents
+    it.
 
     `free` (n, m) maps m independent coordinates to the n joints (snakes bend twice by the same angle); None: all are
-    independent. `rows` are those of the twist (6,) that can be had at all.
+    independent. `rows` are the controllable rows of the twist (6,).
     """
 
-    CONVERGED: Final = 1e-10  # m and rad: quadratic convergence leaves nothing to gain below
-    ACCEPTED: Final = 1e-8  # m and rad, where rounding keeps it from the former
+    CONVERGED: Final = 1e-10  # m and rad: smaller errors gain nothing under quadratic convergence
+    ACCEPTED: Final = 1e-8  # m and rad, if rounding prevents the former
     STEPS: Final = 8
-    SLOW: Final = 0.5  # a step that leaves more of the error than this leads nowhere soon
-    LAST_STEP: Final = 1e-5  # rad and m: the error left is about its square, which needs no look
-    LAST_ERROR: Final = 1e-4  # m and rad: more than that, and the step was short because it cannot be taken away
-    MAX_STEP: Final = 0.6  # rad or m: further, the error twist says little about the joints
+    SLOW: Final = 0.5  # a step that leaves more of the error than this converges too slowly
+    LAST_STEP: Final = 1e-5  # rad and m: the remaining error is about its square, and needs no check
+    LAST_ERROR: Final = 1e-4  # m and rad: with a larger error, the step was short because the error cannot be removed
+    MAX_STEP: Final = 0.6  # rad or m: further, the error twist is a poor guide for the joints
     DAMPING: Final = 1e-12
-    FURTHEST_PLACE: Final = 0.01  # m: of a goal that is further, this much of the way is looked at
+    FURTHEST_PLACE: Final = 0.01  # m: for a goal that is further, only this much of the way is considered
     FURTHEST_TURN: Final = 0.1  # rad
-    TURN_WEIGHT: Final = 0.01  # m: where place and turn cannot both be had, a radian counts as much as this
+    TURN_WEIGHT: Final = 0.01  # m: weight of a radian where position and rotation cannot both be reached
     NEAREST_DAMPING: Final = 1e-9  # m²
 
     def __init__(self, kinematics: Kinematics, geometry: Geometry, free: Array | None = None,
@@ -63,7 +65,7 @@ class InverseSolver:
         n = kinematics.n
         self.q: Array = np.zeros(n)
         self.reason, self.axis = "", -1
-        self.steps = 0  # Newton steps that the last solution took
+        self.steps = 0  # Newton steps of the last solution
         self._geometry = geometry
         self.has_free = int(free is not None)
         self.free = np.eye(n) if free is None else np.ascontiguousarray(free)
@@ -77,9 +79,9 @@ class InverseSolver:
         self._newton, self._fits, self._approach = chosen(INVERSE, self, "by_numpy_")
 
     def solve(self, goal: Array, seed: Array) -> bool:
-        """Joints whose tip pose is `goal` (4, 4), close to `seed` (n,) where there is a choice.
+        """Joints whose tip pose is `goal` (4, 4), close to `seed` (n,) if there are several.
 
-        The goal is a rigid transform in the chain's base frame. False: `reason` says why, `q` is the seed.
+        The goal is a rigid transform in the chain's base frame. False: `reason` explains it, `q` is the seed.
         """
         self.reason, self.axis, self.steps = "", -1, 0
         q = self.q
@@ -115,10 +117,10 @@ class InverseSolver:
         return False
 
     def approach(self, goal: Array, at: Array, most: Array) -> None:
-        """`q` := joints (n,) with the tip nearer to a goal (4, 4) than at `at` (n,), or as near as it can come.
+        """`q` := joints (n,) with the tip nearer to a goal (4, 4) than at `at` (n,), or as near as possible.
 
         Within limits (but `at` may be beyond them and stay there), no joint further from `at` than `most` (n,). The
-        place of the tip comes first, then how it is turned. One linear step: for a stream of goals out of reach.
+        tip's position has priority over its rotation. One linear step: for a stream of goals out of reach.
         """
         self.goal[...] = goal
         self.seed[...] = at
@@ -126,7 +128,7 @@ class InverseSolver:
         self._approach()
 
     def _improve(self, furthest: float) -> bool:
-        """Newton's method; gives up further off than `furthest`, or where that is slow."""
+        """Newton's method; stops if the error exceeds `furthest` or convergence is slow."""
         steps = self._newton(furthest)
         self.steps += steps if steps >= 0 else -1 - steps
         return steps >= 0
@@ -139,7 +141,7 @@ class InverseSolver:
     # the reference of the native library
 
     def by_numpy_newton(self, furthest: float) -> int:
-        """Improve `q` until its tip is at the goal: the steps that took, or -1 less those it took in vain."""
+        """Improve `q` until its tip is at the goal: returns the number of steps, or -1 minus the steps of a failure."""
         q, before = self.q.tolist(), 2.0 * furthest
         size, steps = math.inf, 0
         for _ in range(self.STEPS + 1):
@@ -160,9 +162,10 @@ class InverseSolver:
         return steps if size < self.ACCEPTED else -1 - steps
 
     def by_numpy_fits(self, room: float) -> int:
-        """Which joint is beyond its limit by most, and by how much; -1: none is by more than `room`.
+        """The joint furthest beyond its limit, with the excess in `beyond`; -1: none by more than `room`.
 
-        Then they are brought within. Joints that may turn further than once are brought next to the seed first.
+        With -1, all joints are clipped to their limits. Joints with a range of more than a turn are brought close to
+        the seed first.
         """
         q, most, axis, is_nan = self.q.tolist(), -math.inf, 0, False
         for i, (lower, upper, seed, turns) in enumerate(zip(
@@ -198,9 +201,9 @@ class InverseSolver:
         return 0
 
     def _miss(self, q: list[float], turn_weight: float = 0.0) -> tuple[list[float], Rows]:
-        """The rows of the twist from the tip at q to the goal, in tip axes, and what coordinates do to them.
+        """The controlled rows of the twist from the tip at q to the goal, in tip axes, and their Jacobian.
 
-        With a weight of turns: not further than is looked at, and weighed.
+        With a weight of turns: limited to the part of the way that is considered, and weighted.
         """
         kinematics = self.kinematics
         frames = kinematics.links.frames(finite(q))
@@ -223,11 +226,11 @@ class InverseSolver:
         return [error[row] for row in chosen], rows
 
     def _spread(self, change: list[float]) -> list[float]:
-        """Of the joints, for that of independent coordinates."""
+        """Change of the joints, from that of the independent coordinates."""
         return times(self.free.tolist(), change) if self.has_free else change
 
     def _step(self, rows: Rows, error: list[float]) -> tuple[list[float], float]:
-        """Change of the independent coordinates that takes the error away, shortened where it is too long."""
+        """Change of the independent coordinates that removes the error, shortened if it is too long."""
         change, longest = list(error), math.nan
         if len(rows) == self.m and solve([list(row) for row in rows], change):
             longest = _largest(change)
@@ -239,7 +242,7 @@ class InverseSolver:
         return change, longest
 
     def _bounded(self, rows: Rows, error: list[float], lower: list[float], upper: list[float]) -> list[float]:
-        """The change (m,) between bounds with the least error left: what would go beyond a bound stays there."""
+        """The change (m,) between bounds with the least remaining error: coordinates at a bound stay there."""
         change, left = [0.0] * self.m, [True] * self.m
         for _ in range(self.m):
             rest, part, outside = list(error), [list(row) for row in rows], False
@@ -259,7 +262,7 @@ class InverseSolver:
 
 
 def _largest(change: list[float]) -> float:
-    """The largest magnitude; NaN where one is."""
+    """The largest magnitude; NaN if any is."""
     longest = 0.0
     for dx in change:
         if not abs(dx) <= longest and longest == longest:

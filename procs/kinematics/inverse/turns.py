@@ -1,4 +1,4 @@
-"""Rotations as nine numbers, row by row, and vectors of three: for so few a tenth of numpy's time."""
+"""Rotations as nine numbers, row by row, and vectors of three: at this size, a tenth of numpy's time."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def product(a: Turn, b: Turn) -> Turn:
 
 
 def back(a: Turn) -> Turn:
-    """The rotation back."""
+    """The inverse rotation."""
     c, d, e, f, g, h, i, j, k = a
     return c, f, i, d, g, j, e, h, k
 

@@ -1,4 +1,4 @@
-"""Every solution of a PSM whose wrist has two crossing axes."""
+"""Inverse of a PSM with a wrist of two crossing axes: all solutions."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from trocar.procs.kinematics.poses import Array, renormalised
 
 
 class Wrist:
-    """PSM whose wrist has two crossing axes, the second a distance further: roll, pitch, yaw.
+    """PSM whose wrist has two crossing axes at a distance: roll, pitch, yaw.
 
-    The yaw axis stands in the goal. The link from pitch to yaw axis is at right angles to it and, because the pitch
-    axis is at right angles to the shaft, in one plane with it and the remote centre. That leaves two links and, for
-    each, two directions of the shaft.
+    The goal contains the yaw axis. The link from pitch to yaw axis is at right angles to it and, because the pitch axis
+    is at right angles to the shaft, in one plane with it and the remote centre. That leaves two links and, for each,
+    two directions of the shaft.
     """
 
     def __init__(self, chain: Chain, tool: Tool) -> None:
@@ -28,7 +28,7 @@ class Wrist:
         self._length = links[5].a
 
     def solutions(self, goal: Array, seed: Array) -> Iterator[list[float]]:
-        """All four; the last three joints are NaN where the shaft could not be so."""
+        """All four; the last three joints are NaN if the shaft is out of its limits."""
         end = self._shaft.last_frame(frame_of(goal))
         turn, length = turn_of(end), self._length
         _, _, x, px, _, _, y, py, _, _, z, pz = end
