@@ -1,7 +1,7 @@
-"""The stages of io, arms and boards that cost most, in C, over the very arrays that the numpy code works on.
+"""The most expensive stages of io, arms and boards, in C, on the same arrays as the numpy code.
 
-Every function here does what the Python method of the same name does, which is the reference and the fallback. A table
-of fields (`*_fields.py`) says which arrays those are; it makes the C struct and the one that ctypes fills. Two are no
-such methods: `Exchange_answer` (procs/io/bus/exchange.py) and `Pace_wait` (procs/node/runtime.py) call others, and the
-operating system, one after the other.
+Every function here does the same as the Python method with its name, which is the reference and the fallback. A table
+of fields (`*_fields.py`) lists the arrays; it generates the C struct and the ctypes struct. Two functions are not such
+methods: `Exchange_answer` (procs/io/bus/exchange.py) and `Pace_wait` (procs/node/runtime.py) call other functions and
+the operating system in turn.
 """

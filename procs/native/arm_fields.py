@@ -1,4 +1,4 @@
-"""The arrays of an arm's kinematics and of its governor. n: joints; of the governor with the jaw."""
+"""The arrays of an arm's kinematics and of its governor. n: joints; for the governor including the jaw."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from trocar.procs.native.fields import CField, CStruct, rows
 
 
 def links(of: str) -> tuple[CField, ...]:
-    """Of `trocar.procs.kinematics.forward.Links`, from an object that has them as `of`."""
+    """Fields of `trocar.procs.kinematics.forward.Links`, from an object that has them as `of`."""
     return (*rows("i8", "", n=f"{of}.n"), *rows("f8", "n 3 4", placements=f"{of}.placements"),
             *rows("b1", "n", slides=f"{of}.slides"))
 

@@ -18,22 +18,24 @@ from trocar.procs.native.fields import CField, CStruct
 
 @cache
 def _prototype(given: tuple[str, ...], waits: bool) -> Callable[..., Callable[..., int]]:
-    """Of functions with a struct and such numbers: made once, for classes are garbage that nobody counts."""
+    """Prototype of functions with a struct and these numbers: cached, because only garbage collection frees ctypes
+    classes.
+    """
     more = [{"f8": ctypes.c_double}.get(each, ctypes.c_int64) for each in given]
     return (ctypes.CFUNCTYPE if waits else ctypes.PYFUNCTYPE)(ctypes.c_int64, ctypes.c_void_p, *more)
 
 
 class BindError(Exception):
-    """An array is not what its row says."""
+    """An array does not match its row."""
 
 
 class BoundStruct:
-    """A struct filled with the numbers and addresses of one object's arrays, which it keeps."""
+    """A struct with the numbers and addresses of one object's arrays, which it keeps alive."""
 
     def __init__(self, library: ctypes.PyDLL, table: CStruct, source: object) -> None:
-        """BindError names the first array that is not as its row says."""
+        """BindError names the first array that does not match its row."""
         self._library, self._table = library, table
-        self._source = weakref.ref(source)  # which has our functions: loops run without garbage collection
+        self._source = weakref.ref(source)  # the source has our functions: loops run without garbage collection
         self._memory = table.ctype()
         self.arrays: dict[str, NDArray[Any]] = {}
         for row in table.fields:
@@ -46,7 +48,7 @@ class BoundStruct:
 
     @property
     def address(self) -> int:
-        """Of the C struct."""
+        """Address of the C struct."""
         return ctypes.addressof(self._memory)
 
     def _address(self, row: CField, array: NDArray[Any]) -> int:
@@ -68,7 +70,7 @@ class BoundStruct:
         return math.prod(map(self._number, dims))
 
     def moved(self) -> list[str]:
-        """Fields that the source has put elsewhere since, or whose number has changed: there must be none."""
+        """Fields that the source has moved since, or whose number has changed: there must be none."""
         source = self._source()
         now = {row.name: attrgetter(row.source)(source) for row in self._table.fields}
         return [row.name for row in self._table.fields
@@ -76,9 +78,9 @@ class BoundStruct:
                 and not (row.dims and not now[row.name].size)]
 
     def function(self, name: str) -> Callable[..., int]:
-        """A function of the table, with this struct."""
+        """A function of the table, bound to this struct."""
         prototype = _prototype(self._table.functions[name], name in self._table.waiting)
         found = prototype((f"{self._table.name}_{name}", self._library))
         pointer = ctypes.c_void_p(self.address)
-        pointer.keeps = self  # type: ignore[attr-defined]  # who has the function has the memory
+        pointer.keeps = self  # type: ignore[attr-defined]  # the function keeps the memory alive
         return partial(found, pointer)

@@ -19,11 +19,11 @@ SANITIZE: Final = ("-g", "-Werror", "-fsanitize=address,undefined", "-fno-saniti
 
 
 class BuildError(Exception):
-    """There is no compiler, or it did not like what it was given."""
+    """No compiler was found, or it failed."""
 
 
 def build(to: Path, sanitize: bool = False) -> None:
-    """Compile into the file `to`, which is there whole or not at all; BuildError says why that failed."""
+    """Compile into the file `to`, which exists completely or not at all; BuildError gives the reason of a failure."""
     names = [str(path) for path in files() if path.suffix == ".c"]
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "fields.h").write_text(header())
@@ -43,7 +43,7 @@ def build(to: Path, sanitize: bool = False) -> None:
 
 
 def main() -> None:
-    """Build, or say why not."""
+    """Build, or print the reason of a failure."""
     options = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     options.add_argument("--sanitize", metavar="FILE", help="with the address and undefined behaviour sanitizers")
     given = options.parse_args()

@@ -11,7 +11,7 @@ HUB: Final = CStruct("Hub", (
           quads="block_quads", mask_of_boards="mask_of_boards", sequence_mask="sequence_mask",
           sequence_shift="sequence_shift"),
     *rows("u1", "22", query="query"),
-    # header and status of every board: where they are, and what they must be, as they lie in the buffer
+    # header and status of every board: their places, and their expected values, in wire byte order
     *places("members 2", "buffer", heads="heads"),
     *places("1", "buffer", last_at="last_at"),
     *rows("u4", "1", last="last"),
@@ -36,19 +36,19 @@ WRITE: Final = CStruct("Write", (
 ), {"pack": ()})
 
 UNREADABLE: Final = -1
-"""In place of a size: something came that could not be received."""
+"""Instead of a size: a datagram came that could not be received."""
 NOTHING: Final = -2
-"""Nothing has come yet."""
+"""No datagram has come yet."""
 
 EXCHANGE: Final = CStruct("Exchange", (
-    # addresses of the structs of io's stages, of what is received and of what is sent
+    # addresses of the structs of io's stages, of the received and of the sent data
     *rows("i8", "", io="io", hub="hub_address", write="write_address"),
-    # the wanted reply: its bytes, those of its data, its sender; and what a sample may be used for
+    # the expected reply: its size, that of its data, its sender; and the permitted uses of a sample
     *rows("i8", "", reply_bytes="reply_bytes", data_bytes="data_bytes", hub_node="hub_node", oldest_ns="oldest_ns",
           labels="labels", head_bytes="head_bytes"),
     *rows("f8", "", stable_ns="stable_ns", gaps="gaps"),
     # control word and headers of a write with each label
     *rows("u1", "labels head_bytes", heads="heads"),
-    # how many bytes came, and when that was and when the write left
+    # size and time of the reply, and time of the write
     *rows("i8", "3", came="came"),
 ), {"answer": ("i8", "i8", "i8", "i8", "i8", "i8", "i8", "i8", "f8")})

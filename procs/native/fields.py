@@ -1,7 +1,7 @@
-"""A structure that Python and C share: one table of its fields makes the C struct and the ctypes struct.
+"""A structure shared by Python and C: one table of its fields makes the C struct and the ctypes struct.
 
-A field is a number (no dimensions) or the address of an array that numpy has made. `source` names it on the Python
-side, from the object that a `BoundStruct` is made of. Addresses are taken once: arrays are written in place for ever.
+A field is a number (no dimensions) or the address of a numpy array. `source` is its name in the Python object that a
+`BoundStruct` is made of. Addresses are taken once, so arrays must always be written in place.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ class CField:
     dims: tuple[str, ...]
     source: str
     below: tuple[str, ...] = ()
-    """Of an array of places: the dimensions of what they are places in. C looks at no bounds, so binding does."""
+    """For an array of indices: the dimensions of the indexed array. C checks no bounds, so binding does."""
 
     @property
     def declaration(self) -> str:
-        """As C writes it."""
+        """Its declaration in C."""
         star = "*" if self.dims else ""
         size = f"  // ({', '.join(self.dims)})" if self.dims else ""
         return f"  {TYPES[self.dtype]} {star}{self.name};{size}"
@@ -43,24 +43,24 @@ def rows(dtype: str, dims: str, **sources: str) -> tuple[CField, ...]:
 
 
 def places(dims: str, below: str, **sources: str) -> tuple[CField, ...]:
-    """Fields of places in an array with the dimensions `below`."""
+    """Fields of indices into an array with the dimensions `below`."""
     return tuple(CField(name, "i8", tuple(dims.split()), source, tuple(below.split()))
                  for name, source in sources.items())
 
 
 @dataclass(frozen=True)
 class CStruct:
-    """A table, and the native functions that work on it: name to the C types of what comes after the struct."""
+    """A table, and the native functions that work on it: name to the C types of the arguments after the struct."""
 
     name: str
     fields: tuple[CField, ...]
     functions: dict[str, tuple[str, ...]]
     waiting: frozenset[str] = frozenset()
-    """Those of them that wait: other threads go on meanwhile."""
+    """Those of them that wait: other threads run meanwhile."""
 
     @property
     def declarations(self) -> str:
-        """The struct and its functions, as C writes them."""
+        """The struct and its functions, as C declarations."""
         members = "\n".join(field.declaration for field in self.fields)
         heads = [", ".join((f"const {self.name} *k", *(TYPES[t] for t in more))) for more in self.functions.values()]
         functions = [f"int64_t {self.name}_{name}({head});" for name, head in zip(self.functions, heads, strict=True)]
@@ -68,7 +68,7 @@ class CStruct:
 
     @cached_property
     def ctype(self) -> type[ctypes.Structure]:
-        """The same for ctypes."""
+        """The struct for ctypes."""
         number = {"f8": ctypes.c_double, "i8": ctypes.c_int64}
         members = [(f.name, ctypes.c_void_p if f.dims else number[f.dtype]) for f in self.fields]
         return type(self.name, (ctypes.Structure,), {"_fields_": members})

@@ -1,4 +1,4 @@
-"""The arrays of io's stages, from `RobotIo`. n: actuators, d: drives, which are these and the brakes."""
+"""The arrays of io's stages, from `RobotIo`. n: actuators, d: drives, i.e. actuators and brakes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ IO: Final = CStruct("Io", (
     *places("9 d", "boards columns", index="samples.index"),
     *rows("u4", "9 d", shift="samples.shift", mask="samples.mask", words="samples.words"),
     *rows("f8", "9 d", bias="samples.bias", scale="samples.scale", offset="samples.offset", values="samples.values"),
-    # potentiometers, which decode turns into positions
+    # potentiometers, decoded to positions
     *rows("f8", "n", pot_scale="samples.pots.scale", pot_offset="samples.pots.offset",
           pot_position="samples.pot_position"),
     *rows("i8", "n", table_row="samples.pots.table_row", pot_first="samples.pots.first",
@@ -85,13 +85,13 @@ IO: Final = CStruct("Io", (
 TRACK: Final = CStruct("Track", (
     *rows("i8", "", n="robots.axes", robots="robots.count", followers="follow.count", timeout_ns="follow.timeout_ns",
           record_size="follow.rings.size"),
-    # the rings, and where in a record what is
+    # the rings, and the places of fields in a record
     *rows("i8", "followers", head="follow.rings.head", slots="follow.rings.slots", depth="follow.rings.depth",
           stride="follow.rings.stride", copy="follow.rings.copy", seen="follow.rings.seen", axes="follow.axes"),
     *places("followers", "robots", robot="follow.robot"),
     *places("followers", "n", first="follow.first"),
     *rows("i8", "11", offsets="follow.rings.offsets"),
-    # what has come of each robot
+    # results for each robot
     *rows("i8", "followers", taken_ns="follow.taken_ns", fresh_ns="follow.fresh_ns"),
     *rows("b1", "followers", is_fresh="follow.is_fresh", resting="follow.resting", follows_velocity="follow.velocity",
           applies_effort="follow.applies_effort", own="follow.own"),
@@ -101,10 +101,10 @@ TRACK: Final = CStruct("Track", (
           uses_velocity="record.use_setpoint_velocity", desired_open="desired.open"),
     *rows("u4", "robots", bias_generation="record.bias_generation", pid_generation="record.pid_generation",
           desired_taken="desired.taken"),
-    # position, velocity, effort and feed-forward as they came, and what the joint controller gets of them
+    # position, velocity, effort and feed-forward as received, and their values for the joint controller
     *rows("f8", "4 n", incoming="follow.incoming"),
     *rows("f8", "n", low="follow.low", high="follow.high", most_step="follow.most_step",
           setpoint="pid.setpoint_position", feed="pid.setpoint_velocity"),
     *rows("b1", "n", at_limit="record.at_limit"),
 ), {"track": ("i8",)})
-"""The setpoint tracker's, from `RobotIo` or `KinematicIo` (procs/io)."""
+"""Fields of the setpoint tracker, from `RobotIo` or `KinematicIo` (procs/io)."""

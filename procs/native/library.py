@@ -1,4 +1,4 @@
-"""The library of native code in this process, or why there is none: then numpy does its work."""
+"""The library of native code in this process, or the reason for its absence: then numpy is used."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from trocar.procs.native.fields import CStruct
 from trocar.procs.native.sources import IN_WHEELS, STRUCTS, library_path, source_hash
 
 SWITCH: Final = "TROCAR_NATIVE"
-"""Environment: 0: without native code; else the file of the library, for tests."""
+"""Environment variable: 0: without native code; else the file of the library, for tests."""
 
 
 @dataclass(frozen=True, slots=True)
 class NativeLibrary:
-    """The library, None where there is none; `why` then says why."""
+    """The library, None if there is none; `why` then gives the reason."""
 
     library: ctypes.PyDLL | None
     why: str = ""
@@ -54,7 +54,7 @@ def _checked(path: Path) -> NativeLibrary:
 
 
 def bind(table: CStruct, source: object) -> BoundStruct | str:
-    """The arrays of `source` for the native library's functions; else why not, in words."""
+    """The arrays of `source` for the native library's functions; else the reason for a failure."""
     library = native().library
     if library is None:
         return native().why
@@ -65,7 +65,7 @@ def bind(table: CStruct, source: object) -> BoundStruct | str:
 
 
 def chosen(table: CStruct, source: object, prefix: str = "") -> tuple[Callable[..., int], ...]:
-    """The functions of `table`, in its order, for `source`; else its methods, which do the same.
+    """The functions of `table`, in its order, for `source`; else its equivalent methods.
 
     The methods have the names of the functions with `prefix` before them.
     """

@@ -1,4 +1,4 @@
-"""What a loop's next cycle is worked out on, from `trocar.procs.node.pacing.Pacing`."""
+"""The data from which a loop's next cycle is computed, from `trocar.procs.node.pacing.Pacing`."""
 
 from __future__ import annotations
 
@@ -6,21 +6,21 @@ from typing import Final
 
 from trocar.procs.native.fields import CStruct, rows
 
-# Places in a loop's words; all times in ns.
+# Indices in a loop's words; all times in ns.
 DEADLINE: Final = 0
 """Of this cycle, then of the next one."""
 START: Final = 1
 """When this cycle began."""
 WANTED: Final = 2
-"""A time that deadlines are to be pulled to at the end of this cycle, 0: none."""
+"""A time that deadlines are pulled to at the end of this cycle, 0: none."""
 STEP: Final = 3
-"""Or to any time that is such steps away."""
+"""Or to any time that is a multiple of this step away."""
 CYCLES: Final = 4
 MISSED: Final = 5
 """Deadlines."""
 OVERRUNS: Final = 6
 KEPT: Final = 7
-"""Cycles in the figures of this second."""
+"""Number of cycles in the statistics of this second."""
 LOOK: Final = 8
 """When there is more to do."""
 WORDS: Final = 9
@@ -29,7 +29,7 @@ PACE: Final = CStruct("Pace", (
     *rows("i8", "", period_ns="period_ns", room="room"),
     *rows("f8", "", gain="gain"),
     *rows("i8", str(WORDS), words="words"),
-    # of the cycles of this second
+    # for the cycles of this second
     *rows("f8", "room", periods="periods", work="work"),
     # in the control page
     *rows("i8", "1", beat="beat"),

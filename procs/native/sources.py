@@ -1,4 +1,4 @@
-"""What the native library is made of: its C files, the structs of all tables, and a hash of it all."""
+"""Sources of the native library: its C files, the structs of all tables, and a hash of all."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ CONSTANTS: Final = {
     "TICKS": registers.VELOCITY_TICKS_MASK,
     "VALUE_MASK": registers.DAC_VALUE_MASK,
 }
-"""What both sides know."""
+"""Constants shared by C and Python."""
 
 FOLDER: Final = Path(__file__).parent
 FLAGS: Final = ("-std=c11", "-O2", "-ffp-contract=off", "-fPIC", "-shared", "-Wall", "-Wextra")
@@ -63,17 +63,17 @@ def header() -> str:
 
 
 def files() -> list[Path]:
-    """What is compiled, and what it includes."""
+    """The compiled files and those they include."""
     return sorted(path for path in FOLDER.iterdir() if path.suffix in (".c", ".h"))
 
 
 def source_hash() -> int:
-    """Of all that makes the library what it is but for the compiler: 63 bits, not 0."""
+    """Hash of everything that determines the library except the compiler: 63 bits, not 0."""
     parts = [header().encode(), " ".join(FLAGS).encode()]
     parts += [part for path in files() for part in (path.name.encode(), path.read_bytes())]
     return int.from_bytes(hashlib.sha256(b"\0".join(parts)).digest()[:8], "little") >> 1 | 1
 
 
 def library_path() -> Path:
-    """Where the library of this source is, once it is made: in the Python environment."""
+    """File of the library of this source in the Python environment, once it is built."""
     return Path(sys.prefix) / "lib" / "trocar" / f"native-{source_hash():016x}.so"
