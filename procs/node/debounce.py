@@ -1,11 +1,10 @@
-"""Digital inputs: debounced values and button events, all inputs of a process at once.
+"""Digital inputs: debounced values and button events for all inputs of a process at once.
 
-Inputs are pulled up and a closed contact pulls them low: `pressed_value` of the files is the value while the bit is
-low, true for a contact that closes when pressed, false for one that opens. Value true: pressed.
+Inputs are pulled up, and a closed contact pulls them low. `pressed_value` in the files is the value while the bit is
+low: true for a contact that closes when pressed, false for one that opens. Value true means pressed.
 
-A value that differs is remembered; when it has stayed for the debounce time, the next poll takes whatever is there
-then. A change that does not last that long is a click when it ends released and lasted longer than the click time
-(0 where the file names none, so every short press of at least two polls clicks).
+A changed bit must stay for the debounce time; the next poll then takes the present value. A shorter change is a click
+if it ends released and lasted longer than the click time (default 0: every short press of at least two polls clicks).
 """
 
 from __future__ import annotations
@@ -27,10 +26,10 @@ _NOTHING: Final[list[tuple[int, int]]] = []
 
 
 class Debounce:
-    """Values (n,) true: pressed."""
+    """Debounced values (n,) of digital inputs; true means pressed."""
 
     def __init__(self, inputs: Sequence[DigitalInput]) -> None:
-        """In the order of the document."""
+        """Take the inputs in the order of the document."""
         n = len(inputs)
         self.value: NDArray[np.bool_] = np.zeros(n, dtype=bool)
         self.when_low = np.array([i.pressed_value for i in inputs], dtype=bool)
@@ -47,20 +46,20 @@ class Debounce:
         self.is_first = True
 
     def poll(self, bits: NDArray[np.bool_], dt: float) -> list[tuple[int, int]]:
-        """Take raw `bits` (n,) and the time since the last poll [s]; returns (input, PRESSED, RELEASED or CLICKED)."""
+        """Process raw `bits` (n,), `dt` s after the last poll; returns (input, PRESSED, RELEASED or CLICKED)."""
         return self.settle(dt) if self.watch(bits) or self.is_first else _NOTHING
 
     def watch(self, bits: NDArray[np.bool_]) -> bool:
-        """Take raw `bits` (n,); True: some are, or were, not as `value` says: see `settle`."""
+        """Take raw `bits` (n,); True if some differ from `value` or are pending: call `settle`."""
         np.not_equal(bits, self.when_low, self.pressed)
         return self.pressed.tobytes() != self.value.tobytes() or b"\1" in self.pending.tobytes()
 
     def settle(self, dt: float) -> list[tuple[int, int]]:
-        """What became of the bits that were taken last, `dt` s after those before; see `poll`."""
+        """Process the bits taken last, `dt` s after those before; returns events as `poll` does."""
         return self._begin(dt) if self.is_first else self._changed(dt)
 
     def _begin(self, dt: float) -> list[tuple[int, int]]:
-        """What there is at first is taken and told; of those that skip that, it is a change from released."""
+        """Accept and report the first values; inputs with `skip_first_run` treat them as a change from released."""
         self.is_first = False
         at_once = ~self._quiet_first
         np.copyto(self.value, self.pressed, where=at_once)

@@ -1,4 +1,4 @@
-"""Faults as they are told, as data and as sentences: where, what is wrong, what was measured and what is allowed."""
+"""Fault reports as data and as sentences: location, cause, measured value and limit."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from trocar.procs.tables.codes import FAULTS, IO_FAULT, Code
 
 @dataclass(frozen=True, slots=True)
 class FaultReport:
-    """One fault as it is told: a sentence about whom it is and what happened, and the same as data. No code: none.
+    """One fault: a sentence with location and cause, and the same as data. Without `code` there is no fault.
 
-    Axes count from 0; -1 and NaN: there is none.
+    Axes count from 0; -1 and NaN mean not applicable.
     """
 
     code: Code | None = None
@@ -26,7 +26,7 @@ class FaultReport:
     limit: float = math.nan
 
     def words(self, component: str) -> str:
-        """What happened to this arm or process, and what a person can do."""
+        """The cause of the fault, and the remedy for this arm or process."""
         return f"{self.text}; {self.code.remedy_for(component)}" if self.code else self.text
 
 
@@ -34,7 +34,7 @@ NO_FAULT: Final = FaultReport()
 
 
 def reported(number: int) -> FaultReport:
-    """What the table alone says of a latched fault."""
+    """The report of a latched fault by its number alone, from the table of codes."""
     fault = fault_of(number)
     if fault is None:
         return FaultReport(IO_FAULT, f"io reports fault {number}")
@@ -42,12 +42,12 @@ def reported(number: int) -> FaultReport:
 
 
 def fault_of(number: int) -> Code | None:
-    """The row of a fault number; None for 0 and for numbers nobody knows."""
+    """The row of a fault number; None for 0 and for unknown numbers."""
     return next((row for row in FAULTS if row.number == number), None)
 
 
 def place(robot: str, axis: str = "", boards: Sequence[int] = ()) -> str:
-    """Where: `PSM1 axis 2 (insertion), board 6`; what is not known is left out."""
+    """The location of a fault: `PSM1 axis 2 (insertion), board 6`; unknown parts are left out."""
     where = f"{robot} {axis}".strip()
     if not boards:
         return where
@@ -56,7 +56,7 @@ def place(robot: str, axis: str = "", boards: Sequence[int] = ()) -> str:
 
 
 def axis_titles(io: IoConfig) -> list[list[str]]:
-    """Of every robot its axes for people, `axis 2 (insertion)`, then its brakes; numbers are those of commands."""
+    """For each robot, readable names of its axes, `axis 2 (insertion)`, then its brakes; numbered as in commands."""
     named = {pid.robot: [axis.name.replace("_", " ") for axis in pid.axes] for pid in io.pids}
     found = []
     for robot in io.robots:
@@ -73,9 +73,9 @@ def boards_of(drive: Actuator | Brake) -> tuple[int, ...]:
 
 
 def figures(fault: Code, value: float, limit: float, unit: str) -> str:
-    """What was measured and what is allowed, in `unit`; empty: neither is.
+    """Measured value and limit in `unit`; empty without a value or a unit.
 
-    As many digits as tell them apart, up to six: what is as near as that is just above or below.
+    Uses 4 or 6 digits, as needed to distinguish the two; if 6 do not suffice, the value is "just above" or "below".
     """
     if math.isnan(value) or not fault.unit:
         return ""
@@ -91,6 +91,6 @@ def _after(unit: str) -> str:
 
 
 def sentence(where: str, what: str, *details: str) -> str:
-    """One sentence without the remedy."""
+    """A fault as one sentence, without the remedy."""
     reported_text = "; ".join(detail for detail in details if detail)
     return f"{where}: {what}" + (f" ({reported_text})" if reported_text else "")

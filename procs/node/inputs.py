@@ -1,4 +1,4 @@
-"""What one process reads of another: its newest record, and whether that still counts."""
+"""Input from another process: its newest record, and whether that is still fresh."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Fields = Callable[[str], NDArray[Any]]
 """The arrays of a record by the names of its fields."""
 LATE_NS: Final = round(LATE_S * 1e9)
 FOR_EVER_NS: Final = 1 << 62
-"""A time that no clock comes to."""
+"""A time that no clock reaches."""
 SETUP_LATE_S: Final = 0.05
 """The same between setup joints and the arms that they carry."""
 
@@ -22,19 +22,19 @@ SETUP_LATE_S: Final = 0.05
 class Input:
     """The newest record of a ring, as of the last `look`.
 
-    `whole`: that look got a record; one that was torn leaves the one before in force, to grow old. `restarted`: another
-    process writes it than before.
+    `whole`: that look read a record; after a torn read the previous record stays in force and ages. `restarted`: the
+    ring has a new writer since the previous look.
     """
 
     def __init__(self, ring: RingReader, late_s: float = LATE_S) -> None:
-        """Records older than `late_s` do not count."""
+        """Records older than `late_s` are not fresh."""
         self.ring, self._late_ns = ring, round(late_s * 1e9)
         self.field = ring.field
         self.stamp_ns = self._now_ns = self._epoch = 0
         self.whole = self.restarted = False
 
     def look(self, now_ns: int) -> bool:
-        """Once a cycle; returns `whole`."""
+        """Read the newest record, once a cycle; returns `whole`."""
         ring, epoch = self.ring, self.ring.epoch
         self._now_ns, self.restarted, self._epoch = now_ns, self._epoch not in (0, epoch), epoch
         self.whole = ring.newest()
@@ -44,14 +44,14 @@ class Input:
 
     @property
     def age_ns(self) -> int:
-        """How long ago it was stamped; a stamp from the future is no better than one of long ago."""
+        """Time since its stamp, absolute: a stamp in the future counts as an equally old one."""
         return abs(self._now_ns - self.stamp_ns)
 
     @property
     def fresh(self) -> bool:
-        """There is a record, and it is not too old."""
+        """Whether there is a record that is not too old."""
         return self.stamp_ns > 0 and self.age_ns <= self._late_ns
 
     def sampled(self, before_ns: int) -> bool:
-        """The look got a record, and what it says was sampled, so long before its stamp, not too long ago."""
+        """Whether the look read a record whose samples, taken `before_ns` before its stamp, are not too old."""
         return self.whole and self.stamp_ns > 0 and self.age_ns + abs(before_ns) <= self._late_ns

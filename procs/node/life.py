@@ -1,4 +1,4 @@
-"""Birth and end of every process, ours or a user's: its arguments, what asks it to end, an exit code on every path."""
+"""Start and end of every process, ours or a user's: arguments, stop signals, and an exit code on every path."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ LOOP_FAILED: Final = 4
 
 
 def arguments(kind: str) -> argparse.Namespace:
-    """What every process is started with: its system and name; its log begins."""
+    """Parse the arguments of every process, its system and name, and begin its log."""
     parser = argparse.ArgumentParser(prog=kind, description=f"One {kind}, started by trocar up.")
     parser.add_argument("--system", required=True)
     parser.add_argument("--name", required=True)
@@ -32,13 +32,13 @@ def arguments(kind: str) -> argparse.Namespace:
 
 
 def document_of(system: str) -> SystemConfig:
-    """What a running system is; SegmentError when there is none."""
+    """The document of a running system; SegmentError when there is none."""
     return from_json(directory.document(system))
 
 
 @contextlib.contextmanager
 def lived(node: NodeMemory) -> Iterator[None]:
-    """The life of a process that has its place: what ends it is shown, and in its log, and decides the exit code."""
+    """Run the body as a process that has claimed its instance; its end is shown, logged and sets the exit code."""
     on_stop(node.stop)
     why = ""
     try:
@@ -56,7 +56,7 @@ def lived(node: NodeMemory) -> Iterator[None]:
 
 
 def cause_of(error: BaseException) -> str:
-    """What ended somebody's code: the error's name and text, or where it called sys.exit."""
+    """The cause in words: the error's name and text, or the location of a call of sys.exit."""
     if explains_itself(error):
         return str(error)
     if not isinstance(error, SystemExit):
@@ -67,11 +67,11 @@ def cause_of(error: BaseException) -> str:
 
 
 class TimeUp(BaseException):
-    """Somebody else's code took longer than it may; not an Exception, which that code might catch."""
+    """A user's code took longer than allowed; not an Exception, because that code might catch those."""
 
 
 def limited(seconds: float, do: Callable[[], None]) -> None:
-    """Call `do`; TimeUp is raised in its middle when it takes longer, unless it hangs where no Python code runs."""
+    """Call `do`; TimeUp interrupts it after `seconds`, unless it hangs outside of Python code."""
     def over(number: int, frame: FrameType | None) -> None:
         raise TimeUp(f"it took more than {seconds:g} s")
 

@@ -1,6 +1,6 @@
-"""What an instance has in shared memory: its claim and control page, its rings, events and mailbox, those of others.
+"""An instance's shared memory: its claim, control page, rings, events and mailbox, and its access to other instances.
 
-And what every process does there, ours or a user's: it shows that it lives, keeps time, and learns that it has to end.
+Also the duties of every process there, ours or a user's: heartbeat, pacing, and a look at whether it must end.
 """
 
 from __future__ import annotations
@@ -34,24 +34,24 @@ SUPERVISOR_CHECK_NS: Final = 100_000_000
 
 
 class Closing(Protocol):
-    """What is closed when it is given back."""
+    """A resource that is released by `close`."""
 
     def close(self) -> None:
-        """Give it back."""
+        """Release it."""
 
 
 Part = TypeVar("Part", bound=Closing)
 
 
 class NodeMemory:
-    """The place and the life of one instance in a running system, from its claim to `leave`."""
+    """One instance in a running system, from its claim to `leave`."""
 
     def __init__(self, document: SystemConfig, name: str, now_ns: Callable[[], int], *, simulated: bool = False,
                  period_s: float = 0.0, is_child: bool = True) -> None:
-        """Claim it; SegmentError when there is none or somebody has it. `now_ns` gives the system's time.
+        """Claim the instance; SegmentError when there is none or it is taken. `now_ns` gives the system's time.
 
-        `simulated`: its periods are simulated time. `period_s`: if not that of its row. `is_child`: the supervisor has
-        started it, and keeps its log; else a person has.
+        `simulated`: its periods are simulated time. `period_s`: default, that of its row. `is_child`: the supervisor
+        has started the process and keeps its log; otherwise a person has.
         """
         self.document, self.system, self.name = document, document.name, name
         self.row: Process = document.process(name)
@@ -78,13 +78,13 @@ class NodeMemory:
         self.pacing = Pacing(self.page, period_ns, phase_ns(kind.phase, period_ns, ios_ns))
         self.pauses = Pauses(round(self.late_s * 1e9) if kind.pause_ends and not simulated else 0)
         self.listening = handed() if is_child else ()
-        """The sockets of its `listen`, not blocking: the supervisor holds them, also while we are down."""
+        """The sockets of its `listen`, non-blocking; the supervisor keeps them open, also while we are down."""
         self.stop_reason, self._check_at, self._beat = "", 0, self.page.field("heartbeat_ns")
 
     def reads(self, instance: str, topic: str, *, counts: bool = True) -> RingReader:
         """Attach to a ring of another instance, or of the supervisor.
 
-        Of one that runs on demand we are a subscriber, as long as we hold it; not where this does not count.
+        While held, the reader of an instance that runs on demand is also a subscriber, unless `counts` is False.
         """
         if instance == "supervisor":
             return self.hold(directory.reader(self.system, instance, topic, instance))
@@ -95,13 +95,13 @@ class NodeMemory:
         return self.hold(directory.reader(self.system, instance, topic, self._layout(instance, topic)))
 
     def _layout(self, instance: str, topic: str) -> str | None:
-        """The kind whose row says what a topic of an instance looks like; None: the system file does."""
+        """The kind whose row defines the layout of a topic; None: the system file defines it."""
         kind = self.document.process(instance).kind
         is_declared = self.document.user(instance) is not None and topic not in (*proc(kind).topics, "events", "audit")
         return None if is_declared else kind
 
     def input(self, instance: str, topic: str = "state", late_s: float = LATE_S) -> Input:
-        """The newest record of another instance, and whether it counts: not one older than `late_s`."""
+        """The newest record of another instance; records older than `late_s` are not fresh."""
         return Input(self.reads(instance, topic), late_s)
 
     def writes(self, topic: str) -> RingWriter:
@@ -109,9 +109,9 @@ class NodeMemory:
         return self.hold(directory.writer(self.system, self.name, topic, self._layout(self.name, topic)))
 
     def mailbox(self, guard: Cell | None = None) -> Mailbox:
-        """Our own mailbox; what waits in it when the loop begins is refused.
+        """Our own mailbox; commands that wait in it when the loop begins are refused.
 
-        `guard`: what may power or move needs a person's command, given after the last fault of this cell.
+        `guard`: commands for power or motion need an operator's command given after the last fault of this cell.
         """
         audit = Audit(self.writes("audit"), self._time_ns, every=self.document.clock == LOCKSTEP)
         self._mailbox = self.hold(Mailbox(self.system, self.name, COMMANDS.get(self.kind, ()), guard=guard, audit=audit,
@@ -123,32 +123,32 @@ class NodeMemory:
         return self.hold(Faults(self.system))
 
     def fault_cell(self, component: str = "") -> FaultCell:
-        """The faults of a component of ours; empty: of this instance."""
+        """The fault cell of one of our components; default: this instance."""
         return FaultCell(self.hold(Faults(self.system, write=True)), component or self.name)
 
     def waker_for(self, instance: str) -> Wakeup:
-        """The way to wake an instance that waits for news; `wake` it when the news is out."""
+        """The wake-up of an instance that waits for news; call its `wake` after publishing."""
         return self.hold(ControlPage(self.system, instance, write=True)).wakeup()
 
     def hold(self, part: Part) -> Part:
-        """Close it with all the others that are held, when they are given back."""
+        """Keep a resource until `give_back` closes all that are held."""
         self._held.callback(part.close)
         return part
 
     def give_back(self) -> None:
-        """Close all that was taken but the place itself."""
+        """Close all held resources, but keep the claim."""
         self._mailbox = None
         self._subscribers.clear()
         self._held.close()
 
     def begin(self, error: str = "") -> None:
-        """From now on it runs, maybe with an error: what waits in the mailbox was for a predecessor, and is refused."""
+        """Show it as running, with an error if any; refuse waiting commands, which were sent to its predecessor."""
         if self._mailbox is not None:
             self._mailbox.refuse_waiting(self._begun[0])
         self.page.show("RUNNING", error)
 
     def report_pause(self, held_up_ns: int) -> None:
-        """It was held up for so long that it restarts, as if it had been killed and started again."""
+        """Report that it was stalled so long that it restarts, as if it had been killed and started again."""
         held_up = f"{self.name} was held up for {duration(held_up_ns)}"
         self._begun = held_up, held_up
         self.page.show("STARTING")
@@ -156,17 +156,17 @@ class NodeMemory:
         self.events.report(codes.HELD_UP, held_up, self.name, value=held_up_ns * 1e-9, limit=self.late_s)
 
     def stop(self, reason: str) -> None:
-        """It ends at its next look, for the first reason that there was."""
+        """Request its end at the next call of `stopped`; the first reason is kept."""
         self.stop_reason = self.stop_reason or reason
 
     def beat(self) -> None:
-        """Show that it lives."""
+        """Update the heartbeat."""
         self._beat[...] = monotonic_ns()
 
     def stopped(self) -> bool:
-        """Show that it lives; whether it has to end: it was asked to, or the supervisor has been silent for too long.
+        """Update the heartbeat; True if the process must end: on request, or as the supervisor's heartbeat is lost.
 
-        In simulated time nothing is in danger: there the supervisor may be short of a core for longer, while it lives.
+        In simulated time nothing is at risk, so a living supervisor may be short of CPU time for longer.
         """
         self._beat[...] = now = monotonic_ns()
         if now >= self._check_at:
@@ -178,16 +178,16 @@ class NodeMemory:
         return bool(self.stop_reason)
 
     def lost_s(self) -> float:
-        """How long the supervisor has not beaten, if that is too long; 0: it has."""
+        """The silence of the supervisor, s, if that is too long; otherwise 0."""
         silent_ns = monotonic_ns() - int(self._supervisor.get("heartbeat_ns"))
         return silent_ns * 1e-9 if silent_ns > self._lost_ns else 0.0
 
     @property
     def supervisor_state(self) -> str:
-        """The supervisor's, as it shows it."""
+        """The supervisor's state on its control page."""
         return self._supervisor.state
 
     def leave(self) -> None:
-        """Give everything back, and the place."""
+        """Close all resources and release the claim."""
         self.give_back()
         self._place.close()

@@ -1,9 +1,9 @@
-"""Pacing on absolute deadlines, the statistics of a loop's periods, work and latency, and pauses.
+"""Pacing on absolute deadlines; statistics of a loop's periods, work and latency; detection of pauses.
 
-Deadlines lie on a grid: a late cycle does not shift the following ones, it is counted, and deadlines that have passed
-altogether are skipped and counted as missed. What a process does every time it waits for a deadline is in the
-native library as well (procs/native/pace.c). A loop that was paused measures for how long, on a clock that counts
-suspend as well. Pure but for the control page that the numbers are written to, and that clock.
+Deadlines are points of a grid: a late cycle is counted and does not shift the following ones; deadlines that have
+passed are skipped and counted as missed. The native library implements the wait for a deadline as well
+(procs/native/pace.c). A loop measures the length of a pause on a clock that includes suspend. No side effects except
+on the control page that gets the numbers.
 """
 
 from __future__ import annotations
@@ -18,37 +18,37 @@ from trocar.shm.time.clock import boottime_ns
 from trocar.shm.time.control_page import ControlPage
 
 INTERVAL_NS = 1_000_000_000
-SHORT_SHARE = 0.05  # of the deadlines missed in SHORT_CHECK_NS: the machine has not enough time for everybody
+SHORT_SHARE = 0.05  # of the deadlines missed in SHORT_CHECK_NS: the machine is overloaded
 SHORT_CHECK_NS = 200_000_000
-SHORT_CHECKS = 3  # one after the other: not a pause of the machine, and before Linux stops FIFO processes
-SHORT_NS = (4_000_000_000, 60_000_000_000)  # so long that counts at first, and at most, where it soon happens again
+SHORT_CHECKS = 3  # in a row: excludes a pause of the machine, and comes before Linux stops FIFO processes
+SHORT_NS = (4_000_000_000, 60_000_000_000)  # duration of the overload state at first, and at most if it soon recurs
 ROOM = 20_000  # for the figures of a second
 QUICKEST_NS = 1_000_000  # between two cycles of a loop with longer periods, however much news there is
 GAIN = 0.05
-SHARES = 4  # of a period, at most, in which it meets that of whom it follows
+SHARES = 4  # of a period, at most: the denominator of its ratio to the followed period
 NEVER = 1 << 62
 FIGURES = ("avg", "std", "min", "max", "p99")
 
 
 def phase_ns(share: float, period_ns: int, ios_ns: Sequence[int]) -> int:
-    """Where in its period a member of simulated time has its turn; `ios_ns` are the periods of io.
+    """The phase of a lock-step member within its period; `ios_ns` are the periods of io.
 
-    A share of the shortest of all these, so that nobody's turn comes in the very instant of io's, also where the one
-    period is a multiple of the other: who comes first there would be left to chance.
+    It is a share of the shortest of all these periods, so that no member runs at the same instant as io, even if one
+    period is a multiple of the other: their order would be left to chance.
     """
     return round(share * min(period_ns, *ios_ns)) if ios_ns else round(share * period_ns)
 
 
 class Pacing:
-    """One loop's deadlines and figures; all times in ns of the process's clock.
+    """One loop's deadlines and statistics; all times in ns of the process's clock.
 
-    Its counters are in `words`, so that the native library works on the same.
+    Its counters are in `words`, which it shares with the native library.
     """
 
     gain = GAIN
 
     def __init__(self, page: ControlPage, period_ns: int, phase_ns: int) -> None:
-        """`phase_ns` is where on the grid of periods cycles lie in lock-step."""
+        """`phase_ns`: offset of the cycles from the grid of periods in lock-step."""
         self.period_ns, self._phase_ns = max(1, period_ns), phase_ns
         page.field("period_ns")[...] = period_ns
         self._interval = page.field("interval_cycles")
@@ -69,12 +69,12 @@ class Pacing:
         self._beats = True
         self._short_check = self._short_checks = self._short_ns = self._missed_before = 0
         self.short_until_ns = 0
-        """Till then time counts as short: many deadlines were missed of late."""
+        """End of the overload state, entered when many deadlines were missed."""
 
     def begin(self, now_ns: int, simulated: bool) -> None:
         """Start the grid: at the next phase point in simulated time, now on the wall clock.
 
-        The heartbeat is real time: in simulated time it is not ours to give.
+        The heartbeat is real time; in simulated time it is not updated here.
         """
         self._beats = not simulated
         deadline = now_ns
@@ -92,31 +92,32 @@ class Pacing:
 
     @property
     def begun_ns(self) -> int:
-        """When this cycle began."""
+        """Begin of this cycle."""
         return int(self._words[START])
 
     def follows(self, period_ns: int) -> None:
-        """Whom we `follow` has that period: two thirds of ours begin at three places in ours, a third of it apart.
+        """Set the period of the process to `follow`. If it is 2/3 of ours, its cycles begin at three phases of ours.
 
-        Any of these will do. Were it one of them, it would matter which of theirs was the newest that we saw.
+        They are 1/3 of our period apart, and any of them will do: with a fixed one, the alignment would depend on
+        which of its cycles we saw last.
         """
         shares = Fraction(period_ns, self.period_ns).limit_denominator(SHARES).denominator
         self._words[STEP] = self.period_ns // shares
 
     def follow(self, wanted_ns: int) -> None:
-        """Pull the grid gently at the end of this cycle, so that deadlines fall on `wanted_ns`, or whole steps from
-        there: see `follows`.
+        """Shift the grid gently at the end of this cycle, towards deadlines at `wanted_ns` plus whole steps
+        (see `follows`).
         """
         self._words[WANTED] = wanted_ns
 
     def latency(self, latency_ns: int) -> None:
-        """What the process calls its latency, of this cycle; a cycle may have none."""
+        """Record the latency of this cycle, as the process defines it; optional."""
         if self._latency_count < self.room:
             self._latencies[self._latency_count] = latency_ns
             self._latency_count += 1
 
     def end_of_work(self, now_ns: int, periods: int = 1) -> int:
-        """The cycle's work is done; returns the next deadline, so many periods after this cycle's."""
+        """End the cycle's work; returns the next deadline, `periods` after this cycle's."""
         words, period = self._words, self.period_ns
         deadline, work = words[DEADLINE], now_ns - words[START]
         if wanted := words[WANTED]:
@@ -138,11 +139,11 @@ class Pacing:
         return int(deadline)
 
     def early(self, now_ns: int) -> None:
-        """The next cycle begins now, before its deadline; the one after it on the next point of the grid."""
+        """Begin the next cycle now, before its deadline; the one after it begins at the next point of the grid."""
         self._words[DEADLINE] -= -(-(self._words[DEADLINE] - now_ns) // self.period_ns) * self.period_ns
 
     def begin_work(self, now_ns: int) -> None:
-        """A cycle begins."""
+        """Begin a cycle."""
         words = self._words
         if words[KEPT] < self.room:
             self._period_at[words[KEPT]] = now_ns - words[START]
@@ -156,9 +157,9 @@ class Pacing:
             self.look(now_ns)
 
     def called(self, now_ns: int) -> None:
-        """A cycle begins because who calls us once a period does so now: his deadlines are ours.
+        """Begin a cycle of a process that its host calls once a period, with the host's deadlines.
 
-        Periods in which he did not call were missed.
+        Periods without a call count as missed.
         """
         words = self._words
         if words[CYCLES]:
@@ -168,7 +169,7 @@ class Pacing:
         self.begin_work(now_ns)
 
     def look(self, now_ns: int) -> None:
-        """What is done a few times a second."""
+        """Check for overload and publish statistics, when due."""
         if now_ns >= self._short_check:
             self._look_at_missed(now_ns)
         if now_ns >= self._interval_end:
@@ -202,25 +203,25 @@ class Pacing:
 
 
 class Pauses:
-    """One loop's watch on itself: how much later than planned its cycles begin, and whether this one is too old."""
+    """Detects pauses of a loop: cycles that begin too late, or have lasted too long."""
 
     def __init__(self, limit_ns: int, now_ns: Callable[[], int] = boottime_ns) -> None:
-        """More than `limit_ns` is a pause; 0: nothing ever is. `now_ns`: CLOCK_BOOTTIME."""
+        """A delay above `limit_ns` is a pause; 0 disables the check. `now_ns` reads CLOCK_BOOTTIME."""
         self._limit_ns, self._now_ns = limit_ns or NEVER, now_ns
         self._begun_ns = NEVER
 
     def begin(self) -> None:
-        """A first cycle begins, on time whenever that is."""
+        """Begin a first cycle, which is on time by definition."""
         self._begun_ns = self._now_ns()
 
     def end(self) -> None:
-        """There are no cycles until `begin`: nothing is too old meanwhile."""
+        """Suspend the check until `begin`."""
         self._begun_ns = NEVER
 
     def next(self, planned_ns: int) -> int:
-        """The next cycle begins, planned so long after the last one: how much too late if that is a pause, else 0.
+        """Begin the next cycle, planned `planned_ns` after the last; returns its delay if that is a pause, else 0.
 
-        After a pause there is no next cycle: `is_over` stays true until `end` or `begin`.
+        After a pause no cycle begins: `is_over` stays true until `end` or `begin`.
         """
         now_ns = self._now_ns()
         late_ns = now_ns - self._begun_ns - planned_ns  # the first of all is never late
@@ -231,11 +232,11 @@ class Pauses:
 
     @property
     def over_ns(self) -> int:
-        """From when on, on CLOCK_BOOTTIME, what this cycle does is about the past."""
+        """The time on CLOCK_BOOTTIME after which this cycle's results are outdated."""
         return min(self._begun_ns + self._limit_ns, NEVER)
 
     def is_over(self) -> bool:
-        """This cycle began so long ago that what it does is about the past."""
+        """Whether this cycle began so long ago that its results are outdated."""
         return self._now_ns() > self.over_ns
 
 

@@ -1,6 +1,6 @@
-"""What a process asks of the scheduler, so that nobody holds it up: priority, a share of its own, memory, a core.
+"""Real-time properties of a process: priority, reserved CPU share, locked memory, cores.
 
-And in words which processes did not get it, and what grants the rights.
+Also reports, in words, which processes were refused them, and how to grant the rights.
 """
 
 from __future__ import annotations
@@ -26,30 +26,30 @@ POPULATE_READ, POPULATE_WRITE = 22, 23  # of madvise
 SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}.get(platform.machine(), 0)  # glibc has no wrapper before 2.41
 SCHED_ATTR = struct.Struct("<IIQiIQQQ")  # size, policy, flags, nice, priority, runtime, deadline, period
 SCHED_DEADLINE = 6
-SCHED_FLAGS = 1 | 2  # children get none of it; it may have more than it reserved where nobody else did
+SCHED_FLAGS = 1 | 2  # not inherited by children; may use more than its reservation where no other process reserved
 
 LOCKED: Final = "locked"
 NO_FIFO, NOT_LOCKED = "no FIFO", "not locked"
-"""What was asked for and not got, as `realtime` and `lock_memory` say it."""
+"""Refused requests, in the words of `realtime` and `lock_memory`."""
 ORDINARY: Final = "other"
-"""Nothing was asked for."""
+"""Nothing was requested."""
 HIGHEST: Final = 98  # the highest priority that a system file may ask for
 LOWEST: Final = 1  # of FIFO
 LIMITS_FILE: Final = "/etc/security/limits.d/trocar.conf"
 SYSTEMD: Final = f"LimitRTPRIO={HIGHEST} and LimitMEMLOCK=infinity"
-SCRATCH: Final = 16 << 20  # bytes, of a region that is looked at before it is locked
-USED_TOGETHER: Final = 1 << 18  # bytes of it that are locked when one of them was used
+SCRATCH: Final = 16 << 20  # bytes; in larger regions only used memory is locked
+USED_TOGETHER: Final = 1 << 18  # bytes of such a region that are locked together if any of them was used
 CPUS: Final = Path("/sys/devices/system/cpu")
 REGION = re.compile(r"([0-9a-f]+)-([0-9a-f]+) (\S{4}) ([0-9a-f]+) \S+ \d+ *(.*)")
 
 
 def realtime(row: Process, clock: str, *, reserved: float = 0.0) -> list[str]:
-    """Name, timer slack, priority, core; returns what was obtained, in words; children get none of it.
+    """Set name, timer slack, priority and cores; returns the properties obtained, in words. Children inherit none.
 
-    `reserved` is a share of each period that nobody else may take: Linux stops all FIFO processes for 50 ms when
-    together they leave nothing to others for a second, and a bus must not pay for arms that take too long. It cannot be
-    had with a core of one's own. In lock-step nothing is urgent, and loops that never sleep must not keep others from
-    the cores: no priority there.
+    `reserved` is the guaranteed share of each period: Linux stops all FIFO processes for 50 ms when together they
+    leave no time to others for a second, and a bus must not suffer from arms that take too long. A reservation cannot
+    be combined with chosen cores. In lock-step nothing is urgent, and loops that never sleep must not keep others off
+    the cores, so no priority is set.
     """
     libc = ctypes.CDLL(None, use_errno=True)
     libc.prctl(PR_SET_NAME, row.name.encode()[:15], 0, 0, 0)
@@ -73,25 +73,25 @@ def realtime(row: Process, clock: str, *, reserved: float = 0.0) -> list[str]:
 
 
 def step_back() -> None:
-    """Behind whatever drives a robot, before ordinary programs, until `realtime` is asked again; only who has FIFO."""
+    """Lower a FIFO process to the lowest FIFO priority, until `realtime` is called again; others are unchanged."""
     if is_urgent(0):
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(LOWEST))
 
 
 def keep_with(pid: int) -> None:
-    """Let a process run where this one may run; none that has ended."""
+    """Give a process our CPU affinity; no effect on one that has ended."""
     with contextlib.suppress(ProcessLookupError):
         os.sched_setaffinity(pid, os.sched_getaffinity(0))
 
 
 def cores() -> tuple[tuple[int, ...], ...]:
-    """The processors that we may run on, those of one core (hyper-threading) together, in order."""
+    """The processors that we may run on, grouped by core (hyper-threading), in order."""
     allowed = sorted(os.sched_getaffinity(0))
     found: dict[str, list[int]] = {}
     for cpu in allowed:
         try:
             siblings = (CPUS / f"cpu{cpu}/topology/thread_siblings_list").read_text()
-        except OSError:  # nobody says: a core of its own
+        except OSError:  # unknown: a core of its own
             siblings = str(cpu)
         found.setdefault(siblings, []).append(cpu)
     return tuple(map(tuple, found.values()))
@@ -109,13 +109,13 @@ def _ranges(cpus: Iterable[int]) -> str:
 
 
 def in_words(notes: list[str]) -> bytes:
-    """The notes of `realtime` and `lock_memory` for the control page; what is long comes last, and may be cut."""
+    """The notes of `realtime` and `lock_memory` for the control page; the long one comes last and may be cut."""
     return (", ".join(sorted(notes, key=lambda note: "cpu" in note))[:31] or ORDINARY).encode()
 
 
 @dataclass(frozen=True, slots=True)
 class Region:
-    """A piece of a process's memory as /proc lists it, sizes in bytes."""
+    """A region of a process's memory as listed by /proc, sizes in bytes."""
 
     begin: int
     size: int
@@ -126,30 +126,30 @@ class Region:
 
 def regions(pid: int) -> list[Region]:
     """The memory of a process; OSError when it is gone."""
-    with Path(f"/proc/{pid}/maps").open(encoding="utf-8", errors="replace") as lines:  # by the line: takes no memory
+    with Path(f"/proc/{pid}/maps").open(encoding="utf-8", errors="replace") as lines:  # line by line: saves memory
         return [Region(int(row[1], 16), int(row[2], 16) - int(row[1], 16), row[3], int(row[4], 16), row[5])
                 for row in map(REGION.match, lines) if row is not None]
 
 
 def lock_memory() -> str:
-    """No page is to be fetched in a loop: all of ours are there now, and locked where nobody else keeps them.
+    """Prevent page faults in a loop: fetch all our pages now, and lock those that are ours alone.
 
-    The supervisor keeps what processes share (procs/supervisor/shared_pages.py). Room for large matrices that nobody
-    has (OpenBLAS takes 32 MB in each process) is locked as far as it was used. What comes later is locked where it is
-    used, and not filled: that would cost a loop 10 ms for 32 MB. Returns what was obtained, in words.
+    The supervisor locks shared pages (procs/supervisor/shared_pages.py). Unused scratch memory (OpenBLAS takes 32 MB
+    in each process) is locked only where it was used. Later allocations are locked on first use, not filled at once:
+    that would cost a loop 10 ms for 32 MB. Returns the result in words.
     """
     libc = ctypes.CDLL(None, use_errno=True)
     if libc.mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT):
         return NOT_LOCKED
     try:
         _lock_each(libc, regions(os.getpid()))
-    except PermissionError:  # an interpreter with capabilities of its own may not look at itself: all of it, then
+    except PermissionError:  # an interpreter with file capabilities may not read its own pagemap: lock everything
         libc.mlockall(MCL_CURRENT | MCL_FUTURE)
     return LOCKED
 
 
 def fetch_segments() -> None:
-    """The same for segments that were mapped since."""
+    """Fetch the pages of shared-memory segments that were mapped since `lock_memory`."""
     with contextlib.suppress(PermissionError):
         found = [region for region in regions(os.getpid()) if region.file.startswith("/dev/shm/")]
         _lock_each(ctypes.CDLL(None), found)
@@ -174,10 +174,10 @@ def _lock(libc: ctypes.CDLL, pagemap: int, region: Region) -> None:
     else:
         whole = own and (written or any(used))
     if whole:
-        libc.mlock(*place)  # and there
+        libc.mlock(*place)  # fetches the pages, too
         return
     libc.munlock(*place)
-    if region.file.startswith("/"):  # before Linux 5.14 what is used comes when it is used
+    if region.file.startswith("/"):  # before Linux 5.14 no effect: pages are fetched on first use
         libc.madvise(*place, POPULATE_WRITE if written else POPULATE_READ)
     step = USED_TOGETHER // mmap.PAGESIZE
     for k in range(0, len(used), step):
@@ -186,19 +186,19 @@ def _lock(libc: ctypes.CDLL, pagemap: int, region: Region) -> None:
 
 
 def _used(pagemap: int, region: Region) -> list[bool]:
-    """Of each page whether it is there and this process's alone: written since it was mapped, or in no file."""
+    """For each page whether it is present and private: written since it was mapped, or not from a file."""
     count = region.size // mmap.PAGESIZE
     data = os.pread(pagemap, 8 * count, 8 * (region.begin // mmap.PAGESIZE))
     return [word >> 63 == 1 and not word >> 61 & 1 for word in struct.unpack(f"<{len(data) // 8}Q", data)]
 
 
 def is_urgent(pid: int) -> bool:
-    """Whether a process comes before all that have no priority; OSError: there is none."""
+    """Whether a process has real-time priority (FIFO or RR); OSError: no such process."""
     return os.sched_getscheduler(pid) & ~os.SCHED_RESET_ON_FORK in (os.SCHED_FIFO, os.SCHED_RR)
 
 
 def _reserve(libc: ctypes.CDLL, period_s: float, share: float) -> bool:
-    """SCHED_DEADLINE for a share of each period, and of what nobody reserved; False: it may not be had."""
+    """Request SCHED_DEADLINE for a share of each period, plus unreserved time; False if it is refused."""
     if not SCHED_SETATTR:
         return False
     period_ns = round(period_s * 1e9)
@@ -208,7 +208,7 @@ def _reserve(libc: ctypes.CDLL, period_s: float, share: float) -> bool:
 
 
 def user() -> str:
-    """Who we are, as limits.d knows people."""
+    """Our user name, as limits.d expects it."""
     try:
         return pwd.getpwuid(os.getuid()).pw_name
     except KeyError:
@@ -221,7 +221,7 @@ def limits_lines(name: str) -> tuple[str, str]:
 
 
 def refused(policies: Mapping[str, str]) -> list[str]:
-    """What was refused, and to which processes, a line each. `policies` as `realtime` says them."""
+    """Refused rights with the processes concerned, one line each; `policies` in the words of `realtime`."""
     slow = [name for name, words in policies.items() if NO_FIFO in words]
     loose = [name for name, words in policies.items() if NOT_LOCKED in words]
     reported = [f"no real-time priority (FIFO refused): {', '.join(slow)}"] if slow else []
@@ -229,7 +229,7 @@ def refused(policies: Mapping[str, str]) -> list[str]:
 
 
 def lacking(policies: Mapping[str, str]) -> str:
-    """The same with what grants the rights to the user that we are; empty where every process got what it asked for."""
+    """`refused` with instructions that grant the rights to our user; empty if nothing was refused."""
     lines = limits_lines(user())
     return "" if not (reported := refused(policies)) else "\n".join((
         *reported,

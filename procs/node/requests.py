@@ -1,6 +1,6 @@
-"""Commands as a process that follows them is handed them, and how it carries them out.
+"""Commands as a process receives them, and their execution.
 
-A command is carried out by a function of its own, which raises CommandRefused where it will not be done.
+Each command has a handler, which raises CommandRefused to refuse it.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from trocar.shm.mailbox.origins import Origin, SenderId
 
 
 class Request(Protocol):
-    """A command out of a mailbox, or a desired state of an arm (procs/io/arm_requests.py).
+    """A command from a mailbox, or a desired state of an arm (procs/io/arm_requests.py).
 
-    It is answered by refuse, by done, or by accept and later done or fail.
+    The answer is refuse, done, or accept followed by done or fail.
     """
 
     @property
     def origin(self) -> Origin:
-        """The person's command that it comes from."""
+        """The operator's command from which this one originates."""
 
     @property
     def sender(self) -> SenderId:
-        """Which program, and which client of a bridge, sent it."""
+        """The program, and the client of a bridge, that sent it."""
 
     @property
     def command(self) -> CommandRow:
@@ -36,11 +36,11 @@ class Request(Protocol):
 
     @property
     def pid(self) -> int:
-        """The process that sent it, by its own word; 0: not known."""
+        """Process id that the sender states; 0 if unknown."""
 
     @property
     def has_client(self) -> bool:
-        """Whether somebody lives in the place that it came from; who, says `pid`. Asks the kernel."""
+        """Whether the mailbox place it came from has a living client (see `pid`). Asks the Linux kernel."""
 
     @property
     def name(self) -> str:
@@ -55,35 +55,35 @@ class Request(Protocol):
         """Its text."""
 
     def accept(self, text: str = "") -> None:
-        """It is under way."""
+        """Report that execution has begun."""
 
     def refuse(self, reason: str) -> None:
-        """It will not be done."""
+        """Report that it will not be executed."""
 
     def done(self, text: str = "") -> None:
-        """It has been carried out."""
+        """Report that it has been executed."""
 
     def fail(self, reason: str) -> None:
-        """It was accepted and has failed."""
+        """Report that it failed after it was accepted."""
 
 
 STREAM_ENDED: Final = "this stream has ended"
-"""How an arm begins to answer the goals of a stream that it has ended, until the stream has paused for so long."""
+"""Begin of an arm's answers to goals of a stream that it has ended, until the stream pauses for STREAM_PAUSE_NS."""
 STREAM_PAUSE_NS: Final = 500_000_000
 
 
 class CommandRefused(Exception):
-    """A command that will not be carried out; the text says why, without its name."""
+    """A command is refused; the text is the reason, without the command's name."""
 
 
 Handler = Callable[[Request], str | None]
-"""Carries a command out; returns what to answer, `ANSWERED` when that was done already."""
+"""Executes a command; returns the text of the answer, or `ANSWERED` if it has answered itself."""
 
 ANSWERED: Final = "answered"
 
 
 def carry_out(request: Request, handler: Handler, joints: int | None = None) -> str:
-    """Do what is asked, and answer; returns why it was refused, "" when it was not. `joints`: how many it moves."""
+    """Execute a command and answer it; returns the reason of a refusal, or "". `joints`: number of joints it moves."""
     try:
         if why := request.command.objection(request.values, joints):
             raise CommandRefused(why)
@@ -98,10 +98,10 @@ def carry_out(request: Request, handler: Handler, joints: int | None = None) -> 
 
 
 def has_left(request: Request, pid: int) -> bool:
-    """Whether the program that sent it, as process `pid`, is gone."""
+    """Whether the sender, process `pid`, has ended."""
     return not request.has_client or request.pid != pid
 
 
 def switch(request: Request) -> bool:
-    """On or off, of a command whose row takes 0 or 1."""
+    """The value of a command that switches on (1) or off (0)."""
     return bool(request.values[0])

@@ -1,4 +1,4 @@
-"""The life of a process of ours, whose loop file holds none of these words: priority, clock, pacing, a pause, its end.
+"""Runtime of our processes; their loop files need no code for priority, clock, pacing, pauses and exit.
 
     class Loop(runtime.Loop):
         def __init__(self, node): ...
@@ -41,7 +41,7 @@ MAX_SPIN_US = 50.0
 
 
 class NodeClock(Protocol):
-    """What time it is for one process, and how it waits."""
+    """The clock of one process: its time, and how to wait."""
 
     simulated: bool
     spin_ns: int
@@ -51,14 +51,14 @@ class NodeClock(Protocol):
         """The system's time."""
 
     def sleep_until(self, deadline_ns: int, stopped: Callable[[], bool]) -> object:
-        """Sleep until the deadline, or `stopped()`."""
+        """Sleep until the deadline, or until `stopped()` is true."""
 
 
 class Node(NodeMemory):
-    """What a process of ours knows of itself; made by `process`. It has a clock, and its loop is paced."""
+    """A process of ours, made by `process`: an instance in shared memory with a clock and a paced loop."""
 
     def __init__(self, document: SystemConfig, name: str, clock: NodeClock | None = None) -> None:
-        """Attach to the running system; SegmentError when there is none. `clock`: not as its document says."""
+        """Attach to the running system; SegmentError when there is none. `clock` replaces that of the document."""
         system, in_time = document.name, proc(document.process(name).kind).in_time
         simulated = clock.simulated if clock is not None else in_time and document.clock != WALL
         self.clock: NodeClock
@@ -71,39 +71,39 @@ class Node(NodeMemory):
         self._wakeup = self.page.wakeup()
         bound = bind(PACE, self.pacing) if type(self.clock) is WallClock else ""
         self._wait = bound.function("wait") if isinstance(bound, BoundStruct) else None
-        """The native library's wait for the next deadline, on the wall clock; None: `tick` waits step by step."""
+        """The native library's wait for the next deadline, on the wall clock; None: `tick` waits in Python."""
         self.granted: list[str] = []
-        """What the scheduler gave us, in words."""
+        """The real-time properties that were granted, in words."""
         self.locks, self._locked = False, ""
-        """Its memory is to be locked when it is ready: the process is its alone."""
+        """Whether to lock the memory when ready; only if no other instance shares the process."""
         self.steps_back = False
-        """It steps back while it is made, see `ask`: the process is its alone."""
+        """Whether to lower its priority during setup, see `ask`; only if no other instance shares the process."""
         self.held_up_ns = 0
-        """How long it was held up, when that was too long: the loop is to be made anew."""
+        """Length of a pause that was too long: the loop has to be made again; otherwise 0."""
         self.now_ns = self.clock.now_ns()
 
     def stamp_ns(self) -> int:
-        """What time the system has, as records are stamped: also of a process that goes by real time itself."""
+        """The system's time for stamps of records, also in a process that itself runs in real time."""
         return self.clock.now_ns() if self._time is None else self._time.now_ns()
 
     def commands(self, instance: str) -> LoopClient:
-        """A handle for the mailbox of another instance; all of ours share one place there.
+        """A handle for the mailbox of another instance; all our handles share one place there.
 
-        What a cycle sends after a pause in its middle is not sent.
+        Commands of a cycle that was paused are dropped.
         """
         called = self.name if self.name == self.kind else f"{self.kind} {self.name}"
         return self.hold(LoopClient(self.system, instance, called, self.pauses.is_over))
 
     def is_over(self) -> bool:
-        """We were held up in the middle of this cycle: what it does is about the past."""
+        """Whether this cycle was stalled so long that its results are outdated."""
         return self.pauses.is_over()
 
     def over_ns(self) -> int:
-        """From when on that is so in this cycle, on CLOCK_BOOTTIME."""
+        """The time on CLOCK_BOOTTIME at which `is_over` becomes true in this cycle."""
         return self.pauses.over_ns
 
     def ready(self) -> None:
-        """Setup has succeeded; whoever waits at the barrier goes on."""
+        """Report that setup has succeeded, and start pacing; processes that wait for this one continue."""
         self._lock()
         if self.steps_back:
             self.ask()
@@ -115,7 +115,7 @@ class Node(NodeMemory):
         self.pauses.begin()
 
     def _lock(self) -> None:
-        """Lock our memory now that everything is in it; after a pause, only what is new."""
+        """Lock our memory after setup; after a pause, only fetch new segments."""
         if self._locked:
             fetch_segments()
         elif self.locks:
@@ -123,11 +123,11 @@ class Node(NodeMemory):
             self._show_granted()
 
     def ask(self) -> None:
-        """Ask the scheduler for what our row says, and show what was obtained.
+        """Request the real-time properties of our row, and show the result.
 
-        A loop is made with the lowest priority: that takes 20 ms of a core, and some of those one after the other would
-        hold up who runs there with ours, so that they are made anew as well, and hold up us, for ever. Who reserves a
-        share comes before them anyway, and keeps it.
+        A loop is made with the lowest priority: that takes 20 ms of a core, and several in a row would stall the other
+        loops on that core, which would then restart and stall ours, endlessly. A process with a reserved share runs
+        before them anyway, and keeps the share.
         """
         self.granted = realtime(self.row, self.document.clock, reserved=proc(self.kind).reserved)
         self._show_granted()
@@ -136,7 +136,7 @@ class Node(NodeMemory):
         self.page.field("policy")[...] = in_words([*self.granted, *filter(None, (self._locked,))])
 
     def begin_anew(self) -> None:
-        """After a pause, before the loop is made anew: as if the process had been killed and started again."""
+        """Restart after a pause, before the loop is made again: as if the process had been killed and started."""
         if self.steps_back:
             step_back()
         self.report_pause(self.held_up_ns)
@@ -145,41 +145,40 @@ class Node(NodeMemory):
         gc.collect()  # what is left of the old loop; all that is older is frozen
 
     def follows(self, name: str) -> None:
-        """The process `name` is whom we `follow`."""
+        """Set the process to `follow`."""
         self.pacing.follows(round(self.document.process(name).period_s * 1e9))
 
     def follow(self, stamp_ns: int, lead_ns: int) -> None:
-        """Keep our cycle `lead_ns` behind the stamps of the process whose data we use."""
+        """Keep our cycle `lead_ns` behind the stamps of the process that we follow."""
         if not self.simulated:
             self.pacing.follow(stamp_ns + lead_ns)
 
     def latency(self, latency_ns: int) -> None:
-        """How long this cycle took from what it reacts to to its reaction; shown as statistics."""
+        """Record this cycle's time from input to reaction, for the statistics."""
         self.pacing.latency(latency_ns)
 
     def computes(self, why_numpy: str) -> None:
-        """Show what does the work of many axes: the native library, or numpy, and why."""
+        """Show what computes the axes: the native library, or numpy with the reason."""
         shown = f"numpy: {why_numpy}" if why_numpy else "native"
         self.page.field("computes")[...] = shorten(shown, self.page.field("computes").itemsize - 1)
 
     @property
     def is_overloaded(self) -> bool:
-        """The machine has not enough time for everybody: who can do with less should."""
+        """Whether the machine is overloaded, so that loops should skip work that they can do without."""
         return self.now_ns < self.pacing.short_until_ns
 
     @property
     def wall_ns(self) -> int:
-        """`now_ns` where it is real time, for `Mailbox.drain`; 0 in lock-step, where nothing comes late."""
+        """`now_ns` if it is real time, for `Mailbox.drain`; 0 in lock-step, where no command is late."""
         return 0 if self.simulated else self.now_ns
 
     def tick(self, serve: Callable[[int], bool] | None = None, news: Callable[[], bool] | None = None,
              periods: int = 1) -> bool:
-        """End this cycle, wait for the next one; False when the process must end.
+        """End this cycle and wait for the next one; False when the process must end.
 
         `serve(timeout_ns)` is called while waiting, for processes that also answer sockets: see
-        `LockstepClock.serve_until`. `news()` true begins the
-        next cycle early; it is asked when somebody wakes us (`waker_for`; a command does, see shm/commands.py). Who has
-        nothing to do sleeps through so many `periods` instead of one.
+        `LockstepClock.serve_until`. `news()` true begins the next cycle early; it is called after each wake-up
+        (`waker_for`, or a command, see shm/commands.py). An idle process passes the number of `periods` to sleep.
         """
         pacing = self.pacing
         if self._wait is not None and serve is None and news is None:
@@ -217,7 +216,7 @@ class Node(NodeMemory):
             self.pacing.early(now)
 
     def close(self) -> None:
-        """The end of this process."""
+        """Release everything at the end of the process."""
         gc.unfreeze()  # or extension modules see their objects leak at exit
         gc.enable()
         if isinstance(self.clock, LockstepClock):
@@ -228,14 +227,14 @@ class Node(NodeMemory):
 
 
 class Loop(ABC):
-    """What a process does: made when it begins, then `wait` and `cycle` by turns, closed at the end on every path."""
+    """The work of a process: made at its begin, then `wait` and `cycle` alternate; always closed at the end."""
 
     def __init__(self, node: Node) -> None:
-        """Take rings and mailboxes by `node`, which gives them back after `close`."""
+        """Open rings and mailboxes through `node`, which closes them after `close`."""
         self.node = node
 
     def wait(self) -> bool:
-        """End this cycle, wait for the next one; False when the process must end."""
+        """End this cycle and wait for the next one; False when the process must end."""
         return self.node.tick()
 
     @abstractmethod
@@ -243,11 +242,11 @@ class Loop(ABC):
         """Receive, decide, act, publish; `wall_ns` is `Node.wall_ns`."""
 
     def close(self) -> None:  # noqa: B027  # most have nothing
-        """Leave things in order, and give back what was not taken by `node`."""
+        """Clean up, and release resources that `node` does not hold."""
 
 
 def run(kind: str, make: Callable[[Node], Loop]) -> None:
-    """The life of one process."""
+    """Run one process of this kind, from start to exit."""
     with process(kind) as node:
         if proc(kind).realtime:
             gc.collect()
@@ -257,7 +256,7 @@ def run(kind: str, make: Callable[[Node], Loop]) -> None:
 
 
 def live(node: Node, make: Callable[[Node], Loop]) -> None:
-    """Run a loop to the end of the process; after each pause a new one, as if the process had been started again."""
+    """Run loops until the process ends: after each pause a new one, as if the process had been started again."""
     _run_one(node, make)
     while not node.stop_reason:
         node.begin_anew()
@@ -276,7 +275,7 @@ def _run_one(node: Node, make: Callable[[Node], Loop]) -> None:
 
 @contextlib.contextmanager
 def process(kind: str) -> Iterator[Node]:
-    """The life of one process of ours, with the priority of its row."""
+    """Start one process of ours with the priority of its row; closes it at the end."""
     chosen = arguments(kind)
     faulthandler.register(signal.SIGUSR1, file=2, all_threads=False)  # its log shows where it hangs, see supervisor
     try:
@@ -296,7 +295,7 @@ def process(kind: str) -> Iterator[Node]:
 
 
 def _spin_ns(system: SystemConfig, name: str) -> int:
-    """An io may spin, for as long as its bus's entry says, and never on its only core; without boards nobody gains."""
+    """Spin time of an io, as configured for its bus; 0 on the only core, and without boards, where it has no use."""
     spin_us = next((io.spin_us for io in system.ios if io.name == name and io.port), 0.0)
     given = system.process(name).cpus  # not ours yet: we begin where the supervisor may run
     return round(min(spin_us, MAX_SPIN_US) * 1e3) if given or len(os.sched_getaffinity(0)) > 1 else 0

@@ -1,4 +1,4 @@
-"""Processes that serve sockets by asyncio while they wait for their next cycle, and show once a second what they do."""
+"""Loops that serve sockets by asyncio between cycles, and publish their state once a second."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SHOW_NS: Final = 1_000_000_000
 
 
 class ServingLoop(runtime.Loop):
-    """Its `events` run between two cycles; `shown` is what of it goes into its record `state`."""
+    """A loop whose asyncio `events` run between cycles; `shown` fills its record `state`."""
 
     def __init__(self, node: runtime.Node) -> None:
         super().__init__(node)
@@ -23,7 +23,7 @@ class ServingLoop(runtime.Loop):
         asyncio.set_event_loop(self.events)
 
     def sockets(self) -> list[socket.socket]:
-        """Those that are served, for a server that closes what it is given: ours stay for the loop after this one."""
+        """Duplicates of the listening sockets, for a server that closes them: ours remain for the next loop."""
         return [listening.dup() for listening in self.node.listening]
 
     def wait(self) -> bool:
@@ -36,7 +36,7 @@ class ServingLoop(runtime.Loop):
         return True
 
     def show(self, now_ns: int) -> None:
-        """Once a second."""
+        """Publish the record `state`, once a second."""
         if now_ns < self._show_at:
             return
         self._show_at = now_ns + SHOW_NS

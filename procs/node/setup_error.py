@@ -1,4 +1,4 @@
-"""What stops a process and is no mistake of its program: the message says what is wrong, where, and what helps."""
+"""Errors outside of the program that stop a process; their messages give cause, location and remedy."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ from trocar.procs.machine.paths import NoStateFolder
 from trocar.shm.memory.segment import SegmentError
 
 STAYS: Final = 78
-"""Exit code of a process that is not started again by itself: EX_CONFIG of sysexits.h."""
+"""Exit code of a process that is not restarted automatically: EX_CONFIG of sysexits.h."""
 
 
 class SetupError(Exception):
-    """Something outside, as cables, boards or a file of the user; a log has it in one line, without a trace."""
+    """A cause outside of the program, e.g. cables, boards or a user's file; logged in one line, without a trace."""
 
 
 class LastingError(SetupError):
-    """What stays as it is until a person changes it: nothing is gained by starting the process again."""
+    """A cause that persists until a person fixes it: a restart of the process would not help."""
 
 
 def exit_code(error: BaseException, otherwise: int) -> int:
-    """With which exit code this error ends a process."""
+    """The exit code of a process that this error ends."""
     return STAYS if isinstance(error, LastingError) else otherwise
 
 
 def explains_itself(error: BaseException) -> bool:
-    """Whether its message is all that a person needs."""
+    """Whether the message suffices, without a trace."""
     return isinstance(error, (NoStateFolder, SegmentError, SetupError))

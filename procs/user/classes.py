@@ -1,4 +1,4 @@
-"""Users' own modules and classes: imported only by the process that runs them."""
+"""Import of users' modules and classes, only in the process that runs them."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ T = TypeVar("T")
 
 
 def module_named(name: str) -> ModuleType:
-    """The module of a path that ends in .py, or of an importable name; whatever error its code raises."""
+    """Import a module by the path of a .py file, or by its name; errors of its code are passed on."""
     if not name.endswith(".py"):
         return importlib.import_module(name)
     path = Path(name)
-    sys.path.insert(0, str(path.parent))  # what lies beside it can be imported, too
+    sys.path.insert(0, str(path.parent))  # modules in the same folder can be imported, too
     spec = importlib.util.spec_from_file_location(path.stem, path)
     if spec is None or spec.loader is None:
         raise ImportError(f"{path} cannot be imported")
@@ -28,15 +28,15 @@ def module_named(name: str) -> ModuleType:
 
 
 def classes_in(module: ModuleType, kind: type[T]) -> list[type[T]]:
-    """The subclasses of `kind` that a module itself defines."""
+    """The subclasses of `kind` that the module itself defines."""
     return [each for each in vars(module).values() if isinstance(each, type) and issubclass(each, kind)
             and each.__module__ == module.__name__]
 
 
 def class_named(name: str, kind: type[T], base: str) -> type[T]:
-    """The class of module:Class, which has to be one of `kind`; ImportError says what is wrong with it.
+    """The class named module:Class, a subclass of `kind`; otherwise ImportError with the reason.
 
-    `base`: the class that users derive theirs from.
+    `base`: name of the base class for users.
     """
     module, _, what = name.rpartition(":")
     try:

@@ -1,6 +1,6 @@
-"""Several filters of users in one process, which calls each once a period, in the order of the system file.
+"""Several users' filters in one process, which calls each once a period, in the order of the system file.
 
-What one of them does wrong is its own, and it is started again as processes are.
+An error in a filter affects only that filter, which is restarted like a process.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ WARN_EVERY_NS: Final = 60_000_000_000
 
 
 def filter_in(module: str) -> type[UserNode]:
-    """The class of a filter; ImportError when there is none, or it wants a thread of its own."""
+    """The class of a filter in its module; ImportError when there is not exactly one, or it has a `main`."""
     found = classes_in(module_named(module), UserNode)
     if len(found) != 1:
         raise ImportError(f"{module} has {len(found)} subclasses of trocar.Process; there must be one")
@@ -38,19 +38,19 @@ def filter_in(module: str) -> type[UserNode]:
 
 
 class HostedFilter:
-    """Its place, and the object in it while it runs."""
+    """One filter in the shared process, and its object while it runs."""
 
     def __init__(self, system: str, row: Process, find: Callable[[], type[UserNode]], most_s: float) -> None:
-        """`find` gives its class; a setup or an update of more than `most_s` is an error of it."""
+        """`find` gives its class; a setup or update that takes longer than `most_s` is an error."""
         self._system, self._row, self._find, self._most_s = system, row, find, most_s
         self._log = logging.getLogger(row.name)
         self._process: UserNode | None = None
-        self._begin_ns: int | None = 0  # when it is to begin; None: never any more
+        self._begin_ns: int | None = 0  # time of the next start; None: no more starts
         self._begun_ns = self._failures = self._warn_ns = 0
-        self._why = ""  # it failed, as its page shows it until it has run well for a while
+        self._why = ""  # its last failure, shown on its page until it has run without error for HEALTHY_NS
 
     def cycle(self) -> None:
-        """Call it once."""
+        """Call the filter once, or start it when due."""
         now = monotonic_ns()
         if self._process is not None:
             self._guarded(self._process.step)
@@ -66,7 +66,7 @@ class HostedFilter:
         self._show_failures(self._begun_ns)
 
     def _show_failures(self, now: int) -> None:
-        """Until it has run well for a while its page shows how often it failed, and why; its own words come first."""
+        """Show number and cause of failures until it has run well for HEALTHY_NS; its own error text has priority."""
         process = self._process
         if process is None or not self._failures:
             return
@@ -93,7 +93,7 @@ class HostedFilter:
                                       self._row.name)
 
     def _end(self, why: str) -> None:
-        """It failed: show why, and begin anew later."""
+        """Show why it failed, and plan its restart."""
         now = monotonic_ns()
         self._failures += 1
         count = "once" if self._failures == 1 else f"{self._failures} times in a row"
@@ -108,7 +108,7 @@ class HostedFilter:
         self._close("FAILED", why)
 
     def stop(self) -> None:
-        """Its process ends."""
+        """Stop the filter as its process ends."""
         if self._process is not None:
             self._close("STOPPED", "its process ends")
 
@@ -125,12 +125,12 @@ class HostedFilter:
 
 
 class FiltersLoop(UserNode):
-    """The process; it has nothing of its own but its filters."""
+    """The process that calls the filters, and does nothing else."""
 
     filters: tuple[HostedFilter, ...] = ()
 
     def setup(self) -> None:
-        """See UserNode; none of them keeps the others from beginning."""
+        """See UserNode; a filter that fails does not prevent the start of others."""
         document = self.own.document
         most_s = 0.5 * hung_s(self.own.row, simulated=document.clock != WALL)
         self.filters = tuple(

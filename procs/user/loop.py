@@ -1,4 +1,4 @@
-"""A process of a user's own: its class or function is found in the module that the system file names, made and run."""
+"""A user's process: runs the class or function in the module that the system file names."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from trocar.shm.time.control_page import ControlPage
 
 
 class FunctionLoop(UserNode):
-    """A function with a loop in the place of a class."""
+    """A user's process that is a function `main` instead of a class."""
 
     module: ModuleType
 
     def check_commands(self) -> None:
-        """See UserNode; its handlers, if any, are made in that function."""
+        """See UserNode; no check, because the function itself makes the handlers."""
 
     def main(self) -> None:
-        """That function."""
+        """Call the function."""
         self.module.main(self)
 
 
 def class_in(module: ModuleType) -> type[UserNode]:
-    """The subclass of Process, or one around its function `main`; ImportError when there is not one of them."""
+    """The module's subclass of Process, or one that runs its function `main`; ImportError if there is not just one."""
     classes = classes_in(module, UserNode)
     if len(classes) == 1:
         return classes[0]
@@ -44,7 +44,7 @@ def class_in(module: ModuleType) -> type[UserNode]:
 
 
 def found(document: SystemConfig, name: str) -> type[UserNode]:
-    """What the process of this name is, as the system file says."""
+    """The class of the process with this name, by the system file."""
     if document.process(name).kind == FILTERS:
         return FiltersLoop
     declared = document.user(name)
@@ -52,17 +52,20 @@ def found(document: SystemConfig, name: str) -> type[UserNode]:
 
 
 def live(kind: str, own: type[UserNode] | None = None) -> None:
-    """Exit code 0: ended as asked, or by itself, 3: setup failed, 4: its main did. `own`: a class of ours."""
+    """Run a user's process. Exit code 0: ended on request or by itself, 3: setup failed, 4: main failed.
+
+    `own`: a class of ours to run instead.
+    """
     faulthandler.enable()  # its log shows where it was when the supervisor ends it (SIGABRT), or C code crashes
     chosen = arguments(kind)
     log = logging.getLogger(chosen.name)
-    ACTING.origin = NOBODY  # it was started by nobody: what it does is what persons ask it for
+    ACTING.origin = NOBODY  # no operator has started it: it acts only on operators' commands
     try:
         process = (own or found(document_of(chosen.system), chosen.name))(chosen.system, chosen.name)
-    except SegmentError as error:  # there is no place, or somebody else has it
+    except SegmentError as error:  # no such instance, or it is taken
         log.error("%s", error)
         sys.exit(SETUP_FAILED)
-    except (Exception, SystemExit) as error:  # of the user's module, or its row
+    except (Exception, SystemExit) as error:  # in the user's module, or its row
         log.exception("%s cannot be used", chosen.name)
         with contextlib.suppress(SegmentError), contextlib.closing(
                 ControlPage(chosen.system, chosen.name, write=True)) as page:
@@ -74,7 +77,7 @@ def live(kind: str, own: type[UserNode] | None = None) -> None:
 
 
 def main() -> None:
-    """Run it to its end."""
+    """Run a user's process."""
     live("user")
 
 

@@ -1,7 +1,7 @@
-"""The base of a process of one's own: setup, then main or an update each period, quit. docs/write-a-process.md.
+"""The base class of users' processes: setup, then main or an update each period, quit. See docs/write-a-process.md.
 
-It is a single thread. What it is asked, what it subscribes to and the files that it watches are looked at where it
-waits: in `tick` and `wait`. There, and nowhere else, it learns that it has to end.
+A process is a single thread. It handles commands, subscriptions and watched files only while it waits, in `tick` and
+`wait`; only these two report that it must end.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from trocar.shm.time.clock import monotonic_ns
 from trocar.shm.time.system_time import SystemTime
 
 BEAT_NS: Final = 50_000_000
-SIMULATED_NS: Final = 2_000_000  # between two looks at simulated time
+SIMULATED_NS: Final = 2_000_000  # interval of reading the simulated time
 READ, WRITE, EXCEPT = select.POLLIN, select.POLLOUT, select.POLLPRI
 
 
@@ -48,26 +48,26 @@ class Watchable(Protocol):
 
 
 class UserNode:
-    """Make a subclass of it: `setup`, `update` (or `main`), `quit`, and `on_NAME` for each command NAME."""
+    """Base class: override `setup`, `update` (or `main`), `quit`, and add `on_NAME` for each command NAME."""
 
     LATER: Final = object()
-    """What a handler returns that answers `self.request` later itself, by `done` or `fail`."""
+    """A handler's return value if it answers `self.request` later, by `done` or `fail`."""
 
     def __init__(self, system: str, name: str, period_s: float = 0.0) -> None:
-        """Take the place; SegmentError when there is none or somebody has it, ValueError when it is not for users.
+        """Claim the instance; SegmentError when there is none or it is taken, ValueError when it is not a user's.
 
-        `period_s`: if not that of the system file.
+        `period_s`: default, that of the system file.
         """
         document = document_of(system)
         declared = document.user(name) or _bare(document, name)
         self.system, self.name, self.declared = system, name, declared
         self.is_ours = declared.module != "" or document.process(name).start != ELSEWHERE
-        """Started by the supervisor; else a program that a person has started."""
+        """Whether the supervisor has started it; otherwise a person has."""
         self.time = SystemTime(system)
         self.own = NodeMemory(document, name, self.time.now_ns, simulated=self.time.simulated, period_s=period_s,
                               is_child=self.is_ours)
         self.log, self.stop = self.own.log, self.own.stop
-        """`stop(reason)`: it ends at the next `tick` or `wait`."""
+        """`stop(reason)` ends the process at its next `tick` or `wait`."""
         try:
             self._open()
         except BaseException:
@@ -89,44 +89,43 @@ class UserNode:
         if taken := self._commands.keys() & {row.name for row in COMMANDS.get(own.kind, ())}:
             raise ValueError(f"{', '.join(sorted(taken))}: every {own.kind} has this command; it needs another name")
         self.carries_out: Callable[[Received], object] = self._nothing_else
-        """Carries out what can be asked of its kind, besides the commands that the system file declares."""
+        """Executes the commands of its kind, besides those that the system file declares."""
         self._subscriptions: list[Subscription] = []
         self._wanted = Subscriptions(own.page)
         self._poll, self._files = select.poll(), set[int]()
         self._acting = ACTING.origin
         self.request: Received | None = None
-        """The command that is being carried out."""
+        """The command that is being executed."""
         self.listening = own.listening
-        """The sockets of its `listen`, not blocking: `watch` them, and accept."""
+        """The sockets of its `listen`, non-blocking: `watch` them, and accept."""
         self.held_up_s = 0.0
-        """How long it was held up before this period, when that was so long that it began anew, s; else 0."""
+        """Length of a stall before this period after which it restarted, s; otherwise 0."""
 
     def _take_rings(self) -> None:
-        """Claim the rings of its topics."""
         self._rings = {topic: self.own.writes(topic) for topic in self._names}
         self._fields = {topic: {name: ring.field(name) for name in self._names[topic]}
                         for topic, ring in self._rings.items()}
 
-    # what it is to do
+    # to override
 
     def setup(self) -> None:
-        """Open what it needs; an error here is reported to whoever starts it, and `quit` comes all the same."""
+        """Open resources; an error here is reported as the result of the start, and `quit` is still called."""
 
     def main(self) -> None:
-        """Its work, until `tick` or `wait` is False; as it is, `update` once a period."""
+        """Work until `tick` or `wait` returns False; by default, call `update` once a period."""
         while self.tick():
             self.update()
 
     def update(self) -> None:
-        """Once a period."""
+        """Do the work of one period."""
 
     def quit(self) -> None:
-        """Close what `setup` has opened; comes once, whatever happened before but kill -9."""
+        """Close the resources of `setup`; called once in all cases except kill -9."""
 
-    # when it does so
+    # timing
 
     def tick(self) -> bool:
-        """End this period, carry out what it is asked meanwhile; False: it has to end. Periods are system time."""
+        """End this period, execute commands meanwhile; False when the process must end. Periods are system time."""
         deadline = self.own.pacing.end_of_work(self.time.now_ns())
         while not self.own.stopped() and (left := deadline - self.time.now_ns()) > 0:
             if self._mailbox.has_news:
@@ -139,7 +138,7 @@ class UserNode:
         return not self.stop_reason
 
     def look_for_pause(self) -> None:
-        """A period begins: of the kinds that must not go on after a pause, who was held up begins anew."""
+        """Begin a period; a process that was stalled restarts, if its kind must not continue after a pause."""
         held_up_ns = self.own.pauses.next(self.own.pacing.period_ns)
         self.held_up_s = held_up_ns * 1e-9
         if held_up_ns:
@@ -151,25 +150,25 @@ class UserNode:
             self.own.pauses.begin()
 
     def wait(self, timeout: float) -> bool:
-        """Until there is news (a command, a subscribed record, a watched file) or so many s; False: it has to end."""
+        """Wait for news (a command, subscribed record or watched file), at most `timeout` s; False: it must end."""
         end = monotonic_ns() + round(timeout * 1e9)
         while not self.own.stopped() and not self.has_news() and (left := end - monotonic_ns()) > 0:
             self._rest(left, True)
         return not self.stop_reason
 
     def has_news(self) -> bool:
-        """Whether a command, a subscribed record or a watched file waits to be looked at."""
+        """Whether a command, a subscribed record or a watched file is waiting."""
         if self._mailbox.has_news or any(s.has_news for s in self._subscriptions):
             return True
         return bool(self._files) and bool(self._poll.poll(0))
 
     @property
     def stop_reason(self) -> str:
-        """Why it ends; empty while it runs."""
+        """The reason of its end; empty while it runs."""
         return self.own.stop_reason
 
     def _rest(self, left_ns: int, looks: bool) -> None:
-        """Sleep until a command wakes us, at most so long, and not longer than what nobody wakes us for allows."""
+        """Sleep until a command arrives, at most `left_ns`, and only until the next poll of sources without wake-up."""
         most = SIMULATED_NS if self.time.simulated and not looks else BEAT_NS
         if looks and self._subscriptions:
             most = min(each.slice_ns for each in self._subscriptions)
@@ -178,12 +177,12 @@ class UserNode:
         else:
             self._wakeup.sleep(lambda: self._mailbox.has_news or bool(self.stop_reason), min(left_ns, most))
 
-    # what it says
+    # output
 
     def publish(self, topic: str, **fields: Any) -> None:
-        """Write a record of one of its topics; fields that are not given stay as they were.
+        """Write a record of one of its topics; other fields keep their values.
 
-        KeyError names the topics or fields that there are; ValueError the field whose value does not fit.
+        KeyError lists the existing topics or fields; ValueError names the field whose value does not fit.
         """
         cells = self.cells(topic)
         for name, value in fields.items():
@@ -197,31 +196,31 @@ class UserNode:
         ring.publish(max(self.time.now_ns(), ring.stamp_ns + 1))
 
     def cells(self, topic: str) -> dict[str, NDArray[Any]]:
-        """The fields of a topic of its own, as its next record has them; after a pause they are others."""
+        """The fields of the next record of one of its topics; get them again after a pause."""
         if topic not in self._fields:
             raise KeyError(none_such("topic", topic, self._fields, self.name))
         return self._fields[topic]
 
     def beat(self) -> None:
-        """Show that it lives; `tick`, `wait` and `step` do it."""
+        """Update the heartbeat; `tick`, `wait` and `step` do so, too."""
         self.own.beat()
 
     def is_wanted(self, topic: str) -> bool:
-        """Whether somebody subscribes to one of its topics; what nobody wants need not be computed."""
+        """Whether one of its topics has subscribers; others need not be computed."""
         self._wanted.look()
         return bool(self._wanted.wanted & self._wanted.bits(topic))
 
     def status(self, text: str) -> None:
-        """Tell people something."""
+        """Report a status message to people."""
         self.own.events.status(text, self.name)
 
     def event(self, name: str, text: str = "", value: float = float("nan")) -> None:
-        """Tell programs something: an event of this name."""
+        """Emit an event of this name, for programs."""
         self.own.events.emit(name, text, code=name, component=self.name, value=value)
 
     @property
     def error(self) -> str:
-        """What is wrong with it, as `trocar status` shows it; empty: nothing."""
+        """Its present problem, as shown by `trocar status`; empty if there is none."""
         return bytes(self.own.page.field("error")[()]).rstrip(b"\0").decode(errors="replace")
 
     @error.setter
@@ -230,12 +229,12 @@ class UserNode:
             self.own.events.report(codes.USER_ERROR, text, self.name, has_remedy=REMEDY in text)
         self.own.page.field("error")[...] = shorten(text, 399)
 
-    # what it hears
+    # input
 
     def subscribe(self, topic: str, *groups: str) -> Subscription:
-        """A topic of another process, INSTANCE/TOPIC; its records are news to `wait`. SegmentError: there is none.
+        """Subscribe to INSTANCE/TOPIC; its records end a `wait`. Unknown or SegmentError when there is none.
 
-        Fields that are computed on demand (docs/topics.md) are NaN until their group is wanted, as one of `groups`.
+        Fields that are computed on demand (docs/topics.md) are NaN until their group is requested in `groups`.
         """
         instance, _, ring = topic.partition("/")
         if instance not in (known := directory.instances(self.system)):
@@ -247,26 +246,26 @@ class UserNode:
         return found
 
     def unsubscribe(self, subscription: Subscription) -> None:
-        """Its records are no news any more."""
+        """End a subscription."""
         self._subscriptions.remove(subscription)
         subscription.subscriber.drop(subscription.topic.partition("/")[2])
 
     def watch(self, file: int | Watchable, events: int = READ) -> None:
-        """`wait` ends when the file can be read (or written, or has a condition: READ | WRITE | EXCEPT)."""
+        """Let `wait` end when the file can be read (or as `events` says: READ | WRITE | EXCEPT)."""
         self._files.add(number := _number(file))
         self._poll.register(number, events)
 
     def unwatch(self, file: int | Watchable) -> None:
-        """Stop watching it; before it is closed."""
+        """Stop watching a file; call this before the file is closed."""
         self._files.discard(number := _number(file))
         self._poll.unregister(number)
 
     def is_ready(self, file: int | Watchable) -> bool:
-        """Whether a watched file can be read now, or what else it is watched for."""
+        """Whether a watched file can be read now, or has another of its watched events."""
         return _number(file) in dict(self._poll.poll(0))
 
     def process_messages(self, most: int = 64) -> int:
-        """Carry out what it was asked meanwhile, so many commands at most; how many there were. `tick` does it, too."""
+        """Execute waiting commands, at most `most`; returns their number. `tick` does so, too."""
         count, waiting = 0, None
         while count < most and self._mailbox.has_news:
             for request in self._mailbox.drain(0 if self.time.simulated else monotonic_ns()):
@@ -277,7 +276,7 @@ class UserNode:
                     self._carry_out(waiting)
                 waiting = None
                 if request.command.latest:
-                    request.accept()  # a successor has to find it answered
+                    request.accept()  # if we die now, the next process finds it answered
                     waiting = request
                 else:
                     self._carry_out(request)
@@ -289,7 +288,7 @@ class UserNode:
 
     def _carry_out(self, request: Received) -> None:
         if request.needs_operator and ACTING.origin is not None:
-            ACTING.origin = request.origin  # what comes of it is asked for by who asked for it
+            ACTING.origin = request.origin  # commands that result from it have the same origin
         self.request, is_accepted = request, request.command.latest
         refuse = request.fail if is_accepted else request.refuse
         try:
@@ -320,7 +319,7 @@ class UserNode:
         return handler_of(self, self.name, command)(*arguments_of(command, request))
 
     def check_commands(self) -> None:
-        """ValueError: it cannot carry out what it declares."""
+        """Raise ValueError if a declared command has no suitable handler."""
         for command in self.declared.commands:
             handler_of(self, self.name, command)
 
@@ -328,17 +327,17 @@ class UserNode:
         raise ValueError(f"{self.name} does not carry out {request.name}")
 
     def property_changed(self, name: str) -> str | None:
-        """A property was set from outside."""
+        """Called when a command has set a property; may return the answer."""
 
     def _save_properties(self) -> str:
         made_log_folder(os.environ, self.system)
         self.properties.save(self._saved)
         return str(self._saved)[-100:]
 
-    # its life
+    # start and end
 
     def run(self) -> None:
-        """Setup, main, quit; quit also after an error of those two, which is raised again."""
+        """Call setup, main and quit; quit also after an error in the first two, which is passed on."""
         try:
             self.begin()
             self.main()
@@ -346,14 +345,14 @@ class UserNode:
             self.quit()
 
     def begin(self) -> None:
-        """Setup; from then on it runs."""
+        """Call setup, and show the process as running."""
         self.setup()
         self.check_commands()
         self.own.begin(self.error)
         self.own.pacing.begin(self.time.now_ns(), self.time.simulated)
 
     def step(self) -> None:
-        """One period in a process that calls several: what it is asked, then its update, for whom it acts."""
+        """One period of a filter in a shared process: execute commands, then `update`, with the filter's own origin."""
         ACTING.origin = self._acting
         self.beat()
         self.own.pacing.called(self.time.now_ns())
@@ -363,13 +362,13 @@ class UserNode:
         self._acting = ACTING.origin
 
     def close(self) -> None:
-        """Give the place back."""
+        """Release the claim."""
         self.time.close()
         self.own.leave()
 
 
 def _bare(document: SystemConfig, name: str) -> UserProcess:
-    """One that declares nothing of its own; ValueError where it is none of a user's."""
+    """A user's process without declarations; ValueError if the process is not a user's."""
     rows = [row for row in document.processes if row.name == name and proc(row.kind).declared]
     if not rows:
         raise ValueError(f"{name} is no process that the system file declares with a module")

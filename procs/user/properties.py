@@ -1,4 +1,4 @@
-"""The properties of a process of one's own: values within bounds, shown in a topic, kept in a file on request."""
+"""The properties of a user's process: values within bounds, published in a topic, saved to a file on request."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from trocar.shm.time.system_time import SystemTime
 
 
 class Properties(Mapping[str, Any]):
-    """Its numbers and texts by name; setting one out of its bounds is a ValueError. What is set is shown at once."""
+    """Numbers and texts by name; a value out of bounds raises ValueError. Each change is published at once."""
 
     def __init__(self, rows: tuple[Property, ...], ring: RingWriter | None, time: SystemTime) -> None:
         self._rows, self._ring, self._time = {row.name: row for row in rows}, ring, time
@@ -49,7 +49,7 @@ class Properties(Mapping[str, Any]):
         self._show()
 
     def ask(self, text: str, values: NDArray[np.float64]) -> str:
-        """Set one as a command says: its name and a number, or its name and its text. Returns the name."""
+        """Set a property by a command: its name and a number, or name and text. Returns the name."""
         name, _, words = text.partition(" ")
         is_text = name in self._rows and self._rows[name].is_text
         if len(values) != (0 if is_text else 1) or (words and not is_text):
@@ -64,11 +64,11 @@ class Properties(Mapping[str, Any]):
             self._ring.publish(max(self._time.now_ns(), self._ring.stamp_ns + 1))
 
     def save(self, path: Path) -> None:
-        """Keep them for the next start."""
+        """Save all values for the next start."""
         path.write_text(json.dumps(self._values))
 
     def load(self, path: Path, log: Logger) -> None:
-        """What was saved counts where it is still a property, within its bounds."""
+        """Load saved values of existing properties; the first one out of bounds ends that, with a warning."""
         try:
             saved = json.loads(path.read_text())
             for name in [name for name in self if name in saved]:

@@ -1,4 +1,4 @@
-"""What a process of one's own reads of others: the newest record of a topic, and whether there is a newer one."""
+"""Subscriptions of users' processes: the newest record of a topic, and whether there is a newer one."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from trocar.shm.system.subscriptions import Subscriber
 
 FASTEST_NS: Final = 2_000_000
 SLOWEST_NS: Final = 10_000_000
-"""Between two looks: at commands, while files are watched, and at records. Nobody wakes a reader of records."""
+"""Polling intervals for records, which wake no reader, and for commands while files are watched."""
 
 
 class Subscription:
@@ -21,13 +21,13 @@ class Subscription:
         self._seen = 0
         rate_hz = float(ring.info.get("rate_hz") or 0.0)
         self.slice_ns = min(max(round(0.5e9 / rate_hz), FASTEST_NS), SLOWEST_NS) if rate_hz else SLOWEST_NS
-        """Who waits for its records looks so often."""
+        """Polling interval for its records."""
         names = (name for name in ring.dtype.names or () if name != "sequence")
         self._fields = {name: ring.field(name) for name in names}
 
     @property
     def has_news(self) -> bool:
-        """A record that was not looked at."""
+        """Whether there is a record newer than at the last `look`."""
         return self.ring.head > self._seen
 
     def look(self) -> bool:
@@ -38,7 +38,7 @@ class Subscription:
         return False
 
     def __getitem__(self, field: str) -> Any:
-        """A field of the record that was looked at last; KeyError names those that there are."""
+        """A field of the record of the last `look`; KeyError lists the existing fields."""
         if field not in self._fields:
             raise KeyError(f"{self.topic} has no field {field}; it has: {', '.join(self._fields)}")
         return self._fields[field][()]
