@@ -1,4 +1,4 @@
-"""Addresses for emulated buses: every system has its own in 127/8."""
+"""Addresses for emulated buses: each system has its own in 127/8."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ BUS_PORT: Final = 1394
 
 
 class NoAddress(Exception):
-    """None is free; the message says who has them."""
+    """No address is free; the message names the programs that use them."""
 
 
 def free_address(system: str) -> Callable[[int], str]:
-    """Addresses 127.x.y.16k for the emulated buses of a system, not in use now; x.y follows from the name."""
+    """Free addresses 127.x.y.16k for the emulated buses of a system; x.y is derived from the name."""
     seed = zlib.crc32(system.encode())
 
     def address(bus: int) -> str:
@@ -38,7 +38,7 @@ def free_address(system: str) -> Callable[[int], str]:
 
 
 def at_free_addresses(system: SystemConfig) -> SystemConfig:
-    """The same system with its emulated buses at free addresses: its document may be that of one that is up.
+    """The same system with its emulated buses at free addresses, as its document may be that of a running system.
 
     NoAddress when none is free.
     """

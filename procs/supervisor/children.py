@@ -1,8 +1,7 @@
-"""The life of one instance: what was asked of it, what became of it, and when it is started again.
+"""The lifecycle of one instance: requests, endings and restarts; also demand, and the order of start and stop.
 
-Pure: it acts on a process that it is given and reads a clock that it is given. The states are those of
-procs/tables/lifecycle.py; each way in (`start`, `stop`, `look`) is one event of that table. And who is wanted, and who
-needs whom: the order in which the processes of a system start; they stop in reverse.
+Process and clock are passed in. The states are those of procs/tables/lifecycle.py; `start`, `stop` and `look` are the
+events of that table. Processes start in the order of their dependencies, and stop in reverse order.
 """
 
 from __future__ import annotations
@@ -21,17 +20,17 @@ from trocar.shm.time.clock import monotonic_ns
 
 HEALTHY_NS: Final = 10_000_000_000
 SETUP_S: Final = 60.0
-SETTLES_S: Final = 0.3  # so long after its setup, and a period, a user's process has shown that it runs
+SETTLES_S: Final = 0.3  # after its setup, plus a period: then a user's process counts as running
 GIVEN_UP: Final = "; given up after "
-TRACE_S: Final = 1.0  # how long a user's process may take to write where it hangs, and to end
-SHORT_TRACE_S: Final = 0.03  # any other: what it holds waits for its successor
+TRACE_S: Final = 1.0  # time for a user's process to write the trace of a hang, and to end
+SHORT_TRACE_S: Final = 0.03  # for all others: the robot waits for the restart
 
 
 @dataclass(frozen=True, slots=True)
 class Ending:
-    """The end of one process: how, in words; whether it was asked for, or killed because it took too long.
+    """The end of one process: how, in words; whether it was requested, or killed because it took too long.
 
-    Who ends well while nobody wants it was not asked, but meant to.
+    `asked` is also true for a process on demand that ended without error while it had no clients.
     """
 
     text: str
@@ -41,61 +40,61 @@ class Ending:
 
 @dataclass(slots=True)
 class Child:
-    """One instance as the supervisor sees it; all times are real, monotonic ns, whatever clock the system has."""
+    """One instance as seen by the supervisor; all times are real, monotonic ns, with every clock of the system."""
 
     row: Process
     process: OsProcess
     now_ns: Callable[[], int] = monotonic_ns
     state: str = lifecycle.STOPPED
-    starts: int = 0  # how many processes it has had: the number of the one that runs
-    restarts: int = 0  # of them by the policy for deaths
-    failures: int = 0  # deaths without a healthy while in between
-    reason: str = ""  # how the last one ended
+    starts: int = 0  # count of its processes: the number of the present one
+    restarts: int = 0  # starts by the restart policy
+    failures: int = 0  # deaths with less than HEALTHY_NS in between
+    reason: str = ""  # how the last process ended
     begun_ns: int = 0
     restart_at_ns: int = 0  # 0: no restart planned
-    up_ns: int = 0  # since when its setup has succeeded
-    kill_at_ns: int = 0  # 0: nobody waits for its end, nor for its setup
+    up_ns: int = 0  # when its setup succeeded
+    kill_at_ns: int = 0  # deadline of its setup or end; 0: none
     given_up: bool = False
     verdict: str = ""  # why we killed it
-    refused: str = ""  # why there is no process where there should be one
-    is_wanted: bool = True  # if not, it may end by itself: that is no death
-    is_done: bool = False  # it has done so
+    refused: str = ""  # why its process could not be started
+    is_wanted: bool = True  # if not, it may end by itself without a restart
+    is_done: bool = False  # it has ended in that way
 
     @property
     def is_up(self) -> bool:
-        """It runs, its setup has succeeded, and nobody has asked it to end."""
+        """Whether it runs, its setup has succeeded, and it was not asked to end."""
         return self.state == lifecycle.RUNNING and self.process.ready
 
     @property
     def has_begun(self) -> bool:
-        """It is up; a user's has also got through its first period."""
+        """Whether it is up; a user's process must also have run for a period plus SETTLES_S."""
         settles_s = self.row.period_s + SETTLES_S if proc(self.row.kind).declared else 0.0
         return self.is_up and not self.kill_at_ns and self.now_ns() >= self.up_ns + round(settles_s * 1e9)
 
     @property
     def shown_state(self) -> str:
-        """Its state for others: one that ended by itself and is to begin again is restarting."""
+        """Its state for display: an ended instance with a planned restart is RESTARTING."""
         return lifecycle.RESTARTING if self.state == lifecycle.STOPPED and self.restart_at_ns else self.state
 
     @property
     def is_down(self) -> bool:
-        """There is no process, and nobody is going to start one."""
+        """Whether it has no process and no planned restart."""
         return self.state == lifecycle.STOPPED and not self.restart_at_ns
 
     def start(self) -> None:
-        """A process is wanted: it begins now, or when the one before has ended, or it runs already."""
+        """Request a process: it begins now, or after the previous one has ended, or runs already."""
         if self.given_up:
             self.reason = self.reason.partition(GIVEN_UP)[0]
         self._step_by_hand(lifecycle.START)
 
     def stop(self) -> None:
-        """No process is wanted; one that has ended by itself is shown as stopped from now on."""
+        """Request its end; one that has ended by itself is shown as stopped from now on."""
         self._step_by_hand(lifecycle.STOP)
         if self.state == lifecycle.STOPPED and self.starts:
             self.process.show_stopped()
 
     def stop_what_ended(self) -> None:
-        """An operator wants none, and it has ended before: that is no problem any more, also where it has failed."""
+        """Stop on an operator's request after it has ended: its failure is no longer shown as a problem."""
         self.stop()
         if self.starts:
             self.process.show_stopped(also_failed=True)
@@ -103,11 +102,11 @@ class Child:
                 self.reason = f"{lifecycle.ASKED}: it had ended before: {self.reason}"
 
     def kill_hung(self, silent_s: float) -> None:
-        """It lives, but does not go on: kill it; the policy for deaths decides about the next one."""
+        """Kill a process that hangs; the restart policy decides about the next one."""
         self._kill(f"hung for {silent_s:.1f} s, killed")
 
     def look(self) -> Ending | None:
-        """What became of it: how it ended, if it has. Kills who takes too long to begin or to end."""
+        """Check the process; returns its ending, if any. Kills one that takes too long to begin or to end."""
         if self.kill_at_ns and self.state == lifecycle.RUNNING and self.process.ready and not self.verdict:
             self.kill_at_ns, self.up_ns = 0, self.now_ns()  # its setup has succeeded
         if self.kill_at_ns and self.now_ns() >= self.kill_at_ns:
@@ -126,7 +125,7 @@ class Child:
         return True
 
     def _step_by_hand(self, event: str) -> None:
-        """What is asked for comes before what the policy for deaths has planned; it begins anew."""
+        """A request by hand cancels a planned restart and resets the restart policy."""
         self.restart_at_ns, self.failures, self.given_up = 0, 0, False
         self._step(event)
 
@@ -147,7 +146,7 @@ class Child:
             self.refused = f"could not be started: {error}"
 
     def _kill(self, verdict: str) -> None:
-        """It gets a short time to write where it hangs; the second time it is killed."""
+        """Request a trace of the hang first; kill it at the second call."""
         if self.verdict:
             self.kill_at_ns = 0
             self.process.kill()
@@ -162,7 +161,7 @@ class Child:
 
     def _ended(self, code: int | None) -> Ending:
         asked, why = self.state != lifecycle.RUNNING, self.refused or self.verdict
-        well = asked and code in (0, -signal.SIGTERM)  # by the signal: it had not come so far as to hear it
+        well = asked and code in (0, -signal.SIGTERM)  # by the signal: it ended before its handler was installed
         self.is_done = not asked and not why and code == 0 and not self.is_wanted
         why = why or self.process.in_words(code or 0)
         if well or self.is_done:
@@ -197,28 +196,28 @@ class Child:
 
 
 class Demand:
-    """What clients want of one instance on demand: the first starts it, after the last one left it stops.
+    """Clients' demand for one instance: the first client starts it; after the last one has left, it stops.
 
-    What a person has asked for by hand stands: one that was stopped while somebody wants it is started again when
-    somebody wants it anew, one that was started while nobody does runs until somebody has wanted it, or it is stopped.
-    One that ends by itself while nobody wants it may do so.
+    Start and stop by hand stay in force: an instance stopped by hand while it has clients starts again only at a new
+    demand; one started by hand without clients runs until clients have come and left, or it is stopped. Without
+    clients it may also end by itself.
     """
 
     def __init__(self, child: Child, is_wanted: Callable[[bool, bool], bool], is_possible: Callable[[], bool]) -> None:
-        """`is_possible`: all that it needs is there.
+        """`is_possible`: whether all instances that it needs are there.
 
-        `is_wanted` is told whether it is refused to all who want it, and whether it would stop now for want of them:
-        then the answer is of this moment.
+        `is_wanted` has two parameters: whether clients are to be refused, and whether the instance would stop now if
+        it has none, which needs an up-to-date answer.
         """
         self._child, self._is_wanted, self._is_possible = child, is_wanted, is_possible
         self._is_served, self._left_ns = False, 0
-        self._is_lingering = False  # it was up when the last one left
+        self._is_lingering = False  # it was up when the last client left
 
     def beat(self) -> None:
-        """Start it, or stop it, as is wanted now."""
+        """Start or stop it according to the present demand."""
         child = self._child
         is_ending = child.is_down or child.state == lifecycle.STOPPING
-        if child.is_done or (self._is_lingering and is_ending):  # it ended, or was stopped, while nobody wanted it
+        if child.is_done or (self._is_lingering and is_ending):  # it ended, or was stopped, without clients
             self._is_served = False
         child.is_wanted = self._is_wanted(self._is_served and child.is_down, False)
         if child.is_wanted:
@@ -236,11 +235,11 @@ class Demand:
 
 
 class Circle(ValueError):
-    """Some wait for each other; the message names them."""
+    """Processes wait for each other; the message names them."""
 
 
 def waves(rows: Sequence[Process]) -> list[list[Process]]:
-    """Rows in start order: each wave needs only instances of earlier ones. Circle when there is none."""
+    """Rows in start order: each wave needs only instances of earlier waves. Circle when there is no such order."""
     found: list[list[Process]] = []
     left, up = list(rows), set[str]()
     known = {row.name for row in rows}
@@ -255,7 +254,7 @@ def waves(rows: Sequence[Process]) -> list[list[Process]]:
 
 
 def missing(child: Child, children: Mapping[str, Child]) -> list[str]:
-    """What an instance needs and nobody is going to start; one that runs goes on without."""
+    """Instances that a stopped one needs and that are down; a running one continues without them."""
     if child.state != lifecycle.STOPPED:
         return []
     return [name for name in child.row.after if name in children and children[name].is_down]

@@ -1,4 +1,4 @@
-"""The supervisor's side of the template (procs/supervisor/template.py): it starts one, and asks it for processes."""
+"""The supervisor's side of the template (procs/supervisor/template.py): starts it and requests processes from it."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ PADDING: Final = 160  # bytes for the command lines of processes, with two names
 
 
 class Forked:
-    """A process that the template has forked off for us: of a Popen what is used here."""
+    """A process that the template has forked for us; has the members of Popen that are used here."""
 
     def __init__(self, pid: int) -> None:
-        """`pid`: that of a child of ours."""
+        """`pid`: of a child of ours; 0 is one that has ended."""
         self.pid, self.returncode = pid, None if pid else 0
 
     def poll(self) -> int | None:
-        """Its exit code when it has ended, negative a signal."""
+        """The exit code after its end, negative for a signal; None while it runs."""
         if self.returncode is None:
             found, status = os.waitpid(self.pid, os.WNOHANG)
             self.returncode = os.waitstatus_to_exitcode(status) if found else None
@@ -47,12 +47,12 @@ class Forked:
             os.kill(self.pid, number)
 
     def kill(self) -> None:
-        """SIGKILL."""
+        """Send SIGKILL."""
         self.send_signal(signal.SIGKILL)
 
 
 def reap_orphans(known: Collection[int]) -> None:
-    """Collect a process that has ended and is none of the known ones: a child that one of them left behind."""
+    """Reap an ended process that is not among the known ones: a child that one of them left behind."""
     with contextlib.suppress(ChildProcessError):
         found = os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOHANG | os.WNOWAIT)
         if found is not None and found.si_pid not in known:
@@ -63,12 +63,12 @@ class Template:
     """The template of one system, from `start`, or the first `fork`, to `close`."""
 
     def __init__(self) -> None:
-        """Nothing runs yet."""
+        """Start nothing yet."""
         self._popen: subprocess.Popen[bytes] | None = None
         self._is_ready, self._latest_ns = False, 0
 
     def start(self) -> subprocess.Popen[bytes]:
-        """It begins to import. From now on this process adopts its orphans."""
+        """Start the template, which begins to import; from now on we adopt its orphans."""
         _adopt_orphans(True)
         self._ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with theirs:
@@ -79,7 +79,7 @@ class Template:
         return self._popen
 
     def has_imported(self) -> bool:
-        """It can be asked, or there is no use in waiting for it any longer."""
+        """Whether it is ready, or further waiting is useless."""
         running = self._popen or self.start()
         if not self._is_ready:
             with contextlib.suppress(OSError):
@@ -87,7 +87,7 @@ class Template:
         return self._is_ready or running.poll() is not None or monotonic_ns() > self._latest_ns
 
     def fork(self, words: Sequence[str], output: int) -> Forked | None:
-        """A new process with this command line; None: the template cannot be asked now."""
+        """Fork a process with this command line; None: the template is not available."""
         if not self.has_imported() or self._popen is None:
             return None
         with contextlib.suppress(OSError, ValueError):
@@ -96,7 +96,7 @@ class Template:
         return None
 
     def _ask(self, request: bytes, output: int, pid: int) -> Forked:
-        """OSError when there is no reply in time: then no process begins."""
+        """Request a process; OSError without a reply in time: then no process begins."""
         keep_with(pid)
         waiting, begin = os.pipe()
         try:
@@ -114,7 +114,7 @@ class Template:
         return self._ours.recv(len(READY) + 20)
 
     def close(self) -> None:
-        """Nothing of it is left; the next request starts another one."""
+        """Kill the template; the next request starts another one."""
         if self._popen is not None:
             self._popen.kill()
             self._popen.wait()
@@ -124,7 +124,7 @@ class Template:
 
 
 def _own_environ() -> dict[str, str]:
-    """Our variables, some of which the supervisor has set since the template began."""
+    """Our environment variables, some of them set after the start of the template."""
     return {name: value for name, value in os.environ.items() if name.startswith("TROCAR_")}
 
 

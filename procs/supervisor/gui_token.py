@@ -1,6 +1,6 @@
-"""The token of the web console, where it is served to other machines and none was stated: made anew at each start.
+"""The token of the web console, if that is served to other machines and no token is configured: new at each start.
 
-It is in a file that nobody else may read, and in no log, no argument of a process and no shared memory.
+It is in a file that only its user may read, and in no log, no argument of a process and no shared memory.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ BYTES: Final = 16
 
 @contextlib.contextmanager
 def gui_token(system: SystemConfig) -> Iterator[None]:
-    """Its file is there meanwhile; nothing where none is needed."""
+    """Provide the token's file within the block, if one is needed."""
     if system.gui is None or not system.gui.makes_token:
         yield
         return
@@ -36,7 +36,7 @@ def gui_token(system: SystemConfig) -> Iterator[None]:
 
 
 def told(system: SystemConfig, *, to_a_terminal: bool) -> str:
-    """How browsers from elsewhere come in; the token itself only where just the person who started it reads along."""
+    """How browsers on other machines connect; contains the token only for a terminal, which just its user reads."""
     if system.gui is None or not system.gui.makes_token:
         return ""
     path = token_file(os.environ, system.name)

@@ -1,8 +1,8 @@
-"""Becomes another program, with descriptors at 3, 4, … and LISTEN_PID in its environment: what systemd does.
+"""Replace this process by a program with descriptors at 3, 4, … and LISTEN_PID in its environment, like systemd.
 
     python -I -S handover.py 17,18 program arguments…
 
-A file of its own, with the standard library alone: no program can be told its number before it has one.
+A separate file that uses the standard library only: the process id is known only after the process has started.
 """
 
 import fcntl
@@ -10,11 +10,11 @@ import os
 import sys
 
 FIRST = 3
-HIGH = 64  # out of the way of the numbers that are wanted
+HIGH = 64  # above all target numbers
 
 
 def main() -> None:
-    """Does not return."""
+    """Move the descriptors and execute the program; does not return."""
     given = [int(word) for word in sys.argv[1].split(",")]
     high = [fcntl.fcntl(number, fcntl.F_DUPFD_CLOEXEC, HIGH) for number in given]
     for number in given:

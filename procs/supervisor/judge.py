@@ -1,9 +1,9 @@
-"""Who has not beaten for too long: late ones are reported, hung ones are killed. Pure: all times come from outside.
+"""Finds processes without heartbeat: late ones are reported, hung ones killed. Pure: all times come from outside.
 
-A process shows that it runs by a mark that changes: its heartbeat. Its silence is measured in real time on every
-clock. One beat of the supervisor counts for at most a QUARTER of the allowed silence: a stall of the supervisor may
-have stalled the others, too, and so each process has several beats to change its mark. In a beat in which the
-supervisor itself was late, no process is reported late.
+A running process changes its mark, the heartbeat. Its silence is measured in real time on every clock. One beat of the
+supervisor counts for at most a QUARTER of the allowed silence: a stall of the supervisor may have stalled the others,
+too, so each process gets several beats to change its mark. In a beat in which the supervisor itself was late, no
+process is reported late.
 """
 
 from __future__ import annotations
@@ -14,16 +14,16 @@ from typing import Final
 
 OWN_LATE_NS: Final = 60_000_000  # three of our beats
 QUARTER: Final = 0.25
-CALM_NS: Final = 1_000_000_000  # late again within this: the same episode
-WAITING_BEATS: Final = 8  # who waits for time looks at it more often
+CALM_NS: Final = 1_000_000_000  # late again within this time: the same episode
+WAITING_BEATS: Final = 8  # a process that waits for time reads it more often
 LATE, HUNG, RESUMED = "late", "hung", "resumed"
 
 
 @dataclass(frozen=True, slots=True)
 class JudgedProcess:
-    """One process that is to be judged in this beat: what it shows, and what is allowed, ns.
+    """One process to be judged in this beat: its mark and its limits, ns.
 
-    Nothing counts while who is in `waits_for` is silent, too.
+    Its silence does not count while the process `waits_for` is silent, too.
     """
 
     name: str
@@ -35,7 +35,7 @@ class JudgedProcess:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """`what` is LATE (once an episode), HUNG, or RESUMED after it was reported late; silent for so long, in s."""
+    """`what` is LATE (once an episode), HUNG, or RESUMED after it was reported late; `silent_s`: duration, s."""
 
     name: str
     what: str
@@ -52,19 +52,19 @@ class _Silence:
 
 
 class Judge:
-    """Remembers how long each has been silent."""
+    """Measures the silence of each process."""
 
     def __init__(self) -> None:
         self._silences: dict[str, _Silence] = {}
         self._last_ns: int | None = None
 
     def forget(self, names: Iterable[str]) -> None:
-        """The silence of these has another cause than themselves: it restarts."""
+        """Restart the measurement for these processes, whose silence had an external cause."""
         for name in names:
             self._silences.pop(name, None)
 
     def beat(self, now_ns: int, members: Iterable[JudgedProcess]) -> Iterator[Verdict]:
-        """One beat, at real time `now_ns`; who is not among the members is forgotten."""
+        """One beat, at real time `now_ns`; processes that are not among the members are forgotten."""
         passed_ns = 0 if self._last_ns is None else now_ns - self._last_ns
         self._last_ns, known, self._silences = now_ns, self._silences, {}
         for member in members:

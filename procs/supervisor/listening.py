@@ -1,4 +1,4 @@
-"""Listening sockets of processes: held by us, so that nobody who connects is refused while no process is there."""
+"""Listening sockets of processes: kept open by us, so that clients can connect while the process is down."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from trocar.procs.document.process import Process, host_and_port
 from trocar.procs.machine.port_holders import TCP, connections, holders
 
 BACKLOG: Final = 128
-LOOK_NS: Final = 500_000_000  # between two looks at the kernel's list of connections
+LOOK_NS: Final = 500_000_000  # polling interval for the Linux kernel's list of connections
 
 
 class AddressTaken(Exception):
-    """Nobody can listen there; the message names the process, the address, and who has it."""
+    """An address cannot be used; the message names the process, the address, and its present holder."""
 
 
 class Listening:
     """The sockets of one process, in the order of its row."""
 
     def __init__(self, row: Process) -> None:
-        """AddressTaken when one cannot be had."""
+        """Open all sockets; AddressTaken when that fails."""
         self._ports = [host_and_port(address)[1] for address in row.listen]
         self._poll, self._look_at, self._connected = select.poll(), 0, False
         with ExitStack() as stack:
@@ -34,11 +34,11 @@ class Listening:
             self._poll.register(each, select.POLLIN)
 
     def is_wanted(self, now_ns: int, is_running: bool, is_refused: bool = False, is_last: bool = False) -> bool:
-        """Whether somebody is connected, or waits to be; only a process can have connections, also in its setup.
+        """Whether clients are connected, or wait for that; a process can have connections even before setup is done.
 
-        `is_refused`: it is not going to be there, whoever waits. They are told so by the end of their connections, and
-        count as long as they try again: one who has gone would otherwise wait for ever. `is_last`: the answer is of
-        this moment, else LOOK_NS old at most.
+        `is_refused`: the process will not start, so waiting clients are disconnected; they count as demand as long as
+        they retry, so that clients that have gone do not count forever. `is_last`: the answer must be up to date,
+        otherwise it may be LOOK_NS old.
         """
         if self._poll.poll(0):
             if is_refused:
@@ -52,12 +52,12 @@ class Listening:
 
     def _turn_away(self) -> None:
         for each in self.sockets:
-            with suppress(OSError):  # nobody waits any more
+            with suppress(OSError):  # no more waiting clients
                 while True:
                     each.accept()[0].close()
 
     def close(self) -> None:
-        """Nobody listens any more."""
+        """Close all sockets."""
         self._held.close()
 
 
@@ -65,7 +65,7 @@ def _socket(name: str, address: str) -> socket.socket:
     host, port = host_and_port(address)
     made = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_STREAM)
     try:
-        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # old connections are in nobody's way
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # old connections do not block the address
         made.bind((host, port))
         made.listen(BACKLOG)
         made.setblocking(False)

@@ -1,4 +1,4 @@
-"""The supervisor's process: it starts the template first, which imports while the supervisor itself does."""
+"""The supervisor's process. It starts the template first, so that both import modules at the same time."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ def arguments() -> argparse.Namespace:
 
 
 def main() -> None:
-    """Exit code 0: stopped as asked, 1: configuration, setup or a death without return."""
+    """Exit code 0: stopped on request, 1: error in configuration or setup, or a process that was given up."""
     chosen, template = arguments(), Template()
     raise_limit()  # before there is a process that inherits it
     template.start()
-    from trocar.procs.supervisor.run import run  # takes as long as what the template imports meanwhile
+    from trocar.procs.supervisor.run import run  # takes as long as the template's imports meanwhile
 
     sys.exit(run(chosen, template))
 

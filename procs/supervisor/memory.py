@@ -1,4 +1,4 @@
-"""All shared memory of a system: made before anything starts, removed after everything has ended."""
+"""All shared memory of a system: made before the first process starts, removed after the last has ended."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def hold_name(name: str) -> socket.socket:
 
 
 def _holder(name: str) -> str:
-    """Who has the name, and what to do about it."""
+    """The holder of the name, and the remedy."""
     control = segment_name(name, "supervisor", "control")
     try:
         with Segment(control) as segment:
@@ -74,9 +74,9 @@ def _holder(name: str) -> str:
 
 
 def clear_left_over(name: str) -> int:
-    """Remove what a dead supervisor of this name left, when its processes have ended; returns the number of segments.
+    """Remove segments that a dead supervisor of this name left, once its processes have ended; returns their number.
 
-    They notice its death by themselves and end in order. SegmentError names those that do not. Hold the name before.
+    These processes notice its death and end by themselves; SegmentError names those that do not. Hold the name first.
     """
     end = monotonic_ns() + ORPHANS_NS
     while orphans := _orphans(name):
@@ -99,14 +99,14 @@ def _orphans(name: str) -> list[str]:
                 with Segment(page) as segment:
                     if segment.claimed():
                         found.append(f"{instance} (pid {segment.identity().pid})")
-            except SegmentError:  # nothing of ours, or of another version, whose processes live as well as ours
+            except SegmentError:  # not ours, or of another version, whose processes may still live
                 if held(page):
                     found.append(f"{instance} (of another version; see fuser -v /dev/shm{page})")
     return found
 
 
 def _is_third_party(system: str, instance: str) -> bool:
-    """Whether it is a third-party program, which has nothing to do with the next system of this name."""
+    """Whether it is a third-party program that was started elsewhere: it does not block a new system of this name."""
     try:
         with Segment(segment_name(system, instance, "state")) as segment:
             info = segment.header.info
@@ -116,35 +116,35 @@ def _is_third_party(system: str, instance: str) -> bool:
 
 
 def maker(group: str) -> Make:
-    """How segments are made: for us alone, or for a group of this machine as well."""
+    """The function that makes segments: for our user alone, or for a group of this machine as well."""
     if not group:
         return create
     return functools.partial(create, mode=0o660, group=grp.getgrnam(group).gr_gid)
 
 
 def trust(service_user: str) -> None:
-    """We and every process we start accept segments of this user, too; empty: what the environment says holds."""
+    """Accept segments of this user, too, here and in all processes we start; empty: leave the environment unchanged."""
     if service_user:
         os.environ[SERVICE_USER] = service_user
 
 
 def needed(system: SystemConfig) -> int:
-    """Bytes of shared memory the system takes."""
+    """Bytes of shared memory that the system needs."""
     total = directory.create_document(system.name, len(to_json(system)), size_of) + _create_rest(system, size_of)
     return total + (0 if system.clock == WALL else create_clock(system.name, simulated(system), size_of))
 
 
 def simulated(system: SystemConfig) -> Table:
-    """Who takes part in simulated time: all processes of ours. io's writes to the boards are not answered."""
+    """The members of simulated time: kinds that run in time. The boards do not answer io's writes."""
     members = [row.name for row in system.processes if row.kind in IN_TIME]
     return Table(tuple(members), next((row.name for row in proc("boards").instances(system)), ""),
                  tuple(io.name for io in system.ios if io.port), system.clock == PACED)
 
 
 def create_all(system: SystemConfig, make: Make = create) -> int:
-    """Make every segment of the system but the clock; returns the total size in bytes. On error nothing is left.
+    """Make every segment of the system except the clock; returns the total size in bytes. An error leaves no segment.
 
-    SegmentFull when there is no room; what is obviously too much is not even begun.
+    SegmentFull when there is no room; if the size is known to exceed the free memory, before any is made.
     """
     total, free = needed(system), free_bytes(system.name)
     if total > free:
@@ -153,7 +153,7 @@ def create_all(system: SystemConfig, make: Make = create) -> int:
         made = directory.publish_document(system.name, to_json(system), make) + _create_rest(system, make)
     except BaseException as error:
         remove_all(system.name)
-        if isinstance(error, SegmentFull):  # somebody else took it meanwhile
+        if isinstance(error, SegmentFull):  # another program took the memory meanwhile
             raise SegmentFull(_no_room(system.name, total, free_bytes(system.name))) from None
         raise
     return made
@@ -174,7 +174,7 @@ def _create_rest(system: SystemConfig, make: Make) -> int:
 
 
 def components(system: SystemConfig) -> list[str]:
-    """Whose faults are counted: arms and setup joints, and the robots of every io."""
+    """Components whose faults are counted: arms, setup joints, and the robots of every io."""
     arms = [row.name for rows in (system.arms, system.carts) for row in rows]
     return arms + [robot_component(io.name, robot.name) for io in system.ios for robot in io.robots]
 
@@ -204,16 +204,16 @@ def remove_all(name: str) -> None:
 
 
 class Clearings:
-    """What clients that have died wanted is wanted no more: all control pages, looked through now and then."""
+    """Clears the subscriptions of dead clients on all control pages, every CLEAR_NS."""
 
     def __init__(self, system: SystemConfig) -> None:
-        """The pages must be there."""
+        """The control pages must exist."""
         names = ("supervisor", *(row.name for row in system.processes))
         self._clearings = [Clearing(ControlPage(system.name, name, write=True)) for name in names]
         self._due_ns = 0
 
     def beat(self, now_ns: int) -> None:
-        """Clear what is to be cleared, when it is time."""
+        """Clear subscriptions of dead clients, when due."""
         if now_ns >= self._due_ns:
             self._due_ns = now_ns + CLEAR_NS
             for clearing in self._clearings:

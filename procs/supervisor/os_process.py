@@ -1,4 +1,4 @@
-"""What runs for an instance, as the operating system has it: a fork of the template or a fresh interpreter."""
+"""The operating-system process of an instance: a fork of the template or a fresh interpreter."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ HANDOVER = Path(__file__).with_name("handover.py")
 
 @dataclass(slots=True)
 class OsProcess:
-    """The process of one instance, or none. Most are forked off the template, where it can be had.
+    """The process of one instance, or none. Most kinds are forked off the template, if that is available.
 
-    It is given `sockets` at which it listens; they stay ours. Its output goes to the file `log`.
+    The process inherits the listening `sockets`, which stay open here, too. Its output goes to the file `log`.
     """
 
     system: str
@@ -42,7 +42,7 @@ class OsProcess:
     template: Template
     sockets: Sequence[socket.socket] = ()
     popen: subprocess.Popen[bytes] | Forked | None = None
-    _log_size: int = 0  # before it wrote where it hangs
+    _log_size: int = 0  # before the trace of a hang
 
     @property
     def pid(self) -> int:
@@ -51,11 +51,11 @@ class OsProcess:
 
     @property
     def ready(self) -> bool:
-        """Setup has succeeded and it runs."""
+        """Whether its setup has succeeded and it runs."""
         return self.popen is not None and self.page.state == "RUNNING"
 
     def begin(self) -> None:
-        """Start one; OSError when there can be none."""
+        """Start the process; OSError when that fails."""
         self.page.show("CREATED")
         command = [sys.executable, "-m", proc(self.row.kind).module, "--system", self.system, "--name", self.row.name]
         environ = dict(ENVIRON)
@@ -71,33 +71,33 @@ class OsProcess:
             )
 
     def ask_to_end(self) -> None:
-        """SIGTERM."""
+        """Send SIGTERM."""
         if self.popen is not None:
             self.popen.send_signal(signal.SIGTERM)
             self.popen.send_signal(signal.SIGCONT)  # a stopped process must wake to end
 
     def abort(self) -> None:
-        """SIGABRT, at which Python writes where each thread is (faulthandler, procs/user/loop.py)."""
+        """Send SIGABRT: Python writes a trace of each thread and ends (faulthandler, procs/user/loop.py)."""
         self._announce_trace()
         if self.popen is not None:
             self.popen.send_signal(signal.SIGABRT)
             self.popen.send_signal(signal.SIGCONT)
 
     def trace(self) -> None:
-        """Send SIGUSR1: Python writes where its main thread is, and continues (faulthandler, procs/node/runtime.py)."""
+        """Send SIGUSR1: Python writes a trace of its main thread and resumes (faulthandler, procs/node/runtime.py)."""
         self._announce_trace()
         if self.popen is not None:
             self.popen.send_signal(signal.SIGUSR1)
 
     def _announce_trace(self) -> None:
-        """What follows in its log is a trace of now: it has no stamps of its own."""
+        """Write a stamped line to its log, because the trace that follows has no time stamps."""
         with contextlib.suppress(OSError), self.log.open("a", encoding="utf-8") as log:
             text = "does not respond; where it is follows, unless it is stopped"
             log.write(stamped("WARNING", text, local_ns() * 1e-9) + "\n")
         self._log_size = self._size()
 
     def where(self) -> str:
-        """The file, line and function that it wrote first; empty: it wrote none."""
+        """The file, line and function at the top of its trace; empty without a trace."""
         begin = self._log_size if self._size() >= self._log_size else 0  # a new file has begun
         with contextlib.suppress(OSError), self.log.open("rb") as log:
             log.seek(begin)
@@ -106,36 +106,36 @@ class OsProcess:
         return ""
 
     def _size(self) -> int:
-        """Bytes in its log; it may have been removed."""
+        """Size of its log in bytes; 0 if it was removed."""
         with contextlib.suppress(OSError):
             return self.log.stat().st_size
         return 0
 
     def kill(self) -> None:
-        """SIGKILL."""
+        """Send SIGKILL."""
         if self.popen is not None:
             self.popen.kill()
 
     def ended(self) -> int | None:
-        """Its exit code when it has ended, negative a signal; once. None: it runs, or there was none."""
+        """The exit code, reported once after the end, negative for a signal; None: it runs, or there is no process."""
         if self.popen is None or self.popen.poll() is None:
             return None
         code, self.popen = self.popen.returncode, None
         return code
 
     def in_words(self, code: int) -> str:
-        """How it ended, with what it said of its setup."""
+        """How it ended, with the error on its page."""
         if code < 0:
             try:
                 return f"killed by {signal.Signals(-code).name}"
             except ValueError:
                 return f"killed by signal {-code}"
         reported = bytes(self.page.field("error")[()]).rstrip(b"\0").decode(errors="replace")
-        if reported and (code == STAYS or reported.startswith("sys.exit(")):  # our code says no more
+        if reported and (code == STAYS or reported.startswith("sys.exit(")):  # the exit code adds nothing
             return reported
         return f"exit code {code}" + (f": {reported}" if reported else "")
 
     def show_stopped(self, also_failed: bool = False) -> None:
-        """It was asked to end, and may have had no time to say that it has; it shows why it failed if it did."""
+        """Show STOPPED if it had no time to do so itself; FAILED stays, unless `also_failed`."""
         if self.page.state not in ("STOPPED", *(() if also_failed else ("FAILED",))):
             self.page.show("STOPPED")

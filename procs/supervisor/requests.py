@@ -1,6 +1,6 @@
-"""Commands about single processes: start, stop, restart. Whoever asks is answered when it has come true, or cannot.
+"""Commands for single processes: start, stop, restart. They are answered when the result is known.
 
-The starter waits at the barrier of setup, and hears the failure's own text. Pure: looks at what it is given.
+A start is answered after setup; on failure with the text of the failure. Without side effects of its own.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from trocar.procs.tables import lifecycle
 
 @dataclass(frozen=True, slots=True)
 class _Pending:
-    """Somebody waits for the process of this number: until it runs, or until it has ended."""
+    """A request that waits until the process of this number runs, or has ended."""
 
     request: Request
     child: Child
@@ -24,16 +24,16 @@ class _Pending:
 
 
 class Requests:
-    """What was asked about the processes of a system."""
+    """The pending requests for processes of a system."""
 
     def __init__(self, children: Sequence[Child]) -> None:
-        """All that there are."""
+        """`children`: all instances of the system."""
         self._children = {child.row.name: child for child in children}
         self._pending: list[_Pending] = []
         self._handlers = {"start": self._start, "stop": self._stop, "restart": self._restart}
 
     def take(self, request: Request) -> None:
-        """Begin what is asked; answered at once when there is nothing to do, or it cannot be."""
+        """Begin a request; it is answered at once if there is nothing to do, or it is impossible."""
         child = self._children.get(request.text)
         if child is None:
             there_are = ", ".join(self._children)
@@ -42,7 +42,7 @@ class Requests:
             self._handlers[request.name](request, child)
 
     def answer(self) -> None:
-        """Tell those for whom it has been decided."""
+        """Answer the requests whose outcome is known."""
         waiting = []
         for each in self._pending:
             outcome = _outcome(each)
@@ -55,7 +55,7 @@ class Requests:
         self._pending = waiting
 
     def end(self, reason: str) -> None:
-        """Nobody is going to be served any more."""
+        """Fail all pending requests."""
         for each in self._pending:
             each.request.fail(reason)
         self._pending = []
@@ -93,7 +93,7 @@ def _runs(names: Sequence[str]) -> str:
 
 
 def _outcome(waits: _Pending) -> tuple[bool, str] | None:
-    """Whether it came true, and what to say of it; None: not known yet."""
+    """Success or failure, and the text of the answer; None: not known yet."""
     child, name = waits.child, waits.child.row.name
     is_this = child.starts == waits.number and child.state != lifecycle.STOPPED
     if waits.until == lifecycle.STOPPED:

@@ -1,4 +1,4 @@
-"""One run of a system: its configuration is checked, its memory made, every process started, watched and stopped."""
+"""One run of a system: check its configuration, make its memory, then start, watch and stop every process."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from trocar.shm.system import loglines
 CLOCKS = {WALL: "wall, real time", LOCKSTEP: "lockstep, simulated time as fast as the machine allows",
           PACED: "paced, simulated time, never faster than real time: a busy machine only slows it"}
 RECORDER: Final = "TROCAR_RECORDER"
-"""In the environment, 0: no recorder where the system file does not say; for those who start hundreds of systems."""
+"""Environment variable; 0: no recorder unless the system file has one, for programs that start hundreds of systems."""
 log = logging.getLogger("supervisor")
 
 
@@ -47,8 +47,8 @@ def supervised(system: SystemConfig, awaits_holder: bool, template: Template) ->
             each.stopping = asked[0]
 
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, hear)  # before there is anything to leave behind
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])  # what `trocar up` held back while modules were loaded
+        signal.signal(number, hear)  # before there is anything to clean up
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])  # blocked by `trocar up` while modules were loaded
     supervisor = Supervisor(system, awaits_holder, template)
     made.append(supervisor)
     supervisor.stopping = asked[0] if asked else ""
@@ -56,13 +56,13 @@ def supervised(system: SystemConfig, awaits_holder: bool, template: Template) ->
         yield supervisor
     finally:
         try:
-            supervisor.stop_all()  # does nothing a second time; no memory is removed under running processes
+            supervisor.stop_all()  # no effect the second time; memory must not be removed under running processes
         finally:
             supervisor.close()
 
 
 def run(chosen: argparse.Namespace, template: Template) -> int:
-    """One system, as the command line says; the exit code."""
+    """Run one system by its command line; returns the exit code."""
     loglines.begin(sys.stderr)
     name = chosen.system or DEFAULT_SYSTEM
     if chosen.document:
@@ -79,7 +79,7 @@ def run(chosen: argparse.Namespace, template: Template) -> int:
     except NoAddress as error:
         log.error("%s", error)
         return 1
-    for problem in (*loaded.errors, *loaded.warnings):  # what is in the way comes first
+    for problem in (*loaded.errors, *loaded.warnings):  # errors first
         log.log(logging.ERROR if problem in loaded.errors else logging.WARNING, "%s", problem)
     if loaded.errors or loaded.system is None:
         log.error("nothing was started")
@@ -88,7 +88,7 @@ def run(chosen: argparse.Namespace, template: Template) -> int:
 
 
 def by_state(children: Sequence[Child]) -> str:
-    """Which processes run, which begin, and which wait until they are needed."""
+    """The names of processes by state: running, starting, and waiting for demand."""
     parts = {"": [c for c in children if c.is_up],
              "starting: ": [c for c in children if not (c.is_up or c.is_down)],
              "on demand: ": [c for c in children if c.is_down and c.row.start == ON_DEMAND]}

@@ -1,8 +1,8 @@
-"""What the processes of a system share, locked in memory once for all of them: code of libraries, and all segments.
+"""Memory that the processes of a system share, locked once for all: code of libraries, and all segments.
 
-A page that somebody has locked stays for everybody who maps it, so one is enough, and the supervisor outlives all
-others. A page that had to be fetched from a disk would stop a loop for milliseconds, just when it does what it does
-rarely: react to a fault.
+A page locked by one process stays resident for all that map it, so it suffices that the supervisor, which outlives
+all others, locks them. A page that must be read from disk would stop a loop for milliseconds, and just in rarely used
+code: the reaction to a fault.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ FAILED: Final = ctypes.c_void_p(-1).value
 
 
 def lock_shared(system: str, pids: Iterable[int], beat: Callable[[], object]) -> str:
-    """Lock all segments of a system, and code as these processes have mapped it, until we end.
+    """Lock all segments of a system, and the code that these processes have mapped, until we end.
 
-    `beat` is called between two files. Returns what was obtained, in words.
+    `beat` is called before each file. Returns the result in words.
     """
     wanted: dict[Path, int] = {}
     for pid in pids:
@@ -45,7 +45,7 @@ def lock_shared(system: str, pids: Iterable[int], beat: Callable[[], object]) ->
 
 
 def _code(pid: int) -> dict[Path, int]:
-    """Files with code that a process has mapped, and up to where; none of one that is gone, or may not be looked at."""
+    """Code files that a process has mapped, with the end of the mapping; empty if it has ended or is not readable."""
     try:
         found = [region for region in regions(pid) if region.file.startswith("/")]
     except OSError:

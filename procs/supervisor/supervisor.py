@@ -1,4 +1,4 @@
-"""One running system: its shared memory, its processes from start to stop, what is asked about them, who is silent."""
+"""One running system: its shared memory, its processes from start to stop, requests about them, silent processes."""
 
 from __future__ import annotations
 
@@ -45,19 +45,19 @@ from trocar.shm.time.control_page import ControlPage
 from trocar.shm.time.lockstep import Timekeeper
 
 BEAT_S: Final = 0.02
-QUICK_BEAT_S: Final = 0.002  # while it starts and stops: each process waits for those that it needs
-GONE_S: Final = 5.0  # more than that nobody takes who was killed
+QUICK_BEAT_S: Final = 0.002  # during start and stop, when processes wait for others
+GONE_S: Final = 5.0  # the longest that a killed process takes to be gone
 log = logging.getLogger("supervisor")
 
 
 class SetupFailed(Exception):
-    """A process did not come up; the message says which and why."""
+    """A process did not start; the message names it, and the reason."""
 
 
 def highest_priority(rows: Sequence[Process]) -> int:
-    """That of the supervisor, which has to come to those that drive robots and hang: the highest of theirs.
+    """The supervisor's priority: the highest of all processes that drive robots, so that it can kill one that hangs.
 
-    Not of emulated boards, which come before io: each of our beats would hold io up for a large part of its period.
+    Not that of emulated boards, which is above io's: each of our beats would stall io for a large part of its period.
     """
     return max((row.priority for row in rows if proc(row.kind).priority in ROBOTS), default=0)
 
@@ -68,13 +68,13 @@ class Supervisor:
     def __init__(self, system: SystemConfig, awaits_holder: bool = False, template: Template | None = None) -> None:
         """Make all shared memory; SegmentError when the name is taken or memory is full, AddressTaken.
 
-        `awaits_holder`: simulated time stands at its beginning until somebody holds it back (shm/time/held_time.py).
+        `awaits_holder`: simulated time does not start until a program holds it back (shm/time/held_time.py).
         """
         self.system, self._awaits_holder = system, awaits_holder
         self._template = template or Template()
         memory.trust(system.service_user)
         self.stopping = ""
-        self.lost = False  # our processes have ended because we were held up
+        self.lost = False  # our processes have ended because we were stalled
         self.judge, self._beat_ns = Judge(), 0
         self._systemd = Notifier(os.environ)
         with ExitStack() as held:
@@ -87,7 +87,7 @@ class Supervisor:
             self._listening = {row.name: held.enter_context(closing(Listening(row))) for row in system.processes}
             self._make(memory.maker(system.group))
             self._log_keeper = held.enter_context(closing(LogKeeper(self._folder, system.logs)))
-            self._held = held.pop_all()  # before, nobody had us yet to close us
+            self._held = held.pop_all()  # until here `close` cannot be called
 
     def _make(self, make: Make) -> None:
         system = self.system
@@ -102,7 +102,7 @@ class Supervisor:
             raise
 
     def _begin(self, make: Make) -> None:
-        """Take our places in the memory that is there now."""
+        """Claim our segments in the new memory."""
         system = self.system
         self.page = ControlPage(system.name, "supervisor", write=True)
         self.page.segment.claim("supervisor")
@@ -114,7 +114,7 @@ class Supervisor:
         self.keeper = None if system.clock == WALL else Timekeeper(system.name, memory.simulated(system), make)
         if self.keeper is not None:
             self.size += self.keeper.size
-            self.keeper.hold(True)  # until all are up: so every run begins at the same instant
+            self.keeper.hold(True)  # until all are up, so that every run begins at the same instant
         self.beat()
         self.events = Events(self._writes("events"), self.now_ns, loglines.into(log))
         self.mailbox = Mailbox(system.name, "supervisor", COMMANDS["supervisor"],
@@ -126,8 +126,8 @@ class Supervisor:
         self._demands = [self._demand(child) for child in self.children if child.row.start == ON_DEMAND]
         self._requests, self._clearings = Requests(self.children), Clearings(system)
         self._shown: list[tuple[str, int, int, str, bool]] = []
-        self._awaited: list[Child] = []  # who has to come up now, or the start is given up
-        self.killed = 0  # who were asked to end and took too long
+        self._awaited: list[Child] = []  # processes that must come up now, or the start fails
+        self.killed = 0  # number of processes that took too long to end
 
     def _writes(self, topic: str) -> RingWriter:
         return directory.writer(self.system.name, "supervisor", topic, "supervisor")
@@ -154,7 +154,7 @@ class Supervisor:
         return self.keeper.now_ns() if self.keeper is not None else monotonic_ns()
 
     def beat(self) -> None:
-        """Show that we live; always in real time. Held up for so long that our processes have ended, we end as well."""
+        """Update our heartbeat, always in real time; end if we were stalled so long that our processes have ended."""
         now = monotonic_ns()
         passed_s, self._beat_ns = (now - self._beat_ns) * 1e-9 if self._beat_ns else 0.0, now
         lost_s = self.system.supervisor_lost_s * (1 if self.system.clock == WALL else SIMULATED_LOST)
@@ -165,7 +165,7 @@ class Supervisor:
         self._systemd.beat(now)
 
     def start_all(self) -> None:
-        """Start in order, each after those it needs are up; SetupFailed says what did not come up."""
+        """Start all processes, each after those it needs; SetupFailed names one that did not start."""
         self.page.show("STARTING")
         if any(proc(row.kind).is_forked for row in self._rows):
             while not (self.stopping or self._template.has_imported()):
@@ -196,7 +196,7 @@ class Supervisor:
                 log.warning("%s", rights)
 
     def _lock_shared(self) -> str:
-        """It takes 50 ms of a core, maybe the only one that io has: with less priority than those that drive robots."""
+        """Lock shared pages, with low priority: it takes 50 ms of a core, which may be the only one that io has."""
         step_back()
         try:
             return lock_shared(self.system.name, [child.process.pid for child in self.children], self.beat)
@@ -208,14 +208,14 @@ class Supervisor:
             self.step()
 
     def step(self) -> None:
-        """One beat: do what is asked, look at every process, judge those that run, let time pass."""
+        """One beat: handle commands, watch every process, judge those that run, let time pass."""
         self._commands()
         self._watch()
         self._judge()
         if self.page.state == "RUNNING" and not self.stopping:
             for demand in self._demands:
                 demand.beat()
-        self._show()  # whoever is answered finds it so
+        self._show()  # before answers, so that clients find the new state
         self._requests.answer()
         self._clearings.beat(monotonic_ns())
         self._log_keeper.beat(monotonic_ns())
@@ -223,7 +223,7 @@ class Supervisor:
         self.beat()
 
     def let_time_pass(self) -> None:
-        """One beat's worth of real time. In simulated time say who takes part: whoever runs."""
+        """Wait one beat of real time; in simulated time, first admit the processes that run."""
         beat_s = BEAT_S if self.page.state == "RUNNING" else QUICK_BEAT_S
         if self.keeper is None:
             pause(beat_s)
@@ -235,7 +235,7 @@ class Supervisor:
         self.keeper.let_pass(beat_s)
 
     def run(self, seconds: float | None) -> None:
-        """Watch until asked to stop, or for so many seconds of real time."""
+        """Watch the system until stopped, or for `seconds` of real time."""
         end = monotonic_ns() + round(seconds * 1e9) if seconds is not None else None
         while not self.stopping:
             self.step()
@@ -280,7 +280,7 @@ class Supervisor:
             log.info("%s ended: %s", name, ending.text)
 
     def _judge(self) -> None:
-        """Report who is late, kill who hangs."""
+        """Report late processes, kill hung ones."""
         for verdict in self.judge.beat(monotonic_ns(), self._members()):
             child = next(c for c in self.children if c.row.name == verdict.name)
             name, seconds, allowed_s = verdict.name, verdict.silent_s, late_s(child.row)
@@ -296,7 +296,7 @@ class Supervisor:
                 self.events.status(f"{name} resumes after {seconds:.2f} s", name)
 
     def _members(self) -> Iterator[JudgedProcess]:
-        """Who is to be judged: all that run. In simulated time nobody is late, and who has to wait does not hang."""
+        """All running processes, for the judge. In simulated time none is late, and a waiting one does not hang."""
         keeper = self.keeper
         for child in self.children:
             if not child.is_up or self.stopping or self.page.state != "RUNNING":
@@ -308,7 +308,7 @@ class Supervisor:
             yield JudgedProcess(name, mark, late_ns, hung_ns, server)
 
     def _show(self) -> None:
-        """Publish who is in which state, when that has changed."""
+        """Publish the states of all processes after a change."""
         shown = [(child.shown_state, child.process.pid, child.restarts, child.reason, child.is_up)
                  for child in self.children]
         if shown == self._shown:
@@ -326,7 +326,7 @@ class Supervisor:
         self._state.publish(self.now_ns())
 
     def stop_all(self) -> bool:
-        """Stop in reverse order: ask, wait the tabled time, kill. True when nobody had to be killed."""
+        """Stop in reverse order: ask, wait for `stop_s` of the kind, kill. True when none had to be killed."""
         self.page.show("STOPPING")
         self._systemd.tell("STOPPING=1")
         self.stopping = self.stopping or "its supervisor ends"
@@ -335,12 +335,12 @@ class Supervisor:
             children = [child for child in self.children if child.row in wave]
             for child in children:
                 child.stop()
-            # Asked twice, it takes no less time: an io that is killed has not switched anything off.
+            # A second request to stop shortens nothing: an io that is killed switches nothing off.
             self._step_until(partial(_all_ended, children), _all_killed(children))
         return not self.killed
 
     def close(self) -> None:
-        """Remove all shared memory, then give addresses and the name back."""
+        """Remove all shared memory, then release addresses and the name."""
         memory.remove_all(self.system.name)
         self._template.close()
         self._held.close()
@@ -356,7 +356,7 @@ def _all_up(children: Sequence[Child], system: str) -> bool:
 
 
 def _all_killed(children: Sequence[Child]) -> Callable[[], bool]:
-    """Whether all that have not ended were killed, and had the time to be gone."""
+    """A test that becomes true GONE_S after the last pending kill."""
     last = monotonic_ns()
 
     def over() -> bool:

@@ -1,4 +1,4 @@
-"""What systemd is told where it has started us (Type=notify): that the system is up, how it is, that we live."""
+"""Notifications to systemd if it has started us (Type=notify): system ready, status, watchdog."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from collections.abc import MutableMapping
 
 
 class Notifier:
-    """Datagrams to the socket that the environment names; without one, nothing. Never waits for systemd."""
+    """Sends datagrams to the socket that the environment names, if any; never waits for systemd."""
 
     def __init__(self, environ: MutableMapping[str, str]) -> None:
-        """What concerns us alone is taken out of the environment, so that our processes do not speak for us."""
+        """Remove our variables from the environment, so that our processes do not notify in our place."""
         address, pid = environ.pop("NOTIFY_SOCKET", ""), environ.pop("WATCHDOG_PID", "")
         watchdog_us = environ.pop("WATCHDOG_USEC", "0")
         self._address = "\0" + address[1:] if address.startswith("@") else address
@@ -22,18 +22,18 @@ class Notifier:
         self._due_ns = 0
 
     def tell(self, *lines: str) -> None:
-        """Such as READY=1, STATUS=all is well; what systemd has no room for is lost."""
+        """Send lines such as READY=1 or STATUS=all is well; lost if the socket's buffer is full."""
         if self._socket is not None:
             with contextlib.suppress(OSError):
                 self._socket.sendto("\n".join(lines).encode(), self._address)
 
     def beat(self, now_ns: int) -> None:
-        """We live; four times in the time that the unit allows (WatchdogSec)."""
+        """Reset systemd's watchdog, four times in the time that the unit allows (WatchdogSec)."""
         if self._every_ns and now_ns >= self._due_ns:
             self._due_ns = now_ns + self._every_ns
             self.tell("WATCHDOG=1")
 
     def close(self) -> None:
-        """Say nothing more."""
+        """Close the socket."""
         if self._socket is not None:
             self._socket.close()

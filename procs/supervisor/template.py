@@ -1,14 +1,13 @@
-"""The template: a process that has imported the loops of most kinds, opened nothing, and forks off those that run.
+"""The template: a process that has imported the loops of most kinds, has opened nothing, and forks their processes.
 
     python -m trocar.procs.supervisor.template SOCKET PADDING
 
-A fresh interpreter imports for 0.3 s of a core before it can begin, and shares none of its memory. A fork of the
-template begins in milliseconds and shares what was imported. Each request on the socket is one process: its command
-line, what is new in its environment, a descriptor for its output and one that says when it may begin. The reply is its
-process id.
+A fresh interpreter needs 0.3 s of a core for imports, and shares none of its memory. A fork of the template begins in
+milliseconds and shares the imported modules. Each request on the socket is one process: its command line, new
+environment variables, a descriptor for its output and one that signals its start. The reply is its process id.
 
-Each process is forked twice. The one between ends at once, so that the supervisor, which adopts orphans, becomes the
-parent. When source files have changed since they were imported, or the supervisor is gone, the template ends.
+Each process is forked twice; the intermediate process ends at once, so that the supervisor, which adopts orphans,
+becomes the parent. The template ends when source files have changed since their import, or the supervisor is gone.
 """
 
 from __future__ import annotations
@@ -36,8 +35,8 @@ ARGUMENTS_AT: Final = 47  # in /proc/self/stat: first and last address of the co
 
 
 def main() -> None:
-    """Serve until the supervisor has gone; in each process that was forked off, what its module's `main` does."""
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])  # the supervisor holds it back until it listens to it
+    """Serve until the supervisor has gone; in each forked process, run the `main` of its module."""
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])  # the supervisor blocks it until it has a handler
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)  # also while stopped; forks do not inherit it
     asking = socket.socket(fileno=int(sys.argv[1]))
     for row in importlib.import_module("trocar.procs.tables.manifest").PROCS:
@@ -51,7 +50,7 @@ def main() -> None:
 
 
 def _run(module: str) -> int:
-    """The exit code of the process whose `main` this module has."""
+    """Run a module's `main`; returns the exit code."""
     try:
         sys.modules[module].main()
     except SystemExit as end:
@@ -63,14 +62,14 @@ def _run(module: str) -> int:
 
 
 def _end(code: int) -> NoReturn:
-    """End without tearing down the interpreter: that would copy all memory that is shared with the template."""
+    """Exit without finalizing the interpreter, which would copy all memory that is shared with the template."""
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(code)
 
 
 def _serve(asking: socket.socket, stamps: dict[str, int]) -> str:
-    """Empty: this is the template, and it ends. Else this is a new process, of this module."""
+    """Serve requests. Returns empty in the template, which ends; in a new process, the name of its module."""
     with contextlib.suppress(OSError):  # the supervisor has ended
         asking.send(READY)
         while True:
@@ -88,7 +87,7 @@ def _serve(asking: socket.socket, stamps: dict[str, int]) -> str:
 
 
 def _sources() -> Iterator[str]:
-    """The files of ours that are imported."""
+    """The source files of our imported modules."""
     for module in tuple(sys.modules.values()):
         file = getattr(module, "__file__", None) or ""
         if file.startswith(str(PACKAGE)):
@@ -96,7 +95,7 @@ def _sources() -> Iterator[str]:
 
 
 def _stamps(files: Iterable[str]) -> dict[str, int]:
-    """When each file was changed, ns; 0: it is gone."""
+    """Modification time of each file, ns; 0 if it is gone."""
     return {file: Path(file).stat().st_mtime_ns if Path(file).exists() else 0 for file in files}
 
 
@@ -118,8 +117,8 @@ def _fork() -> int:
 
 
 def _become(words: list[str], environ: dict[str, str], output: int, begin: int) -> str:
-    """The new process shows its own command line, has its own session and output, and begins when it may."""
-    if not os.read(begin, 1):  # the supervisor has not heard of us in time
+    """In the new process: wait for the start signal, then set session, output and command line; returns the module."""
+    if not os.read(begin, 1):  # our process id did not reach the supervisor in time
         _end(0)
     os.close(begin)
     os.setsid()
@@ -133,7 +132,7 @@ def _become(words: list[str], environ: dict[str, str], output: int, begin: int) 
 
 
 def _show(words: list[str]) -> None:
-    """Write a command line for `ps`, and for who looks for our processes, over that of the template."""
+    """Overwrite the template's command line with that of this process, for `ps` and searches for our processes."""
     fields = Path("/proc/self/stat").read_text().rpartition(")")[2].split()
     begin, end = (int(fields[k - 2]) for k in (ARGUMENTS_AT, ARGUMENTS_AT + 1))
     shown = "\0".join(words).encode()[: end - begin - 1]

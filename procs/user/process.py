@@ -232,7 +232,7 @@ class UserNode:
     # input
 
     def subscribe(self, topic: str, *groups: str) -> Subscription:
-        """Subscribe to INSTANCE/TOPIC; its records end a `wait`. Unknown or SegmentError when there is none.
+        """Subscribe to INSTANCE/TOPIC; its records end a `wait`. SegmentError when there is none.
 
         Fields that are computed on demand (docs/topics.md) are NaN until their group is requested in `groups`.
         """
