@@ -1,7 +1,7 @@
-"""The arms of a system as their records show them, and bringing all to a state: powered on, homed or off.
+"""The arms of a system by their records, and their bring-up to a common goal: powered on, homed or off.
 
-All at the same time and each at its own pace. An arm in FAULT is disabled first and has to show that it is DISABLED
-before it is enabled; only an arm that shows ENABLED is homed. Every step has its own limit.
+All arms proceed at the same time, each at its own pace. An arm in FAULT is disabled first and must show DISABLED
+before it is enabled; only an arm that shows ENABLED is homed. Each step has its own time limit.
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ ENABLED, FAULT = "ENABLED", "FAULT"
 
 
 class ArmOnRing:
-    """One arm or the setup joints of a cart."""
+    """One arm, or the setup joints of a cart, by its record and mailbox."""
 
     def __init__(self, name: str, record: Input, client: LoopClient) -> None:
-        """Nothing is known until `look`."""
+        """The state is unknown until `look`."""
         self.name = name
         self._record, self._client = record, client
         self._fields = {key: record.field(key) for key in ("state", "is_homed", "is_busy", "reason")}
         self.state, self.is_homed, self.is_busy, self.is_fresh = "", False, False, False
         self.reason = ""
         self.refusals: list[str] = []
-        """Of what was asked last."""
+        """Refusals of the last command."""
         self._asked = 0
 
     def look(self, now_ns: int) -> None:
-        """Take its newest record and its answers."""
+        """Read its newest record and its answers."""
         self.is_fresh = self._record.look(now_ns) and self._record.fresh
         if self.is_fresh:
             self.state = self._fields["state"].item().decode()
@@ -47,7 +47,7 @@ class ArmOnRing:
                           if reply.id == self._asked and reply.outcome in ("refused", "failed")]
 
     def ask(self, word: str, origin: Origin) -> bool:
-        """A state_command, on behalf of whoever asked for it; false: it does not take any."""
+        """Send a state_command on behalf of its origin; False if it cannot be sent."""
         self.refusals.clear()
         self._client.on_behalf(origin)
         self._asked = self._client.send("state_command", (), word)
@@ -55,29 +55,29 @@ class ArmOnRing:
 
 
 def arms_of(node: Node) -> Sequence[ArmOnRing]:
-    """All of the system, in the order in which they start."""
+    """All arms of the system in start order, then setup joints."""
     return [ArmOnRing(row.name, node.input(row.name, late_s=LATE_S), node.commands(row.name))
             for rows in (node.document.arms, node.document.carts) for row in rows]
 
 
 class Step:
-    """One arm on its way; `problem` says why it will not arrive."""
+    """The bring-up of one arm; `problem` is the reason if it cannot reach the goal."""
 
     def __init__(self, arm: ArmOnRing, goal: str, now_ns: int, origin: Origin) -> None:
-        """Begins at once."""
+        """Begin at once."""
         self.arm, self.goal, self._origin = arm, goal, origin
         self.problem, self.is_there = "", False
         self._asked: list[str] = []
         self._deadline_ns = now_ns + round(LIMITS_S[DISABLE] * 1e9)
-        arm.refusals.clear()  # of what was asked for before
+        arm.refusals.clear()  # of earlier commands
 
     @property
     def is_over(self) -> bool:
-        """It is there, or will not be."""
+        """Whether it has reached the goal, or failed."""
         return self.is_there or bool(self.problem)
 
     def step(self, now_ns: int) -> None:
-        """Look, and ask for the next thing once."""
+        """Check the arm, and send the next command once."""
         if self.is_over:
             return
         arm = self.arm
@@ -101,39 +101,39 @@ class Step:
         return reported and reached(WORDS[self.goal], arm.state, arm.is_homed, arm.is_busy)
 
     def _next(self) -> str:
-        """An arm that is DISABLED on its way up is asked, too: from now on by this order."""
+        """The next word; also for an arm that is already enabling, so that it follows this command from now on."""
         if self.arm.state == "FAULT" and ENABLE in self._asked:
             return ""
         return next_word(WORDS[self.goal], self.arm.state)
 
 
 class BringUp:
-    """All arms on their way to one goal."""
+    """The bring-up of all arms to one goal."""
 
     def __init__(self, goal: str, arms: Sequence[ArmOnRing], now_ns: int, origin: Origin) -> None:
-        """Begins at once; `origin` is the command of the person who asked for it: faults from then on end it."""
+        """Begin at once; `origin` is the operator's command behind it, which any later fault invalidates."""
         self.goal = goal
         self._steps = [Step(arm, goal, now_ns, origin) for arm in arms]
 
     def step(self, now_ns: int) -> None:
-        """One cycle of all."""
+        """One cycle for all arms."""
         for one in self._steps:
             one.step(now_ns)
 
     @property
     def is_over(self) -> bool:
-        """Every arm is there or will not be."""
+        """Whether every arm has reached the goal or failed."""
         return all(one.is_over for one in self._steps)
 
     @property
     def waiting(self) -> str:
-        """Who is not there yet, in words."""
+        """The arms that are still under way, in words."""
         left = [f"{one.arm.name} ({one.arm.state or 'silent'}{f': {one.arm.reason}' if one.arm.reason else ''})"
                 for one in self._steps if not one.is_over]
         return f"waiting for {', '.join(left)}" if left else ""
 
     @property
     def problems(self) -> str:
-        """Who will not be there and why; empty: all are."""
+        """The arms that failed, with reasons; empty if none has."""
         return "; ".join(f"{one.arm.name}: {one.problem.removeprefix(f'{one.arm.name}: ')}"
                          for one in self._steps if one.problem)

@@ -1,4 +1,4 @@
-"""What the system does when asked; refusals say why."""
+"""The commands of the system; refusals have a reason."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class SystemCommands:
         self.volume, self.beeps = volume, 0
         self.bring_up: BringUp | None = None
         self._asked: list[Request] = []
-        """Those that wait for its end."""
+        """Requests that wait for the end of `bring_up`."""
         self._now_ns = 0
         self._table: dict[str, Handler] = {
             **dict.fromkeys((POWER_ON, HOME, POWER_OFF), self._begin), "set_volume": self._set_volume,
@@ -35,7 +35,7 @@ class SystemCommands:
         }
 
     def execute(self, requests: Iterable[Request], now_ns: int) -> None:
-        """Carry out what came in, and resume with what is under way."""
+        """Execute new requests, then continue a bring-up that is under way."""
         self._now_ns = now_ns
         for request in requests:
             carry_out(request, self._table[request.name])
@@ -45,7 +45,7 @@ class SystemCommands:
                 self._end(self.bring_up)
 
     def beep(self, duration_s: float = BEEP_S, frequency_hz: float = BEEP_HZ, volume: float | None = None) -> None:
-        """A beep, at the system's volume unless told otherwise; an event in any case."""
+        """Emit the event and sound a beep, by default at the system's volume."""
         loud = self.volume if volume is None else volume
         self.beeps += 1
         self._events.emit("beep", f"{duration_s:g} s, {frequency_hz:g} Hz", value=duration_s, limit=frequency_hz)

@@ -1,4 +1,4 @@
-"""The process of the whole system: power and homing of all arms, everybody's messages in one place, sounds."""
+"""The process of the whole system: power and homing of all arms, messages of all processes in one place, sounds."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from trocar.shm.time.clock import monotonic_ns
 
 
 def sources(node: runtime.Node) -> list[MessageSource]:
-    """The events of all others, the supervisor's too, from now on."""
+    """Readers for the events of all other processes and the supervisor, from now on."""
     found = []
     for name in ("supervisor", *(row.name for row in node.document.processes)):
         if name != node.name:
@@ -25,7 +25,7 @@ def sources(node: runtime.Node) -> list[MessageSource]:
 
 
 class SystemLoop(runtime.Loop):
-    """The whole system, as one process sees it."""
+    """The loop of the process `system`."""
 
     def __init__(self, node: runtime.Node) -> None:
         super().__init__(node)
@@ -37,7 +37,7 @@ class SystemLoop(runtime.Loop):
                                     calibration_mode=any(io.calibration_mode for io in node.document.ios))
         if self._sound.lacks:
             node.events.status(f"system: {self._sound.lacks}; it is silent where these are missing", node.name)
-        self._mailbox = node.mailbox(NoFaults())  # arms themselves know what their faults make void
+        self._mailbox = node.mailbox(NoFaults())  # arms themselves discard commands given before their faults
 
     def _take_sound(self) -> Sound:
         return Sound()
@@ -61,7 +61,7 @@ class SystemLoop(runtime.Loop):
         self._state.publish(now_ns)
 
     def close(self) -> None:
-        """End what is heard."""
+        """Stop the sound."""
         self._sound.close()
 
 

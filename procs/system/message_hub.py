@@ -1,4 +1,4 @@
-"""The error centre: errors, warnings and status of all processes repeated in one place, and a beep for errors."""
+"""The message hub: repeats errors, warnings and status of all processes in one place, and beeps for errors."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ KINDS: Final = {STATUS: "status", WARNING: "warning", ERROR: "error"}
 
 
 class MessageSource:
-    """One process whose messages are repeated."""
+    """One process as a source of messages."""
 
     def __init__(self, name: str, ring: RingReader) -> None:
-        """From the next event on."""
+        """Repeat its messages from the next event on."""
         self.name, self.ring = name, ring
         names = ("severity", "code", "axis", "board", "value", "limit", "text", "hint")
         self._fields = {key: ring.field(key) for key in names}
 
     def repeat(self, events: Events) -> int:
-        """Write the present event once more as the system's; its severity, 0: not a message."""
+        """Write the present event again as one of the system; returns its severity."""
         severity = int(self._fields["severity"])
         if severity in KINDS:
             code, text, hint = (self._fields[key].item().decode(errors="replace") for key in ("code", "text", "hint"))
@@ -35,16 +35,16 @@ class MessageSource:
 
 
 class MessageHub:
-    """All of them."""
+    """Repeats the messages of all sources."""
 
     def __init__(self, sources: Sequence[MessageSource], events: Events, beep: Callable[[], None]) -> None:
-        """`beep` is called for errors, every two seconds at most."""
+        """`beep` is called for errors, at most every two seconds."""
         self._sources, self._events, self._beep = sources, events, beep
         self._quiet_until_ns = 0
         self.errors = self.warnings = 0
 
     def step(self, now_ns: int) -> None:
-        """Repeat what is new."""
+        """Repeat new messages."""
         before = self.errors
         for source in self._sources:
             for _ in range(AT_MOST):

@@ -1,4 +1,4 @@
-"""The system's record, and what is told when an arm changes."""
+"""The system's record, and the event for a changed state of an arm."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from trocar.shm.system.events import Events
 
 
 class SystemRecord:
-    """Views on the fields of our own record."""
+    """Fills the fields of the system's record."""
 
     def __init__(self, field: Callable[[str], Any], arms: Sequence[ArmOnRing], events: Events, sound: Sound, *,
                  calibration_mode: bool) -> None:
-        """What never changes is filled in here."""
+        """Fill in the fields that never change."""
         self._arms, self._events = arms, events
         changing = ("arm_fresh", "arm_state", "arm_homed", "arm_busy", "task", "waiting", "volume", "beeps", "errors",
                     "warnings")
@@ -29,7 +29,7 @@ class SystemRecord:
         field("sound")[...] = shorten(sound.name, field("sound").dtype.itemsize)
 
     def fill(self, commands: SystemCommands, centre: MessageHub) -> None:
-        """How things are now."""
+        """Fill in the present state of arms, commands and messages."""
         fields, bring_up = self._fields, commands.bring_up
         for place, arm in enumerate(self._arms):
             fields["arm_fresh"][place], fields["arm_state"][place] = arm.is_fresh, arm.state.encode()
@@ -43,7 +43,7 @@ class SystemRecord:
         fields["waiting"][...] = shorten(waiting, fields["waiting"].dtype.itemsize)
 
     def _report(self, place: int, arm: ArmOnRing) -> None:
-        """Event arm_current_state: ENABLED when it is and is homed, FAULT, or nothing."""
+        """Emit arm_current_state after a change: ENABLED if enabled and homed, FAULT, or empty."""
         state = ENABLED if arm.state == ENABLED and arm.is_homed else FAULT if arm.state == FAULT else ""
         state = state if arm.is_fresh else ""
         if state != self._reported[place]:

@@ -1,6 +1,6 @@
-"""Beeps and speech by the programs that this computer has for them; without any it is silent.
+"""Beeps and speech by programs installed on this computer; without them there is no sound.
 
-One sound after the other, each in a process of its own, so that nothing here ever waits for a loudspeaker.
+Sounds are played in sequence, each in a process of its own, so that no loop ever waits for a loudspeaker.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ LOUDEST: Final = 200  # of espeak
 RATE_HZ: Final = 22050
 FADE_S: Final = 0.005  # without it a beep clicks
 WAITING: Final = 8
-GIVE_UP_NS: Final = 90_000_000_000  # the longest beep is 60 s; whoever takes longer hangs, and others wait for it
+GIVE_UP_NS: Final = 90_000_000_000  # the longest beep is 60 s; a program that takes longer hangs, and others wait
 NOBODY: Final = "none"
 
 
 def tone(duration_s: float, frequency_hz: float, volume: float) -> bytes:
-    """A sine as a WAV file, 16 bit mono, of whole Hz: one second of it, repeated, so that a minute is made in a ms."""
+    """A sine as a WAV file, 16 bit mono, of whole Hz: one second repeated, so that a minute takes a ms to compute."""
     times = np.arange(RATE_HZ) / RATE_HZ
     second = np.rint(np.sin(2.0 * np.pi * round(frequency_hz) * times) * volume * 32767.0)
     samples = np.resize(second.astype(np.int16), max(1, round(duration_s * RATE_HZ)))
@@ -45,26 +45,26 @@ def tone(duration_s: float, frequency_hz: float, volume: float) -> bytes:
 
 
 class Sound:
-    """What waits to be heard, and what is heard now."""
+    """The queue of sounds, and the sound being played."""
 
     def __init__(self, find: Callable[[str], str | None] = shutil.which) -> None:
-        """`find` gives the path of a program, None: it is not installed."""
+        """`find` gives the path of a program, or None if it is not installed."""
         self._player = next(((path, *words) for name, words in PLAYERS if (path := find(name))), None)
         self._speaker = next((path for name in SPEAKERS if (path := find(name))), None)
         self._waiting: deque[tuple[Sequence[str], bytes]] = deque(maxlen=WAITING)
         self._now: subprocess.Popen[bytes] | None = None
         self._begun_ns = 0
-        self._failing: set[str] = set()  # programs that could not make a sound the last time: told already
+        self._failing: set[str] = set()  # programs that failed the last time, already reported
 
     @property
     def name(self) -> str:
-        """The programs in use; "none": it is silent."""
+        """The programs in use; "none" without any."""
         paths = [row for row in (self._player and self._player[0], self._speaker) if row]
         return ", ".join(Path(path).name for path in paths) or NOBODY
 
     @property
     def lacks(self) -> str:
-        """What cannot be heard and what would help; empty: all can."""
+        """Sounds that cannot be played, with the missing programs; empty if all can."""
         missing = [text for text, there in (("beeps (aplay or paplay)", self._player),
                                             ("speech (espeak-ng or espeak)", self._speaker)) if there is None]
         return f"no {' and no '.join(missing)} on this computer" if missing else ""
@@ -80,7 +80,7 @@ class Sound:
             self._waiting.append(((self._speaker, "-a", str(round(LOUDEST * volume)), "--", text), b""))
 
     def step(self, now_ns: int) -> str:
-        """Begin the next one when the last has ended; what is wrong, or empty. `now_ns`: real time."""
+        """Begin the next sound after the last has ended; returns a problem, or empty. `now_ns`: real time."""
         if self._now is not None:
             if self._now.poll() is None and now_ns - self._begun_ns < GIVE_UP_NS:
                 return ""
@@ -101,7 +101,7 @@ class Sound:
         return ""
 
     def _ended(self, player: subprocess.Popen[bytes]) -> str:
-        """What is wrong with a program that has ended, or would not end; told once, until it succeeds again."""
+        """The problem of a program that has ended, or would not end; reported once, until it succeeds again."""
         self._now = None
         command = str(player.args[0]) if isinstance(player.args, Sequence) else str(player.args)
         if player.poll() is None:
@@ -119,12 +119,12 @@ class Sound:
         return f"{command} {why}: nothing may have been heard"
 
     def finish(self) -> None:
-        """Wait until what is heard now has ended; not in a loop."""
+        """Wait for the end of the sound being played; not for use in a loop."""
         if self._now is not None:
             self._now.wait()
 
     def close(self) -> None:
-        """End what is heard."""
+        """Stop the sound and clear the queue."""
         self._waiting.clear()
         if self._now is not None and self._now.poll() is None:
             self._now.kill()
