@@ -1,4 +1,4 @@
-"""The bus of a host: requests go straight into the emulated boards, replies straight back. The bytes are the same."""
+"""The bus of a host: requests and replies are passed directly to and from the emulated boards, with the same bytes."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from trocar.procs.io.bus.transport import Transport
 from trocar.procs.io.bus.udp import OWN_ADDRESS, address_of
 
 NODES: Final = 16
-TCODE_AT: Final = 5  # byte of a request with what is asked, in its upper half
+TCODE_AT: Final = 5  # byte of a request whose upper half is the transaction code
 
 
 class DirectTransport(Transport):
-    """A request has been answered when `send` returns."""
+    """A transport on which the reply is there when `send` returns."""
 
     def __init__(self, world: Emulation, bus: int, address: str, now_ns: Callable[[], int]) -> None:
-        """To bus number `bus` of the emulated ones, whose address would be this one."""
+        """Connect to emulated bus number `bus`, whose address between processes would be `address`."""
         self._world, self._bus, self._address, self._now_ns = world, bus, address, now_ns
         self.where = f"bus {bus} of this process"
         self.gives_address = registers.ip_quadlet(address)
@@ -48,7 +48,7 @@ class DirectTransport(Transport):
         return registers.ip_quadlet(own)
 
     def _send(self, datagram: wire.Buffer) -> None:
-        """See Transport. What happens to packets on their way happens here, too."""
+        """See Transport; applies packet faults, too."""
         now, faults, bus = self._now_ns(), self._world.packet_faults, self._bus
         to = GROUP
         if self._by_board and (node := datagram[3] & 0x3F) < NODES:
@@ -56,19 +56,19 @@ class DirectTransport(Transport):
         if not faults.active:
             reply = self._world.answer(bus, datagram, now, to)
             if reply is not None:
-                self._replies.append(bytes(reply))  # the boards use their buffer again
+                self._replies.append(bytes(reply))  # the boards reuse their buffer
             return
         reply = self._world.answer(bus, datagram, now, to) if faults.arrives(bus) else None
         leaving = [] if reply is None else faults.leave(bus, reply, self, now)
         for data, receiver in leaving:
             _reach(receiver, data)
         if not leaving and datagram[TCODE_AT] >> 4 in wire.READS:
-            self._replies.append(b"")  # as over sockets: who waits for it must not wait for ever
+            self._replies.append(b"")  # an empty reply, so that the reader does not wait for a lost one forever
         for _, data, receiver in faults.due(now):
             _reach(receiver, data)
 
     def _poll(self, timeout_ms: int) -> bool:
-        """See Transport; more than there is will not come."""
+        """See Transport; does not wait, because no more replies can come."""
         return bool(self._replies)
 
     def _receive(self, view: memoryview) -> int:

@@ -1,13 +1,12 @@
-"""A whole system in this process: its loops one after the other, as their time comes, on a clock that is stepped.
+"""A whole system in this process: its loops run one after the other when due, on a stepped clock.
 
     with Host(document) as host:
         psm = host.client("PSM1")
         psm.send("state_command", (), "enable")
         host.run(0.5)
 
-What happens is what happens in lock-step between processes. Its shared memory has no names (shm/memory/private.py):
-nothing is left of it, whatever becomes of the process. There is no supervisor: a loop that raises an error ends the
-host.
+The behavior is that of lock-step between processes. Its shared memory has no names (shm/memory/private.py), so nothing
+remains, however the process ends. There is no supervisor: an error in a loop ends the host.
 """
 
 from __future__ import annotations
@@ -39,27 +38,27 @@ from trocar.shm.time.control_page import ControlPage
 from trocar.shm.time.lockstep import SCHEMA, clock_page, create_clock
 
 HISTORY = 8
-"""Records that rings keep, unless somebody wants more."""
+"""Default number of records that rings keep."""
 TOLD = 128
-"""Of events and audits, of which each counts, at least so many: what is told in a second or two."""
+"""Minimum for events and audits, each of which matters: a second or two of them."""
 
 
 COARSEST_S = 0.002
-"""Of the physics of a PSM on boards: with longer steps the light joints of its wrist ring, and io trips."""
+"""Longest physics step for a PSM on boards: with longer ones the light wrist joints oscillate, and io trips."""
 
 
 FIRST_NUMBER = 1 << 31
-"""Beyond those that this process gives elsewhere."""
+"""Above the numbers that this process gives elsewhere."""
 
 
 class CommandNumbers:
-    """Numbers of the persons' commands in a host, the same ones each time (shm/mailbox/origins.py)."""
+    """Numbers of operators' commands in a host, the same in each run (shm/mailbox/origins.py)."""
 
     def __init__(self) -> None:
         self._count = 0
 
     def next(self) -> int:
-        """One that no other command in this host has."""
+        """A number that is unique among the commands of this host."""
         self._count += 1
         return os.getpid() << 32 | FIRST_NUMBER + self._count
 
@@ -68,9 +67,9 @@ class Host:
     """One system. Time begins at EPOCH_NS (shm/time/lockstep.py) and passes in `run` only."""
 
     def __init__(self, document: SystemConfig, history: int = HISTORY) -> None:
-        """HostError for what cannot run here: real boards, users' processes, PSMs on boards with coarse physics.
+        """HostError for systems that cannot run here: real boards, users' processes, PSMs with coarse physics.
 
-        `history`: records that rings keep; of events and audits TOLD at least.
+        `history`: number of records that rings keep; at least TOLD for events and audits.
         """
         self.document, self.name = document, document.name
         self.clock = SteppedClock()
@@ -78,7 +77,7 @@ class Host:
         self._handles: list[Client | RingReader] = []
         self._numbers = CommandNumbers()
         self._memory: HostMemory | None = None
-        self._places: list[Client] = []  # one at each mailbox: it has the place that all handles there share
+        self._places: list[Client] = []  # one per mailbox: it holds the place that all handles share there
         self._turns: dict[str, tuple[HostedNode, Callable[[], bool], Callable[[int, int], None]]] = {}
         self._held = contextlib.ExitStack()
         weakref.finalize(self, _give_back, self._held, os.getpid()).atexit = False
@@ -115,9 +114,9 @@ class Host:
         self._turns[node.name] = node, loop.wait, loop.cycle
 
     def restart(self, instance: str, *, killed: bool = False) -> None:
-        """The loop of an instance anew, as a process that was started again begins; `killed`: it left nothing in order.
+        """Make the loop of an instance again, as after a restart of its process; `killed`: without closing the old one.
 
-        Earlier snapshots do not count any more. HostError: there is none, or it is the boards, which stay as they are.
+        Earlier snapshots become invalid. HostError: there is no such instance, or it is the boards.
         """
         node = self._node(instance)
         if instance == "boards":
@@ -129,7 +128,7 @@ class Host:
         self._begin(node)
 
     def delay(self, instance: str, seconds: float) -> None:
-        """The next cycle of an instance is so much later, as if its process had no core. HostError: there is none."""
+        """Delay the next cycle of an instance, as if its process had no CPU time. HostError: no such instance."""
         node = self._node(instance)
         node.due_ns, node.news = max(node.due_ns, self.clock.time_ns) + round(seconds * 1e9), None
 
@@ -144,11 +143,11 @@ class Host:
         return self.clock.time_ns
 
     def run(self, seconds: float) -> None:
-        """Let so much time pass."""
+        """Let this much time pass."""
         self.run_until(self.clock.time_ns + round(seconds * 1e9))
 
     def run_until(self, end_ns: int) -> None:
-        """Let time pass up to this moment; what is due then is done. HostError: it has passed, or all is closed."""
+        """Let time pass up to and including `end_ns`. HostError: that is in the past, or the host is closed."""
         clock, turns = self.clock, list(self._turns.values())
         if end_ns < clock.time_ns or not private.is_kept(self.name):
             raise HostError(f"{self.name} is closed" if not private.is_kept(self.name) else
@@ -172,12 +171,12 @@ class Host:
 
     @contextlib.contextmanager
     def passing(self) -> Iterator[None]:
-        """While a program in this block waits, the host's time passes: so clients of `trocar` and verbs work on it."""
+        """Let the host's time pass while a program in this block waits, so that clients and verbs of `trocar` work."""
         with sleeping_by(self.run):
             yield
 
     def client(self, instance: str) -> Client:
-        """A handle for commands, of a person; closed with the host. Its streams pause in the host's time.
+        """A handle for operators' commands; closed with the host. Pauses of its streams are measured in host time.
 
         HostError: there is no such process.
         """
@@ -195,10 +194,10 @@ class Host:
         return reader
 
     def snapshot(self) -> HostSnapshot:
-        """All as it is now, also in the middle of a motion: `restore` makes it so again. Takes some 0.1 s.
+        """The present state of the host for `restore`, also in the middle of a motion. Takes about 0.1 s.
 
-        Clients and readers that the host has made until now are part of it. HostError: what may change cannot be put
-        back, for instance because a loop keeps an object of a type that procs/host/objects.py does not know.
+        It includes clients and readers that the host has made so far. HostError: some state cannot be restored, for
+        instance because a loop keeps an object of a type that is unknown to procs/host/objects.py.
         """
         if not private.is_kept(self.name):
             raise HostError(f"{self.name} is closed")
@@ -214,7 +213,7 @@ class Host:
             raise HostError(f"no snapshot of {self.name}: {error}") from error
 
     def _take_places(self) -> None:
-        """At every mailbox: what handles share there must be in each snapshot, also if they are made after it."""
+        """Take a place at every mailbox: each snapshot must contain it, also for handles that are made later."""
         for system, instance, what in names_of(self.name):
             if what == "mailbox" and instance in self.loops:
                 self._places.append(Client(system, instance))
@@ -222,10 +221,11 @@ class Host:
                 self._places[-1].begin()
 
     def restore(self, snapshot: HostSnapshot, seed: int | None = None) -> None:
-        """Go back to a snapshot of this host: what happens from now on is, bit by bit, what happened after it.
+        """Go back to a snapshot of this host; the continuation is then bit by bit the same as after the snapshot.
 
-        `seed`: another one for the noise of sensors and the chance of packets; their generators begin anew. A client
-        made since has sent nothing, `next` of a reader made since goes on with what comes. HostError: of another host.
+        `seed`: restart the generators of sensor noise and packet faults with another seed. A client made after the
+        snapshot has then sent nothing; `next` of a later reader continues with new records. HostError: the snapshot is
+        of another host, or invalid.
         """
         if snapshot.memory is not self._memory or not private.is_kept(self.name):
             raise HostError(f"this is no snapshot of {self.name}, or that is closed")
@@ -237,12 +237,12 @@ class Host:
             self.seed(seed)
 
     def seed(self, seed: int) -> None:
-        """The noise of sensors and the chance of packets begin anew, from another seed than `emulation.seed`."""
+        """Restart the generators of sensor noise and packet faults with a seed other than `emulation.seed`."""
         if isinstance(boards := self.loops.get("boards"), HostedBoards):
             boards.world.seed(seed)
 
     def close(self) -> None:
-        """The end of it."""
+        """Close the host with all its loops, handles and memory."""
         self._held.close()
 
     def __enter__(self) -> Self:
@@ -253,7 +253,7 @@ class Host:
 
 
 def _give_back(held: contextlib.ExitStack, pid: int) -> None:
-    """Of a host that nobody has any more, whether it was closed or not; in a forked child all is the parent's."""
+    """Close an unreferenced host that may still be open; not in a forked child, where all belongs to the parent."""
     if os.getpid() == pid:
         held.close()
 
@@ -267,7 +267,7 @@ def _refuse_coarse(document: SystemConfig) -> None:
 
 
 def _begin_anew(handle: Client | RingReader) -> None:
-    """As one that has just been made."""
+    """Reset a handle to its state after creation."""
     if isinstance(handle, Client):
         handle.forget()
     else:
@@ -276,7 +276,7 @@ def _begin_anew(handle: Client | RingReader) -> None:
 
 
 def _short(history: int) -> Make:
-    """Make segments whose rings keep so many records."""
+    """A function that makes segments whose rings keep at most this many records."""
     def make(name: str, kind: str, schema: Schema, depth: int, info: dict[str, Any] | None = None) -> int:
         wanted = max(history, TOLD) if name.endswith(("~events", "~audit")) else history
         return create(name, kind, schema, min(depth, wanted) if kind == directory.RING else depth, info)
@@ -285,10 +285,10 @@ def _short(history: int) -> Make:
 
 
 class HostPages:
-    """The clock's page, and that of a supervisor which has nothing to do."""
+    """The page of the clock, and that of a supervisor, which does not exist here."""
 
     def __init__(self, document: SystemConfig, clock: SteppedClock) -> None:
-        """The other segments of the system are there."""
+        """The other segments of the system must exist."""
         create_clock(document.name, simulated(document))
         self._segment, self._clock = clock_page(document.name, write=True), clock
         self._words, self._now = self._segment.words(), (self._segment.header.first + SCHEMA.offset("now_ns")) // 8
@@ -299,7 +299,7 @@ class HostPages:
         self.show()
 
     def show(self) -> None:
-        """What time it is."""
+        """Publish the time, and update the heartbeat."""
         self._words[self._now] = self._clock.time_ns
         self._page.field("heartbeat_ns")[...] = monotonic_ns()
 

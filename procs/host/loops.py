@@ -1,4 +1,4 @@
-"""The loops of a host: those of the processes, but that io and the emulated boards need no sockets between them."""
+"""The loops of a host: those of the processes, but without sockets between io and the emulated boards."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ from trocar.procs.teleop.loop import TeleopLoop
 
 
 class HostError(Exception):
-    """A system that cannot run in one process; says why."""
+    """A host cannot do this, for instance run a system of that kind; the message is the reason."""
 
 
 class HostedBoards(BoardsLoop):
-    """Boards that are asked without sockets."""
+    """Emulated boards without sockets."""
 
     def _open(self) -> None:
-        """Nobody asks from outside."""
+        """Open no sockets."""
 
 
 class HostedIo(IoLoop):
-    """An io whose bus are the boards of this process."""
+    """An io whose bus leads to the emulated boards in this process."""
 
     def __init__(self, node: runtime.Node, boards: HostedBoards | None) -> None:
         self._boards = boards
@@ -56,7 +56,7 @@ class HostedIo(IoLoop):
 
 
 class HostedSystem(SystemLoop):
-    """A system that is not heard: its time is another, and it may be one of many; programs it needs none."""
+    """A system without sound, because its time is not real, and it may be one of many."""
 
     def _take_sound(self) -> Sound:
         return Sound(lambda program: None)

@@ -1,4 +1,4 @@
-"""What the loops of a host have in place of a process of their own: its clock, and turns instead of sleep."""
+"""Nodes for the loops of a host, which share a process: a common clock, and turns instead of sleep."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from trocar.shm.time.lockstep import EPOCH_NS
 
 
 class SteppedClock:
-    """The time of a host, which goes on when the host says so."""
+    """The clock of a host, which sets its time."""
 
     simulated = True
     spin_ns = 0
@@ -26,45 +26,45 @@ class SteppedClock:
         return self.time_ns
 
     def sleep_until(self, deadline_ns: int, stopped: Callable[[], bool]) -> None:
-        """Nobody sleeps in a host: see HostedNode.tick."""
+        """Raise an error, because loops in a host must not sleep: see HostedNode.tick."""
         raise RuntimeError("a loop in a host sleeps by Node.tick only")
 
 
 class HostedNode(Node):
-    """A node whose `tick` only says until when its loop has nothing to do; the host goes on with it."""
+    """A node whose `tick` only records when its loop is due; the host then calls the loop."""
 
     clock: SteppedClock
 
     def __init__(self, document: SystemConfig, name: str, clock: SteppedClock) -> None:
         super().__init__(document, name, clock)
         self.due_ns = 0
-        """When its next cycle is."""
+        """Time of its next cycle."""
         self.news: Callable[[], bool] | None = None
-        """True: its next cycle is earlier."""
+        """Returns True if its next cycle is to be earlier."""
         self._end_ns = 0
 
     def ready(self) -> None:
-        """Its loop is made: the grid of its cycles begins."""
+        """Start the grid of its cycles, after its loop was made."""
         self.begin()
         self.now_ns = self.clock.time_ns
         self.pacing.begin(self.now_ns, True)
 
     def tick(self, serve: Callable[[int], bool] | None = None, news: Callable[[], bool] | None = None,
              periods: int = 1) -> bool:
-        """See Node.tick; returns at once."""
+        """See Node.tick; sets `due_ns` and returns at once."""
         self._end_ns = self.due_ns = self.pacing.end_of_work(self.clock.time_ns, periods)
         self.news = news
         return True
 
     def is_woken(self) -> bool:
-        """Whether there is news for it: then it is due now, or QUICKEST_NS after its last cycle."""
+        """Whether it is due now because of news: at the earliest QUICKEST_NS after its last cycle."""
         if self.news is None or not self.news():
             return False
         self.due_ns = min(self.due_ns, max(self.clock.time_ns, self.now_ns + QUICKEST_NS))
         return self.due_ns <= self.clock.time_ns
 
     def go_on(self) -> None:
-        """A cycle begins."""
+        """Begin a cycle."""
         now = self.now_ns = self.clock.time_ns
         if now < self._end_ns:
             self.pacing.early(now)

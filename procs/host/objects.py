@@ -1,8 +1,8 @@
-"""What a graph of objects holds, and how it is put back: in place, so that whoever knows an object finds it as it was.
+"""Remembers the state of a graph of objects and restores it in place, so that all references stay valid.
 
-All that can change is found by walking from some roots: attributes, slots, containers, arrays, cells of functions,
-random generators, native structs, the data of MuJoCo. What cannot be walked has to be a row of OPAQUE, with the
-reason. Classes and modules are not walked: what they hold themselves is constant.
+A walk from some roots finds all mutable state: attributes, slots, containers, arrays, cells of functions, random
+generators, native structs, MuJoCo data. Types that cannot be walked must have a row in OPAQUE, with the reason.
+Classes and modules are not walked: their own contents are constant.
 """
 
 from __future__ import annotations
@@ -53,19 +53,19 @@ OPAQUE: Final[Mapping[str, str]] = {
     "weakref.ReferenceType": "never changes",
 }
 EMPTY: Final = object()
-"""A cell or slot in which there is nothing."""
+"""Marks an empty cell or slot."""
 
 
 class UnknownTypeError(TypeError):
-    """An object that may change, and of which nobody has said how it is put back."""
+    """An object of a type that may change and has no known way to be restored."""
 
 
 class RememberedObjects:
-    """All that changes in what can be reached from `roots` as it is now; `put_back` makes it so again."""
+    """The present mutable state of all objects reachable from `roots`; `put_back` restores it."""
 
     def __init__(self, roots: Mapping[str, object]) -> None:
-        """UnknownTypeError names what cannot be put back, and how it is reached."""
-        self._kept: dict[int, object] = {}  # so that no number is given to another object
+        """Remember the state; UnknownTypeError names an object that cannot be restored, with its path."""
+        self._kept: dict[int, object] = {}  # so that no id is reused for another object
         self._reached: dict[int, tuple[int, str]] = {}
         self._arrays: list[tuple[NDArray[Any], NDArray[Any]]] = []
         self._bytes: list[tuple[Any, bytes | array.array[Any]]] = []
@@ -78,16 +78,16 @@ class RememberedObjects:
         self._setters: list[tuple[Callable[[Any], object], object]] = []
         self._data: list[tuple[mujoco.MjData, mujoco.MjModel, mujoco.MjData]] = []
         self.segments: set[str] = set()
-        """Names of those that are attached; they stay so, and what they say is not kept here."""
+        """Names of attached segments; they stay attached, and their content is not kept here."""
         self._walk(roots)
-        self._kept.clear()  # what is put back is in the lists
+        self._kept.clear()  # the lists have all that is restored
         self._reached.clear()
 
     def _walk(self, roots: Mapping[str, object]) -> None:
         todo: collections.deque[tuple[object, int, str]] = collections.deque(
             (root, 0, name) for name, root in roots.items())
         while todo:
-            one, parent, name = todo.popleft()  # the shortest way to each
+            one, parent, name = todo.popleft()  # breadth first: the shortest path to each object
             if isinstance(one, NEVER_CHANGES) or id(one) in self._kept:
                 continue
             self._kept[id(one)] = one
@@ -95,7 +95,7 @@ class RememberedObjects:
             todo.extend((child, id(one), label) for label, child in self._look_into(one))
 
     def _look_into(self, one: object) -> Children:
-        """Keep what an object holds; what else can be reached from it."""
+        """Remember the state of an object; returns its children."""
         if _name(type(one)) in OPAQUE:
             return ()
         if isinstance(one, Segment):
@@ -118,15 +118,15 @@ class RememberedObjects:
         return "".join(reversed(names))
 
     def _own(self, one: object) -> Children:
-        """Attributes and slots."""
+        """Remember attributes and slots; returns them as children."""
         kind: Any = type(one)
         found: list[tuple[str, object]] = []
         is_frozen = getattr(getattr(kind, "__dataclass_params__", None), "frozen", False)
         own = getattr(one, "__dict__", None) if kind.__dictoffset__ else None
-        if own or (own is not None and _is_plain(kind)):  # all functions have one
+        if own or (own is not None and _is_plain(kind)):  # all functions have a __dict__
             if not is_frozen:
                 self._attributes.append((own, dict(own)))
-                own.clear()  # looked at, it shares its keys with others of its class: then all else reads it slowly
+                own.clear()  # rebuild it: after inspection it shares keys with others of its class, and is slow to read
                 own.update(self._attributes[-1][1])
             found += [(f".{name}", value) for name, value in own.items()]
         for name, slot in _slots(kind):
@@ -147,7 +147,7 @@ class RememberedObjects:
             base = base.base
         if base is not one:
             return (("'s base", base),)
-        if one.flags.writeable and not isinstance(one.base, (memoryview, bytearray)):  # else their owner is kept
+        if one.flags.writeable and not isinstance(one.base, (memoryview, bytearray)):  # otherwise the owner is kept
             self._arrays.append((one, one.copy()))
         return [("'s memory", one.base), *(_numbered(one.flat) if one.dtype.hasobject else ())]
 
@@ -212,7 +212,7 @@ class RememberedObjects:
     # -- back ----------------------------------------------------------------------------------------------------------
 
     def put_back(self) -> None:
-        """All is as it was when it was remembered."""
+        """Restore the remembered state."""
         for target, values in self._arrays:
             target[...] = values
         for memory, said in self._bytes:
@@ -223,7 +223,7 @@ class RememberedObjects:
                 for name in own.keys() - named.keys():
                     del own[name]
         for mapping, rows in self._mappings:
-            mapping.clear()  # their order, too
+            mapping.clear()  # restores the order, too
             mapping.update(rows)
         for row, items in self._lists:
             row[:] = items
@@ -241,7 +241,7 @@ class RememberedObjects:
 
     @property
     def counts(self) -> dict[str, int]:
-        """How much it is, by kind."""
+        """Number of remembered items by kind."""
         return {name[1:]: len(value) for name, value in vars(self).items() if isinstance(value, list)}
 
 
@@ -258,7 +258,7 @@ def _items(mapping: Mapping[Any, object]) -> Children:
 
 
 def _or_empty(ask: Callable[..., object], *given: object) -> object:
-    """EMPTY where nothing is."""
+    """The value, or EMPTY if there is none."""
     try:
         return ask(*given)
     except (AttributeError, ValueError):
@@ -271,7 +271,7 @@ def _write(address: int, said: bytes) -> None:
 
 @functools.cache
 def _slots(kind: type) -> Slots:
-    """All that a class and those above it declare."""
+    """All slots that a class and its bases declare."""
     found = []
     for each in kind.__mro__:
         declared = each.__dict__.get("__slots__", ())
@@ -285,7 +285,7 @@ def _slots(kind: type) -> Slots:
 
 @functools.cache
 def _is_plain(kind: type) -> bool:
-    """Whether attributes and slots are all that its objects are: nothing in C has room of its own in them."""
+    """Whether objects of this type consist of attributes and slots only, without further C data."""
     words = len(_slots(kind)) + (kind.__weakrefoffset__ > 0) + (kind.__dictoffset__ > 0)
     most = object.__basicsize__ + words * ctypes.sizeof(ctypes.c_void_p)
     return kind.__itemsize__ == 0 and kind.__basicsize__ <= most

@@ -1,4 +1,4 @@
-"""All of a host as it is between two runs: its loops and handles as objects, its segments as bytes."""
+"""Snapshots of a host between two runs: loops and handles as objects, segments as bytes."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ ZEROS: Final = bytes(PAGE)
 
 
 class HostMemory:
-    """The segments of a host, attached: all but the document, which nobody writes any more."""
+    """The attached segments of a host: all except the document, which no longer changes."""
 
     def __init__(self, system: str) -> None:
-        """SegmentError: it is not kept by this process."""
+        """Attach to all segments; SegmentError if they are not in this process."""
         self.segments: list[Segment] = []
         self.names: set[str] = set()
         for _, instance, what in names_of(system):
@@ -33,27 +33,27 @@ class HostMemory:
 
 
 class HostSnapshot:
-    """What `Host.snapshot` gives and `Host.restore` takes; of this host alone, and good as long as that is open."""
+    """A snapshot from `Host.snapshot` for `Host.restore`; only for this host, and as long as it is open."""
 
     def __init__(self, memory: HostMemory, roots: Mapping[str, object], handles: Sequence[object]) -> None:
-        """UnknownTypeError: something in `roots` or `handles` cannot be put back, or is of another system."""
+        """UnknownTypeError: an object in `roots` or `handles` cannot be restored, or belongs to another system."""
         self.memory, self.handles = memory, tuple(handles)
-        """Clients and readers that are part of it."""
+        """Clients and readers in the snapshot."""
         self._objects = RememberedObjects({**roots, "handles": self.handles})
         if others := sorted(self._objects.segments - memory.names):
             raise UnknownTypeError(f"{others[0]} is of another system, which is not taken back")
         self._bytes = [part for segment in memory.segments for part in _parts(segment.view)]
-        self.put_back()  # sets and dicts, too, are now as they will be after each restore
+        self.put_back()  # so that sets and dicts are ordered now as after each restore
 
     def put_back(self) -> None:
-        """For the host."""
+        """Restore bytes and objects, as part of `Host.restore`."""
         for view, said in self._bytes:
             view[:] = said
         self._objects.put_back()
 
 
 def _parts(view: memoryview) -> list[tuple[memoryview, bytes]]:
-    """A segment and what it says, in parts: those of zeros, which are most of a mailbox, take no memory until read."""
+    """A segment's content in parts: those of zeros, the larger part of a mailbox, take no memory until read."""
     starts = range(0, len(view), PAGE)
     parts = []
     for is_zero, run in itertools.groupby(starts, lambda start: view[start : start + PAGE].tobytes() == ZEROS):

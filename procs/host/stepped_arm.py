@@ -1,4 +1,4 @@
-"""A KINEMATIC arm and its io in shared memory of their own, stepped cycle by cycle: to measure what a cycle takes."""
+"""A KINEMATIC arm and its io in their own shared memory, stepped cycle by cycle to measure the duration of a cycle."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ PERIOD_NS = 666_667
 
 
 class SteppedArm:
-    """The first arm of a system, and the io that plays its robot."""
+    """The first arm of a system, and the io of its kinematic robot."""
 
     def __init__(self, system: SystemConfig) -> None:
-        """Makes the shared memory of the system, which is gone at the end."""
+        """Make the shared memory of the system; it is removed at the end."""
         self.name = system.name
         self.now_ns = 1_000_000_000
         row = system.arms[0]
@@ -51,14 +51,14 @@ class SteppedArm:
         memory.remove_all(self.name)
 
     def send(self, name: str, values: Any = (), text: str = "") -> None:
-        """A command for the arm's next cycle."""
+        """Send a command for the arm's next cycle."""
         self._client.poll()
         self._client.send(name, values, text)
 
     def step(self, sway: float = 0.0) -> int:
-        """A cycle of io, then one of the arm; the CPU time of the latter, ns.
+        """Run a cycle of io, then one of the arm; returns the CPU time of the latter, ns.
 
-        `sway`: what is measured is so much [rad, m, N·m or N] beside what it was, as no real robot stands still.
+        `sway`: an offset on measured values [rad, m, rad/s, m/s, N·m or N], because no real robot is quite still.
         """
         self.now_ns += PERIOD_NS
         self._core.cycle(self._io_mailbox.drain(0))
