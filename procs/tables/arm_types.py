@@ -1,10 +1,10 @@
-"""THE TABLE of arm types: how many joints, how fast, how heavy, and what does their work.
+"""THE TABLE of arm types: number of joints, limits, inertia, and the modules that implement them.
 
-Inertia and friction are what the stock files do not say, for emulated boards. PSM Classic, first three joints: fitted
-to 30 s of a real arm (efforts recorded while all joints were excited). Yaw
-shows 0.073 kg·m² plus 0.12·cos²(pitch): a long body across the shaft, which pitch turns as well; so that share stands
-as the shaft's inertia and the rest, the motors' share, as armature. The other rows are chosen by the rule of
-`trocar.procs.boards.robots.mechanics` and an arm's size, not measured.
+Inertia and friction, which stock files lack, are for emulated boards. PSM Classic, first three joints: fitted to 30 s
+of a real arm (efforts recorded while all joints were excited). Yaw shows 0.073 kg·m² plus 0.12·cos²(pitch), as of a
+long body across the shaft, which pitch turns as well; so the table has that share as the shaft's inertia, and the rest,
+the motors' share, as armature. The other rows are chosen by the rule of `trocar.procs.boards.robots.mechanics` and the
+size of the arm, not measured.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class TrajectoryLimits:
-    """Velocity and acceleration a joint trajectory may use at ratio 1, per joint: rad/s or m/s, rad/s² or m/s².
+    """Maximum velocity and acceleration of joint trajectories at ratio 1, per joint: rad/s or m/s, rad/s² or m/s².
 
-    `arrival`: a joint has arrived at a goal, of a move or of homing, when it is no further away, rad or m.
+    `arrival`: distance within which a joint has reached the goal of a move or of homing, rad or m.
     """
 
     velocity: tuple[float, ...]
@@ -34,13 +34,13 @@ class TrajectoryLimits:
     arrival: tuple[float, ...]
 
     def scaled(self, velocity_ratio: float = 1.0, acceleration_ratio: float = 1.0) -> tuple[Array, Array]:
-        """(velocity, acceleration) as new arrays (n,), times the ratios a person may set."""
+        """(velocity, acceleration) as new arrays (n,), multiplied by the ratios, which a person may set."""
         return velocity_ratio * np.array(self.velocity), acceleration_ratio * np.array(self.acceleration)
 
 
 @dataclass(frozen=True, slots=True)
 class ServoLimits:
-    """What setpoints of a stream may do, per joint, see `trocar.procs.arm.governor`: rad/s or m/s, rad/s² or m/s²."""
+    """Limits of streamed setpoints per joint, see `trocar.procs.arm.governor`: rad/s or m/s, rad/s² or m/s²."""
 
     speed: tuple[float, ...]
     acceleration: tuple[float, ...]
@@ -48,10 +48,10 @@ class ServoLimits:
 
 @dataclass(frozen=True, slots=True)
 class EffortModeLimits:
-    """What effort mode allows, per joint: rad/s or m/s, rad or m.
+    """Limits in effort mode per joint: rad/s or m/s, rad or m.
 
-    `speed`: nothing drives a joint that is as fast, and a faster one is braked. `zone`: so far before a position limit
-    the soft wall begins.
+    `speed`: a joint at this speed is not driven further, and a faster one is braked. `zone`: distance from a position
+    limit at which the soft wall begins.
     """
 
     speed: tuple[float, ...]
@@ -69,24 +69,23 @@ class JointInertia:
 
 @dataclass(frozen=True, slots=True)
 class ArmInertia:
-    """One arm type: a row per joint of its kinematic file, and where it stands when the boards are switched on."""
+    """One arm type's inertia, a row per joint of its kinematic file, and its position when boards are switched on."""
 
     joints: tuple[JointInertia, ...]
     initial: tuple[float, ...]  # actuator positions, rad or m
     shaft: tuple[float, float, float] = (0.0, 0.0, 0.0)  # kg·m² about x y z of the insertion link, z along the shaft
-    homed_at_stop: int = -1  # the joint that the host homes by its lower stop, which is where the file says
+    homed_at_stop: int = -1  # the joint that the host homes at its lower stop, which is at the file's lower limit
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArmType:
-    """One type. What does its work is named as module:name and imported by whoever needs it, see `found`.
+    """One arm type. Its implementations are named as module:name and imported on use, see `found`.
 
-    `joints` are those of the arm itself; where there are more `actuators` the others turn an instrument. `gains` are
-    the stock PID files of the generations that there are. `moves`, `servo` and `efforts` bound each joint,
-    `kinematic_home` is where a KINEMATIC arm homes to, rad or m. `views` (first words of names) and `events` are those
-    that only some types have. Without an `inverse` its tip takes no goals. For `physical`, the links with masses of a
-    generation, see `trocar.procs.config.loading.chains`; `plant` is its emulated robot by generation, whose axes are
-    loose without one.
+    `joints`: number of the arm's own joints; further `actuators` drive an instrument. `gains`: stock PID files by
+    generation. `moves`, `servo` and `efforts` limit each joint; `kinematic_home` is the home position of a KINEMATIC
+    arm, rad or m. `views` (first words of names) and `events` are those that only some types have. Without an
+    `inverse` there are no Cartesian goals. For `physical`, the links with masses of a generation, see
+    `trocar.procs.config.loading.chains`; `plant` is its emulated robot by generation, whose axes are loose without one.
     """
 
     actuators: int
@@ -106,30 +105,30 @@ class ArmType:
     physical: Mapping[str, str] = field(default_factory=dict)
     physical_links: tuple[int, ...] = ()
     parallelogram: tuple[tuple[int, float] | None, ...] = ()
-    """The joint that moves each link of an Si arm as they really are, and its share; None: stands still."""
+    """The joint that moves each physical link of an Si arm, and its share; None: the link does not move."""
     plant: Mapping[str, ArmInertia] = field(default_factory=dict)
 
     @property
     def max_speeds(self) -> tuple[float, ...]:
-        """What io lets setpoints of the actuators do at most: twice what streams may, discs as their quickest joint."""
+        """io's speed limits for actuator setpoints: twice those of streams; for discs, that of their fastest joint."""
         own, discs = self.servo.speed[: self.joints], self.servo.speed[self.joints :]
         return (*(2.0 * speed for speed in own), *(2.0 * max(discs, default=0.0),) * len(discs))
 
     @property
     def has_gripper(self) -> bool:
-        """A master's gripper, which is a robot of its own in the IO files."""
+        """Whether it has a master's gripper, which is a separate robot in IO files."""
         return "gripper" in self.views
 
 
 def found(name: str) -> object:
-    """What the table names as module:name."""
+    """The object that the table names as module:name."""
     module, _, what = name.partition(":")
     thing: object = getattr(importlib.import_module(module), what)
     return thing
 
 
 def class_of(name: str, kind: type[T]) -> type[T]:
-    """The same of a class, which has to be one of `kind`."""
+    """The class named as module:name; TypeError unless it is a subclass of `kind`."""
     thing = found(name)
     if not (isinstance(thing, type) and issubclass(thing, kind)):
         raise TypeError(f"{name} is no {kind.__name__}")
@@ -138,13 +137,13 @@ def class_of(name: str, kind: type[T]) -> type[T]:
 
 PSM_INITIAL: Final = (0.05, -0.08, 0.10, 0.2, 0.2, 0.2, 0.2)
 
-# Servo: above all that real arms did in recordings in which all joints were excited, from sample to sample (a PSM's
-# insertion up to 0.39 m/s; a master's roll 26 rad/s, and twice that where a sample was late), and above what moves do.
-# A PSM's yaw, pitch and insertion go less far in 0.1 s than their tracking errors may be.
-# Efforts: as fast as the arm goes by itself or a hand takes it in ordinary use, and no faster; zones in which a joint's
-# own motor stops it from there: longer than speed² · inertia / effort. Homes: instrument or endoscope inserted, so that
-# the tip can be moved from there on. Arrival: dVRK homing tolerances, which real arms pass; less where a joint slides.
-# By the efforts that were recorded and the stock gains, a PSM's errors are 0.8° and 0.4 mm at most.
+# Servo: above the sample-to-sample motion of real arms in recordings with all joints excited (a PSM's insertion up to
+# 0.39 m/s; a master's roll 26 rad/s, and twice that at a late sample), and above the limits of moves. In 0.1 s a PSM's
+# yaw, pitch and insertion move less than their allowed tracking errors.
+# Efforts: the speed of the arm itself or of a hand in ordinary use, and no more; zones in which the joint's own motor
+# can stop it from that speed: longer than speed² · inertia / effort. Homes: instrument or endoscope inserted, so that
+# the tip can be moved from there on. Arrival: dVRK homing tolerances, which real arms meet; less for prismatic joints.
+# With recorded efforts and stock gains, a PSM's errors are 0.8° and 0.4 mm at most.
 ARM_TYPES: Final[Mapping[str, ArmType]] = {
     "PSM": ArmType(  # yaw, pitch, insertion, four discs (or roll, wrist pitch, wrist yaw, jaw)
         actuators=7,
@@ -160,8 +159,8 @@ ARM_TYPES: Final[Mapping[str, ArmType]] = {
             arrival=(radians(3), radians(3), 0.005, *(radians(3),) * 4),
         ),
         servo=ServoLimits((2.2, 2.2, 0.45, 20.0, 10.0, 10.0, 15.0), (300.0, 300.0, 60.0, *(400.0,) * 4)),
-        # Yaw, pitch: as in moves. Insertion: a hand on the clutch draws faster than that. Wrist: less than moves may
-        # do, which no short zone stops; the tip goes 60 mm/s by it.
+        # Yaw, pitch: as in moves. Insertion: more, as a hand with the clutch moves faster. Wrist: less than in moves,
+        # from which a short zone could not stop it; the tip then moves at 60 mm/s.
         efforts=EffortModeLimits((radians(90), radians(90), 0.3, radians(720), *(radians(360),) * 3),
                                  (0.15, 0.15, 0.010, *(0.15,) * 4)),
         kinematic_home=(0.0, 0.0, 0.12, 0.0, 0.0, 0.0, 0.0),
@@ -198,8 +197,8 @@ ARM_TYPES: Final[Mapping[str, ArmType]] = {
         ),
         servo=ServoLimits((8.0, 8.0, 5.0, 20.0, 30.0, 8.0, 60.0),
                           (1600.0, 1600.0, 1000.0, 4000.0, 6000.0, 1600.0, 12000.0)),
-        # A surgeon's hand is to feel neither: 120°/s of the outer joints are 0.8 m/s at the handle, and hands at work
-        # go up to 0.5 m/s; wrists turn at up to 300°/s, and fingers roll faster.
+        # A surgeon's hand must feel neither: 120°/s of the outer joints is 0.8 m/s at the handle, and working hands
+        # reach 0.5 m/s; wrists turn at up to 300°/s, and fingers roll faster.
         efforts=EffortModeLimits((*(radians(120),) * 3, radians(180), radians(360), radians(360), radians(720)),
                                  (*(0.2,) * 3, 0.15, 0.25, 0.2, 1.0)),
         kinematic_home=(0.0,) * 7,
@@ -235,7 +234,7 @@ ARM_TYPES: Final[Mapping[str, ArmType]] = {
             arrival=(radians(3), radians(3), 0.005, radians(3)),
         ),
         servo=ServoLimits((1.6, 1.6, 0.25, 3.2), (100.0, 100.0, 20.0, 200.0)),
-        # Twice and more that of moves, which are made for a picture that does not blur, not for a hand on the clutch.
+        # At least twice that of moves, whose limits are for a sharp picture, not for a hand with the clutch.
         efforts=EffortModeLimits((radians(60), radians(60), 0.12, radians(180)), (0.15, 0.15, 0.010, 0.15)),
         kinematic_home=(0.0, 0.0, 0.12, 0.0),
         events=("endoscope_type", "arm_clutch"),

@@ -1,4 +1,4 @@
-"""How arms are brought to a state: by which words of `state_command`, and how long each may take."""
+"""The bring-up of arms: words of `state_command` for each goal, and their time limits."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ ENABLE, HOME, DISABLE = "enable", "home", "disable"
 LIMITS_S: Final = {ENABLE: 7.0, HOME: 60.0, DISABLE: 7.0}
 ENABLED, HOMED, DISABLED = "enabled", "homed", "disabled"
 WORDS: Final = {ENABLED: ENABLE, HOMED: HOME, DISABLED: DISABLE}
-"""The word that brings an arm to a goal."""
+"""The word for each goal."""
 
 
 def next_word(word: str, state: str) -> str:
-    """What an arm in this state is asked for next, on its way to what the word asks for; "": nothing.
+    """The next word to send to an arm in this state, on the way to the goal of `word`; "" if none.
 
-    In FAULT it is disabled first, and only what shows ENABLED is homed.
+    An arm in FAULT is disabled first, and only an arm that shows ENABLED is homed.
     """
     if word == DISABLE or state == "FAULT":
         return DISABLE
@@ -24,7 +24,7 @@ def next_word(word: str, state: str) -> str:
 
 
 def reached(word: str, state: str, is_homed: bool, is_busy: bool) -> bool:
-    """Whether an arm that shows this has done what the word asks for."""
+    """Whether an arm in this state has reached the goal of `word`."""
     if word == DISABLE:
         return state == "DISABLED" and not is_busy
     return state == "ENABLED" and (word == ENABLE or (is_homed and not is_busy))

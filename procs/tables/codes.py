@@ -1,6 +1,6 @@
-"""THE TABLE of codes: every warning and error of any process, whose it is, its cause and what a person can do about it.
+"""THE TABLE of codes: every warning and error with the kinds of process that report it, its cause and its remedy.
 
-Faults of io have a number as well, which travels in `fault` of io's record (0: none) and is never reused.
+Faults of io also have a number, which is shown in `fault` of io's record (0: none) and never reused.
 docs/errors.md is generated from it: `python -m trocar.tools.pages.errors`.
 """
 
@@ -17,16 +17,16 @@ POWER_OFF: Final = 2  # and amplifiers and motor power off
 CUT: Final = 3  # and the safety relays opened
 
 JOINT: Final = "joint"
-SENDER: Final = "ADDRESS:PORT"  # in the cause of a row: who it was
+SENDER: Final = "ADDRESS:PORT"  # placeholder in the cause of a row
 BUSY: Final = "the computer is too slow or too busy: trocar doctor, docs/operating.md (real time)"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Code:
-    """One row: `cause` says what is wrong in one sentence, `remedy` what a person can do.
+    """One row: `cause` describes the problem in one sentence, `remedy` the actions to take.
 
-    `owner`: the kinds of process that report it, "any": all. Of io's faults: `action` is NOTHING, STOP, POWER_OFF or
-    CUT; `unit` is that of value and limit, JOINT: rad or m as the axis is, empty: none. `bound` says what the limit is.
+    `owner`: the kinds of process that report it, or "any". For faults of io: `action` is NOTHING, STOP, POWER_OFF or
+    CUT; `unit` is that of value and limit, JOINT: rad or m by axis, empty: no value; `bound` describes the limit.
     """
 
     code: str
@@ -40,7 +40,7 @@ class Code:
     bound: str = "allowed"
 
     def remedy_for(self, component: str) -> str:
-        """The remedy with the name of the arm or process that the message is about."""
+        """The remedy, with the name of the arm or process concerned."""
         return self.remedy.replace("NAME", component) if component else self.remedy
 
 
@@ -158,7 +158,7 @@ BOARDS_LATE: Final = Code(
     "boards-late", WARNING, "boards", "the emulated boards were held up; the robots stood still meanwhile",
     "the machine is too busy, or was suspended; give the emulation a core of its own")
 
-# arm: what makes it go FAULT
+# arm: causes of FAULT
 IO_TIMEOUT: Final = Code(
     "io-timeout", ERROR, "arm", "io does not answer",
     "wait until io is back, or start it by its name with trocar start; then trocar home NAME")
@@ -203,7 +203,7 @@ ENGAGING_PLAN: Final = Code(
     "engaging-plan", ERROR, "arm", "there is no motion that engages the adapter or instrument",
     "take it off and put it on again")
 
-# arm: what it tells and goes on
+# arm: reported, without FAULT
 IO_REFUSED: Final = Code(
     "io-refused", WARNING, "arm, suj", "io refused what it was asked for",
     "trocar logs --commands lists what io was asked for, by whom, and what became of it")
@@ -354,7 +354,7 @@ TELEOP_WAITING: Final = Code(
     "teleop-waiting", WARNING, "teleop", "the teleoperation waits before it follows",
     "do what it waits for, most often move the gripper")
 
-# console, system, programs of others
+# console, system, third-party programs
 TELEOP_DISABLED: Final = Code(
     "teleop-disabled", WARNING, "console", "an arm had a fault; teleoperation is no longer enabled",
     "when all is well again: trocar send NAME teleop_enable 1")
@@ -380,7 +380,7 @@ ROS_REFUSED: Final = Code(
     "ros-refused", WARNING, "ros_bridge", "a command from ROS was refused, or did not succeed",
     "the message says why; docs/commands.md lists what each topic takes")
 
-# processes of users' own
+# users' processes
 USER_ERROR: Final = Code(
     "user-error", ERROR, "user", "a process of a user's own reports that something is wrong with it",
     "remove what it names; if it does not resume by itself: trocar restart NAME")

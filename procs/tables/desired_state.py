@@ -1,7 +1,7 @@
-"""THE TABLE of what an arm wants of io: each desired state is a field of its setpoints, a flag of io's record is the
-answer.
+"""THE TABLE of desired states: what an arm requests of io. Each is a field of the arm's setpoints; a flag in io's
+record shows the actual state.
 
-A desired state is NONE, OFF or ON, and counts with the others of its generation; see
+A desired state is NONE, OFF or ON, and is valid together with the others of its generation; see
 docs/decisions/0017-desired-states.md.
 """
 
@@ -17,7 +17,7 @@ Order = tuple[str, tuple[float, ...]]  # a command of io and its numbers
 
 @dataclass(frozen=True, slots=True)
 class DesiredState:
-    """Its field in the setpoints, the flag of io's record that shows it, and the commands of io that it stands for."""
+    """A field in the setpoints, the flag of io's record that shows it, and the equivalent commands of io."""
 
     name: str
     shown: str
@@ -26,7 +26,7 @@ class DesiredState:
 
     @property
     def field(self) -> str:
-        """In the setpoints."""
+        """Name of the field in the setpoints."""
         return f"desired_{self.name}"
 
 
@@ -34,7 +34,7 @@ def _switch(name: str, shown: str, command: str) -> DesiredState:
     return DesiredState(name, shown, (command, (1.0,)), (command, (0.0,)))
 
 
-# In the order in which io looks at them: nothing is held or let go before there is power.
+# In the order in which io processes them: power comes before controllers and brakes.
 DESIRED_STATES: Final = (
     DesiredState("fault", "fault", ("", ()), ("clear_fault", ())),
     DesiredState("power", "power_requested", ("power_on", ()), ("power_off", (0.0,))),
@@ -46,7 +46,7 @@ DESIRED_STATES: Final = (
     DesiredState("brakes", "brakes_released", ("brake_release", ()), ("brake_engage", ())),
 )
 SETTINGS: Final = {desired.on[0]: desired for desired in DESIRED_STATES if desired.on[1] and desired.name != "pid"}
-"""By its command: what only sets how io watches and drives a robot, and takes nothing back that the arm wants."""
+"""Settings by command: they only change how io monitors and drives a robot, and void no desired state."""
 SWITCHING: Final = frozenset(
     (*(order[0] for desired in DESIRED_STATES for order in (desired.on, desired.off)), "servo_zero")) - {"", *SETTINGS}
-"""Commands of io that do what desired states do: a person's one among them voids the desired states of the robot."""
+"""Commands of io with the effect of a desired state: given by a person, they void the robot's desired states."""

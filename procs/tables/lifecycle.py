@@ -1,9 +1,8 @@
-"""The lifecycle of an instance as a table: (state, event) to state, and what the supervisor does on the way.
+"""The lifecycle of an instance as a table: (state, event) to the next state and the supervisor's action.
 
 STOPPED –start→ RUNNING; RUNNING –stop→ STOPPING; STOPPING –quit→ STOPPED, –start→ RESTARTING; RESTARTING –quit→ RUNNING
-(a new process), –stop→ STOPPING. At most one process of an instance ever runs: there is one in every state but STOPPED.
-A RUNNING process that ends by itself (`quit`) is started again by the supervisor's policy, so the table sends it to
-STOPPED and the policy decides.
+(a new process), –stop→ STOPPING. An instance has at most one process, and it has one in every state except STOPPED.
+After a RUNNING process has ended by itself (`quit`) the state is STOPPED, and the supervisor's restart policy decides.
 """
 
 from __future__ import annotations
@@ -13,10 +12,10 @@ STATES = (STOPPED, RUNNING, STOPPING, RESTARTING)
 START, STOP, QUIT = "start", "stop", "quit"
 EVENTS = (START, STOP, QUIT)
 NOTHING, BEGIN, ASK = "", "begin", "ask"
-"""What is done: nothing, begin a new process, ask the one that runs to end."""
+"""Actions: nothing, begin a new process, ask the running process to end."""
 
 ASKED, DONE = "stopped", "done"
-"""Ends that are no problem: an operator stopped it (maybe with ": " and how it ended), or it was not needed."""
+"""Reasons of ends that are no problem: stopped by an operator (perhaps with ": " and how it ended), or not needed."""
 
 TABLE: dict[tuple[str, str], tuple[str, str]] = {
     (STOPPED, START): (RUNNING, BEGIN),
@@ -30,10 +29,10 @@ TABLE: dict[tuple[str, str], tuple[str, str]] = {
 
 
 def is_meant(reason: str) -> bool:
-    """Whether a process that ended for this reason is to be down."""
+    """Whether an end for this reason was intended."""
     return reason.partition(":")[0] in (ASKED, DONE)
 
 
 def step(state: str, event: str) -> tuple[str, str]:
-    """The state after an event, and what is done; events that a state does not know change nothing."""
+    """The state after an event, and the action; events without a row change nothing."""
     return TABLE.get((state, event), (state, NOTHING))

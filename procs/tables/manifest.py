@@ -1,4 +1,4 @@
-"""THE TABLE of who runs: one row per kind of process. Whatever asks what a kind is reads it here."""
+"""THE TABLE of processes: one row per kind, the only source of a kind's properties."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ if TYPE_CHECKING:
     from trocar.procs.document.system import SystemConfig
 
 LATE_S: Final = 0.03
-"""A process of a control loop that is silent for so long counts as gone."""
+"""Silence after which a process of a control loop counts as gone."""
 FILTERS: Final = "filters"
 """The kind that calls several users' processes in one."""
-SIMULATED_LOST: Final = 10  # times `supervisor_lost_s` in simulated time: nothing is in danger, the machine may be busy
-SIMULATED_HUNG_S: Final = 5.0  # as usual in simulated time: on a busy machine 0.7 s without a core were seen
+SIMULATED_LOST: Final = 10  # factor on `supervisor_lost_s` in simulated time: nothing is at risk, CPUs may be busy
+SIMULATED_HUNG_S: Final = 5.0  # default in simulated time: on a busy machine 0.7 s without CPU time were seen
 
 
 @dataclass(frozen=True, slots=True)
 class ProcessInstance:
-    """One that a system has; without a period it has that of its kind. It starts after those of `after` there are.
+    """One instance in a system; period 0 means that of its kind. It starts after the existing instances in `after`.
 
-    With addresses to `listen` at it starts when somebody connects, unless the system file says otherwise.
+    With `listen` addresses it starts when a client connects, unless the system file has another `start`.
     """
 
     name: str
@@ -33,7 +33,7 @@ class ProcessInstance:
     after: tuple[str, ...] = ()
     listen: tuple[str, ...] = ()
     start: str = ""
-    """If not as usual for its kind: ELSEWHERE."""
+    """Empty: as usual for its kind; else ELSEWHERE."""
 
 
 def _nobody(system: SystemConfig) -> Iterable[ProcessInstance]:
@@ -41,39 +41,39 @@ def _nobody(system: SystemConfig) -> Iterable[ProcessInstance]:
 
 
 def _third_parties(system: SystemConfig) -> Iterable[ProcessInstance]:
-    """Those that the system file declares are processes of the system, all others are started by their owners."""
+    """Third-party programs: those that the system file declares are its processes; others are started elsewhere."""
     declared = {row.name: row.period_s for row in system.users}
     return [ProcessInstance(row.name, declared.get(row.name, 0.0), start="" if row.name in declared else ELSEWHERE)
             for row in system.third_parties]
 
 
 def _users(system: SystemConfig, rows: Mapping[str, tuple[float, str]]) -> Iterable[ProcessInstance]:
-    """Users' processes with period and start; they come after all that drives the robot."""
+    """Users' processes with period and start; they start after all processes that drive the robot."""
     robot = tuple(row.name for rows in (system.ios, system.arms, system.carts, system.consoles) for row in rows)
     return [ProcessInstance(name, period_s, robot, start=start) for name, (period_s, start) in rows.items()]
 
 
 @dataclass(frozen=True, slots=True)
 class Proc:
-    """One kind: default period, how long it may be silent, and what happens after it died.
+    """One kind of process: default period, allowed silence, and consequences of its end.
 
-    Its module is procs/KIND/loop.py; filters are users' processes. One that is not `ours` is a third-party program, of
-    which only the places in shared memory are made here.
+    Its module is procs/KIND/loop.py; filters use that of users' processes. A kind that is not `ours` is a third-party
+    program, for which only shared memory is made here.
 
-    `topics` are the rings its instances write besides `events`, where they say `events` besides status, warning and
-    error; `instances` are those that a system has, in this order, `sizes` the named sizes of their records; `woken`: a
-    command wakes it between its cycles. `phase` is where in the period its cycle lies in
-    lock-step; it may sleep through `rest` periods. Silent for `late_s` it is reported, for `hung_s` killed, and started
-    again by the policy for deaths; held up for `late_s` it restarts as if it had been killed, where `pause_ends` it.
-    `stop_s`: how long it may take to end when asked; `on_exit`: what happens then, as `trocar stop` says it; `reserved`
-    is the share of its period that nobody else may take (SCHED_DEADLINE), where it may ask for priority: that of a
-    section of `trocar:`, a little above that of arms, or less than all that move robots; without any it is no
-    `realtime` kind.
-    `start` "on-demand": only while somebody wants something of it, unless the system file says otherwise.
-    `is_first`: it begins with the first and ends with the last.
-    `declared`: the system file says of each instance what it writes and what it can be asked.
-    `in_time`: simulated time waits for it; who is not goes by real time, or asks what time the system has.
-    `budget_us` is the share of one core's time its cycle may use at its default period (median), for `trocar bench`.
+    `topics`: rings of its instances besides `events`; `events`: names of events besides status, warning and error.
+    `instances`: those of a system, in order; `sizes`: named sizes of their records.
+    `woken`: a command wakes it between cycles. `phase`: position of its cycle in the period in lock-step; it may sleep
+    for up to `rest` periods.
+    Silence is reported after `late_s`; after `hung_s` the process is killed, and restarted by the restart policy. If
+    `pause_ends`, a process that was stalled for `late_s` restarts as if it had been killed.
+    `stop_s`: time limit to end on request; `on_exit`: consequences of the end, in the words of `trocar stop`.
+    `priority`: that of a section of `trocar:`, slightly above that of arms, or below all that move robots; without
+    priority the kind is not `realtime`. `reserved`: guaranteed share of its period (SCHED_DEADLINE), with a priority.
+    `start` "on-demand": it runs only while it has clients, unless the system file has another `start`.
+    `is_first`: it starts first and ends last.
+    `declared`: the system file declares topics and commands of each instance.
+    `in_time`: simulated time waits for it; others run in real time, or read the system's time.
+    `budget_us`: CPU time of its cycle at the default period (median), for `trocar bench`.
     """
 
     kind: str
@@ -102,17 +102,17 @@ class Proc:
 
     @property
     def module(self) -> str:
-        """The module that runs an instance which the supervisor starts: of third parties that of users' processes."""
+        """The module that runs its instances; for third parties and filters, that of users' processes."""
         return f"trocar.procs.{self.kind if self.ours and self.kind != FILTERS else 'user'}.loop"
 
     @property
     def realtime(self) -> bool:
-        """It also locks its memory and collects no garbage; others live as programs usually do."""
+        """Whether its processes also lock their memory and disable garbage collection."""
         return bool(self.priority)
 
     @property
     def is_forked(self) -> bool:
-        """It is forked off the template, which has imported its module; others get an interpreter of their own."""
+        """Whether it is forked off the template, which has imported its module; others get a new interpreter."""
         return self.realtime or self.is_first
 
 
@@ -146,7 +146,7 @@ PROCS: tuple[Proc, ...] = (
          instances=lambda system: [ProcessInstance(row.name, row.period_s, row.arms)
                                    for rows in (system.teleop_ecms, system.teleop_psms) for row in rows],
          priority="arm", woken=True, phase=0.75, budget_us=200, rest=10),
-    # Above the arms: it takes little, and an operator who cannot be seen for 30 ms counts as gone.
+    # Above the arms: it takes little time, and an operator who is not detected for 30 ms counts as absent.
     Proc("console", 0.01, LATE_S, 3.0, "the operator counts as absent; a restart takes on its state",
          instances=lambda system: [
              ProcessInstance(row.name, row.period_s, (*row.teleops, *(wired.io for wired in row.operator_present)))
@@ -173,7 +173,7 @@ PROCS: tuple[Proc, ...] = (
     Proc("ros_bridge", 0.01, 1.0, 3.0, "ROS clients hear nothing", topics=(),
          instances=lambda system: _users(system, {"ros_bridge": (system.ros.period_s, "")} if system.ros else {}),
          pause_ends=False, budget_us=2500, hung_s=5.0, declared=True, in_time=False),
-    # It begins first and ends last: what begins and what ends is recorded, too. The start does not wait for it.
+    # It starts first and ends last, so that start and end of the others are recorded. The start does not wait for it.
     Proc("recorder", 0.02, 1.0, 4.0, "nothing is recorded",
          instances=lambda system: [ProcessInstance("recorder")] if system.recorder else [],
          pause_ends=False, budget_us=2000, hung_s=5.0, is_first=True, declared=True, in_time=False),
@@ -186,11 +186,11 @@ PROCS: tuple[Proc, ...] = (
 IN_TIME: Final = frozenset(row.kind for row in PROCS if row.ours and row.in_time)
 """Kinds that simulated time waits for."""
 THIRD_PARTY: Final = frozenset(row.kind for row in PROCS if not row.ours)
-"""Kinds of programs that somebody else starts."""
+"""Kinds of third-party programs."""
 
 
 def proc(kind: str) -> Proc:
-    """The row of a kind; KeyError names what there is."""
+    """The row of a kind; KeyError lists the existing kinds."""
     for row in PROCS:
         if row.kind == kind:
             return row
@@ -198,15 +198,15 @@ def proc(kind: str) -> Proc:
 
 
 def late_s(row: Process) -> float:
-    """Silence that is reported, s: as configured, or as usual for its kind; more than an instance may sleep."""
+    """Silence that is reported, s: as configured, else that of its kind; at least twice its longest sleep."""
     kind = proc(row.kind)
     return max(kind.late_s if row.late_s is None else row.late_s, 2.0 * kind.rest * row.period_s)
 
 
 def hung_s(row: Process, *, simulated: bool) -> float:
-    """Real silence after which an instance is killed, s; never less than what is reported.
+    """Silence in real time after which an instance is killed, s; at least `late_s`.
 
-    In simulated time nothing is in danger, and who is short of a core is given longer, unless it is configured.
+    In simulated time nothing is at risk, and the default is longer, for processes that are short of CPU time.
     """
     kind = proc(row.kind)
     usual = max(kind.hung_s, SIMULATED_HUNG_S) if simulated else kind.hung_s

@@ -1,4 +1,4 @@
-"""What a teleoperation waits for its operator to do, in the words of its reason."""
+"""Reasons for which a teleoperation waits for its operator, as parts of its `reason` text."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Named sizes of the records of an instance, and the constants that explain them: cuts of robots, names."""
+"""Named sizes of an instance's records, with the constants that describe them: ranges of robots, names."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ if TYPE_CHECKING:
     from trocar.procs.document.system import IoConfig, SystemConfig
 
 Sizes = tuple[dict[str, int], dict[str, Any]]
-"""The sizes by name, and what the headers of its rings say besides."""
+"""Sizes by name, and further information for the headers of the rings."""
 
 
 def fixed(system: SystemConfig, name: str) -> Sizes:
-    """Records that are as large in every system."""
+    """Records of the same size in every system."""
     return {}, {}
 
 
 def of_supervisor(system: SystemConfig, name: str) -> Sizes:
-    """A row for every process."""
+    """The supervisor's record: a row for every process."""
     return _counted("instances", [row.name for row in system.processes])
 
 
@@ -29,7 +29,7 @@ def of_third_party(system: SystemConfig, name: str) -> Sizes:
 
 
 def of_boards(system: SystemConfig, name: str) -> Sizes:
-    """Everything on the emulated buses."""
+    """All robots and boards on the emulated buses."""
     if system.emulation is None:
         return fixed(system, name)
     dims, info = _of_ios(system.emulated().ios)
@@ -38,14 +38,14 @@ def of_boards(system: SystemConfig, name: str) -> Sizes:
 
 
 def of_io(system: SystemConfig, name: str) -> Sizes:
-    """Everything on one bus."""
+    """All robots, inputs and outputs on one bus."""
     io = system.io(name)
     dims, info = _of_ios((io,))
     return dims, info if io.port else {**info, "simulation": "KINEMATIC"}
 
 
 def of_arm(system: SystemConfig, name: str) -> Sizes:
-    """There is room for every arm."""
+    """An arm's record, which has room for any arm."""
     arm = system.arm(name)
     return {}, {"type": arm.type, **({"simulation": arm.simulation} if arm.simulation != "NONE" else {})}
 
@@ -66,7 +66,7 @@ def of_console(system: SystemConfig, name: str) -> Sizes:
 
 
 def of_system(system: SystemConfig, name: str) -> Sizes:
-    """All arms, and setup joints."""
+    """All arms and setup joints."""
     return _counted("arms", [row.name for rows in (system.arms, system.carts) for row in rows])
 
 
