@@ -1,4 +1,4 @@
-"""Who may come: tokens, certificates, and programs of this machine."""
+"""Access control for servers: tokens, certificates, and programs of our user on this machine."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ SHORTEST: Final = 16
 
 
 class AccessError(Exception):
-    """A token or a certificate cannot be used; the message says which and why."""
+    """A token or certificate cannot be used; the message has its file and the reason."""
 
 
 def token_in(path: str) -> bytes:
-    """The token that a file has, empty without a file; AccessError when others could read it."""
+    """The token in a file, empty without a path; AccessError if other users could read the file."""
     if not path:
         return b""
     try:
@@ -34,7 +34,7 @@ def token_in(path: str) -> bytes:
 
 
 class TlsFiles(Protocol):
-    """Whose server it is, as the document says: PEM files, and whose certificates clients have to show."""
+    """PEM files of a server: its certificate and key, and the authorities for clients' certificates."""
 
     @property
     def certificate(self) -> str: ...
@@ -45,7 +45,7 @@ class TlsFiles(Protocol):
 
 
 def tls_of(bridge: TlsFiles) -> ssl.SSLContext | None:
-    """What TLS needs, None without; AccessError when a file is none of that."""
+    """The TLS context of a server, None without a certificate; AccessError if a file is not usable."""
     if not bridge.certificate:
         return None
     try:
@@ -60,5 +60,5 @@ def tls_of(bridge: TlsFiles) -> ssl.SSLContext | None:
 
 
 def is_ours(peer: tuple[str, int], local_port: int) -> bool:
-    """Whether a client on this machine is a program of our user, or of root."""
+    """Whether the client of a connection on this machine is a program of our user, or of root."""
     return client_user(*peer, local_port) in (os.getuid(), 0)

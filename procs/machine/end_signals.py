@@ -1,4 +1,4 @@
-"""Signals that end a program of a person: what it has open is closed, and what it does comes to its end in order."""
+"""Signals that end a command-line program: open resources are closed, and the work is ended in order."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Hook = Callable[[type[BaseException], BaseException, TracebackType | None], obje
 
 @contextlib.contextmanager
 def ended_by_term() -> Iterator[None]:
-    """Of a program of the main thread: SIGTERM ends it as Ctrl-C would, what it has open is closed; exit code 143."""
+    """In the main thread: SIGTERM ends the program with exit code 143, and open resources are closed."""
     def over(number: int, frame: FrameType | None) -> None:
         sys.exit(128 + number)
 
@@ -28,9 +28,9 @@ def ended_by_term() -> Iterator[None]:
 
 @contextlib.contextmanager
 def ended_as_by_ctrl_c() -> Iterator[None]:
-    """SIGTERM, and SIGHUP of a terminal that is closed, do what Ctrl-C does; in the main thread, others hear of none.
+    """SIGTERM, and SIGHUP from a closed terminal, act like Ctrl-C; no effect outside of the main thread.
 
-    Only the first of them, so that none ends the ending. What is ignored (nohup) stays so.
+    Only the first signal counts, so that no second one interrupts the cleanup. Ignored signals (nohup) stay ignored.
     """
     is_main = threading.current_thread() is threading.main_thread()
     ours = [number for number in (signal.SIGTERM, signal.SIGHUP)
@@ -50,24 +50,24 @@ def ended_as_by_ctrl_c() -> Iterator[None]:
 
 
 def ctrl_c_ends() -> None:
-    """Ctrl-C ends this program without a traceback, until `ctrl_c_raises`; for the time in which modules are loaded."""
+    """Let Ctrl-C end this program without a traceback, until `ctrl_c_raises`; for use while modules are loaded."""
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def ctrl_c_raises() -> None:
-    """Ctrl-C is a KeyboardInterrupt, as Python begins with it."""
+    """Let Ctrl-C raise KeyboardInterrupt, as is Python's default."""
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def ctrl_c_waits() -> None:
-    """Ctrl-C waits until the program that takes our place, the supervisor, listens to it."""
+    """Block Ctrl-C until the supervisor, which replaces this program, has its handler."""
     signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
 
 
 def ctrl_c_in_a_line() -> None:
-    """From now on Ctrl-C ends a script without a traceback; all other errors have theirs."""
+    """Let Ctrl-C end a script with one line instead of a traceback; other errors keep theirs."""
     before = sys.excepthook
     if before is sys.__excepthook__:
         sys.excepthook = partial(_ended, before)

@@ -1,7 +1,7 @@
-"""Sockets that the supervisor holds and hands over to the process that it starts, as systemd does.
+"""Listening sockets that the supervisor keeps open and passes to the process that it starts, like systemd.
 
-They are descriptors 3, 4, … in the order of the row's `listen`; LISTEN_FDS says how many, LISTEN_PID for whom, and
-LISTEN_FDNAMES has a name for each.
+They are descriptors 3, 4, … in the order of the row's `listen`; LISTEN_FDS has their number, LISTEN_PID the process id
+of the receiver, and LISTEN_FDNAMES a name for each.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ FIRST: Final = 3
 
 
 def handed(environ: Mapping[str, str] = os.environ) -> tuple[socket.socket, ...]:
-    """Listening sockets that are meant for this process, not blocking; call it once. None where it has no `listen`."""
+    """Listening sockets passed to this process, non-blocking; call it once. Empty for a process without `listen`."""
     if environ.get("LISTEN_PID") != str(os.getpid()):
         return ()
     found = []

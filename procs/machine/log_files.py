@@ -1,12 +1,12 @@
-"""Log files: NAME.log is written, NAME.1.log is the one before it, up to so many.
+"""Log rotation: NAME.log is the current file, NAME.1.log the previous one, up to NAME.KEEP.log.
 
     python -I -S procs/machine/log_files.py FOLDER PID BYTES SECONDS KEEP
 
-looks after the logs of a folder for as long as its parent, PID, lives: one that is larger or older begins anew. It is a
-process of its own so that neither a slow disk nor a long copy holds anybody up. Those who write know nothing of it:
-they have the file open for appending, so what was in it is copied, and the file emptied under them. What is written
-between the last look at its end and that (microseconds) is lost. Of a file that grows faster than it is looked at only
-the newest BYTES are kept. The standard library alone: it starts quickly, and takes little memory.
+rotates the logs of a folder while its parent, PID, lives: each file that is larger than BYTES or older than SECONDS. It
+is a separate process, so that neither a slow disk nor a long copy stalls others. Writers are not involved: they have
+the file open for appending, so its content is copied, and then the file is truncated. Output between the last read and
+the truncation (microseconds) is lost. If a file grows faster than it is checked, only the newest BYTES are kept. Only
+the standard library is used, so that it starts quickly and takes little memory.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from pathlib import Path
 from typing import BinaryIO, Final
 
 KEEP: Final = 5
-"""Old files of each, where nothing else is said."""
+"""Default number of old files for each log."""
 LOOK_S: Final = 0.2
 CHUNK: Final = 1 << 20
 
 
 def put_aside(path: Path, keep: int = KEEP) -> None:
-    """A file that nobody writes any more becomes the newest of the old ones; nothing where there is none."""
+    """Turn a file that is no longer written into the newest of the old ones; no effect without the file."""
     if path.exists():
         _make_room(path, keep)
         if keep:
@@ -35,7 +35,7 @@ def put_aside(path: Path, keep: int = KEEP) -> None:
 
 
 def put_run_aside(folder: Path, keep: int = KEEP) -> None:
-    """All logs of the last run become old ones; the file that our own output goes to belongs to the run that begins."""
+    """Turn all logs of the last run into old ones, except the file of our own output, which is part of the new run."""
     output = Path("/proc/self/fd/2")
     for path in sorted(folder.glob("*.log")):
         if not is_old(path) and not (output.exists() and output.samefile(path)):
@@ -43,20 +43,20 @@ def put_run_aside(folder: Path, keep: int = KEEP) -> None:
 
 
 def is_old(path: Path) -> bool:
-    """Whether it is not what its process writes now."""
+    """Whether a log is an old one, not the current file of its process."""
     return "." in path.stem
 
 
 class LogFolder:
-    """The logs of a folder; `look` at them now and then."""
+    """The logs of a folder; call `look` regularly."""
 
     def __init__(self, folder: Path, most: int, seconds: float, keep: int) -> None:
-        """A file has `most` bytes about, is `seconds` old at most, and `keep` old ones are kept of each."""
+        """Limits of a file: about `most` bytes, `seconds` of age, and `keep` old files for each log."""
         self._folder, self._most, self._seconds, self._keep = folder, most, seconds, keep
-        self._begun: dict[str, tuple[float, int]] = {}  # when, and with how much in it that does not count
+        self._begun: dict[str, tuple[float, int]] = {}  # begin, and the initial size, which does not count
 
     def look(self, now_s: float) -> None:
-        """Let begin anew what is too large or too old; what cannot be kept (a full disk) is emptied all the same."""
+        """Rotate files that are too large or too old; a file that cannot be kept (full disk) is truncated anyway."""
         for path in self._folder.glob("*.log"):
             if is_old(path):
                 continue
@@ -65,7 +65,7 @@ class LogFolder:
                 self._begun[path.name] = now_s, self._begin_anew(path)
 
     def _begin_anew(self, path: Path) -> int:
-        """Returns the size of the new file, which says where the old one is."""
+        """Rotate a file; returns the size of the new one, whose first line names the old one."""
         where = f"what was before is in {_old(path, 1).name}" if self._keep else "what was before is not kept"
         try:
             self._copy(path)
@@ -91,7 +91,7 @@ class LogFolder:
 
 
 def _append(file: BinaryIO, copy: BinaryIO, most: int) -> None:
-    """What is left of a file that may grow meanwhile, so many bytes at most."""
+    """Copy the rest of a file that may be growing, at most `most` bytes."""
     while most > 0 and (chunk := file.read(CHUNK)):
         copy.write(chunk)
         most -= len(chunk)
@@ -102,7 +102,7 @@ def _old(path: Path, number: int) -> Path:
 
 
 def _make_room(path: Path, keep: int) -> None:
-    """The old ones move up by one; what is beyond `keep` then is removed."""
+    """Increment the numbers of old files; remove those beyond `keep`."""
     numbers = sorted((int(old.stem.rpartition(".")[2]) for old in path.parent.glob(f"{path.stem}.*.log")
                       if old.stem.rpartition(".")[2].isdecimal()), reverse=True)
     for number in numbers:
@@ -113,13 +113,13 @@ def _make_room(path: Path, keep: int) -> None:
 
 
 def main() -> None:
-    """Until the parent has ended."""
+    """Rotate logs until the parent has ended."""
     folder, parent, most, seconds, keep = sys.argv[1:]
     logs = LogFolder(Path(folder), int(most), float(seconds), int(keep))
     while os.getppid() == int(parent):
         try:
             logs.look(time.monotonic())
-        except OSError as error:  # somebody removed what we looked at
+        except OSError as error:  # a file was removed meanwhile
             print(f"WARNING {folder}: {error}", file=sys.stderr, flush=True)  # noqa: T201
         time.sleep(LOOK_S)
 

@@ -1,4 +1,4 @@
-"""Where a system keeps its files outside shared memory, and where a file is that a person names."""
+"""Locations of a system's files outside shared memory, and the search for files named on a command line."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Final
 PACKAGE: Final = Path(__file__).absolute().parents[2]
 """The folder of the package `trocar`."""
 ROOT: Final = PACKAGE.parent
-"""Where the package is found: a checkout, or the folder of an environment's packages."""
+"""The folder that contains the package: a checkout, or the packages of an environment."""
 PROJECT_CONFIGS: Final = (PACKAGE / "configs").resolve()
 ADDS_FOLDER: Final = "--path FOLDER adds a folder"
 
@@ -30,16 +30,16 @@ STATE_REMEDY: Final = "set TROCAR_STATE to a folder that you can write"
 
 
 class NoStateFolder(OSError):
-    """Logs or recordings have no place; the message says what to set."""
+    """Logs or recordings cannot be kept; the message names the setting to change."""
 
 
 def made_log_folder(environ: Mapping[str, str], system: str) -> Path:
-    """The same folder for a program that writes into it: it exists and takes files; NoStateFolder where it cannot."""
+    """The folder of log files, made and writable; otherwise NoStateFolder."""
     return _made(log_folder(environ, system), "logs and recordings", STATE_REMEDY)
 
 
 def made_recordings_folder(environ: Mapping[str, str], system: str, chosen: str = "") -> Path:
-    """The folder of recordings for a program that writes into it, likewise."""
+    """The folder of recordings, made and writable; otherwise NoStateFolder."""
     return _made(recordings_folder(environ, system, chosen), "recordings",
                  "set recorder.folder to a folder that you can write" if chosen else STATE_REMEDY)
 
@@ -56,7 +56,7 @@ def _made(folder: Path, what: str, remedy: str) -> Path:
 
 
 def why_not_writable(folder: Path) -> str:
-    """Why files cannot be made in a folder, which may still have to be made itself; empty: they can."""
+    """Why files cannot be made in a folder, which need not exist yet; empty if they can."""
     try:
         there = next(place for place in (folder, *folder.absolute().parents) if place.exists())
     except OSError as error:
@@ -67,19 +67,19 @@ def why_not_writable(folder: Path) -> str:
 
 
 def token_file(environ: Mapping[str, str], system: str) -> Path:
-    """Where the token of a system's web console is that was made at its start; only its user can read it."""
+    """The file of the web console's token that was made at the system's start; only its user can read it."""
     return log_folder(environ, system) / "gui.token"
 
 
 def recordings_folder(environ: Mapping[str, str], system: str, chosen: str = "") -> Path:
-    """Folder of a system's recordings: beside its log files, or of its own in the folder that is `chosen` for all."""
+    """Folder of a system's recordings: with its log files, or a folder in `chosen`, which is common to all systems."""
     return Path(chosen) / system if chosen else log_folder(environ, system) / "recordings"
 
 
 def given_file(path: Path, search: Sequence[Path] = (), configs: Path = PROJECT_CONFIGS) -> Path:
-    """A file as a person names it on a command line: as it is, else along `search`, in `configs`, or beside that.
+    """A file named on a command line: as given, else along `search`, in `configs`, in its systems, or in its parent.
 
-    Where X.json is in none of them, X.yaml is looked for, too. `path` itself where there is nothing: see `not_found`.
+    If X.json is in none of them, X.yaml is searched, too. Returns `path` itself if there is no file: see `not_found`.
     """
     twins = (path, path.with_suffix(".yaml")) if path.suffix == ".json" else (path,)
     places = (folder / name for name in twins for folder in _folders(search, configs) if exists(folder / name))
@@ -87,7 +87,7 @@ def given_file(path: Path, search: Sequence[Path] = (), configs: Path = PROJECT_
 
 
 def not_found(path: Path, search: Sequence[Path] | None = None, configs: Path = PROJECT_CONFIGS) -> str:
-    """What to tell a person who named a file that is nowhere; `search` is what `--path` gives, where there is such."""
+    """The message for a file that was not found; `search`: folders from `--path`, None without that option."""
     folders = _folders(search or (), configs)
     there = {entry.stem: entry.name for folder in folders for entry in _entries(folder / path.parent)}
     near = difflib.get_close_matches(path.stem, there, n=1, cutoff=0.6)
@@ -102,7 +102,7 @@ def _folders(search: Sequence[Path], configs: Path) -> tuple[Path, ...]:
 
 
 def exists(path: Path) -> bool:
-    """Whether there is anything; a path that cannot even be asked about (too long, not allowed) is nothing."""
+    """Whether a path exists; False if that cannot be determined (too long, no permission)."""
     try:
         return path.exists()
     except OSError:
@@ -110,7 +110,7 @@ def exists(path: Path) -> bool:
 
 
 def is_folder(path: Path) -> bool:
-    """Whether `path` is a folder that can be looked into."""
+    """Whether a path is a folder; False if that cannot be determined."""
     try:
         return path.is_dir()
     except OSError:

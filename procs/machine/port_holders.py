@@ -1,6 +1,6 @@
-"""Which programs have a port of this machine, as the kernel lists its sockets: for messages to people.
+"""Programs that use a port of this machine, by the Linux kernel's lists of sockets, for messages to people.
 
-And how many connections stand to it.
+Also the number of connections to a port.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ _MAPPED: Final = b"\0" * 10 + b"\xff\xff"  # before an IPv4 address in an IPv6 o
 
 @dataclass(frozen=True, slots=True)
 class SocketHolder:
-    """A socket: its address, and whose it is. `pid` 0: a program of another user, of which the kernel says no more."""
+    """A socket: its address and owner. `pid` 0: a program of another user, whose details the Linux kernel hides."""
 
     address: str
     port: int
     user: str
     pid: int = 0
     program: str = ""
-    system: str = ""  # whose process it is, where it is one of ours
+    system: str = ""  # the system of one of our processes
 
     def __str__(self) -> str:
         who = f"{self.program} (pid {self.pid})" if self.pid else f"a program of user {self.user}"
@@ -37,7 +37,7 @@ class SocketHolder:
 
 
 def holders(port: int, address: str = "0.0.0.0", protocol: str = UDP) -> tuple[SocketHolder, ...]:
-    """Who is in the way of a socket at this address and port; for 0.0.0.0 all that have the port."""
+    """Holders of sockets that conflict with this address and port; for 0.0.0.0, all holders of the port."""
     found = [row for row in _sockets(protocol, port) if _meet(row.address, address)
              and (protocol == UDP or row.state == _LISTEN)]
     owners = dict(_owners({row.inode for row in found})) if found else {}
@@ -45,15 +45,16 @@ def holders(port: int, address: str = "0.0.0.0", protocol: str = UDP) -> tuple[S
 
 
 def connections(port: int) -> int:
-    """How many TCP connections stand to this port, at any of our addresses."""
+    """Number of established TCP connections to this port, at any of our addresses."""
     return sum(row.state == _ESTABLISHED for row in _sockets(TCP, port))
 
 
 def client_user(address: str, port: int, to: int) -> int | None:
-    """The user (id) whose program has a connection from this address and port of ours to our port `to`; None: nobody.
+    """The user id of the program with a connection from this local address and port to our port `to`; None: no such
+    connection.
     """
     return next((row.uid for row in _sockets(TCP, port) if row.to == to and row.address == address
-                 and row.state in _FROM_US and row.inode != "0"), None)  # whom nobody holds any more is user 0 there
+                 and row.state in _FROM_US and row.inode != "0"), None)  # inode 0: no longer held, shown as user 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +71,7 @@ def _meet(one: str, other: str) -> bool:
 
 
 def _sockets(protocol: str, port: int) -> Iterator[_Row]:
-    """Every socket with this port of ours, of both families."""
+    """All sockets with this local port, IPv4 and IPv6."""
     ending = f":{port:04X}"
     for table in (protocol, f"{protocol}6"):
         try:
@@ -85,7 +86,7 @@ def _sockets(protocol: str, port: int) -> Iterator[_Row]:
 
 
 def _address(text: str) -> str:
-    """As the kernel writes it: words of four bytes, each in the machine's order."""
+    """An address in the kernel's notation: words of four bytes, each in the machine's byte order."""
     data = b"".join(bytes.fromhex(text[at : at + 8])[::-1] for at in range(0, len(text), 8))
     return str(IPv4Address(data[-4:]) if data.startswith(_MAPPED) else ip_address(data))
 
@@ -95,7 +96,7 @@ def _owners(inodes: set[str]) -> Iterator[tuple[str, tuple[int, str, str]]]:
     for folder in PROC.iterdir():
         if not folder.name.isdigit():
             continue
-        with contextlib.suppress(OSError):  # it has ended, or is not ours to look into
+        with contextlib.suppress(OSError):  # it has ended, or is not readable
             for link in (folder / "fd").iterdir():
                 inode = wanted.get(_target(link), "")
                 if inode:
@@ -109,7 +110,7 @@ def _target(link: Path) -> str:
 
 
 def _program(folder: Path) -> tuple[str, str]:
-    """What people know it by (one of our processes with its system, else the name of its program), and the system."""
+    """A readable name (one of our processes with its system, else the name of the program), and the system."""
     words = (folder / "cmdline").read_bytes().decode(errors="replace").split("\0")
     reported = {flag: words[at + 1] for at, flag in enumerate(words[:-1]) if flag in ("--system", "--name")}
     if len(reported) == 2:

@@ -1,4 +1,4 @@
-"""What processes use of the machine: share of a core and memory, for who shows it."""
+"""Resource usage of processes: share of a core, and memory."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ import psutil
 
 
 class Usage:
-    """Looked at now and then; shares are of the time since the last look."""
+    """Usage by process; CPU shares are averages since the previous call."""
 
     def __init__(self) -> None:
         self._known: dict[int, psutil.Process] = {}
 
     def of(self, pid: int) -> tuple[float | None, float | None]:
-        """Percent of a core and MB of its own; None where there is no such process, or it is not ours to ask."""
+        """CPU in percent of a core, and resident memory in MB; None without such a process or access to it."""
         try:
             process = self._known.setdefault(pid, psutil.Process(pid)) if pid > 0 else None
             if process is None:
@@ -25,5 +25,5 @@ class Usage:
             return None, None
 
     def keep(self, pids: Iterable[int]) -> None:
-        """Forget all others: their numbers may be given to other processes."""
+        """Forget all other processes, because their ids may be reused."""
         self._known = {pid: self._known[pid] for pid in pids if pid in self._known}

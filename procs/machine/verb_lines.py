@@ -1,4 +1,4 @@
-"""Command lines that a message recommends."""
+"""Command lines for use in messages."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from typing import Final
 
 DEFAULT_SYSTEM: Final = "trocar"
 REMEDY: Final = "trocar "
-"""An error that has this names the command to type, and needs no other remedy."""
+"""An error text that contains this names the command to type, and needs no other remedy."""
 
 
 def verb_line(words: str, system: str) -> str:
-    """`trocar WORDS` for a system: with its name where that is not the default."""
+    """`trocar WORDS` for a system, with its name unless that is the default."""
     return f"trocar {words}" if system == DEFAULT_SYSTEM else f"trocar {words} --system {system}"

@@ -1,8 +1,8 @@
-"""Which Trocar this is."""
+"""The version of Trocar."""
 
 from __future__ import annotations
 
 from typing import Final
 
 VERSION: Final = "0.1.0"
-"""As in pyproject.toml, which a test sees to: the program runs from its checkout and asks no package for it."""
+"""Equal to that in pyproject.toml, as a test checks: the program runs from its checkout, without package metadata."""
