@@ -1,1 +1,1 @@
-"""The frozen document: one system as plain values, which every process decodes with the standard library."""
+"""The frozen document: one system as plain values, decoded by every process with the standard library."""

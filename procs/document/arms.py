@@ -1,4 +1,4 @@
-"""Arms as the document has them: their kinematic chains, what they carry, and what belongs to them on their io."""
+"""Arms in the document: kinematic chains, instruments, and their robots and inputs on an io."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ GRAVITY_PARAMETERS: Final = MASS_TERMS + MODELLED_JOINTS * CABLE_ORDERS
 
 @dataclass(frozen=True, slots=True)
 class DhLink:
-    """One Denavit-Hartenberg row with limits and, where the file has them, inertial values."""
+    """One Denavit-Hartenberg row with limits and, if the file has them, inertial values."""
 
     name: str
     joint_type: str  # revolute or prismatic
@@ -70,7 +70,7 @@ class Tool:
     engage_upper: tuple[float, ...]
     snake: bool = False
     source: str = ""
-    names: tuple[str, ...] = ()  # what it is known by: see `trocar.procs.document.catalogue`
+    names: tuple[str, ...] = ()  # all its names: see `trocar.procs.document.catalogue`
     model: str = ""
     generation: str = ""  # of the instrument: Classic or S
     description: str = ""
@@ -104,7 +104,7 @@ class MasterGravityParameters:
 
 @dataclass(frozen=True, slots=True)
 class ArmInputs:
-    """Names of the digital inputs of an arm's io that belong to it; "" where there is none."""
+    """Names of the arm's digital inputs on its io; "" if it has none."""
 
     clutch: str = ""  # on the arm itself
     adapter: str = ""
@@ -115,7 +115,7 @@ class ArmInputs:
 
 @dataclass(frozen=True, slots=True)
 class ArmConfig:
-    """One `arms[]` entry with the files it names."""
+    """One `arms[]` entry with the contents of its files."""
 
     name: str
     type: str  # PSM, ECM, MTM, ...
@@ -126,27 +126,27 @@ class ArmConfig:
     simulation: str  # NONE or KINEMATIC
     period_s: float
     chain: Chain
-    links: Chain | None = None  # with masses, for gravity compensation (kinematic_gc); None: there is none
+    links: Chain | None = None  # with masses, for gravity compensation (kinematic_gc); None: no compensation
     tool_detection: str = "MANUAL"  # AUTOMATIC, MANUAL or FIXED
     tool: Tool | None = None
-    tools: tuple[Tool, ...] = ()  # all of the tool indexes, which MANUAL and AUTOMATIC detection choose from
+    tools: tuple[Tool, ...] = ()  # all instruments of the tool indexes, for MANUAL and AUTOMATIC detection
     homing_zero_position: bool = False
     cannula_depth: float = 0.0  # PSM, m; 0: that of its instrument
     inputs: ArmInputs = ArmInputs()
-    instrument_reader: str = ""  # PSM: name of what reads its instruments' memory
+    instrument_reader: str = ""  # PSM: name of the reader of its instruments' memory
     endoscope: str = ""  # ECM: one of `trocar.procs.kinematics.endoscopes.NAMES`
     master_gravity: MasterGravityParameters | None = None  # MTM, from the file measured on it
     platform_gain: float = 0.5  # MTM, 0 to 1
     gripper: str = ""  # MTM: the robot of its gripper, on the same io
-    gripper_debounce_s: float = 0.2  # closed for so long counts as closed
-    gripper_zero: float = 0.0  # rad; up to here it is closed
+    gripper_debounce_s: float = 0.2  # time after which a closed gripper is reported as closed
+    gripper_zero: float = 0.0  # rad; largest angle of a closed gripper
     mounting_pitch: float | None = None  # rad
     re_home: bool = True
     skip_gravity_compensation: bool = False  # then neither `links` nor `master_gravity`
     base_frame: Matrix | None = None
     reference_frame: str = ""
-    base_from: str = ""  # the process `suj` that gives its base frame; "": none
-    base_setup: str = ""  # the setup arm there that carries it
+    base_from: str = ""  # the process `suj` that provides its base frame; "": none
+    base_setup: str = ""  # the setup arm of that process that carries it
     use_setpoint_v: Annotated[bool, Key()] = True
     calibration_mode: bool = False
     jerk_time_s: Annotated[
@@ -160,19 +160,19 @@ class ArmConfig:
     effort_zone_ratio: Annotated[
         float, Key(0.0, 5.0, "times the usual zones of the soft walls at joint limits; 0: none")] = 1.0
     source: str = ""
-    derived: str = ""  # a user's own class that is its process, module:Class; "": that of its type
-    commands: tuple[UserCommand, ...] = ()  # which that class carries out besides those of every arm
+    derived: str = ""  # a user's class for its process, module:Class; "": the class of its type
+    commands: tuple[UserCommand, ...] = ()  # further commands of that class
 
 
 @dataclass(frozen=True, slots=True)
 class ThirdParty:
-    """One place; what the program has to say there is the record `state` of the kind `third_party`.
+    """One place for a third-party program, which writes the record `state` of the kind `third_party` there.
 
-    `inputs` are the buttons that consoles take from it.
+    `inputs`: its buttons for consoles.
     """
 
     name: str
-    type: str  # MTM_GENERIC, PSM_GENERIC or ECM_GENERIC; "": no arm, buttons alone
+    type: str  # MTM_GENERIC, PSM_GENERIC or ECM_GENERIC; "": no arm, only buttons
     inputs: tuple[str, ...] = ()
     base_frame: Matrix | None = None  # of the arm's base in the reference frame
     reference_frame: str = ""

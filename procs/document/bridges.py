@@ -1,4 +1,4 @@
-"""Bridges to ROS and to programs that are not on this machine, and the web console, as the document says them."""
+"""The bridges to ROS and other programs, and the web console, in the document."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ COMMAND: Final = "command"
 
 @dataclass(frozen=True, slots=True)
 class RosBridge:
-    """Domain and network interface it is seen on, and what of the robot."""
+    """The ROS bridge: domain, network interface, and the parts of the robot that it exposes."""
 
     domain: Annotated[int, Key(0, 232, "ROS_DOMAIN_ID of its clients")] = 0
     interface: Annotated[str, Key(
@@ -35,19 +35,19 @@ class RosBridge:
 
 @dataclass(frozen=True, slots=True)
 class SocketBridge:
-    """The socket bridge. What is None goes by the address that a client came to: see `rights_at`."""
+    """The socket bridge. Values that are None depend on the address that a client connects to: see `rights_at`."""
 
     listen: tuple[str, ...]
-    token_file: str = ""  # has the words that clients from elsewhere show first
+    token_file: str = ""  # with the token that clients on other machines must send first
     certificate: str = ""  # of TLS, with its key; empty: no TLS
     key: str = ""
-    authorities: str = ""  # whose certificates clients have to show
+    authorities: str = ""  # clients must have a certificate of these
     grants: str | None = None  # VIEW or COMMAND
     may_power: bool | None = None
     max_clients: int = 64
 
     def rights_at(self, address: str) -> Rights:
-        """What clients may do that come to this address: by default all on loopback, look elsewhere."""
+        """Rights of clients that connect to this address: by default everything on loopback, else view only."""
         local = is_loopback(address)
         commands = local if self.grants is None else self.grants == COMMAND
         powers = local if self.may_power is None else self.may_power
@@ -56,7 +56,7 @@ class SocketBridge:
 
 @dataclass(frozen=True, slots=True)
 class FoxgloveServer:
-    """Foxglove and Lichtblick: topics and the robot in 3D, to look at."""
+    """The server for Foxglove and Lichtblick: topics and the robot in 3D, view only."""
 
     listen: str
     rate_hz: float
@@ -66,7 +66,7 @@ class FoxgloveServer:
 
 @dataclass(frozen=True, slots=True)
 class WebConsole:
-    """The web console: where it is served, and who may see it; the fields are those of the socket bridge."""
+    """The web console: its addresses and access rules; fields have the meaning of the socket bridge's."""
 
     listen: tuple[str, ...]
     token_file: str = ""
@@ -74,12 +74,12 @@ class WebConsole:
     key: str = ""
     authorities: str = ""
     max_clients: int = 16
-    makes_token: bool = False  # at each start: other machines may come, and nothing else says who
+    makes_token: bool = False  # at each start, as other machines may connect, and no other access rule is configured
 
     def links(self, token: str = "", here: str = "") -> list[str]:
-        """Addresses for browsers; `token`: with it where one is asked for.
+        """Addresses for browsers; `token` is appended where the console asks for it.
 
-        `here`: the name of this machine, where it listens at all of its addresses; then its own browsers have one more.
+        `here`: the name of this machine, used if the console listens at all addresses, with one more link for loopback.
         """
         found = []
         for address in self.listen:
@@ -94,7 +94,7 @@ class WebConsole:
 
 @dataclass(frozen=True, slots=True)
 class Rights:
-    """What a client may do; `local`: who runs on this machine as the user of this system needs no token."""
+    """Rights of a client; `local`: programs of this system's user on this machine need no token."""
 
     local: bool
     commands: bool
@@ -102,5 +102,5 @@ class Rights:
 
 
 def is_loopback(address: str) -> bool:
-    """Whether an address of `listen` is reached from this machine only."""
+    """Whether an address of `listen` can be reached from this machine only."""
     return ip_address(host_and_port(address)[0]).is_loopback

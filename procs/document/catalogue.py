@@ -1,7 +1,7 @@
-"""Looking up an instrument by name: NAME:MODEL, :MODEL, either with a version, among those of the tool indexes.
+"""Search for an instrument in the tool indexes by name: NAME:MODEL or :MODEL, each with an optional version.
 
-Versions are what the memory of an instrument says (`NAME:MODEL[12]`) or what an entry of an index is good for
-(`NAME:MODEL[12..]`, `[..11]`, `[..]` for any). A model with several entries cannot be chosen without one.
+The version is that in the memory of an instrument (`NAME:MODEL[12]`), or the range of an entry in an index
+(`NAME:MODEL[12..]`, `[..11]`, `[..]` for any). For a model with several entries the version is required.
 """
 
 from __future__ import annotations
@@ -12,31 +12,31 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final, Generic, Protocol, TypeVar
 
-LONGEST: Final = 100  # characters of a name that are looked at
-CANDIDATES: Final = 6  # told at most
+LONGEST: Final = 100  # characters of a name that are used
+CANDIDATES: Final = 6  # suggestions at most
 _NAME = re.compile(r"(?P<name>[^:\[\]]*):(?P<model>[^:\[\]]+)(?::?\[(?P<range>[^\[\]]*)\]|:(?P<version>\d+))?")
 _UNDERSCORE = re.compile(r"(?P<name>.+)_(?P<model>\d{5,})(?P<rest>(?:_|:|\[).*)?")
 _RANGE = re.compile(r"(?P<low>\d{1,9})?(?P<dots>\.\.)?(?P<high>\d{1,9})?")
 
 
 class CatalogueEntry(Protocol):
-    """What an instrument is known by; versions are inclusive, None where there is no limit."""
+    """Names and versions of an instrument; version limits are inclusive, None without a limit."""
 
     @property
     def names(self) -> tuple[str, ...]:
-        """All names it goes by, the usual one first."""
+        """All its names, the usual one first."""
 
     @property
     def model(self) -> str:
-        """Its number, as text."""
+        """Its model number, as text."""
 
     @property
     def version_min(self) -> int | None:
-        """The first version it is good for."""
+        """The first version that it covers."""
 
     @property
     def version_max(self) -> int | None:
-        """The last one."""
+        """The last version that it covers."""
 
 
 E = TypeVar("E", bound=CatalogueEntry)
@@ -44,7 +44,7 @@ E = TypeVar("E", bound=CatalogueEntry)
 
 @dataclass(frozen=True, slots=True)
 class CatalogueMatch(Generic[E]):
-    """`entry`, or None with the `reason`; `candidates` are what may have been meant, `note` how it was understood."""
+    """`entry`, or None with the `reason`; `candidates`: suggestions, `note`: how the name was interpreted."""
 
     entry: E | None
     reason: str = ""
@@ -54,7 +54,7 @@ class CatalogueMatch(Generic[E]):
 
 @dataclass(frozen=True, slots=True)
 class ParsedName:
-    """A name taken apart; without a version both are None."""
+    """A parsed name; without a version `low` and `high` are None."""
 
     name: str
     model: str
@@ -64,14 +64,14 @@ class ParsedName:
 
     @property
     def version(self) -> str:
-        """As it is written."""
+        """The version in brackets; empty without one."""
         if self.low is None and self.high is None:
             return ""
         return f"[{_ends(self.low, self.high) if self.low != self.high else self.low}]"
 
 
 def full_name(entry: CatalogueEntry) -> str:
-    """NAME:MODEL, with the versions an entry is limited to: LARGE_NEEDLE_DRIVER:420006[12..]."""
+    """NAME:MODEL, with the version limits of an entry: LARGE_NEEDLE_DRIVER:420006[12..]."""
     limited = entry.version_min is not None or entry.version_max is not None
     versions = f"[{_ends(entry.version_min, entry.version_max)}]" if limited else ""
     return f"{''.join(entry.names[:1])}:{entry.model}{versions}"
@@ -82,11 +82,11 @@ def _ends(low: int | None, high: int | None) -> str:
 
 
 def taken_apart(text: str) -> ParsedName | None:
-    """What a name asks for; None when it is none."""
+    """Parse a name; None when it is not one."""
     text = text.strip()[:LONGEST]
     note = ""
     loose = _UNDERSCORE.fullmatch(text) if ":" not in text.split("[")[0] else None
-    if loose is not None:  # an arm file of the dVRK has it that way
+    if loose is not None:  # notation of the dVRK's arm files
         rest = (loose["rest"] or "").lstrip("_")
         text = f"{loose['name']}:{loose['model']}" + (f":{rest}" if rest and rest[0] not in ":[" else rest)
         note = f"taken as {text}"
@@ -138,7 +138,7 @@ def _names(entries: Iterable[CatalogueEntry]) -> tuple[str, ...]:
 
 
 def _like(text: str, entries: Sequence[CatalogueEntry]) -> tuple[str, ...]:
-    """What may have been meant; all there is where that is little."""
+    """Suggestions for a name: similar ones, or all if there are few."""
     if len(entries) <= CANDIDATES:
         return _names(entries)
     wanted = re.sub(r"\[.*|[:_]\d+.*", "", text[:LONGEST]).upper()

@@ -1,6 +1,6 @@
-"""Consoles and teleoperations as the document has them: who drives whom, and which inputs the operator has.
+"""Consoles and teleoperations in the document: masters, slaves, and the inputs of the operator.
 
-Angles in rad, times in s; defaults are those of the original's `configure_parameter`.
+Angles in rad, times in s; defaults are those of dVRK's `configure_parameter`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ GOOVIS: Final = "PEDALS_GOOVIS_HEAD_SENSOR"
 
 @dataclass(frozen=True, slots=True)
 class TeleopPsmConfig:
-    """One master on one slave; `base_frame_from` names the component, `base_frame_interface` what of it."""
+    """Teleoperation of one slave by one master; `base_frame_from` is the component, `base_frame_interface` its part."""
 
     name: str
     mtm: str
@@ -27,7 +27,7 @@ class TeleopPsmConfig:
     translation_locked: bool = False
     align_mtm: bool = True
     start_orientation_tolerance: float = math.radians(5.0)
-    orientation_tolerance_after_clutch: float = math.radians(2.0)  # read, and of no effect in the original either
+    orientation_tolerance_after_clutch: float = math.radians(2.0)  # read, but without effect, as in the original
     start_gripper_threshold: float = math.radians(40.0)
     start_roll_threshold: float = math.radians(4.0)
     ignore_jaw: bool = False
@@ -40,7 +40,7 @@ class TeleopPsmConfig:
     mtm_is_haptic: bool = True
     base_frame_from: str = ""
     base_frame_interface: str = ""
-    wrench_timeout_s: float = 0.1  # a master's wrench that is not given again in that time ends; 0: never
+    wrench_timeout_s: float = 0.1  # a master's wrench ends unless it is repeated within this time; 0: never
 
     @property
     def arms(self) -> tuple[str, ...]:
@@ -50,7 +50,7 @@ class TeleopPsmConfig:
 
 @dataclass(frozen=True, slots=True)
 class TeleopEcmConfig:
-    """Two masters on the endoscope arm."""
+    """Teleoperation of the endoscope arm by two masters."""
 
     name: str
     mtml: str
@@ -77,7 +77,7 @@ class WiredInput:
 
 @dataclass(frozen=True, slots=True)
 class Focus:
-    """What moves the lens of an endoscope: digital outputs of an io, in and out, and the pedals for them."""
+    """The drive of an endoscope's lens: digital outputs of an io for in and out, and their pedals."""
 
     name: str
     period_s: float
@@ -88,7 +88,7 @@ class Focus:
 
 @dataclass(frozen=True, slots=True)
 class HidSensor:
-    """A head sensor on USB: a byte of its newest report is not 0 while somebody looks."""
+    """A head sensor on USB: a byte of its newest report is not 0 while an operator looks into the console."""
 
     vendor: int
     product: int
@@ -97,19 +97,19 @@ class HidSensor:
 
 @dataclass(frozen=True, slots=True)
 class Console:
-    """One place for an operator; without wired inputs it is reported by its emulate_* commands."""
+    """One operator's console; without wired inputs, its inputs are set by emulate_* commands."""
 
     name: str
     input_type: str  # PEDALS_ONLY, PEDALS_ISI_HEAD_SENSOR, …, SIMULATED, COMPONENTS
     period_s: float
-    teleops: tuple[str, ...] = ()  # those of the endoscope first, then the others as the file has them
+    teleops: tuple[str, ...] = ()  # those of the endoscope first, then the others in the order of the file
     clutch: WiredInput | None = None
     camera: WiredInput | None = None
     operator_present: tuple[WiredInput, ...] = ()
-    present_count: int = 1  # so many of them are needed
-    turn_off: WiredInput | None = None  # a digital output: low, and the head sensor works
+    present_count: int = 1  # number of these inputs that must be active
+    turn_off: WiredInput | None = None  # a digital output; the head sensor works while it is low
     head: HidSensor | None = None
 
     def is_wired_to(self, io: str) -> bool:
-        """One of its inputs is a digital input of that io."""
+        """Whether one of its inputs is a digital input of that io."""
         return any(wired is not None and wired.io == io for wired in (self.clutch, self.camera, *self.operator_present))

@@ -1,4 +1,4 @@
-"""Frozen dataclasses from the plain values of a JSON document, by their type hints and nothing else."""
+"""Decodes plain values of a JSON document into frozen dataclasses, by their type hints alone."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ T = TypeVar("T")
 
 
 def decode(kind: type[T], value: object) -> T:
-    """`value` as the dataclass `kind`; where it does not fit, whatever error Python finds for it.
+    """`value` as the dataclass `kind`; if it does not fit, any error that Python raises.
 
-    What is such a dataclass already, anywhere inside, stays as it is.
+    Values at any depth that already are such dataclasses stay unchanged.
     """
     return typing.cast(T, _decode(kind, value))
 

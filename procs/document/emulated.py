@@ -1,4 +1,4 @@
-"""What emulated boards stand in for beyond the files of their robots: kinds of controller, rows of the document."""
+"""Emulated boards in the document, beyond the files of their robots: kinds of controllers, buses, model variations."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from trocar.procs.document.keys import Key
 
 Linear = tuple[float, float]  # scale, offset
 
-# The firmwares there are, by hardware, with the FPGAs each was made for. Rev 7 knows no other hardware than the QLA and
-# no FPGA V3; DQLA and dRA1 sit on V3 only.
+# Existing firmware versions by hardware, with the FPGAs each was made for. Rev 7 supports only the QLA, and no FPGA V3;
+# DQLA and dRA1 need V3.
 MADE_FOR: dict[str, dict[int, tuple[str, ...]]] = {
     "QLA1": {7: ("V2",), 8: ("V2", "V3"), 9: ("V2", "V3")},
     "DQLA": {8: ("V3",), 9: ("V3",)},
@@ -24,25 +24,25 @@ Factor = Annotated[float, Key(0.0, 10.0, "factor")]
 
 @dataclass(frozen=True, slots=True)
 class Quirks:
-    """Oddities of the real firmware that emulated boards have unless switched off."""
+    """Oddities of the real firmware that emulated boards reproduce unless switched off."""
 
     direction_lag: Switch = True  # the first edge after a reversal counts in the old direction
     sticky_overflow: Switch = True  # a preload does not clear a counter's overflow bit
     repeated_amp_bits: Switch = True  # Rev 8 on: status bits 3:0 repeat the feedback, not the requests
-    longest_pwm_holds: Switch = True  # a PWM count of 65535 is held for ever, as 0 is
-    playing_hides_table: Switch = True  # a table being played reads as the entry that is on
-    late_deviation: Switch = True  # dRA1: too large a current error is noticed when the amplifier goes off anyway
+    longest_pwm_holds: Switch = True  # a PWM count of 65535 is held indefinitely, like 0
+    playing_hides_table: Switch = True  # a table being played reads as its active entry
+    late_deviation: Switch = True  # dRA1: too large a current error is detected only when the amplifier is off anyway
 
 
 @dataclass(frozen=True, slots=True)
 class Controller:
-    """One emulated controller board; the node on the FireWire bus is its place in the bus's list."""
+    """One emulated controller board; its node on the FireWire bus is its index in the bus's list."""
 
     board_id: int
     hardware: str = "QLA1"  # QLA1, DQLA or dRA1
     firmware: int = 8
     fpga: str = "V2"
-    serial: str = ""  # dddd-dd, in the PROMs of the boards; empty: none was ever written
+    serial: str = ""  # dddd-dd, in the PROMs of the boards; empty: never written
     robot_serial: str = ""  # of the Si arm around a dRA1
     qla: str = "1.4"  # of a QLA1 or DQLA; from 1.5 on with I/O expander: voltage mode, safety line
     quirks: Quirks = Quirks()
@@ -61,7 +61,7 @@ class BusConfig:
 
 @dataclass(frozen=True, slots=True)
 class ModelVariation:
-    """How an emulated robot differs from its files: what a controller does not know of a real one."""
+    """Differences of an emulated robot from its files, as in real robots, unknown to controllers."""
 
     robot: str
     friction: Factor = 1.0  # on the friction of every joint
@@ -78,16 +78,16 @@ class EmulatedSetupArm:
 
     name: str
     plug: int  # 1 to 4
-    primary: tuple[Linear, ...]  # volts to position, by joint; scale 0: there is no such joint
+    primary: tuple[Linear, ...]  # volts to position, by joint; scale 0: no such joint
     secondary: tuple[Linear, ...]
-    release_current: float = 0.0  # A, lets its brakes go; 0: they always hold
+    release_current: float = 0.0  # A, releases its brakes; 0: they are never released
     lifts: bool = False  # the first joint has a motor
-    position: tuple[float, ...] = ()  # at start; empty: in the middle of what the potentiometers reach
+    position: tuple[float, ...] = ()  # at start; empty: middle of the potentiometers' range
 
 
 @dataclass(frozen=True, slots=True)
 class EmulatedSetupJoints:
-    """Classic setup joints, and which bits of their board their interface hangs on."""
+    """Classic setup joints, and the bits of the board to which their interface is wired."""
 
     name: str  # of their robot
     io: str

@@ -1,6 +1,6 @@
-"""What robots and inputs are called on emulated boards: by their names, or IO/NAME where several buses have that name.
+"""Names of robots and inputs on emulated boards: their own, or IO/NAME if several buses use the same name.
 
-One process emulates the boards of all buses; two consoles may each have a robot MTML and a pedal clutch on their bus.
+One process emulates the boards of all buses; two consoles may each have a robot MTML and a clutch pedal on their bus.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ Names = Mapping[tuple[str, str], str]  # (io, name in its files) → name on the
 
 
 def names_on_boards(pairs: Iterable[tuple[str, str]]) -> dict[tuple[str, str], str]:
-    """The name of each (io, name): itself where one bus has it, IO/NAME where several have."""
+    """The name on the boards for each (io, name): unchanged if only one bus has it, else IO/NAME."""
     buses: dict[str, set[str]] = {}
     rows = tuple(pairs)
     for io, name in rows:
@@ -25,7 +25,7 @@ def names_on_boards(pairs: Iterable[tuple[str, str]]) -> dict[tuple[str, str], s
 
 
 def with_names_on_boards(system: SystemConfig) -> SystemConfig:
-    """The same system with those names for robots and inputs; itself where none is shared."""
+    """The system with these names for robots and inputs; the same object if no name is shared."""
     robots = names_on_boards((io.name, robot.name) for io in system.ios for robot in io.robots)
     inputs = names_on_boards((io.name, row.name) for io in system.ios for row in io.digital_inputs)
     if all(name == new for (_, name), new in (*robots.items(), *inputs.items())):

@@ -1,4 +1,4 @@
-"""THE TABLE of gains, which can be changed while the robot runs: `PidAxis`, a field for each with what is allowed."""
+"""THE TABLE of gains that can be changed while the robot runs: `PidAxis`, with a field and bounds for each."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from typing import Annotated, Final
 
 from trocar.procs.document.keys import Key, keys_in
 
-LARGEST_STEP: Final = 10.0  # of what may grow while the joint controller is on: more is a slip of the decimal point
-LARGEST: Final = 1e6  # far above what any arm has, far below what overflows in a computation
+LARGEST_STEP: Final = 10.0  # largest factor while the joint controller is on: more is likely a misplaced decimal point
+LARGEST: Final = 1e6  # far above the gains of any arm, far below an overflow in computations
 STIFF: Final = "too much of it shakes or throws the arm"
 
 
 @dataclass(frozen=True, slots=True)
 class PidAxis:
-    """Gains of one actuator, as PID files have them; meaning and traps: docs of `procs/io/pid.py`."""
+    """Gains of one actuator, as in PID files; for their meaning and pitfalls see `procs/io/pid.py`."""
 
     name: str
     joint_type: str
@@ -50,7 +50,7 @@ class Gain:
     stiff: bool  # too much of it shakes or throws the arm
 
     def wrong(self, value: float) -> str:
-        """What is allowed, when `value` is not; empty when it is."""
+        """The allowed values if `value` is not allowed; otherwise empty."""
         if self.switch:
             return "" if value in (0.0, 1.0) else "1 (on) or 0 (off)"
         low, high, inside = self.low, self.high, math.isfinite(value) and self.low <= value <= self.high
@@ -72,9 +72,9 @@ def value_of(row: PidAxis, key: str) -> float:
 
 
 def leap(before: PidAxis, after: PidAxis) -> str:
-    """A gain that stiffens the joint controller and grows more than `LARGEST_STEP` times at once; "": none does.
+    """The first gain that stiffens the joint controller and grows by more than `LARGEST_STEP` at once; "" if none.
 
-    Of a gain that was 0 nothing can be said.
+    Gains that were 0 are not checked.
     """
     for gain in GAINS:
         old, new = float(getattr(before, gain.field)), float(getattr(after, gain.field))
@@ -84,9 +84,9 @@ def leap(before: PidAxis, after: PidAxis) -> str:
 
 
 def changed(row: PidAxis, keys: Sequence[str], values: Sequence[float], *, running: bool) -> PidAxis:
-    """`row` with other values for `keys`; ValueError says what is wrong with them and what is allowed.
+    """`row` with new `values` for `keys`; ValueError gives the reason and the allowed values.
 
-    While the joint controller is `running` there is no `leap`.
+    While the joint controller is `running`, a `leap` is an error.
     """
     new: dict[str, float | bool] = {}
     for key, value in zip(keys, values, strict=True):

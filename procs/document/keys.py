@@ -1,8 +1,8 @@
-"""What files may say for a field of the document: declared beside the field, and nowhere else.
+"""Allowed values in files for a field of the document, declared only at the field itself.
 
     supervisor_lost_s: Annotated[float, Key(0.1, 60.0, "s")] = 1.0
 
-The sections of `trocar.procs.config.models` take such fields with `keys_of`.
+The sections of `trocar.procs.config.models` include such fields with `keys_of`.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from typing import Any, get_type_hints
 
 @dataclass(frozen=True, slots=True)
 class Key:
-    """Bounds of a number (of each in a list), and in words what it is; `pattern`: of a text.
+    """Bounds of a number (or of each in a list), or `pattern` of a text, with a description.
 
-    `name`: the key in files, where that is not the field's. `is_optional`: absent it is what follows from other keys.
+    `name`: the key in files, if not the field's name. `is_optional`: if absent, it follows from other keys.
     """
 
     low: float | None = None
@@ -31,7 +31,7 @@ class Key:
 
 
 def keys_in(kind: type) -> Iterator[tuple[dataclasses.Field[Any], Any, Key]]:
-    """The fields of a dataclass that files may set: each with its annotation, and what is allowed."""
+    """The fields of a dataclass that files may set, each with its annotation and its Key."""
     hints = get_type_hints(kind, include_extras=True)
     for field in dataclasses.fields(kind):
         for key in getattr(hints[field.name], "__metadata__", ()):

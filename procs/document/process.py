@@ -1,4 +1,4 @@
-"""One process of a system, as the document says it; for whoever needs no more of the document than these rows."""
+"""The processes of a system in the document, for programs that need no other part of it."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from trocar.procs.document.decoding import decode
 ALWAYS: Final = "always"
 ON_DEMAND: Final = "on-demand"
 ELSEWHERE: Final = "elsewhere"
-"""Somebody else starts it, or it is part of another process."""
+"""It is started elsewhere, or is part of another process."""
 
 
 @dataclass(frozen=True, slots=True)
 class Process:
-    """One instance the supervisor starts; `after` names instances that must be up first."""
+    """One instance of a system; `after` names instances that must be up first."""
 
     name: str
     kind: str
@@ -28,23 +28,23 @@ class Process:
     cpus: tuple[int, ...] = ()  # processors it may run on; empty: any
     restart_limit: int = 5
     backoff_s: float = 0.2
-    late_s: float | None = None  # silence that is reported; None: as usual for its kind
+    late_s: float | None = None  # silence that is reported; None: that of its kind
     hung_s: float | None = None  # silence after which it is killed
-    start: str = ALWAYS  # or ON_DEMAND: while somebody wants something of it; or ELSEWHERE
-    linger_s: float = 5.0  # how long it goes on then, after the last one left
-    host: str = ""  # the process that it is part of; empty: it is one itself
-    listen: tuple[str, ...] = ()  # addresses 127.0.0.1:8080 or [::1]:8080 of sockets that it is started with
+    start: str = ALWAYS  # or ON_DEMAND: while it has clients; or ELSEWHERE
+    linger_s: float = 5.0  # how long it continues after its last client left (ON_DEMAND)
+    host: str = ""  # the process that it is part of; empty: it is a process itself
+    listen: tuple[str, ...] = ()  # addresses 127.0.0.1:8080 or [::1]:8080 of its listening sockets
 
     @property
     def typed(self) -> str:
-        """The name that a person types to start, stop or restart it, and for its log."""
+        """The name to type to start, stop or restart it, and for its log."""
         return self.host or self.name
 
 
 def processes_of(data: bytes) -> tuple[Process, ...]:
-    """The processes in the document from `to_json`, unlike `from_json` without a look at anything else in it.
+    """The processes in a document from `to_json`; unlike `from_json` it reads nothing else in the document.
 
-    ValueError when the bytes are not one (they may come from anywhere).
+    ValueError when the bytes are not a document (their origin may be unknown).
     """
     try:
         return tuple(decode(Process, row) for row in json.loads(data)["processes"])
@@ -53,7 +53,7 @@ def processes_of(data: bytes) -> tuple[Process, ...]:
 
 
 def host_and_port(address: str) -> tuple[str, int]:
-    """Of an address in `listen`; ValueError when it is none."""
+    """Host and port of an address in `listen`; ValueError when it is not valid."""
     host, _, port = address.rpartition(":")
     bare = host[1:-1] if host.startswith("[") and host.endswith("]") else host
     if (ip_address(bare).version == 6) is (bare == host) or not (port.isascii() and port.isdecimal()):

@@ -1,4 +1,4 @@
-"""The recorder as the document has it, and its properties, with which what the document says can be changed."""
+"""The recorder in the document, and its properties, which can change these settings at run time."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MAX_RATE_HZ: Final = 50.0
 
 @dataclass(frozen=True, slots=True)
 class Recorder:
-    """What the black box keeps; `folder`: where; empty: with the system's logs."""
+    """Settings of the recorder and its black box; `folder`: of the recordings; empty: with the system's logs."""
 
     folder: Annotated[str, Key(max_length=200, text="a folder with one for each system, or none")] = ""
     rate_hz: Annotated[float, Key(1.0, MAX_RATE_HZ, "Hz")] = 50.0
@@ -27,7 +27,7 @@ class Recorder:
 
     @property
     def declared(self) -> UserProcess:
-        """Its properties, as processes of users' own declare theirs."""
+        """Its properties, declared like those of users' processes."""
         of = {field.name: (key.low, key.high) for field, _, key in keys_in(Recorder)}
         return UserProcess(NAME, "", 1.0 / MAX_RATE_HZ, properties=(
             Property("rate_hz", "float", self.rate_hz, *of["rate_hz"], "Hz", "records of the black box in a second"),

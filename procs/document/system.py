@@ -1,6 +1,6 @@
-"""The frozen document: one system as plain values, parsed and checked once and handed to every process.
+"""The frozen document: one system as plain values, parsed and checked once and passed to every process.
 
-The supervisor makes it from the users' files (`procs/config`), every other process decodes it from JSON with the
+The supervisor makes it from the users' files (`procs/config`); every other process decodes it from JSON with the
 standard library alone, so that `io` starts fast and needs no configuration library. All numbers are SI (m, rad, s, N,
 N·m, A, V); matrices are row-major nested tuples.
 """
@@ -55,7 +55,7 @@ LOCKSTEP = "lockstep"  # simulated time, as fast as the machine allows
 
 @dataclass(frozen=True, slots=True)
 class Logs:
-    """Size and age at which the output of a process begins a new file, and how many old ones are kept of each."""
+    """Size and age at which a process's log is rotated, and the number of old files kept."""
 
     max_bytes: int = 10_000_000
     max_age_s: float = 7 * 86400.0
@@ -72,7 +72,7 @@ class Linear:
 
 @dataclass(frozen=True, slots=True)
 class Encoder:
-    """Counts to joint position (rad or m), soft limits, and where velocity comes from (FIRMWARE or SOFTWARE)."""
+    """Counts to joint position (rad or m), soft limits, and the source of velocity (FIRMWARE or SOFTWARE)."""
 
     bits_to_position: Linear
     lower: float
@@ -90,7 +90,7 @@ class Potentiometer:
 
 @dataclass(frozen=True, slots=True)
 class Actuator:
-    """One motor axis of a board: `axis_id` 0-3 on a QLA1; currents in A, efforts in N·m or N. No board: id below 0."""
+    """One motor axis of a board: `axis_id` 0-3 on a QLA1; currents in A, efforts in N·m or N. Negative id: no board."""
 
     board_id: int
     axis_id: int
@@ -105,7 +105,7 @@ class Actuator:
 
 @dataclass(frozen=True, slots=True)
 class Tolerance:
-    """Potentiometer against encoder: |difference| > distance for longer than latency_s trips; distance 0 is off."""
+    """Check of potentiometer against encoder: |difference| > distance for latency_s is a fault; distance 0: off."""
 
     distance: float
     latency_s: float
@@ -113,7 +113,7 @@ class Tolerance:
 
 @dataclass(frozen=True, slots=True)
 class Brake:
-    """A brake on a motor channel of a board: its current releases it. Currents in A."""
+    """A brake on a motor channel of a board; current releases it. Currents in A."""
 
     board_id: int
     axis_id: int
@@ -121,7 +121,7 @@ class Brake:
     bits_to_current: Linear
     maximum_current: float
     release_current: float
-    release_s: float  # for how long the release current is held
+    release_s: float  # duration of the release current
     released_current: float
     engaged_current: float
 
@@ -160,22 +160,22 @@ class DigitalInput:
 
 @dataclass(frozen=True, slots=True)
 class DigitalOutput:
-    """One digital output of a board; a duration of 0 is for ever."""
+    """One digital output of a board; a duration of 0 has no end."""
 
     name: str
     board_id: int
     bit_id: int
     is_pwm: bool = False
-    high_s: float = 0.0  # for how long it stays high, then it turns by itself
+    high_s: float = 0.0  # how long it stays high before it switches by itself
     low_s: float = 0.0
     pwm_hz: float = 0.0
-    set_by: str = ""  # the command of io, to `robot`, that sets it, and nothing else; empty: set_output and set_pwm do
+    set_by: str = ""  # io's only command that sets it, for `robot`; empty: set_output and set_pwm
     robot: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class InstrumentReader:
-    """A `dallas_chips` entry: the board that reads the memory of the instrument on an arm."""
+    """A `dallas_chips` entry: the board that reads the memory of an arm's instrument."""
 
     name: str
     board_id: int
@@ -183,7 +183,7 @@ class InstrumentReader:
 
 @dataclass(frozen=True, slots=True)
 class PidConfig:
-    """The joint controller of one robot; `arm` is the instance whose setpoints it follows."""
+    """The joint controller of one robot, which follows the setpoints of the instance `arm`."""
 
     robot: str
     arm: str
@@ -197,7 +197,7 @@ class IoConfig:
     """One `IOs[]` entry: a bus with its robots, controllers and inputs."""
 
     name: str
-    port: str  # as it is opened; with emulated boards "udp:127.x.y.z"; empty: KINEMATIC robots, no boards
+    port: str  # the port to open; with emulated boards "udp:127.x.y.z"; empty: KINEMATIC robots, no boards
     protocol: str  # sequential-read-write, sequential-read-broadcast-write or broadcast-query-read-write
     period_s: float
     watchdog_s: float  # 0: off
@@ -215,13 +215,13 @@ class IoConfig:
         float, Key(0.0, 1000.0, "µs from a query of all boards to the read; 0: as long as they need")] = 0.0
     instrument_readers: tuple[InstrumentReader, ...] = ()
     digital_outputs: tuple[DigitalOutput, ...] = ()
-    calibration_mode: bool = False  # potentiometers and currents are being calibrated: what compares them is off
+    calibration_mode: bool = False  # potentiometers and currents are being calibrated: checks that compare them are off
     tasks: tuple[TaskRow, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class EmulationConfig:
-    """Everything the `boards` process stands in for; `SystemConfig.emulated` gives the robots on it."""
+    """All that the `boards` process emulates; `SystemConfig.emulated` has the robots on these boards."""
 
     period_s: float
     buses: tuple[BusConfig, ...]
@@ -230,7 +230,7 @@ class EmulationConfig:
     instruments: tuple[tuple[str, str], ...] = ()  # (arm, tool name) inserted at start
     model_variations: tuple[ModelVariation, ...] = ()
     setup_joints: tuple[EmulatedSetupJoints, ...] = ()
-    # Where that is not what the system's own processes drive: all there is on these buses, and nothing else.
+    # All robots and arms on these buses, if they differ from those that the system's own processes drive.
     ios: tuple[IoConfig, ...] | None = None
     arms: tuple[ArmConfig, ...] = ()
 
@@ -252,7 +252,7 @@ class SystemConfig:
     teleop_ecms: tuple[TeleopEcmConfig, ...] = ()
     third_parties: tuple[ThirdParty, ...] = ()
     focuses: tuple[Focus, ...] = ()  # one at most
-    users: tuple[UserProcess, ...] = ()  # processes of users' own
+    users: tuple[UserProcess, ...] = ()  # users' processes
     ros: RosBridge | None = None
     socket: SocketBridge | None = None
     foxglove: FoxgloveServer | None = None
@@ -260,11 +260,11 @@ class SystemConfig:
     recorder: Recorder | None = None
     audio_volume: float = 0.5
     supervisor_lost_s: float = 1.0
-    group: str = ""  # may attach, too
-    service_user: str = ""  # whose shared memory is trusted besides our own and root's
+    group: str = ""  # its members may attach, too
+    service_user: str = ""  # user whose shared memory is trusted besides our own and root's
     logs: Logs = Logs()
-    cpus: tuple[int, ...] = ()  # processors of the supervisor, and of those without any of their own; empty: any
-    notes: tuple[str, ...] = ()  # overrides made, e.g. "port fw replaced by emulated boards at 127.…"
+    cpus: tuple[int, ...] = ()  # processors of the supervisor, and default for all processes; empty: any
+    notes: tuple[str, ...] = ()  # overrides, e.g. "port fw replaced by emulated boards at 127.…"
 
     def io(self, name: str) -> IoConfig:
         """The io entry `name`; KeyError when there is none."""
@@ -296,13 +296,13 @@ class SystemConfig:
         return _named(self.focuses, name)
 
     def user(self, name: str) -> UserProcess | None:
-        """What the process `name` declares where it is a user's own, or the recorder; None where it does not."""
+        """The declarations of the process `name` if it is a user's, or the recorder; otherwise None."""
         if name == RECORDER and self.recorder is not None:
             return self.recorder.declared
         return next((row for row in self.users if row.name == name), None)
 
     def inputs(self, name: str) -> tuple[str, ...]:
-        """Digital inputs of the io, or buttons of the program, `name`, in the order of its record."""
+        """Digital inputs of the io `name`, or buttons of that third-party program, in the order of its record."""
         if any(row.name == name for row in self.third_parties):
             return self.third_party(name).inputs
         return tuple(row.name for row in self.io(name).digital_inputs)
@@ -312,9 +312,9 @@ class SystemConfig:
         return _named(self.processes, name)
 
     def emulated(self) -> SystemConfig:
-        """The system as its emulated boards see it: every robot and input on them, driven by a process or not.
+        """The system of its emulated boards: every robot and input on them, driven by a process or not.
 
-        Names that several buses have are IO/NAME there.
+        Names that several buses have become IO/NAME.
         """
         if self.emulation is None:
             return self
@@ -331,7 +331,7 @@ def _named(rows: tuple[T, ...], name: str) -> T:
 
 
 def to_json(system: SystemConfig) -> bytes:
-    """The document as UTF-8 JSON; instruments are in it once, however many arms know them."""
+    """The document as UTF-8 JSON; each instrument is in it once, even if several arms have it."""
     rows = system.arms + (system.emulation.arms if system.emulation is not None else ())
     places: dict[Tool, int] = {}
     known = [[places.setdefault(tool, len(places)) for tool in arm.tools] for arm in rows]
@@ -349,7 +349,7 @@ def _with_tools(arms: tuple[ArmConfig, ...], tools: tuple[Tool, ...]) -> tuple[A
 
 
 def from_json(data: bytes) -> SystemConfig:
-    """The document from `to_json`; ValueError when the bytes are not one (they may come from anywhere)."""
+    """The document from `to_json`; ValueError when the bytes are not a document (their origin may be unknown)."""
     try:
         content = json.loads(data)
         tools = [decode(Tool, tool) for tool in content.pop("instruments")]

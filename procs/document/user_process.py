@@ -1,4 +1,4 @@
-"""Processes of one's own as the system file declares them: their topics, commands and properties."""
+"""Users' processes as declared in the system file: topics, commands and properties."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from dataclasses import dataclass
 from typing import Final
 
 BYTES: Final = {"float": 8, "float32": 4, "int": 8, "int32": 4, "uint8": 1, "uint16": 2, "bool": 1, "text": 1}
-"""Words for types, and what one of each takes."""
+"""Names of types, and the size of an element in bytes."""
 TYPE: Final = rf"^({'|'.join(BYTES)})(\[[1-9][0-9]{{0,5}}(,[1-9][0-9]{{0,5}})?\])?$"
 SET_PROPERTY: Final = "set_property"
 SAVE_PROPERTIES: Final = "save_properties"
 PROPERTIES: Final = "properties"
-"""The topic that has the values in use."""
+"""The topic with the present values of the properties."""
 
 
 @dataclass(frozen=True, slots=True)
 class UserField:
-    """A field of a topic or an argument of a command: float, int, bool, text and others, `float[6]`: six of them."""
+    """A field of a topic or an argument of a command; types are float, int, bool, text…, or arrays like `float[6]`."""
 
     name: str
     type: str
@@ -28,7 +28,7 @@ class UserField:
 
 @dataclass(frozen=True, slots=True)
 class UserTopic:
-    """A topic of its own; `depth` records are kept."""
+    """A topic of a user's process; the ring keeps `depth` records."""
 
     name: str
     rate_hz: float
@@ -38,11 +38,11 @@ class UserTopic:
 
 @dataclass(frozen=True, slots=True)
 class UserCommand:
-    """A command that it carries out.
+    """A command that a user's process executes.
 
-    `effect`: the worst that it can do (shm/mailbox/command_row.py), by itself or by what it asks others for; from
-    "relax" on it needs an operator's command, whose origin is passed on. `stops`: it ends something; `latest`: of
-    several that wait only the newest counts.
+    `effect`: the worst possible effect (shm/mailbox/command_row.py), direct or by commands to others; from "relax" on
+    it needs an operator's command, whose origin is passed on. `stops`: it ends something; `latest`: of several waiting
+    ones only the newest is executed.
     """
 
     name: str
@@ -55,7 +55,7 @@ class UserCommand:
 
 @dataclass(frozen=True, slots=True)
 class Property:
-    """What can be read and set while it runs; `type` is float, int or bool, or `text[24]`: so many bytes at most."""
+    """A value that can be read and set at run time; `type` is float, int, bool, or text: `text[24]` has 24 bytes."""
 
     name: str
     type: str
@@ -73,11 +73,11 @@ class Property:
 
     @property
     def is_text(self) -> bool:
-        """It has no number, but a text."""
+        """Whether it is a text, not a number."""
         return self.type.startswith("text")
 
     def objection(self, value: float | str) -> str:
-        """Why it cannot have this value; empty: it can."""
+        """Why it cannot have this value; empty if it can."""
         if isinstance(value, str) or self.is_text:
             if not (isinstance(value, str) and self.is_text):
                 return f"{self.name}: {value!r} is no {self.type}"
@@ -96,9 +96,9 @@ class Property:
 
 @dataclass(frozen=True, slots=True)
 class UserProcess:
-    """One process; `module` is the path of a .py file, or the name of an installed module.
+    """One user's process; `module` is the path of a .py file, or the name of an installed module.
 
-    `host`: the process that calls its update together with those of others; "": it is a process itself.
+    `host`: the process that calls its update together with others; "" for a process of its own.
     """
 
     name: str
@@ -111,7 +111,7 @@ class UserProcess:
 
 
 def shape_of(word: str) -> tuple[str, tuple[int, ...]]:
-    """The bare type and its shape; ValueError when it is none."""
+    """The element type and the shape; ValueError when `word` is not a type."""
     match = re.match(TYPE, word)
     if match is None:
         raise ValueError(f"{word!r} is no type")
@@ -119,6 +119,6 @@ def shape_of(word: str) -> tuple[str, tuple[int, ...]]:
 
 
 def size_of(word: str) -> int:
-    """Bytes in a record."""
+    """Size of a type in bytes."""
     bare, shape = shape_of(word)
     return BYTES[bare] * math.prod(shape)
