@@ -1,1 +1,1 @@
-"""A running system by CRTK's names: which topics there are, and what they say. For bridges and tools."""
+"""A running system under CRTK's names: its topics, their values, and commands. For bridges and tools."""

@@ -1,4 +1,4 @@
-"""Commands of one client, and what becomes of them."""
+"""Commands of one client, and their outcomes."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from trocar.shm.memory.segment import names_of
 from trocar.shm.time.clock import monotonic_ns
 
 PEERS: Final = itertools.count(1)
-"""Clients of this bridge, by number: what one of them stops ends the streams of the others, too."""
+"""Numbers of this bridge's clients: a stop by one of them also ends the streams of the others."""
 KEPT: Final = 1000
-"""Commands of which the client has not heard the end."""
+"""Maximum number of commands without a reported outcome."""
 MAY_NOT: Final = "this connection may not power, home or release anything (trocar.socket.may_power)"
 SOON_NS: Final = 1_000_000_000
-"""So long a first answer is looked for often."""
+"""How long the first answer is polled at the higher rate."""
 
 
 @dataclass(frozen=True, slots=True)
 class CommandOwner:
-    """An instance that can be asked: its kind, and its commands by name."""
+    """An instance that accepts commands: its kind, and its commands by name."""
 
     kind: str
     rows: Mapping[str, CommandRow]
@@ -38,7 +38,7 @@ class CommandOwner:
 
 @dataclass(slots=True)
 class Call:
-    """A command that is under way: the client's number for it, to whom, what, and until when an answer is due."""
+    """A command under way: the client's id, the receiver, the command, and when an answer is due."""
 
     id: Any
     to: str
@@ -48,7 +48,7 @@ class Call:
 
 @dataclass(slots=True)
 class ClientCounts:
-    """Messages of all clients of a bridge since its start: what they said, what they were told, and what was lost."""
+    """Messages of all clients of a bridge since its start: received, sent and lost ones, and commands."""
 
     received: int = 0
     sent: int = 0
@@ -58,27 +58,27 @@ class ClientCounts:
 
 
 class Calls:
-    """The ways of one client to all owners; what it sends are a person's commands."""
+    """The connections of one client to all owners; its commands are operators' commands."""
 
     def __init__(self, system: str, owners: Mapping[str, CommandOwner], rights: Rights,
                  is_over: Callable[[], bool]) -> None:
-        """`is_over`: what is sent now is about the past, and is not sent."""
+        """`is_over`: whether commands are outdated after a stall, and refused."""
         self._peer = next(PEERS)
         self.program = "socket"
-        """Who others are told that it is."""
+        """The name that other programs see."""
         self._system, self._owners, self._rights, self._is_over = system, owners, rights, is_over
         self._clients: dict[str, Client] = {}
         self._calls: dict[tuple[str, int], Call] = {}
         self._due_ns = 0
 
     def owner(self, name: str) -> CommandOwner:
-        """Who can be asked under this name; WrongMessage has the nearest ones."""
+        """The owner of this name; otherwise WrongMessage, with similar names."""
         if name not in self._owners:
             raise WrongMessage(none_such("component", name[:80], self._owners))
         return self._owners[name]
 
     def send(self, number: Any, to: str, command: str, values: list[float], text: str, seen: int | None = None) -> None:
-        """Pass on a command; WrongMessage says why it is not. `seen`: see Client.seen."""
+        """Pass on a command, or raise WrongMessage with the reason. `seen`: see Client.seen."""
         owner = self.owner(to)
         row = owner.rows.get(command)
         if row is None:
@@ -103,11 +103,11 @@ class Calls:
 
     @property
     def are_under_way(self) -> bool:
-        """There are commands whose end is not known."""
+        """Whether there are commands without a known outcome."""
         return bool(self._calls)
 
     def replies(self) -> Iterator[tuple[Call, Reply]]:
-        """What became of them since the last call."""
+        """The replies since the last call."""
         if not self._calls:
             return
         for to, client in self._clients.items():
@@ -124,13 +124,13 @@ class Calls:
             self._due_ns = 0
 
     def wait_s(self, now_ns: int) -> float:
-        """How long until replies are to be looked at again; infinite when there are none to come."""
+        """Time until replies must be polled again, s; infinite when none are expected."""
         if self._due_ns > now_ns:
             return 0.001
         return 0.01 if self._calls else float("inf")
 
     def close(self) -> None:
-        """Commands under way finish; nobody hears of it."""
+        """Close all connections; commands under way finish without a report."""
         for client in self._clients.values():
             client.close()
         self._clients.clear()
@@ -138,7 +138,7 @@ class Calls:
 
 
 def owners_of(document: SystemConfig) -> dict[str, CommandOwner]:
-    """Who can be asked, and what."""
+    """All instances that accept commands, by name."""
     found = {}
     for name in sorted({instance for _, instance, what in names_of(document.name) if what == "mailbox"}):
         if name == "supervisor":

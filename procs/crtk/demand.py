@@ -1,4 +1,4 @@
-"""What a program wants of instances: what it reads is computed from its first use on, until it is closed."""
+"""A program's demand for topics of instances: they are computed from the first use on, until it is closed."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ POLL_S = 0.001
 
 
 class Wanted:
-    """What all clients of a bridge together want of all instances; what none of them wants need not be computed."""
+    """The common demand of all clients of a bridge; topics without clients need not be computed."""
 
     def __init__(self, system: str, program: str) -> None:
-        """`program`: what others are told who wants it."""
+        """`program`: the name that other programs see as subscriber."""
         self.system, self._program = system, program
         self._counts: Counter[tuple[str, str, str]] = Counter()
         self._subscribers: dict[str, Subscriber] = {}
 
     def take(self, source: OpenTopic) -> None:
-        """One more wants a topic, with its groups; SegmentError when that cannot be asked for."""
+        """Add a client for a topic with its groups; SegmentError when that fails."""
         entry = source.entry
         if entry.instance not in self._subscribers:
             self._subscribers[entry.instance] = Subscriber(self.system, entry.instance, self._program)
@@ -30,7 +30,7 @@ class Wanted:
         self._counts.update((entry.instance, entry.ring, group) for group in ("", *source.groups))
 
     def leave(self, source: OpenTopic) -> None:
-        """One wants it no more."""
+        """Remove a client of a topic."""
         instance, ring, groups = source.entry.instance, source.entry.ring, source.groups
         self._counts.subtract((instance, ring, group) for group in ("", *groups))
         self._counts = +self._counts
@@ -44,14 +44,14 @@ class Wanted:
             self._subscribers.pop(instance).close()
 
     def close(self) -> None:
-        """Nothing is wanted any more."""
+        """Drop all demand."""
         for subscriber in self._subscribers.values():
             subscriber.close()
         self._subscribers.clear()
 
 
 class OnDemand:
-    """The wishes of one program at one instance; a context manager. It has no place there before the first of them."""
+    """The demand of one program at one instance; a context manager. It takes a place there at the first `want`."""
 
     def __init__(self, system: str, instance: str) -> None:
         self._address = system, instance
@@ -59,7 +59,7 @@ class OnDemand:
         self._wanted: set[tuple[str, tuple[str, ...]]] = set()
 
     def want(self, source: OpenTopic) -> None:
-        """A topic of it, and what of that is computed on demand; SegmentError when it cannot be asked for."""
+        """Request a topic, with its groups that are computed on demand; SegmentError when that fails."""
         wish = topic, groups = source.entry.ring, source.groups
         if wish in self._wanted:
             return
@@ -69,7 +69,7 @@ class OnDemand:
         self._wanted.add(wish)
 
     def close(self) -> None:
-        """Nothing is wanted any more."""
+        """Drop all demand."""
         if self._subscriber is not None:
             self._subscriber.close()
 
@@ -81,7 +81,7 @@ class OnDemand:
 
 
 def wait_until_computed(source: OpenTopic, seconds: float) -> bool:
-    """Read new records until values on demand are there, for so long at most; whether they are."""
+    """Read new records until values on demand are computed, at most for `seconds`; returns whether they are."""
     end = monotonic_ns() + round(seconds * 1e9)
     while not source.is_computed:
         if monotonic_ns() >= end:

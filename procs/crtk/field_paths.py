@@ -1,7 +1,7 @@
-"""Paths of fields in topics, as verbs and the web console's plots take them: `PSM1/measured_js.position[0:3]`.
+"""Paths of fields in topics, for verbs and the web console's plots: `PSM1/measured_js.position[0:3]`.
 
-A path is a topic as `trocar list` shows it, a dot, a field, and as many indices in brackets as the field has
-dimensions, or fewer: `[2]`, `[0:3]`, `[-1]`, `[0][4]`, `[0,4]`. Without the dot it is the whole topic.
+A path is a topic as listed by `trocar list`, a dot, a field, and indices in brackets, at most one per dimension:
+`[2]`, `[0:3]`, `[-1]`, `[0][4]`, `[0,4]`. Without a dot it is the whole topic.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ PIECES: Final = {
     "cv": {"linear": ("twist", slice(0, 3)), "angular": ("twist", slice(3, 6))},
     "cf": {"force": ("wrench", slice(0, 3)), "torque": ("wrench", slice(3, 6))},
 }
-"""Parts of payloads, as `echo` shows them, in the parts that views name."""
+"""Fields of payloads as shown by `echo`: the view's part that contains each, and the slice of it."""
 VALID: Final = Field("valid", "?", "", "whether the values may be used")
 NAMES: Final = Field("name", "S", "", "names of the joints")
 
@@ -38,12 +38,12 @@ Index = int | slice
 
 
 class BadPath(ValueError):
-    """What was written is no path, or not one of this topic; the message says what is allowed."""
+    """The text is no path, or not one of this topic; the message has the allowed form."""
 
 
 @dataclass(frozen=True, slots=True)
 class FieldPath:
-    """A path taken apart; `field` is empty for the whole topic."""
+    """A parsed path; `field` is empty for the whole topic."""
 
     text: str
     topic: str
@@ -52,7 +52,7 @@ class FieldPath:
 
 
 def parse_path(text: str) -> FieldPath:
-    """A path as a person wrote it; BadPath."""
+    """Parse a path; BadPath if it is not one."""
     found = PATH.fullmatch(text) if len(text) <= MAX_LENGTH else None
     if found is None:
         raise BadPath(f"{text[:80]!r} is no field: {MEANT}")
@@ -73,11 +73,11 @@ def _index(word: str, text: str) -> Index:
 
 @dataclass(frozen=True, slots=True)
 class FieldCells:
-    """The cells of a ring's records that a path means.
+    """The cells of a ring's records that a path selects.
 
-    `flat`: their places in the field; `labels`: a path for each of them; `flag`, `flag_row`: the field, and of a
-    list of flags the place in it, that says whether a record's values may be used, empty: always. `constants`: the
-    values, where records have none.
+    `flat`: their indices in the flattened field; `labels`: a path for each. `flag`: the field that shows whether a
+    record's values are valid, empty: always; `flag_row`: the index if that is a list. `constants`: the values, if they
+    are not in records.
     """
 
     field: Field
@@ -90,7 +90,7 @@ class FieldCells:
     constants: tuple[Any, ...] = ()
 
     def numbers(self, rows: NDArray[Any]) -> NDArray[np.float64]:
-        """(records, cells) of structured records; NaN where a record is not valid."""
+        """The values (records, cells) in structured records; NaN in records that are not valid."""
         if self.is_text:
             raise BadPath(f"{self.labels[0]} is text, no number")
         found: NDArray[np.float64] = self.raw(rows).astype(np.float64)
@@ -98,7 +98,7 @@ class FieldCells:
         return found
 
     def raw(self, rows: NDArray[Any]) -> NDArray[Any]:
-        """The same as they are recorded, texts too, whether valid or not."""
+        """The values as recorded, including texts, whether valid or not."""
         if self.constants:
             return np.tile(np.array(self.constants)[self.flat], (len(rows), 1))
         column = rows[self.field.name]
@@ -106,7 +106,7 @@ class FieldCells:
         return found
 
     def valid(self, rows: NDArray[Any]) -> NDArray[np.bool_]:
-        """Which records may be used."""
+        """Whether each record is valid."""
         if not self.flag:
             return np.ones(len(rows), np.bool_)
         flags = rows[self.flag]
@@ -114,9 +114,9 @@ class FieldCells:
 
 
 def cells_of(entry: TopicEntry, path: FieldPath, record: NDArray[Any]) -> FieldCells:
-    """The cells of `path` in the records of a topic; BadPath names what there is.
+    """The cells of `path` in the records of a topic; BadPath lists the allowed ones.
 
-    `record`: one of its records (1,), the newest: an arm's views have as many joints as it says.
+    `record`: its newest record (1,), which has the number of joints for an arm's views.
     """
     if entry.kind == EVENT:
         raise BadPath(f"{path.text}: {entry.name} is an event, without fields of its own; take "
@@ -141,7 +141,7 @@ def cells_of(entry: TopicEntry, path: FieldPath, record: NDArray[Any]) -> FieldC
 
 
 def all_cells(entry: TopicEntry, record: NDArray[Any]) -> list[FieldCells]:
-    """The cells of every field of a topic that has any."""
+    """The cells of all fields of a topic, except fields without cells."""
     found = []
     for name in _fields(entry):
         try:
@@ -152,12 +152,12 @@ def all_cells(entry: TopicEntry, record: NDArray[Any]) -> list[FieldCells]:
 
 
 def indices_text(indices: Sequence[Any]) -> str:
-    """Indices as a path has them."""
+    """Indices in the notation of paths."""
     return "".join(f"[{int(index)}]" for index in indices)
 
 
 def _fields(entry: TopicEntry) -> list[str]:
-    """Fields as people see them."""
+    """Names of the fields of a topic, without `valid` and `name`."""
     if entry.view is None:
         return [field.name for field in entry.fields]
     pieces = PIECES.get(entry.view.kind, {})
@@ -166,7 +166,7 @@ def _fields(entry: TopicEntry) -> list[str]:
 
 def _found(entry: TopicEntry, path: FieldPath, record: NDArray[Any]
            ) -> tuple[Field, NDArray[np.intp], tuple[Any, ...]]:
-    """The field that a path means, the places of its cells, and its values where records have none."""
+    """The field of a path, the indices of its cells, and its values if they are not in records."""
     if entry.view is not None and path.field == VALID.name:
         if entry.view.where in (record.dtype.names or ()):
             return dataclasses.replace(VALID, name=entry.view.where), np.array(max(entry.row, 0)), ()
@@ -181,20 +181,20 @@ def _found(entry: TopicEntry, path: FieldPath, record: NDArray[Any]
 
 
 def _constant_names(entry: TopicEntry) -> tuple[str, ...]:
-    """Names of joints that a view has, and its records have not."""
+    """Names of a view's joints if its records do not have them."""
     is_without = entry.view is not None and entry.view.kind == "js" and NAMES.name not in dict(entry.view.fields)
     return entry.joint_names if is_without else ()
 
 
 def _shown(entry: TopicEntry) -> list[str]:
-    """Fields that have a path."""
+    """All fields that have a path."""
     if entry.view is None:
         return _fields(entry)
     return [VALID.name, *(NAMES.name for _ in _constant_names(entry)[:1]), *_fields(entry)]
 
 
 def _named(entry: TopicEntry, path: FieldPath) -> tuple[str, Index]:
-    """The field of the record, and what of it."""
+    """The field of the record, and its part."""
     if path.field in (field.name for field in HEAD_FIELDS):
         return path.field, slice(None)
     if entry.view is None:
@@ -211,7 +211,7 @@ def _named(entry: TopicEntry, path: FieldPath) -> tuple[str, Index]:
 
 
 def _joints(entry: TopicEntry, places: NDArray[np.intp], record: NDArray[Any]) -> NDArray[np.intp]:
-    """Of a view only what is its robot's, and of an arm the joints that it has."""
+    """The cells of a view's robot or setup arm; for an arm, those of its existing joints."""
     if not places.ndim:
         return places.reshape(1)
     if entry.row >= 0:

@@ -1,10 +1,10 @@
-"""What clients of a bridge hold down beside joints, which end by themselves: it is released when they are gone.
+"""Buttons and the like that clients of a bridge hold down, and that are released when the client is gone.
 
-A page of the web console holds it while it has control. Which commands that are, and what ends them, is the column
-`ended_by` of the command table. What belongs to a stream (a lift, a lens, a tip that is pulled) is released at once. A
-setup arm's clutch and an emulated operator stay while any page has control, so that an operator can change between
-pages; they end when no page has had it for a while. Pedals stay as they are: a slave may follow again where one is
-released.
+Motion of joints is not among them, as it ends by itself. A page of the web console holds them down while it has
+control. The column `ended_by` of the command table lists these commands, and those that end them. Commands of a stream
+(a lift, a lens, a pulled tip) end at once. A setup arm's clutch and an emulated operator stay while any page has
+control, so that an operator can change between pages; they end when no page has had control for a while. Pedals stay
+pressed, because a slave might follow again when one is released.
 """
 
 from __future__ import annotations
@@ -19,29 +19,29 @@ from trocar.shm.mailbox.command_row import ITSELF, CommandRow
 
 OFF: Final = (0.0,)
 Held = tuple[str, str, tuple[float, ...], str]
-"""To whom, and the command that lets go, with its values and text."""
+"""The receiver, and the command that releases, with its values and text."""
 
 
 def ending(to: str, row: CommandRow, text: str) -> Held:
-    """What releases what `row` began at `to`."""
+    """The command that ends command `row` at instance `to`."""
     return (to, row.name, OFF, text) if row.ended_by == ITSELF else (to, row.ended_by, (), text)
 
 
 def presses(row: CommandRow, values: Sequence[float]) -> bool | None:
-    """Whether it holds something down, or lets go of it; None: neither, as it is refused."""
+    """Whether a command presses (True) or releases (False); None: it will be refused."""
     return None if row.objection(values) else any(values)
 
 
 class HeldDown:
-    """What is held down now, and by which page, "" where there is one client only."""
+    """Commands that are held down, each with its page, or "" if there is only one client."""
 
     def __init__(self, calls: Calls) -> None:
-        """`calls`: its own, which outlive those of pages."""
+        """`calls`: separate from those of pages, because it outlives them."""
         self._calls = calls
         self._held: dict[Held, tuple[str, bool]] = {}
 
     def note(self, page: str, to: str, command: str, values: list[float], text: str) -> None:
-        """A page has commanded this."""
+        """Record a command of a page."""
         row = self._calls.owner(to).rows.get(command)
         if row is None or (pressed := presses(row, values)) is None:
             return
@@ -54,14 +54,14 @@ class HeldDown:
         self._held.pop((to, command, tuple(values), text), None)
 
     def tick(self, holder: str, is_free: bool) -> None:
-        """Let go of what the page that has control does not hold; what cannot be sent now is sent in the next tick.
+        """Release commands of pages without control; releases that cannot be sent are repeated in the next tick.
 
-        `is_free`: nobody has had control for a while.
+        `holder`: the page that has control. `is_free`: no page has had control for a while.
         """
         self._let_go(lambda page, at_once: page != holder if at_once else is_free)
 
     def end(self) -> None:
-        """Let go of everything: the console ends."""
+        """Release everything at the end of the console."""
         self._let_go(lambda page, at_once: True)
 
     def _let_go(self, is_over: Callable[[str, bool], bool]) -> None:
@@ -75,5 +75,5 @@ class HeldDown:
             pass
 
     def close(self) -> None:
-        """What is under way finishes."""
+        """Close the connections; commands under way finish."""
         self._calls.close()

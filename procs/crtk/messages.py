@@ -1,4 +1,4 @@
-"""Messages of clients as JSON: one object each, checked part by part. Pure: same bytes, same result."""
+"""Clients' messages as JSON: one object each, checked part by part. Pure functions."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from typing import Any, Final
 from trocar.procs.crtk.names import none_such
 
 MAX_BYTES: Final = 65536
-"""Of one message."""
+"""Maximum size of a message."""
 MAX_ID: Final = 64
 MAX_VALUES: Final = 64
 
 
 class WrongMessage(Exception):
-    """A message is answered with an error; the text is its reason."""
+    """A message that is answered with an error; the text is the reason."""
 
     def __init__(self, reason: str, number: object = None) -> None:
         """`number`: the message's `id`."""
@@ -27,12 +27,12 @@ class WrongMessage(Exception):
 
 
 class NoMessage(WrongMessage):
-    """That is no message at all: perhaps another protocol."""
+    """Not a message at all: perhaps another protocol."""
 
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """A message that has all it needs."""
+    """A checked message with all its parts."""
 
     op: str
     id: Any
@@ -41,7 +41,7 @@ class Message:
 
 @dataclass(frozen=True, slots=True)
 class MessagePart:
-    """A part of a message: what it has to be, in words and as a check that returns it; None: it must be there."""
+    """A part of a message: its expected value in words, and a check that returns it; default None: required."""
 
     what: str
     check: Callable[[Any], Any]
@@ -61,7 +61,7 @@ def _flag(value: Any) -> bool:
 
 
 def _any_number(value: Any) -> float:
-    """Also one that is not finite, which is `null` in JSON; ValueError otherwise."""
+    """A number, or NaN for `null`; otherwise ValueError."""
     if value is None:
         return math.nan
     if isinstance(value, int | float) and not isinstance(value, bool):
@@ -70,7 +70,7 @@ def _any_number(value: Any) -> float:
 
 
 def a_number(value: Any) -> float:
-    """A finite one; ValueError otherwise."""
+    """A finite number; otherwise ValueError."""
     if not math.isfinite(found := _any_number(value)):
         raise ValueError
     return found
@@ -90,12 +90,12 @@ SOME_NUMBERS: Final = MessagePart(NUMBERS, _numbers, ())
 FLAG: Final = MessagePart("true or false", _flag)
 VALUE: Final = MessagePart("a number", _any_number)
 VALUES: Final = MessagePart(NUMBERS, partial(_numbers, number=_any_number), ())
-"""Arguments of a command: the process that gets it refuses what is not finite, and its audit has the refusal."""
+"""Arguments of a command: the receiving process refuses values that are not finite, and records that in its audit."""
 Ops = Mapping[str, Mapping[str, MessagePart]]
 
 
 def parsed(data: bytes | str, ops: Ops) -> Message:
-    """One message, one of `ops` with their parts; WrongMessage says what of it is not as it should be."""
+    """Parse a message, whose op and parts must be in `ops`; WrongMessage has the reason."""
     try:
         found = json.loads(data)
     except (ValueError, RecursionError) as error:

@@ -1,4 +1,4 @@
-"""Names that are not there, in words."""
+"""Messages for unknown names."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from trocar.shm.memory.header import SegmentError
 
 
 class Unknown(SegmentError):
-    """There is nothing of this name; the message has the nearest ones."""
+    """An unknown name; the message suggests similar ones."""
 
 
 ROOM: Final = 200
-"""For a list of names, characters."""
+"""Characters for a list of names."""
 
 
 def none_such(what: str, name: str, known: Iterable[str], owner: str = "") -> str:
-    """That there is no `name`, or that `owner` has none: the nearest ones, or all when there are few."""
+    """The message that there is no `name`, or that `owner` has none, with similar names, or all if they are few."""
     names = list(known)
     said = f"{owner} has no {what} {name}" if owner else f"no {what} {name}"
     if near := difflib.get_close_matches(str(name), names, 3, 0.5):

@@ -1,4 +1,4 @@
-"""Values as JSON knows them."""
+"""Values for JSON."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 
 def plain(value: Any) -> Any:
-    """A value as JSON knows it: arrays as lists, bytes as text, what is not finite as None."""
+    """A value for JSON: arrays as lists, bytes as text, numbers that are not finite as None."""
     if hasattr(value, "tolist"):
         value = value.tolist()
     if isinstance(value, bytes):

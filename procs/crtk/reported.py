@@ -1,4 +1,4 @@
-"""What processes report, as data that every surface shows alike: severity, code, sentence, and what a person can do."""
+"""Reports of processes as data for all user interfaces: severity, code, sentence and remedy."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def message_of(name: str, event: Any) -> dict[str, Any]:
 
 
 def event_rings(system: str) -> Iterator[tuple[str, RingReader]]:
-    """The events of every process, open, but for the one that repeats those of the others."""
+    """Open readers for the events of all processes, except of `system`, which repeats those of the others."""
     for name, ring in directory.rings(system):
         if ring != "events":
             continue

@@ -1,7 +1,7 @@
-"""Topics by the names people use: whole records (PSM1/state), CRTK views (PSM1/measured_js), events (PSM1/error).
+"""Topics by name: whole records (PSM1/state), CRTK views (PSM1/measured_js), events (PSM1/error).
 
-The catalogue is read from what is in shared memory, each ring's header describing itself; which CRTK names are views
-on which fields stands in `shm/topics.py`.
+The catalogue is read from shared memory, where the header of each ring describes its records; `shm/topics.py` defines
+which CRTK names are views on which fields.
 """
 
 from __future__ import annotations
@@ -26,12 +26,11 @@ ONE_JOINT = ("jaw", "gripper")
 
 @dataclass(frozen=True, slots=True)
 class TopicEntry:
-    """One topic: the ring it lives in, and how it is seen.
+    """One topic: its ring, and its view on the records.
 
-    `kind` is record, event, or the payload of a view. `first` and `count` cut a robot out of arrays over all axes; of a
-    setup arm `row` is its place among all, and `count` the number of its joints.
-    `problem` says that its writer is gone, or why it cannot be read at all; empty when all is well. `simulation` is
-    KINEMATIC where there is no robot.
+    `kind` is record, event, or the payload of a view. `first` and `count` select a robot's part of arrays over all
+    axes; for a setup arm, `row` is its index, and `count` its number of joints. `problem`: the writer is gone, or the
+    reason why it cannot be read; empty without problem. `simulation` is KINEMATIC without a robot.
     """
 
     name: str
@@ -52,13 +51,13 @@ class TopicEntry:
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Names of its joints, where they are not in its records."""
+        """Names of its joints, if its records do not have them."""
         part = self.name.rsplit("/", 2)[-2]
         return self.labels or ((part,) if part in ONE_JOINT else ())
 
 
 def catalogue(system: str) -> list[TopicEntry]:
-    """All topics of a system, records first, then views, then events, of one instance after the other."""
+    """All topics of a system, instance by instance: records, then views, then events."""
     found: list[TopicEntry] = []
     for instance, ring in rings(system):
         found += _entries(system, instance, ring)
@@ -66,7 +65,7 @@ def catalogue(system: str) -> list[TopicEntry]:
 
 
 def find(system: str, topic: str) -> TopicEntry:
-    """The topic of this name; Unknown names the nearest ones."""
+    """The topic of this name; otherwise Unknown, with similar names."""
     entries = catalogue(system)
     for entry in entries:
         if entry.name == topic:
@@ -89,7 +88,7 @@ def _entries(system: str, instance: str, ring: str) -> list[TopicEntry]:
 
 
 def writer_gone(who: str) -> str:
-    """What is to be said of a ring whose last writer was `who`; empty when that one lives."""
+    """The problem of a ring whose writer `who` is gone; empty while the writer lives."""
     return f"its writer {who} is gone" if who else ""
 
 

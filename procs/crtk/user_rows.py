@@ -1,4 +1,4 @@
-"""Rows of topics and commands made of what the system file declares for a process of one's own."""
+"""Rows of topics and commands for the declarations of users' processes in the system file."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from trocar.shm.memory.rows import DTYPES, Field, Topic, dtype_of
 KIND = "user"
 VALUE = Argument("value, none of a text", low=-math.inf, high=math.inf, optional=True)
 KEPT = 64
-"""Records of the properties."""
+"""Depth of the ring of properties."""
 
 
 class Asked(Protocol):
-    """A command as its arguments came."""
+    """A received command."""
 
     @property
     def name(self) -> str:
@@ -45,7 +45,7 @@ class Asked(Protocol):
 
 
 def topics_of(process: UserProcess) -> tuple[Topic, ...]:
-    """Its topics; with properties one more, that has their values."""
+    """The topics of a user's process; with properties, also the topic of their values."""
     found = [Topic(row.name, KIND, row.rate_hz, 0.0, tuple(_field(field) for field in row.fields), depth=row.depth)
              for row in process.topics]
     if process.properties:
@@ -55,7 +55,7 @@ def topics_of(process: UserProcess) -> tuple[Topic, ...]:
 
 
 def commands_of(process: UserProcess) -> tuple[CommandRow, ...]:
-    """Its commands; with properties those that set and save them, too."""
+    """The commands of a user's process; with properties, also those that set and save them."""
     found = list(map(command_row, process.commands))
     if process.properties:
         found += [CommandRow(SET_PROPERTY, SETTING, "set a property, within its bounds", (VALUE,),
@@ -65,7 +65,7 @@ def commands_of(process: UserProcess) -> tuple[CommandRow, ...]:
 
 
 def own_commands(system: SystemConfig, name: str) -> tuple[CommandRow, ...]:
-    """What an instance can be asked besides what all of its kind can: a user's process, or arm."""
+    """Further commands of an instance, besides those of its kind: of a user's process, or a derived arm."""
     user = system.user(name)
     if user is not None:
         return commands_of(user)
@@ -73,7 +73,7 @@ def own_commands(system: SystemConfig, name: str) -> tuple[CommandRow, ...]:
 
 
 def handler_of(made: object, name: str, command: UserCommand) -> Callable[..., Any]:
-    """`on_NAME` of the object that is the process `name`, for a command that it declares; ValueError: it has none."""
+    """The method on_COMMAND of a process object for a command that process `name` declares; ValueError without it."""
     handler: Callable[..., Any] | None = getattr(made, f"on_{command.name}", None)
     if handler is None:
         raise ValueError(f"{type(made).__name__} has no on_{command.name}, which {name} declares")
@@ -81,7 +81,7 @@ def handler_of(made: object, name: str, command: UserCommand) -> Callable[..., A
 
 
 def command_row(row: UserCommand) -> CommandRow:
-    """A declared command as a row of the table of commands; from motion on everything may come of it."""
+    """A declared command as a row of the table of commands; from "relax" on, it may cause any other command."""
     numbers = tuple(_argument(field) for field in row.arguments if shape_of(field.type)[0] != "text")
     text = next((field.name for field in row.arguments if shape_of(field.type)[0] == "text"), "")
     effect = effect_named(row.effect) or MOTION
@@ -90,7 +90,7 @@ def command_row(row: UserCommand) -> CommandRow:
 
 
 def _argument(field: UserField) -> Argument:
-    """Numbers that its type has: 0 and 1 of a bool, whole ones of an int."""
+    """An argument with the bounds of its type: 0 and 1 for a bool, whole numbers for an int."""
     bare, shape = shape_of(field.type)
     kind = np.dtype(DTYPES[bare])
     low, high = -math.inf, math.inf
@@ -102,7 +102,7 @@ def _argument(field: UserField) -> Argument:
 
 
 def arguments_of(command: UserCommand, request: Asked) -> list[Any]:
-    """The arguments as they were declared: float, int, bool, text, or arrays; its row has no objection to them."""
+    """The arguments in their declared types: float, int, bool, text, or arrays; they must already be checked."""
     made: list[Any] = []
     at = 0
     for row in command.arguments:

@@ -1,4 +1,4 @@
-"""Reading a topic by its name, whatever it is: used by bridges, `echo`, `attach` and scripts.
+"""Reading any topic by its name: used by bridges, `echo`, `attach` and scripts.
 
     with open_topic(system, "PSM1/measured_js") as source:
         if source.newest():
@@ -27,23 +27,23 @@ MESSAGE = ("severity", "code", "component", "axis", "board", "value", "limit", "
 STAMPS = ("stamp_ns", "sequence", "monotonic_ns", "local_ns")
 JS = ("position", "velocity", "effort")
 NEEDED_FIRST = ("valid", "cartesian_valid", "reference_valid")
-"""Flags of arms: each needs the ones before it."""
+"""Flags of arms: each requires the preceding ones."""
 
 
 class OpenTopic:
     """One topic, open for reading; a context manager."""
 
     def __init__(self, system: str, entry: TopicEntry, reader: RingReader | None = None) -> None:
-        """Attach to the ring of `entry`, or see the records that `reader` of that ring reads."""
+        """Attach to the ring of `entry`, or use the records that `reader` of that ring reads."""
         self.entry = entry
         self._reader: RingReader = reader or directory.reader(system, entry.instance, entry.ring)
         self._system = system
-        self._time: SystemTime | None = None  # from when its age is asked for: most topics need no map of the clock
+        self._time: SystemTime | None = None  # opened at the first use of `age_s`: most topics do not need the clock
         self._names = [n for n in self._reader.dtype.names or () if n not in ("sequence", "stamp_ns")]
         self._fields = {name: self._reader.field(name) for name in self._names}
         on_demand = [row for row in entry.fields if row.group]
         self.groups = tuple(dict.fromkeys(row.group for row in on_demand))
-        """What of it is computed on demand (shm/system/subscriptions.py)."""
+        """Its groups of fields that are computed on demand (shm/system/subscriptions.py)."""
         self._on_demand = [row.name for row in on_demand]
 
     @property
@@ -60,21 +60,21 @@ class OpenTopic:
 
     @property
     def sequence(self) -> int:
-        """Its number."""
+        """Number of the record last read."""
         return self._reader.sequence
 
     @property
     def head(self) -> int:
-        """Number of the newest record, 0: none."""
+        """Number of the newest record; 0 if there is none."""
         return self._reader.head
 
     @property
     def lost(self) -> int:
-        """Records that were overwritten before `next` came to them."""
+        """Number of records that were overwritten before `next` read them."""
         return self._reader.lost
 
     def problem(self) -> str:
-        """What is wrong with the ring: no writer any more, or records no writer writes; empty when all is well."""
+        """The problem of the ring: its writer is gone, or its records are damaged; empty if there is none."""
         reported = [writer_gone(self._reader.gone), self._reader.problem]
         return "; ".join(part for part in reported if part)
 
@@ -97,19 +97,19 @@ class OpenTopic:
         return [{name: plain(row[name]) for name in self._reader.dtype.names or ()} for row in rows]
 
     def rows_since(self, seconds: float, count: int) -> list[NDArray[Any]]:
-        """Up to `count` records of the last so many seconds, spread evenly, oldest first, each as `record` has it."""
+        """Up to `count` records of the last `seconds`, evenly spread, oldest first, each in the form of `record`."""
         rows = self._reader.since(self.stamp_ns - round(seconds * 1e9))
         places = sorted({round(place) for place in np.linspace(0, len(rows) - 1, min(count, len(rows))).tolist()})
         return [rows[place : place + 1] for place in places]
 
     def kept(self, count: int) -> list[dict[str, Any]]:
-        """The newest events of this name that the ring keeps, oldest first; all of them with the name `events`."""
+        """The newest events of this name in the ring, oldest first; of all names for the topic `events`."""
         rows = self.history(1 << 20)
         ours = [row for row in rows if self.entry.kind != EVENT or row["event"] == self.entry.event]
         return ours[-count:] if count else ours
 
     def as_row(self) -> dict[str, Any]:
-        """The record last read, whole."""
+        """The record last read, with all fields."""
         head = {"stamp_ns": self.stamp_ns, "sequence": self.sequence}
         return head | {name: plain(self._fields[name]) for name in self._names}
 
@@ -132,13 +132,13 @@ class OpenTopic:
 
     @property
     def valid(self) -> bool:
-        """Whether the values of the record may be used."""
+        """Whether the values of the record are valid."""
         flag = self._fields.get(self.entry.view.where if self.entry.view else "valid")
         return True if flag is None else bool(flag[self.entry.row] if self.entry.row >= 0 else flag[()])
 
     @property
     def why_invalid(self) -> str:
-        """What the values need to be valid, and what the instance says of itself; empty: they are valid."""
+        """The missing condition for valid values, with state and reason of the instance; empty if they are valid."""
         if self.valid:
             return ""
         flag = (self.entry.view.where if self.entry.view else "") or "valid"
@@ -154,17 +154,17 @@ class OpenTopic:
 
     @property
     def is_computed(self) -> bool:
-        """Whether no value on demand is missing; with those that are not valid nobody can tell."""
+        """Whether all values on demand are computed; also True for an invalid record, where that is unknown."""
         return not self.valid or not any(
             np.isnan(self._cut(np.atleast_1d(self._fields[name]))).any() for name in self._on_demand)
 
     @property
     def record(self) -> NDArray[Any]:
-        """The record last read as it lies in the ring, (1,), its fields by name; changes with the next one read."""
+        """The record last read as stored in the ring, (1,), with named fields; it changes at the next read."""
         return np.frombuffer(self._reader.record, self._reader.dtype)
 
     def part(self, name: str) -> NDArray[Any]:
-        """A part of a view (position, velocity, pose…) as a new array, cut to the joints in use; empty: not there."""
+        """A part of a view (position, velocity, pose…) as a new array, cut to the joints in use; empty if missing."""
         view = self.entry.view
         where = dict(view.fields).get(name) if view is not None else name
         if where is None:
@@ -186,7 +186,7 @@ class OpenTopic:
         return list(self.entry.joint_names) or [str(plain(name)) for name in self.part("name").tolist()]
 
     def as_dict(self) -> dict[str, Any]:
-        """The record as JSON knows it; what is invalid or not finite is None."""
+        """The record for JSON; values that are invalid or not finite are None."""
         head = {"stamp_ns": self.stamp_ns, "sequence": self.sequence}
         if self.entry.kind == RECORD:
             return head | {name: plain(self._fields[name]) for name in self._names}
@@ -228,7 +228,7 @@ class OpenTopic:
 
 
 def event_as_dict(name: str, row: dict[str, Any]) -> dict[str, Any]:
-    """An event of this name as JSON knows it: what belongs to it, and its stamps; no axis or board is None."""
+    """An event of this name for JSON, with its own fields and stamps; a missing axis or board is None."""
     stamps = {key: row[key] for key in STAMPS if key in row}
     if name in FLAGS and "value" in row:
         return stamps | {FLAGS[name]: bool(row["value"])}
@@ -238,12 +238,12 @@ def event_as_dict(name: str, row: dict[str, Any]) -> dict[str, Any]:
 
 
 def open_topic(system: str, topic: str) -> OpenTopic:
-    """The topic of this name, open; Unknown names the nearest ones when there is none."""
+    """Open the topic of this name; Unknown, with similar names, when there is none."""
     return OpenTopic(system, find(system, topic))
 
 
 def state_as_event(system: str, state: TopicEntry) -> dict[str, Any] | None:
-    """An operating_state from the state record, for an arm that has not emitted any event (any more)."""
+    """An operating_state from the state record, for an arm without such an event in its ring."""
     if {f.name for f in state.fields} >= set(OPERATING_STATE):
         with OpenTopic(system, state) as source:
             if source.newest():
@@ -255,7 +255,7 @@ def state_as_event(system: str, state: TopicEntry) -> dict[str, Any] | None:
 
 
 def frame_name(entry: TopicEntry, ring: RingReader) -> Callable[[], str]:
-    """The frame of a view on `ring`: always called the same, or as the record last read says. Empty: it has none."""
+    """A function for the frame of a view on `ring`: a fixed name, or that in the record last read; empty: no frame."""
     what = entry.name.removeprefix(f"{entry.instance}/")
     base = "Cart" if entry.row >= 0 else f"{entry.instance}_base"
     fixed = base if "local/" in what or what.startswith("spatial/") else entry.instance if "body/" in what else ""
@@ -267,9 +267,9 @@ def frame_name(entry: TopicEntry, ring: RingReader) -> Callable[[], str]:
 
 
 class Stamps:
-    """What others call the time of a record: that of day, or the system's own where that is simulated.
+    """Converts stamps of records for other programs: to the time of day, or unchanged if time is simulated.
 
-    Of one moment; `look` takes the next one.
+    The offset between the clocks is that of the last `look`.
     """
 
     def __init__(self, simulated: bool) -> None:
@@ -278,9 +278,9 @@ class Stamps:
         self.look()
 
     def look(self) -> None:
-        """How far the time of day is ahead of the clock that records are stamped with; it may be set at any time."""
+        """Measure the offset between time of day and the clock of stamps; the former may be set at any time."""
         self._ahead_ns = 0 if self.simulated else local_ns() - monotonic_ns()
 
     def ns(self, stamp_ns: int) -> int:
-        """Of a record's stamp, ns."""
+        """Convert a record's stamp, ns."""
         return stamp_ns + self._ahead_ns
