@@ -1,4 +1,4 @@
-"""The black box: the last minutes in a few files, the oldest of which makes room for the next."""
+"""The black box: recordings of the last minutes in a few files, the oldest of which is removed for the next."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from trocar.procs.recordings import names
 from trocar.procs.recordings.chunks import Chunk
 
 PARTS: Final = 10
-"""Files in the time, and in the size, that are kept."""
+"""Number of files over which the kept time, and the size, are divided."""
 CHUNK_NS: Final = 1_000_000_000
 CHUNK_BYTES: Final = 4 << 20
 MOST: Final = 500
-"""Events of a ring that are taken at once."""
+"""Maximum number of events of a ring that are read at once."""
 VIEWS_NS: Final = 100_000_000
 
 
 @dataclass(slots=True)
 class BoxLimits:
-    """How much is kept, and how often records are looked at; may change at any time."""
+    """Limits of the black box, and its sampling rate of records; may change at any time."""
 
     rate_hz: float
     minutes: float
@@ -34,7 +34,7 @@ class BoxLimits:
 
 
 class BlackBox:
-    """The files of one process; `begin_file` opens one."""
+    """The black-box files of this recorder process; `begin_file` opens one."""
 
     def __init__(self, folder: Path, disk: Disk, sources: SystemSources, times: LocalTimes, limits: BoxLimits,
                  begin_file: Callable[[Path, str], DiskFile]) -> None:
@@ -42,7 +42,7 @@ class BlackBox:
         self.limits, self._begin_file = limits, begin_file
         self.chunk = Chunk()
         self.files: list[DiskFile] = []
-        """Those of this process that are still there, oldest first; the last one is being written."""
+        """Existing files of this process, oldest first; the last one is being written."""
         self._file_ns = self._chunk_ns = self._sample_ns = self._view_ns = 0
         self._begin_local_ns, self._begin_ns = times.local_ns, times.monotonic_ns
         self._ends: dict[Path, int] = {}
@@ -51,7 +51,7 @@ class BlackBox:
         self._sampled = [ring for ring in sources.rings.values() if not ring.is_complete]
 
     def step(self) -> None:
-        """What is due now."""
+        """Record what is due now."""
         times, now_ns, sources = self._times, self._times.monotonic_ns, self._sources
         for ring in self._complete:
             ring.drain(ring.sampler, self.chunk, times, MOST)
@@ -67,7 +67,7 @@ class BlackBox:
             self.flush()
 
     def flush(self) -> None:
-        """What was taken goes to the disk; files that are full are ended, old ones removed."""
+        """Write collected records to the disk; end full files, and remove old ones."""
         now_ns, limits = self._times.monotonic_ns, self.limits
         self._chunk_ns = now_ns
         chunk, self.chunk = self.chunk, Chunk()
@@ -91,12 +91,12 @@ class BlackBox:
                       or (file.is_ended and not file.path.exists())})
         self.files.append(self._begin_file(path_of(self._folder, names.BOX, local_ns), names.BOX))
         for ring in self._complete:
-            if ring.is_seldom:  # the files that had its last change may be gone
+            if ring.is_seldom:  # the file with its last change may be gone
                 ring.keep_newest(self.chunk, self._times)
 
     @property
     def _steady_ns(self) -> int:
-        """Time of day as it would be had nobody set the clock since we began: that makes no file older."""
+        """Time of day without clock changes since our start, which must not change the age of files."""
         return self._begin_local_ns + self._times.monotonic_ns - self._begin_ns
 
     def _end(self) -> None:
@@ -104,12 +104,12 @@ class BlackBox:
         self._ends[self.files[-1].path] = self._steady_ns
 
     def _kept(self) -> list[KeptFile]:
-        """Those on the disk, oldest first."""
+        """The files on the disk, oldest first."""
         files = [replace(file, end_ns=self._ends.get(file.path, file.end_ns)) for file in kept(self._folder, names.BOX)]
         return sorted(files, key=lambda file: file.end_ns)
 
     def remove_oldest(self) -> bool:
-        """Make room, also in another thread; False where nothing is there but the file that is being written."""
+        """Remove the oldest file, also from another thread; False if there is only the file being written."""
         present = self.files[-1].path if self.files else None
         for file in self._kept():
             if file.path != present:
@@ -119,19 +119,19 @@ class BlackBox:
         return False
 
     def _forget(self, gone: set[Path]) -> None:
-        """What was removed, by whomever, and what never came to be on the disk."""
+        """Forget files that were removed, by any program, or never written."""
         self.dropped += sum(file.dropped for file in self.files if file.path in gone)
         self.files = [file for file in self.files if file.path not in gone]
         self._ends = {file.path: self._ends[file.path] for file in self.files if file.path in self._ends}
 
     @property
     def all_dropped(self) -> int:
-        """Messages that the disk did not take since start."""
+        """Number of messages dropped since start."""
         return self.dropped + sum(file.dropped for file in self.files)
 
     @property
     def size(self) -> int:
-        """Bytes of the files of this process."""
+        """Size of the files of this process in bytes."""
         return sum(file.size for file in self.files)
 
     def close(self) -> None:
@@ -141,5 +141,5 @@ class BlackBox:
 
 
 def _next(due_ns: int, now_ns: int, period_ns: int) -> int:
-    """When something is due again: in its rhythm, but not for what was missed."""
+    """The next due time: one period later, or from now if a period was missed."""
     return due_ns + period_ns if now_ns - due_ns < period_ns else now_ns + period_ns

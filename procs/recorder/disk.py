@@ -1,7 +1,7 @@
-"""Writing to the disk, in a thread of its own: one that is slow or full holds up nobody.
+"""Writes to the disk in a separate thread, so that a slow or full disk stalls no other thread.
 
-What it cannot take is dropped. So many bytes may wait for it, no more. Compressing is done here, too: zstd and lz4 let
-others run meanwhile.
+A limited number of bytes may wait for the disk; further data is dropped. The thread also compresses: zstd and lz4 let
+other threads run meanwhile.
 """
 
 from __future__ import annotations
@@ -21,36 +21,36 @@ from trocar.procs.recordings.writing import ChannelTable, RecordingFile
 
 MAX_WAITING: Final = 48 << 20
 UNSYNCED: Final = (errno.EINVAL, errno.ENOTSUP)
-"""What there is nothing to be written back of says so."""
+"""Errors of fdatasync for files that do not support it."""
 NO_ROOM: Final = (errno.ENOSPC, errno.EDQUOT)
 Open = Callable[[Path], BinaryIO]
 
 
 def open_new(path: Path) -> BinaryIO:
-    """A new file without a buffer of ours: what was written is with the kernel."""
+    """A new file without a buffer in this process: written data is in the Linux kernel at once."""
     path.parent.mkdir(parents=True, exist_ok=True)
     return path.open("xb", buffering=0)
 
 
 class Disk:
-    """The thread. `problem` is what went wrong last, empty when the last try went well."""
+    """The thread with its queue. `problem`: the last error, empty after a successful write."""
 
     def __init__(self, most: int = MAX_WAITING, start: bool = True) -> None:
         self._jobs: SimpleQueue[tuple[Callable[[], None] | None, int]] = SimpleQueue()
         self._most, self._lock = most, threading.Lock()
         self.waiting = 0
-        """Bytes."""
+        """Bytes in the queue."""
         self.problem = ""
         self._thread = threading.Thread(target=self._run, name="disk", daemon=True)
         if start:
             self._thread.start()
 
     def has_room(self, size: int) -> bool:
-        """Whether so many bytes may wait, too."""
+        """Whether the queue has room for `size` more bytes."""
         return self.waiting + size <= self._most
 
     def do(self, job: Callable[[], None], size: int = 0) -> None:
-        """In its turn. OSError of it becomes `problem`."""
+        """Queue a job; an error in it becomes `problem`."""
         with self._lock:
             self.waiting += size
         self._jobs.put((job, size))
@@ -62,64 +62,64 @@ class Disk:
                 return
             try:
                 job()
-            except Exception as error:  # what comes next may well be written
+            except Exception as error:  # the next job may succeed
                 self.problem = in_words(error)
             with self._lock:
                 self.waiting -= size
 
     def close(self, seconds: float) -> bool:
-        """Do what waits; False: it takes longer than so many seconds, and is left."""
+        """Finish the queue; False if that takes longer than `seconds`, and the rest is dropped."""
         self._jobs.put((None, 0))
         self._thread.join(seconds)
         return not self._thread.is_alive()
 
 
 def in_words(error: Exception) -> str:
-    """What a disk says when it does not take something."""
+    """An error of the disk in words."""
     if isinstance(error, OSError):
         return f"{error.strerror or error}{f': {error.filename}' if error.filename else ''}"
     return f"{type(error).__name__}: {error}"
 
 
 def no_room_made() -> bool:
-    """Nothing is removed for a file."""
+    """The default for `make_room`: remove no files."""
     return False
 
 
 class DiskFile:
-    """One recording on its way to the disk, whose thread writes it, until it `is_ended`."""
+    """One recording that the disk's thread writes, until it `is_ended`."""
 
     def __init__(self, disk: Disk, path: Path, table: ChannelTable, metadata: Mapping[str, Mapping[str, str]],
                  attachments: Sequence[tuple[str, str, bytes]], created_ns: int, opened: Open = open_new,
                  make_room: Callable[[], bool] = no_room_made) -> None:
-        """`make_room` is called while there is no room for its messages; False: it could not remove anything."""
+        """`make_room` is called while the disk is full; it returns False if it could not remove a file."""
         self.path, self._disk, self._table = path, disk, table
         self._begin = metadata, attachments, created_ns
         self._opened, self._make_room = opened, make_room
         self._stream: BinaryIO | None = None
         self._file: RecordingFile | None = None
         self.dropped = self.messages = 0
-        """Messages that are not in it, and those that are or will be."""
+        """Number of dropped messages, and of those that are or will be in it."""
         self.is_ended = False
         self.has_failed = False
-        """Something else than messages is not in it: what was copied, or its end."""
+        """Whether other parts are missing: copied chunks, or the end."""
         self.has_made_room = False
         """Something was removed for it."""
         self.problem = ""
-        """Why something is not in it, in words; empty: all that was tried is."""
+        """Why parts are missing, in words; empty if none are."""
 
     @property
     def is_complete(self) -> bool:
-        """It has ended, and has messages, all of them, and what else was to be in it."""
+        """Whether it has ended with messages, and no message or other part is missing."""
         return bool(self.is_ended and self.messages and not self.dropped and not self.has_failed)
 
     @property
     def size(self) -> int:
-        """Bytes on the disk."""
+        """Size on the disk in bytes."""
         return self._file.size if self._file is not None else 0
 
     def put(self, chunk: Chunk, compression: str) -> bool:
-        """The messages of a chunk; False where they are dropped since too much waits."""
+        """Queue the messages of a chunk; False if they are dropped because the queue is full."""
         if not chunk.count:
             return True
         if not self._disk.has_room(len(chunk.data)):
@@ -131,15 +131,15 @@ class DiskFile:
         return True
 
     def has_room(self, size: int) -> bool:
-        """Whether so many bytes would not be dropped."""
+        """Whether the queue has room for `size` more bytes."""
         return self._disk.has_room(size)
 
     def do(self, job: Callable[[RecordingFile], None]) -> None:
-        """Something else that is to be written, in its turn."""
+        """Queue another job on the file."""
         self._disk.do(lambda: self._do(job))
 
     def finish(self, losses: Mapping[str, str], name: str) -> None:
-        """End it in order; `losses` are noted under `name`."""
+        """Queue the end of the file; `losses` are noted as metadata `name`."""
         self._disk.do(lambda: self._end(losses, name))
 
     def _do(self, job: Callable[[RecordingFile], None]) -> None:
@@ -154,7 +154,7 @@ class DiskFile:
             stream = self._opened(self.path)
             try:
                 self._file = RecordingFile(stream, self._table, *self._begin)
-            except BaseException:  # so that it can be begun again when there is room
+            except BaseException:  # so that it can be started again when there is room
                 stream.close()
                 with suppress(OSError):
                     self.path.unlink(missing_ok=True)
@@ -174,7 +174,7 @@ class DiskFile:
         self._disk.problem = ""
 
     def _sync_or_fail(self) -> None:
-        """What a disk could not write back is in the file, as far as anybody can tell, and may not be there later."""
+        """Sync, and note a failure: the data seems to be in the file, but may be missing later."""
         try:
             self._sync()
         except OSError as error:
@@ -182,7 +182,7 @@ class DiskFile:
             raise
 
     def _put(self, chunk: PackedChunk) -> None:
-        """Where there is no room, as often as some can be made."""
+        """Write a chunk; if the disk is full, make room and retry as long as possible."""
         while True:
             try:
                 self._open().put(chunk)
@@ -193,12 +193,12 @@ class DiskFile:
                 self.has_made_room = True
 
     def _sync(self) -> None:
-        """Nothing that was written is lost when the power goes."""
+        """Sync to the disk, so that a power failure loses no written data."""
         if self._stream is None:
             return
         try:
             os.fdatasync(self._stream.fileno())
-        except UnsupportedOperation:  # no file of a disk
+        except UnsupportedOperation:  # not a file on a disk
             return
         except OSError as error:
             if error.errno not in UNSYNCED:

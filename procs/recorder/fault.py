@@ -1,4 +1,4 @@
-"""After a fault: what all rings still have, and the black box before it, in a file of its own."""
+"""Recordings of faults: the contents of all rings, and the black box before, in one file."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from trocar.shm.ring.ring import RingReader
 from trocar.shm.time.clock import monotonic_ns
 
 AFTER_NS: Final = 300_000_000
-"""So long after the first fault: what came of it is in it, too."""
+"""Delay after the first fault, so that its consequences are included."""
 QUIET_NS: Final = 2_000_000_000
-"""Another one does not begin sooner: what comes meanwhile waits together for the next, rings have it still."""
+"""Minimum interval of recordings: later faults wait together for the next one; rings still have their records."""
 SLICE_NS: Final = 15_000_000
 SLICE: Final = 200
 CHUNK_BYTES: Final = 2 << 20
 
 
 class FaultRecording:
-    """One of them: `step` until all rings are taken, then `finish`."""
+    """One recording: call `step` until all rings are taken, then `finish`."""
 
     def __init__(self, first: SeenFault, sources: SystemSources, times: LocalTimes,
                  begin_file: Callable[[FaultRecording], DiskFile], since_ns: int = 0) -> None:
-        """`begin_file` explains its faults and opens its file. `since_ns`: when it was seen (monotonic); 0: now."""
+        """`begin_file` explains the faults and opens the file. `since_ns`: time of the fault (monotonic); 0: now."""
         self.faults = [first]
         self._sources, self._times, self._begin_file = sources, times, begin_file
         self._after_ns = (since_ns or times.monotonic_ns) + AFTER_NS
@@ -43,44 +43,44 @@ class FaultRecording:
         self._ring: tuple[RecordedRing, RingReader] | None = None
 
     def add(self, fault: SeenFault) -> None:
-        """Another one that belongs to it."""
+        """Add another fault to this recording."""
         if fault not in self.faults:
             self.faults.append(fault)
 
     @property
     def reason(self) -> str:
-        """All of them in words; errors first, which say why."""
+        """All faults in words; errors first, as they have the reasons."""
         reasons = dict.fromkeys(each.reason for each in self.faults)
         return "; ".join(sorted(reasons, key=lambda text: text.endswith("in FAULT")))[:400]
 
     @property
     def code(self) -> str:
-        """Of the error that came first; empty: none is known."""
+        """The code of the first error; empty if none is known."""
         return next((each.code for each in sorted(self.faults, key=lambda each: each.at_ns) if each.code), "")
 
     @property
     def is_first(self) -> bool:
-        """All was well before it."""
+        """Whether the system was well before."""
         return any(each.is_first for each in self.faults)
 
     @property
     def span_ns(self) -> tuple[int, int]:
-        """When the first and the last of them were (monotonic); 0, 0: it is of no fault."""
+        """Times of the first and last fault (monotonic); 0, 0 for a request without a fault."""
         found = [each.at_ns for each in self.faults if each.at_ns]
         return min(found, default=0), max(found, default=0)
 
     @property
     def takes_more(self) -> bool:
-        """What comes now belongs to it: nothing is taken yet."""
+        """Whether further faults still belong to it, as no ring is taken yet."""
         return self.file is None
 
     @property
     def is_quiet(self) -> bool:
-        """So long ago that the next one may begin: a storm of faults does not push all older files out."""
+        """Whether the next recording may begin; the interval keeps a storm of faults from replacing all older files."""
         return self._times.monotonic_ns >= self._quiet_ns
 
     def step(self, compression: str, hurry: bool = False) -> bool:
-        """Take what there is time for; True when all rings are taken. In a `hurry` nothing more is waited for."""
+        """Take records for SLICE_NS; True when all rings are taken. `hurry`: do not wait for later records."""
         if not hurry and self._times.monotonic_ns < self._after_ns:
             return False
         if self._left is None or self.file is None:
@@ -107,7 +107,7 @@ class FaultRecording:
         return True
 
     def _take(self, file: DiskFile, compression: str) -> bool:
-        """Some records of the present ring; False: the disk has no room for more now."""
+        """Take some records of the present ring; False if the disk's queue has no room now."""
         if self._ring is None:
             return True
         ring, reader = self._ring
@@ -127,9 +127,9 @@ class FaultRecording:
         return True
 
     def finish(self, folder: Path, disk: Disk, before: Sequence[Path], keep: int, since_ns: int = 0) -> None:
-        """The files of the black box go into it, from `since_ns` (time of day) on; then it is ended.
+        """Append the black box, from `since_ns` (time of day) on, and end the file.
 
-        Those that are too many are removed, this one never.
+        Then remove files beyond `keep`, but never this one.
         """
         own = self.file
         if own is None:
@@ -148,6 +148,6 @@ class FaultRecording:
         disk.do(lambda: remove(too_many(folder, keep, own.path))())
 
     def close(self) -> None:
-        """Unmap."""
+        """Close the open reader, if any."""
         if self._ring is not None:
             self._ring[1].close()

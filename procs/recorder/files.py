@@ -1,4 +1,4 @@
-"""The folder of a system's recordings: what its files are called, and which may stay."""
+"""The folder of a system's recordings: names of files, and which ones are kept."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,59}")
 
 
 def path_of(folder: Path, kind: str, begin_ns: int, name: str = "") -> Path:
-    """Where a recording is that begins now: box-TIME.mcap, fault-TIME-PSM1.mcap, NAME-TIME.mcap."""
+    """The path of a new recording: box-TIME.mcap, fault-TIME-PSM1.mcap, NAME-TIME.mcap."""
     time = names.utc(begin_ns)
     words = [name, time] if kind == names.NAMED else [kind, time, *([name] if name else [])]
     return folder / f"{'-'.join(words)}.mcap"
@@ -23,7 +23,7 @@ def path_of(folder: Path, kind: str, begin_ns: int, name: str = "") -> Path:
 
 @dataclass(frozen=True, slots=True)
 class KeptFile:
-    """A file of the folder: its size, and when it was last written to (time of day, ns)."""
+    """A file of the folder: its size, and the time of the last write (time of day, ns)."""
 
     path: Path
     size: int
@@ -31,11 +31,11 @@ class KeptFile:
 
 
 def kept(folder: Path, kind: str) -> list[KeptFile]:
-    """Recordings of a kind, oldest first; what cannot be looked at is left out."""
+    """Recordings of a kind, in the order of their names, i.e. oldest first; unreadable files are left out."""
     found = []
     ours = re.compile(rf"{kind}-{names.TIME}(-.*)?\.mcap")
     for path in sorted(folder.glob(f"{kind}-*.mcap")):
-        if not ours.fullmatch(path.name):  # somebody's own
+        if not ours.fullmatch(path.name):  # a user's file
             continue
         try:
             status = path.stat()
@@ -46,7 +46,7 @@ def kept(folder: Path, kind: str) -> list[KeptFile]:
 
 
 def too_old(files: list[KeptFile], now_ns: int, seconds: float, most_bytes: int) -> list[Path]:
-    """Those whose end is longer ago, and the oldest while all together are too large."""
+    """Files that ended more than `seconds` ago, and the oldest ones until the total size fits `most_bytes`."""
     gone = [file for file in files if file.end_ns < now_ns - round(seconds * 1e9)]
     left = [file for file in files if file not in gone]
     while left and sum(file.size for file in left) > most_bytes:
@@ -55,9 +55,9 @@ def too_old(files: list[KeptFile], now_ns: int, seconds: float, most_bytes: int)
 
 
 def too_many(folder: Path, most: int, newest: Path) -> list[Path]:
-    """Recordings of faults that go where so many stay, `newest` among them.
+    """Recordings of faults to remove if `most` are kept, `newest` among them.
 
-    First those that came while something was not well yet: what it came of says the file before them.
+    Consequential faults go first, i.e. those while the system was not yet well: their cause is in an earlier file.
     """
     files = [file.path for file in kept(folder, names.FAULT) if file.path != newest]
     firsts = [path for path in files if _is_first(path)]
@@ -73,7 +73,7 @@ def _is_first(path: Path) -> bool:
 
 
 def remove(paths: list[Path]) -> Callable[[], None]:
-    """A job for the disk: they are not kept any longer."""
+    """A job for the disk that removes these files."""
     def job() -> None:
         for path in paths:
             path.unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""Keeping what was when something failed, or when somebody asked: one file after the other, nothing is forgotten."""
+"""Keeps recordings of faults, and those on request, in one file after the other; requests wait in a queue."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from trocar.shm.mailbox.received import Received
 from trocar.shm.time.clock import monotonic_ns, pause
 
 ASKED: Final = "asked"
-"""The instance of what no fault is."""
+"""The instance of a request without a fault."""
 MAX_QUEUE: Final = 100
 SLOW_NS: Final = 10_000_000_000
-"""The disk is not waited for any longer."""
+"""Longest wait for the disk."""
 PAUSE_S: Final = 0.01
 
 
 class FaultKeeper:
-    """What is being kept, and what waits for its turn. `told` is called with each recording that has ended.
+    """The recording in progress, and the queue. `told` is called with each recording that has ended.
 
-    Or that the disk, too slow, has not ended after so long: what is said of it must be so.
+    Also with one that a slow disk has not ended after SLOW_NS: the report must be true.
     """
 
     def __init__(self, folder: Path, disk: Disk, sources: SystemSources, times: LocalTimes, box: BlackBox,
@@ -41,23 +41,23 @@ class FaultKeeper:
 
     @property
     def is_idle(self) -> bool:
-        """Nothing is being kept, nothing waits."""
+        """Whether there is no recording in progress and none in the queue."""
         return self._now is None and not self._next
 
     @property
     def dropped(self) -> int:
-        """Messages of its files that the disk did not take since start."""
+        """Number of messages dropped since start."""
         file = self._now.file if self._now is not None else None
         return self._dropped + (file.dropped if file is not None else 0)
 
     def saw(self, fault: SeenFault, asked: Received | None = None) -> None:
-        """A fault, or somebody's wish (`asked`), which is answered when its file is written. ValueError: too many."""
+        """Take a fault, or a request (`asked`), which is answered after its file is written. ValueError: queue full."""
         if self._now is not None and self._now.takes_more:
             self._now.add(fault)
             self._asked += [asked] if asked is not None else []
             return
         if fault.code and (fault.instance, fault.reason) in [(each.instance, each.reason) for each, _ in self._next]:
-            return  # the same error once more
+            return  # a repetition of an error in the queue
         if len(self._next) >= MAX_QUEUE:
             raise ValueError(f"{MAX_QUEUE} wait to be kept already")
         self._next_ns = self._next_ns if self._next else self._times.monotonic_ns
@@ -66,7 +66,7 @@ class FaultKeeper:
             self._begin(0)
 
     def _begin(self, since_ns: int) -> None:
-        """With all that waits. `since_ns`: what of the black box is older (time of day) was kept just before."""
+        """Begin with the whole queue. `since_ns` (time of day): older data of the black box is in the last file."""
         (first, _), *others = self._next
         self._now = FaultRecording(first, self._sources, self._times, self._begin_file, self._next_ns)
         for fault, _ in others:
@@ -76,7 +76,7 @@ class FaultKeeper:
         self._next, self._taken_ns, self._is_told = [], 0, False
 
     def step(self, compression: str, keep: int, hurry: bool = False) -> None:
-        """What there is time for; `keep`: so many files stay."""
+        """Do the next part of the work; `keep`: number of files to keep."""
         fault = self._now
         if fault is None:
             return
@@ -98,7 +98,7 @@ class FaultKeeper:
         fault.finish(self._folder, self._disk, [file.path for file in self._box.files], keep, self._since_ns)
 
     def _tell(self, fault: FaultRecording, file: DiskFile) -> None:
-        """What became of its file, to everybody and to whoever asked for it."""
+        """Report the result, and answer the requests for it."""
         self._is_told = True
         self._told(fault)
         asked, self._asked = self._asked, []
@@ -109,21 +109,21 @@ class FaultKeeper:
                 request.fail(f"not all of it could be written: {file.problem or 'the disk is too slow'}")
 
     def end(self, compression: str, keep: int, seconds: float) -> None:
-        """Nothing more comes: keep what is wanted, so long at most; what is not taken by then is left out.
+        """Finish the queue at the end of the process, within `seconds`; later records are left out.
 
-        `close` says what became of it, when the disk has done what it could.
+        `close` reports the result after the disk has done its part.
         """
         end_ns = monotonic_ns() + round(seconds * 1e9)
         while not self.is_idle and monotonic_ns() < end_ns:
             self._times.look()
             self.step(compression, keep, hurry=True)
             if self._taken_ns:
-                pause(PAUSE_S)  # only the disk is waited for
+                pause(PAUSE_S)  # waits for the disk only
         if self._now is not None and not self._taken_ns:
             self._finish(self._now, keep)
 
     def close(self) -> None:
-        """Tell the last that is known."""
+        """Report the present result, and fail the remaining requests."""
         if self._now is not None and not self._is_told and self._now.file is not None:
             self._tell(self._now, self._now.file)
         for request in (*self._asked, *(asked for _, asked in self._next if asked is not None)):

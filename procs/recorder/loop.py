@@ -1,7 +1,7 @@
-"""The recorder: the last minutes of everything, recordings that people ask for, and what was when something failed.
+"""The recorder: a black box of the last minutes, recordings on request, and recordings of faults.
 
-It reads rings and slows nobody: no writer notices it, the disk has a thread of its own, what cannot be kept is dropped
-and counted. Its death or hang changes nothing for the robot. docs/operating.md, docs/recordings.md.
+It only reads rings, so no writer is affected; the disk has a thread of its own; messages that cannot be written are
+dropped and counted. If it dies or hangs, the robot is not affected. docs/operating.md, docs/recordings.md.
 """
 
 from __future__ import annotations
@@ -34,24 +34,24 @@ from trocar.shm.mailbox.received import Received
 from trocar.shm.memory.layout import cut_text, shorten
 
 TOLD_NS: Final = 60_000_000_000
-"""Between two warnings of the same."""
+"""Minimum interval between warnings of the same kind."""
 SHOWN_NS: Final = 1_000_000_000
 SOON_NS: Final = 200_000_000
-"""The same while somebody looks at a recording."""
+"""Interval of its record during a recording on request; otherwise SHOWN_NS."""
 KEEP_S: Final = 1.0
 END_S: Final = 2.0
 MAX_CHOSEN: Final = 200
 
 
 class RecorderLoop(UserNode):
-    """See above."""
+    """The recorder's process, see above."""
 
     def setup(self) -> None:
-        """Open every ring there is; whether the disk has room is seen when there is something to write."""
+        """Open all rings; the disk is not checked before the first write."""
         self._named: NamedRecording | None = None
         self._asked: list[Received] = []
         self._client: tuple[Received, int] | None = None
-        """Who has to be there for the recording to go on: its command, and its process."""
+        """The client whose end also ends the recording: its command, and its process id."""
         self._chosen: dict[tuple[int, int], list[str]] = {}
         self._problem, self._fault_path, self._named_path = "", "", ""
         self._fault_span_ns, self._missing = (0, 0), ""
@@ -74,12 +74,12 @@ class RecorderLoop(UserNode):
         self.log.info("records into %s", self._folder)
 
     def update(self) -> None:
-        """What is due."""
+        """Do the work of a period."""
         times = self._times
         times.look()
         self._box.step()
         for fault in self._watch.look():
-            with suppress(ValueError):  # so many wait: what comes now is in the next file as well
+            with suppress(ValueError):  # the queue is full: the next file will include this fault
                 self._keeper.saw(fault)
         if self._named is not None:
             self._go_on_with_named(self._named)
@@ -90,7 +90,7 @@ class RecorderLoop(UserNode):
     # the properties
 
     def property_changed(self, name: str) -> str | None:
-        """They count from the next record on."""
+        """Apply the properties, from the next record on."""
         values = self.properties
         if name == "compression" and values[name] not in COMPRESSIONS:
             wrong, values[name] = values[name], COMPRESSIONS[0]
@@ -115,9 +115,9 @@ class RecorderLoop(UserNode):
         return self._nothing_else(request)
 
     def _choose(self, who: tuple[int, int], topic: str) -> None:
-        """For the next recording of this client: its place, and the process that has it now."""
+        """Choose a topic for the next recording of this client, given by its mailbox place and process id."""
         self._chosen = {key: topics for key, topics in self._chosen.items() if key[0] != who[0] or key == who}
-        entries = self._chosen.pop(who, [])  # all of them are gone when this one is refused
+        entries = self._chosen.pop(who, [])  # a refusal discards all choices
         chosen(self._sources, [topic])
         if len(entries) >= MAX_CHOSEN:
             raise ValueError(f"{MAX_CHOSEN} topics are as many as can be chosen; leave them out to record all")
@@ -162,16 +162,16 @@ class RecorderLoop(UserNode):
             self._tell_end(named)
 
     def _tell_end(self, named: NamedRecording) -> None:
-        """To whoever began it, and to whoever stopped it."""
+        """Answer the commands that started and stopped it, and report its end."""
         said = (f"{named.passed_s:.1f} s of the system's time, {named.file.messages} messages, {named.lost} lost: "
                 f"{named.file.path}")
         asked, self._asked, self._named = self._asked, [], None
-        self._show(named)  # whoever hears of its end reads there how it was
+        self._show(named)  # before the answers, so that clients can read the result
         for request in asked:
             request.done(said)
         self.own.events.status(f"recording {named.name} has ended: {said}", self.name)
 
-    # files, and what goes wrong
+    # files and errors
 
     def _begin_file(self, path: Path, kind: str, name: str = "", reason: str = "",
                     make_room: Callable[[], bool] = no_room_made, **more: str) -> DiskFile:
@@ -179,7 +179,7 @@ class RecorderLoop(UserNode):
                         self._document, self._times.local_ns, make_room=make_room)
 
     def _begin_fault(self, fault: FaultRecording) -> DiskFile:
-        """What is of a fault counts more than the oldest of the black box."""
+        """Begin a file for a fault, which may remove the oldest files of the black box to make room."""
         fault.faults = [self._watch.explained(each) for each in fault.faults]
         who = fault.faults[0].instance
         path = path_of(self._folder, names.FAULT, self._times.local_ns, who)
@@ -191,7 +191,7 @@ class RecorderLoop(UserNode):
         if file is None:
             return
         why = file.problem or "the disk is too slow"
-        is_fault = bool(fault.span_ns[1])  # else only a person wanted it, and is answered
+        is_fault = bool(fault.span_ns[1])  # otherwise a request, which is answered
         is_kept = file.is_ended and file.size > 0
         if file.is_complete:
             self._missing = ""
@@ -209,7 +209,7 @@ class RecorderLoop(UserNode):
         self._show()
 
     def _show(self, ended: NamedRecording | None = None) -> None:
-        """What it does, what time it is by all clocks, and what the disk did not take."""
+        """Publish the record `state`: recordings, time by all clocks, and losses."""
         times, box, named = self._times, self._box, self._named or ended
         self._shown_ns = times.monotonic_ns
         dropped = box.all_dropped + self._keeper.dropped
@@ -229,7 +229,7 @@ class RecorderLoop(UserNode):
         self.publish("state", **values)
 
     def _show_loss(self, loses: bool) -> None:
-        """What is missing, or will be, is a problem of this process until all is kept again."""
+        """Show missing recordings as the error of this process until all is recorded again."""
         text = f"not all is recorded: {self._sources.problems[0]}" if self._sources.problems else ""
         if self._missing:
             text = self._missing
@@ -239,7 +239,7 @@ class RecorderLoop(UserNode):
         self.own.page.field("error")[...] = shorten(text, 399)
 
     def _tell(self, dropped: int) -> None:
-        """Once in a while, in words."""
+        """Report losses in words, at most once per TOLD_NS."""
         if self._times.monotonic_ns - self._told_ns < TOLD_NS and self._told_ns:
             return
         problem, before = self._disk.problem, self._problem
@@ -253,7 +253,7 @@ class RecorderLoop(UserNode):
             self.own.events.status(f"what comes is recorded again; {lost} messages before were not", self.name)
 
     def quit(self) -> None:
-        """End all files in order, if the disk is quick enough."""
+        """End all files properly, if the disk is fast enough."""
         if not hasattr(self, "_watch"):
             return
         self._times.look()
@@ -271,7 +271,7 @@ class RecorderLoop(UserNode):
 
 
 def main() -> None:
-    """Run it to its end."""
+    """Run the recorder."""
     live("recorder", RecorderLoop)
 
 

@@ -1,4 +1,4 @@
-"""A recording that somebody asked for: chosen topics, every record of them."""
+"""Recordings on request: every record of chosen topics."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from trocar.shm.system.subscriptions import Subscriber
 CHUNK_NS: Final = 500_000_000
 CHUNK_BYTES: Final = 2 << 20
 MOST: Final = 1500
-"""Records of a ring in a period: a second of it."""
+"""Maximum number of records of a ring read in a period: one second at 1500 Hz."""
 SLOW_NS: Final = 10_000_000_000
 VIEWS_HZ: Final = 50.0
 BY_DEFAULT: Final = ("arm", "suj", "io", "third_party", "teleop", "console")
-"""Kinds whose records are taken where nobody says which."""
+"""Kinds whose topics are recorded by default."""
 
 
 def chosen(sources: SystemSources, topics: Sequence[str]) -> list[TopicEntry]:
-    """The topics of these names; PSM1 alone means all rings of PSM1. ValueError names what is not there."""
+    """The topics of these names; PSM1 alone means all rings of PSM1. ValueError names one that does not exist."""
     if not topics:
         kinds = {name: str(ring.sampler.info.get("kind", "")) for name, ring in sources.rings.items()}
         return [entry for entry in sources.entries if kinds.get(entry.name) in BY_DEFAULT]
@@ -42,21 +42,21 @@ def chosen(sources: SystemSources, topics: Sequence[str]) -> list[TopicEntry]:
 
 @dataclass(slots=True)
 class Drained:
-    """A ring that is recorded whole, with a reader of its own and the views that were asked for."""
+    """A ring recorded completely, with its own reader and its views."""
 
     source: RecordedRing
     reader: RingReader
     views: list[RecordedView]
     every: int = 1
-    """Views are told of each so-manieth record."""
+    """Views record one of this many records."""
 
 
 class NamedRecording:
-    """One of them, from its beginning on."""
+    """One recording on request, from its beginning on."""
 
     def __init__(self, name: str, sources: SystemSources, entries: Sequence[TopicEntry], file: DiskFile,
                  times: LocalTimes, seconds: float, compression: str) -> None:
-        """`seconds`: 0: until it is stopped. What of the topics is computed on demand is wanted from now on."""
+        """`seconds`: duration, 0: until stopped. From now on, all groups of the topics are requested on demand."""
         self.name, self.file, self._times, self._compression = name, file, times, compression
         self.seconds, self._begin_system_ns, self._since_ns = seconds, times.system_ns, times.local_ns
         self._chunk, self._chunk_ns, self._end_ns, self._end_system_ns = Chunk(), times.monotonic_ns, 0, 0
@@ -68,7 +68,7 @@ class NamedRecording:
             if each.source.is_seldom:
                 each.reader.rewind(1)
         whole = {f"{entry.instance}/{entry.ring}" for entry in entries}
-        whole.add(f"{sources.own}/state")  # it says what time it is
+        whole.add(f"{sources.own}/state")  # it has the time by all clocks
         try:
             for topic in sorted(whole & sources.rings.keys()):
                 source = sources.rings[topic]
@@ -84,7 +84,7 @@ class NamedRecording:
 
     def _drained(self, sources: SystemSources, source: RecordedRing, reader: RingReader,
                  entries: Sequence[TopicEntry]) -> Drained:
-        """With the views that were chosen, of each record; else the usual ones, of some."""
+        """The chosen views, for each record; without any, the default views, for some records."""
         here = [entry for entry in sources.entries if f"{entry.instance}/{entry.ring}" == source.topic]
         views = [entry for entry in here if entry in entries and entry.kind in VIEW_MESSAGES]
         every = 1 if views else max(1, round(source.rate_hz / VIEWS_HZ))
@@ -99,36 +99,36 @@ class NamedRecording:
 
     @property
     def passed_s(self) -> float:
-        """How long it has gone on, s of the system's time."""
+        """Its duration so far, s of the system's time."""
         return ((self._end_system_ns or self._times.system_ns) - self._begin_system_ns) * 1e-9
 
     @property
     def lost(self) -> int:
-        """Chosen records that are not in it: overwritten before we came, or dropped by the disk."""
+        """Number of chosen records that are missing: overwritten before they were read, or dropped for the disk."""
         return sum(each.reader.lost for each in (*self._rings.values(), *self._log)) + self.file.dropped
 
     @property
     def is_ending(self) -> bool:
-        """Nothing more is taken."""
+        """Whether it takes no more records."""
         return self._end_ns > 0
 
     @property
     def is_written(self) -> bool:
-        """All of it is on the disk, or the disk is too slow to be waited for."""
+        """Whether all of it is on the disk, or the disk is too slow to wait for."""
         return self.file.is_ended or self._times.monotonic_ns > self._end_ns + SLOW_NS
 
     @property
     def is_over(self) -> bool:
-        """Its time is."""
+        """Whether its duration has passed."""
         return bool(self.seconds) and self.passed_s >= self.seconds
 
     @property
     def topics(self) -> list[str]:
-        """Rings that are recorded whole."""
+        """Rings that are recorded completely."""
         return list(self._rings)
 
     def step(self) -> None:
-        """All records that came."""
+        """Record all new records."""
         times = self._times
         for each in (*self._log, *self._rings.values()):
             if each.views:
@@ -155,11 +155,11 @@ class NamedRecording:
         self.file.put(chunk, self._compression)
 
     def losses(self) -> dict[str, str]:
-        """Records that were lost, by topic."""
+        """Number of lost records by topic."""
         return {topic: str(each.reader.lost) for topic, each in self._rings.items()}
 
     def end(self) -> None:
-        """What came until now is the last of it."""
+        """Take the last records, and end the file."""
         self.step()
         self._end_ns, self._end_system_ns = self._times.monotonic_ns, self._times.system_ns
         self._flush()
@@ -167,7 +167,7 @@ class NamedRecording:
         self.close()
 
     def close(self) -> None:
-        """Nothing is wanted any more."""
+        """Drop all demand, and close the readers."""
         for subscriber in self._subscribers.values():
             subscriber.close()
         for each in (*self._rings.values(), *self._log):

@@ -1,4 +1,4 @@
-"""What is recorded of a ring: its records as they are, CRTK's views on them, and when they were written."""
+"""Sources of recordings: records of rings, CRTK's views on them, and the time of day of each record."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ from trocar.shm.time.system_time import SystemTime
 
 SECOND_NS: Final = 1_000_000_000
 LEVELS: Final = {1: 20, 2: 30, 3: 40}
-"""Severities as ROS has them."""
+"""ROS levels of severities."""
 COMPLETE: Final = ("events", "audit")
-"""Rings of which every record is kept, from the oldest that there is."""
+"""Rings of which every record is kept, beginning with the oldest available."""
 VIEWS: Final = ("measured_js", "setpoint_js", "measured_cp", "setpoint_cp", "jaw/measured_js", "gripper/measured_js")
-"""Views of arms that are recorded where nobody says which."""
+"""Views of arms that are recorded by default."""
 
 
 class LocalTimes:
-    """When a record was written, by the clock on the wall: from its stamp, in whatever time the system has.
+    """Converts stamps of records, in real or simulated time, to the time of day.
 
-    Of the stretch between two looks: both clocks are known at its ends.
+    Valid between two calls of `look`, when both clocks are read.
     """
 
     def __init__(self, time: SystemTime) -> None:
@@ -45,12 +45,12 @@ class LocalTimes:
         self.local_ns = self._since_local_ns = local_ns()
 
     def look(self) -> None:
-        """The next stretch ends now."""
+        """Read all clocks."""
         self._since_ns, self._since_local_ns = self.system_ns, self.local_ns
         self.system_ns, self.monotonic_ns, self.local_ns = self._time.now_ns(), monotonic_ns(), local_ns()
 
     def of(self, stamp_ns: int) -> int:
-        """Time of day of a stamp; simulated time went as fast as it did since the last look."""
+        """Time of day of a stamp; for simulated time, interpolated between the last two looks."""
         behind, passed = self.system_ns - stamp_ns, self.system_ns - self._since_ns
         if self._time.simulated and 0 < behind <= passed:
             behind = behind * (self.local_ns - self._since_local_ns) // passed
@@ -58,10 +58,10 @@ class LocalTimes:
 
 
 class RecordedRing:
-    """One ring with its channels; a reader for each who records of it."""
+    """One ring with its channels; each recording has its own reader."""
 
     def __init__(self, system: str, instance: str, ring: str, table: ChannelTable) -> None:
-        """SegmentError, or LayoutError: it cannot be read."""
+        """SegmentError or LayoutError when the ring cannot be read."""
         self.system, self.instance, self.ring = system, instance, ring
         self.topic, self._table = f"{instance}/{ring}", table
         self.sampler = self.reader()
@@ -72,29 +72,29 @@ class RecordedRing:
         self._seen = 0
         self.is_complete = ring in COMPLETE or not self.rate_hz
         self.is_seldom = self.is_complete and ring not in COMPLETE
-        """It is written when something changes: its newest record is how things are."""
+        """Whether it is written only at changes: then its newest record is the present state."""
         self._log = MessageLog(instance, table) if ring == "events" else None
         self.begin()
         if self.is_complete:
             self.sampler.rewind()
 
     def reader(self, often: bool = False) -> RingReader:
-        """Another reader of it, from now on."""
+        """Another reader of the ring, from now on."""
         return directory.reader(self.system, self.instance, self.ring, often=often)
 
     def begin(self) -> None:
-        """The channel of the writer there is now."""
+        """Set up the channel for the present writer."""
         self._epoch, schema = self.sampler.epoch, self.sampler.schema
         self._channel, layout = self._table.ring(self.instance, self.ring, self.kind, schema, self._epoch, self._info)
         self._size = layout.size
 
     @property
     def depth_s(self) -> float:
-        """How far back it goes; 0 where it has no rate."""
+        """Time span of the ring, s; 0 without a rate."""
         return self.sampler.depth / self.rate_hz if self.rate_hz else 0.0
 
     def keep(self, chunk: Chunk, reader: RingReader, times: LocalTimes, since_ns: int = 0) -> None:
-        """The record that was read last; what is older than `since_ns` (time of day) still holds then."""
+        """Add the record read last; if it is older than `since_ns` (time of day), with that time."""
         if reader.epoch != self._epoch:
             self.begin()
         stamp = reader.stamp_ns
@@ -104,20 +104,20 @@ class RecordedRing:
             self._log.keep(chunk, reader, times)
 
     def sample(self, chunk: Chunk, times: LocalTimes) -> None:
-        """The newest record, when it is another than the last time."""
+        """Add the newest record, if there is a new one."""
         if self.sampler.head != self._seen and self.sampler.newest():
             self._seen = self.sampler.sequence
             self.keep(chunk, self.sampler, times)
 
     def keep_newest(self, chunk: Chunk, times: LocalTimes) -> None:
-        """How things are now, once more."""
+        """Add the newest record again, with the present time."""
         reader = self.reader()
         if reader.newest():
             self.keep(chunk, reader, times, times.local_ns)
         reader.close()
 
     def drain(self, reader: RingReader, chunk: Chunk, times: LocalTimes, most: int, since_ns: int = 0) -> int:
-        """All records since the last call, so many at most; returns how many."""
+        """Add the records since the last call, at most `most`; returns their number."""
         count = 0
         while count < most and reader.next():
             self.keep(chunk, reader, times, since_ns)
@@ -130,14 +130,14 @@ class RecordedRing:
 
 
 class MessageLog:
-    """Status, warnings and errors of an instance as ROS has them (rcl_interfaces/msg/Log)."""
+    """Status, warnings and errors of an instance as ROS messages (rcl_interfaces/msg/Log)."""
 
     def __init__(self, instance: str, table: ChannelTable) -> None:
         self._instance = instance
         self._channel = table.channel(f"{instance}/log", ros_name(Log), definition(Log), {names.INSTANCE: instance})
 
     def keep(self, chunk: Chunk, reader: RingReader, times: LocalTimes) -> None:
-        """The event that was read last, where it is a message."""
+        """Add the event read last, if it is a message."""
         level = LEVELS.get(int(reader.field("severity")[()]))
         if level is None:
             return
@@ -149,10 +149,10 @@ class MessageLog:
 
 
 class RecordedView:
-    """One view, as the ROS message that it becomes."""
+    """One view as a ROS message."""
 
     def __init__(self, system: str, entry: TopicEntry, table: ChannelTable, reader: RingReader) -> None:
-        """Of what `reader` has read last."""
+        """Use the records that `reader` reads."""
         self.entry, self._reader = entry, reader
         row = VIEW_MESSAGES[entry.kind]
         self._channel = table.channel(entry.name, ros_name(row.message), definition(row.message),
@@ -161,7 +161,7 @@ class RecordedView:
         self._seen = -1
 
     def keep(self, chunk: Chunk, times: LocalTimes) -> None:
-        """The record last read, once."""
+        """Add the view of the record last read, once per record."""
         reader = self._reader
         if reader.sequence == self._seen or not reader.stamp_ns:
             return
@@ -172,16 +172,16 @@ class RecordedView:
 
 
 def usual_views(entries: Sequence[TopicEntry]) -> list[TopicEntry]:
-    """Those that are recorded where nobody says which."""
+    """The views that are recorded by default."""
     return [entry for entry in entries if entry.kind in VIEW_MESSAGES and not entry.robot
             and entry.name.removeprefix(f"{entry.instance}/") in VIEWS]
 
 
 class SystemSources:
-    """All rings of a system that can be read, and the views there are."""
+    """All readable rings of a system, and the default views."""
 
     def __init__(self, system: str, table: ChannelTable, own: str) -> None:
-        """`own`: who records; what it says of itself is recorded with the others."""
+        """`own`: instance of the recorder, which is recorded with the others."""
         self.system, self.table, self.own = system, table, own
         self.entries = [entry for entry in catalogue(system) if entry.kind != EVENT]
         self.problems: list[str] = []
@@ -197,6 +197,6 @@ class SystemSources:
                       for entry in usual_views(self.entries) if f"{entry.instance}/{entry.ring}" in self.rings]
 
     def close(self) -> None:
-        """Unmap all."""
+        """Close all rings."""
         for ring in self.rings.values():
             ring.close()

@@ -1,4 +1,4 @@
-"""Which faults there are, what each came of, and whether all was well before it: from the events of all processes."""
+"""Detects faults in the events of all processes, with their causes, and whether the system was well before."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ OFF: Final = b"DISABLED"
 FAULTED: Final = -1
 NOT_YET: Final = 0
 WELL_NS: Final = 2_000_000_000
-"""An arm that rests DISABLED for so long is well; on the way from FAULT to power it does so for a moment."""
+"""An arm that rests DISABLED for this long is well; on the way from FAULT to power it is so only for a moment."""
 NEAR_NS: Final = 1_000_000_000
-"""An error and the FAULT that it led to are not further apart."""
+"""Largest time between an error and the FAULT that it caused."""
 ERRORS: Final = 200
 POWERING_OFF: Final = frozenset(row.code.encode() for row in codes.FAULTS if row.action >= codes.POWER_OFF)
 
 
 @dataclass(frozen=True, slots=True)
 class SeenFault:
-    """Who, when (monotonic; 0: it is a person's wish), why in words, and the code of the error that led to it.
+    """A fault: instance, time (monotonic; 0: a person's request), reason in words, and code of the error behind it.
 
-    `is_first`: all was well before.
+    `is_first`: the system was well before.
     """
 
     instance: str
@@ -48,16 +48,16 @@ class _SeenError:
 
 
 class FaultWatch:
-    """Sees the faults of a system: who goes to FAULT, and errors with which an io powers off."""
+    """Detects the faults of a system: arms that go to FAULT, and errors for which an io powers off."""
 
     def __init__(self, sources: SystemSources) -> None:
-        """From now on; events of before say how things are now. The process `system` only repeats those of others."""
+        """Watch from now on; earlier events give the present states. `system` is left out, as it repeats others."""
         self._rings: list[tuple[RecordedRing, RingReader]] = [
             (ring, ring.reader()) for ring in sources.rings.values() if ring.ring == "events" and ring.kind != "system"]
         self._states = {ring.instance: ring for ring in sources.rings.values() if ring.ring == "state"}
         self._errors: deque[_SeenError] = deque(maxlen=ERRORS)
         self._unwell: dict[str, int] = {}
-        """Who was in FAULT and is not well again: FAULTED, NOT_YET, or since when it is DISABLED."""
+        """Instances not yet well after a FAULT: FAULTED, NOT_YET, or the time since which it is DISABLED."""
         for ring, reader in self._rings:
             now = reader.head
             reader.rewind()
@@ -65,7 +65,7 @@ class FaultWatch:
                 self._seen(ring.instance, reader)
 
     def look(self) -> list[SeenFault]:
-        """Those since the last look; of who went to FAULT `explained` says why."""
+        """Faults since the last look; for those in state FAULT, `explained` adds the reason."""
         return [fault for ring, reader in self._rings for fault in self._of(ring, reader)]
 
     def _of(self, ring: RecordedRing, reader: RingReader) -> Iterator[SeenFault]:
@@ -75,7 +75,7 @@ class FaultWatch:
                 yield fault
 
     def _seen(self, instance: str, event: RingReader) -> SeenFault | None:
-        """A fault, where the event that was read last is one."""
+        """The fault if the event read last is one."""
         at_ns = int(event.field("monotonic_ns")[()])
         if event.field("event").item() == b"operating_state":
             is_homed, is_busy = (bool(event.field(name)[()]) for name in ("is_homed", "is_busy"))
@@ -88,7 +88,7 @@ class FaultWatch:
         return SeenFault(instance, text, at_ns, code, self._is_well(at_ns)) if is_fault else None
 
     def _state(self, instance: str, state: bytes, is_homed: bool, is_busy: bool, at_ns: int) -> SeenFault | None:
-        """A fault where it was in another state before: in FAULT it says its state again to each command."""
+        """A fault at a transition to FAULT; in FAULT an arm repeats its state at each command."""
         if state == IN_FAULT:
             if self._unwell.get(instance) == FAULTED:
                 return None
@@ -102,12 +102,12 @@ class FaultWatch:
         return None
 
     def _is_well(self, at_ns: int) -> bool:
-        """Of all that went to FAULT each is homed again, or without power."""
+        """Whether each instance that went to FAULT is homed again, or without power for WELL_NS."""
         self._unwell = {name: since for name, since in self._unwell.items() if not 0 < since <= at_ns - WELL_NS}
         return not self._unwell
 
     def explained(self, fault: SeenFault) -> SeenFault:
-        """With the error that led to FAULT, of itself or of its io; else with what its record says."""
+        """The fault with the error that caused it, of the arm or its io; else with the reason in the arm's record."""
         if fault.reason:
             return fault
         near = sorted((error for error in self._errors if fault.instance in error.whose
@@ -125,6 +125,6 @@ class FaultWatch:
         return str(plain(ring.sampler.field("reason").item()))
 
     def close(self) -> None:
-        """Unmap."""
+        """Close all readers."""
         for _, reader in self._rings:
             reader.close()
