@@ -1,1 +1,1 @@
-"""Recordings: what their files are made of, writing and reading them. docs/recordings.md."""
+"""Recordings: file format, writing and reading. docs/recordings.md."""

@@ -1,4 +1,4 @@
-"""Messages on their way into a file: chunks, which are compressed and written as a whole, and checked when read."""
+"""Chunks of messages, which are compressed and written as a whole, and checked when read."""
 
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ NONE, LZ4, ZSTD = "", "lz4", "zstd"
 LEVEL: Final = 1  # of zstd
 COMPRESSIONS: Final = {"none": NONE, "lz4": LZ4, "zstd": ZSTD}
 MAX_CHUNK: Final = 256 << 20
-"""Of a chunk that is read; ours have one or two million bytes."""
+"""Maximum size of a chunk to read; ours have one or two million bytes."""
 SEQUENCES: Final = 0xFFFFFFFF
 
 
 class ChunkError(Exception):
-    """A chunk that cannot be read; says why."""
+    """A chunk cannot be read; the message is the reason."""
 
 
 @dataclass(slots=True)
 class Chunk:
-    """Messages in the order in which they came."""
+    """Messages in the order of arrival."""
 
     data: bytearray = field(default_factory=bytearray)
     index: dict[int, list[int]] = field(default_factory=dict)
-    """By channel: time and place of each message, one behind the other."""
+    """By channel: time and offset of each message, alternating."""
     begin_ns: int = (1 << 64) - 1
     end_ns: int = 0
     count: int = 0
 
     def add(self, channel: int, sequence: int, log_ns: int, publish_ns: int, *parts: bytes | memoryview) -> None:
-        """One message; of its number the lower 32 bits are kept, times are not negative."""
+        """Add a message; the lower 32 bits of `sequence` are kept, times are not negative."""
         data = self.data
         self.index.setdefault(channel, []).extend((log_ns, len(data)))
         data += MESSAGE.pack(Opcode.MESSAGE, BODY.size + sum(map(len, parts)), channel, sequence & SEQUENCES, log_ns,
@@ -55,11 +55,11 @@ class Chunk:
 
 @dataclass(frozen=True, slots=True)
 class PackedChunk:
-    """The same, compressed, with the records that belong behind it: as it is written, and may be copied."""
+    """A compressed chunk with its index records, in the form in which it is written, and can be copied."""
 
     record: bytes
     indexes: tuple[tuple[int, bytes, int], ...]
-    """Channel, record, and how many messages it names."""
+    """Channel, index record, and its number of messages."""
     begin_ns: int
     end_ns: int
     count: int
@@ -69,12 +69,12 @@ class PackedChunk:
 
     @property
     def size(self) -> int:
-        """Bytes in a file."""
+        """Size in a file in bytes."""
         return len(self.record) + sum(len(record) for _, record, _ in self.indexes)
 
 
 def packed(chunk: Chunk, compression: str) -> PackedChunk:
-    """Compress it; takes a few ms, other threads run meanwhile."""
+    """Compress a chunk; takes a few ms, in which other threads run."""
     plain = bytes(chunk.data)
     data = compressed(plain, compression)
     name = compression.encode()
@@ -90,7 +90,7 @@ def packed(chunk: Chunk, compression: str) -> PackedChunk:
 
 
 def compressed(data: bytes, compression: str) -> bytes:
-    """As MCAP files have it; KeyError for one that they do not."""
+    """Compress data as in MCAP files; KeyError for an unknown compression."""
     if compression == ZSTD:
         packed_data: bytes = zstandard.ZstdCompressor(level=LEVEL).compress(data)
         return packed_data
@@ -100,7 +100,7 @@ def compressed(data: bytes, compression: str) -> bytes:
 
 
 def uncompressed(data: bytes, compression: str, size: int, crc: int) -> bytes:
-    """What was compressed, `size` bytes with this checksum (0: none); ChunkError says what is wrong."""
+    """Uncompress data of `size` bytes with this checksum (0: none); ChunkError has the reason of a failure."""
     if size > MAX_CHUNK:
         raise ChunkError(f"a chunk says that it has {size} bytes; allowed are {MAX_CHUNK}")
     found: bytes
@@ -123,7 +123,7 @@ def uncompressed(data: bytes, compression: str, size: int, crc: int) -> bytes:
 
 
 def messages(data: bytes) -> Iterator[tuple[int, int, int, int, memoryview]]:
-    """Channel, sequence, log and publish time, and data of each message; ChunkError where it makes no sense."""
+    """Channel, sequence, log and publish time, and data of each message; ChunkError for invalid data."""
     view, at, end = memoryview(data), 0, len(data)
     while at < end:
         if at + RECORD.size > end:

@@ -1,4 +1,4 @@
-"""What a recording says about itself: of which system it is, by which versions, on which machine. No secrets."""
+"""Metadata of a recording: its system, versions of software, and machine. No secrets."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ JSON_GZIP: Final = "application/gzip"
 
 
 def facts_of(system: str, kind: str, name: str = "", reason: str = "", **more: str) -> dict[str, Mapping[str, str]]:
-    """Metadata of a recording of this `kind` (procs/recordings/names.py), made now; its `clock` may be unknown, ""."""
+    """Metadata of a recording of this `kind` (procs/recordings/names.py) that begins now; `clock` "" if unknown."""
     try:
         with SystemTime(system) as time:
             clock = time.clock
@@ -35,7 +35,7 @@ def facts_of(system: str, kind: str, name: str = "", reason: str = "", **more: s
 
 
 def document_of(system: str) -> list[tuple[str, str, bytes]]:
-    """The frozen configuration as an attachment; none where it cannot be read."""
+    """The frozen configuration as an attachment; empty if it cannot be read."""
     try:
         return [(names.DOCUMENT, JSON_GZIP, gzip.compress(directory.document(system), mtime=0))]
     except (SegmentError, ValueError):
@@ -43,7 +43,7 @@ def document_of(system: str) -> list[tuple[str, str, bytes]]:
 
 
 def local_offset_ns(system: str) -> int:
-    """What is added to a stamp of this system to get the time of day, ns; also of one that is dead."""
+    """Offset from stamps of this system to the time of day, ns; also for a dead system."""
     try:
         page = clock_page(system)
     except SegmentError:

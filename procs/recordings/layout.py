@@ -1,8 +1,8 @@
-"""Records of rings as messages: as they lie in shared memory, which is how ROS 2 (CDR) writes the same fields.
+"""Records of rings as messages: their layout in shared memory is that of the same fields in ROS 2 (CDR).
 
-CDR aligns a number to its own size, as numpy does in our records, both little-endian. So a message is four bytes that
-say "CDR, little-endian" and the record; nothing is packed, nothing lost, and whoever reads ROS 2 messages reads it. Its
-definition is made from the ring's own schema. Texts are bytes filled up with zeros there (`uint8[16]`).
+CDR aligns a number to its own size, as numpy does in our records, both little-endian. So a message is four bytes for
+"CDR, little-endian", and the record: no conversion, no loss, and readable by any reader of ROS 2 messages. The
+definition is made from the ring's schema. Texts are bytes, padded with zeros (`uint8[16]`).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ MAX_COMMENT: Final = 200
 
 @dataclass(frozen=True, slots=True)
 class RecordLayout:
-    """One ring's records as messages: the ROS 2 type with its definition, and how many bytes of a record count."""
+    """One ring's records as messages: the ROS 2 type with its definition, and the size of a record without padding."""
 
     schema: Schema
     type_name: str
@@ -34,7 +34,8 @@ class RecordLayout:
 
 
 def layout_of(kind: str, schema: Schema) -> RecordLayout:
-    """Of a ring of a kind of process. Its type is named after the schema, too: who has the name has the layout."""
+    """The layout for a ring of a kind of process. The type's name contains the schema's hash, so it fixes the layout.
+    """
     words = "".join(word.capitalize() for word in re.findall(r"[A-Za-z0-9]+", f"{kind} {schema.topic}"))
     name = f"trocar_msgs/msg/{words if words[:1].isalpha() else f'R{words}'}{schema.fingerprint:016X}"
     lines, at, used = [], 0, set[str]()
@@ -56,7 +57,7 @@ def layout_of(kind: str, schema: Schema) -> RecordLayout:
 
 
 def _type(form: np.dtype[Any]) -> tuple[str, int, int]:
-    """The ROS type of a field's elements, how many bytes these take, and how many there are."""
+    """The ROS type of a field's elements, their size in bytes, and their number."""
     base = form.base
     if base.kind == "S":
         return "uint8", 1, form.itemsize
@@ -64,7 +65,7 @@ def _type(form: np.dtype[Any]) -> tuple[str, int, int]:
 
 
 def _unique(name: str, used: set[str]) -> str:
-    """A field's name as ROS allows it: small letters, digits and single underscores."""
+    """A field's name in a form that ROS allows: lower-case letters, digits and single underscores."""
     plain = re.sub(r"_+", "_", re.sub(r"[^a-z0-9]", "_", name.lower())).strip("_") or "field"
     plain = plain if plain[0].isalpha() else f"f_{plain}"
     found = next(each for each in (plain, *(f"{plain}_{n}" for n in range(2, 1000))) if each not in used)

@@ -1,11 +1,11 @@
-"""Reading recordings, whole ones and those whose writer was killed: what is wrong with a file is told, not raised.
+"""Reading recordings, also those whose writer was killed: damage to a file is listed in `problems`, not raised.
 
     with open_recording(path) as recording:
         recording.is_whole, recording.problems, recording.metadata["trocar"]
         found = recording.records("PSM1/state")
         found.rows["position"], found.rows["sequence"], found.rows["stamp_ns"], found.local_ns, found.missing
 
-The file is data from outside: sizes and offsets are checked before they are used.
+The file is untrusted data: sizes and offsets are checked before use.
 """
 
 from __future__ import annotations
@@ -43,9 +43,9 @@ MAX_RECORD: Final = 256 << 20
 MAX_PROBLEMS: Final = 20
 MAX_DOCUMENT: Final = 64 << 20
 MAX_ROWS: Final = 2 << 30
-"""Bytes of records that are read at once: ten minutes of an arm at full rate."""
+"""Maximum bytes of records read at once: ten minutes of an arm at full rate."""
 MAX_SAID: Final = 100_000
-"""Events and commands of one topic that are shown: the newest."""
+"""Maximum number of events or commands of one topic: the newest ones."""
 SAID: Final = {"events": EVENTS, "audit": AUDIT}
 ALL_STAMPS: Final = (-(1 << 62), 1 << 62)
 READ: Final[dict[int, Callable[[ReadDataStream], McapRecord]]] = {
@@ -58,7 +58,7 @@ FoundMessage = tuple[int, int, int, int, memoryview]
 
 
 class RecordingError(Exception):
-    """A file that is no recording at all; says which and why."""
+    """A file is no recording; the message has its path and the reason."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,15 +73,15 @@ class _ChunkPlace:
 
 
 class RecordingReader:
-    """One file; a context manager. Chunks are read when something of them is asked for."""
+    """One file; a context manager. Chunks are read on demand."""
 
     def __init__(self, path: Path) -> None:
-        """RecordingError where it is none."""
+        """Open a file; RecordingError when it is no recording."""
         self.path = path
         self.problems: list[str] = []
-        """What is wrong with it, in words."""
+        """Problems of the file, in words."""
         self.is_whole = False
-        """It was ended in order."""
+        """Whether its writer ended it properly."""
         self.metadata: dict[str, dict[str, str]] = {}
         self.topics: dict[str, RecordedTopic] = {}
         self._attachments: dict[str, bytes] = {}
@@ -98,21 +98,21 @@ class RecordingReader:
             self._file.close()
             raise
 
-    # what is in it
+    # contents
 
     @property
     def begin_ns(self) -> int:
-        """Time of day of its first message; 0: there is none."""
+        """Time of day of its first message; 0 without messages."""
         return min((chunk.begin_ns for chunk in self._chunks), default=0)
 
     @property
     def end_ns(self) -> int:
-        """Time of day of its last one."""
+        """Time of day of its last message."""
         return max((chunk.end_ns for chunk in self._chunks), default=0)
 
     @property
     def document(self) -> bytes:
-        """The frozen configuration as JSON; empty where it is not in it."""
+        """The frozen configuration as JSON; empty if missing."""
         packed = self._attachments.get(names.DOCUMENT, b"")
         try:
             with gzip.GzipFile(fileobj=BytesIO(packed)) as file:
@@ -122,14 +122,14 @@ class RecordingReader:
             return b""
 
     def attachment(self, name: str) -> bytes:
-        """What is attached under this name; empty where nothing is."""
+        """The attachment of this name; empty if missing."""
         return self._attachments.get(name, b"")
 
     def records(self, topic: str, begin_ns: int = 0, end_ns: int = 1 << 63, stamps: tuple[int, int] = ALL_STAMPS
                 ) -> Records:
-        """Records of a topic with a time of day from `begin_ns` to before `end_ns`; KeyError when there is none.
+        """Records of a topic with a time of day from `begin_ns` to before `end_ns`; KeyError for no such topic.
 
-        `stamps`: the same of the system's time. Of more than MAX_ROWS bytes the first ones, and a problem: `pieces`
+        `stamps`: such a range in the system's time. At most MAX_ROWS bytes, else the first ones and a problem; `pieces`
         reads recordings of any length.
         """
         found, size = list[Records](), 0
@@ -143,9 +143,9 @@ class RecordingReader:
 
     def pieces(self, topics: Sequence[str], begin_ns: int = 0, end_ns: int = 1 << 63,
                stamps: tuple[int, int] = ALL_STAMPS) -> Iterator[tuple[str, Records]]:
-        """The same of several topics, as it lies in the file: each chunk once, and no more than one in memory.
+        """Records of several topics in the order of the file: reads each chunk once, with only one in memory.
 
-        They may be out of order, and some records there twice (`joined`). KeyError as above.
+        Records may be out of order and repeated (see `joined`). Arguments and KeyError as for `records`.
         """
         rows = [(self.topics[name], self.dtype(name)) for name in topics]
         wanted = {channel: row for row in rows for channel in row[0].channels}
@@ -162,14 +162,14 @@ class RecordingReader:
                     yield name, records
 
     def dtype(self, topic: str) -> np.dtype[np.void]:
-        """Of a topic's records; KeyError when it has none."""
+        """The dtype of a topic's records; KeyError when it has none."""
         dtype = self.topics[topic].dtype
         if dtype is None:
             raise KeyError(f"{topic} is a view; records have {', '.join(self.record_topics) or 'none'}")
         return dtype
 
     def attachments(self) -> list[tuple[str, str, bytes]]:
-        """All that is attached: name, media type and content."""
+        """All attachments: name, media type and content."""
         return [(name, "application/octet-stream", data) for name, data in self._attachments.items()]
 
     def channel(self, number: int) -> tuple[str, str, dict[str, str]]:
@@ -179,11 +179,11 @@ class RecordingReader:
         return (schema.name, schema.data.decode(errors="replace"), channel.metadata) if schema else ("", "", {})
 
     def raw(self, topic: str) -> Iterator[FoundMessage]:
-        """Every message of a topic as it lies in the file: channel, sequence, time of day, stamp, data."""
+        """Every message of a topic in the order of the file: channel, sequence, time of day, stamp, data."""
         return self._messages(self.topics[topic].channels, 0, 1 << 63)
 
     def messages(self, topic: str, begin_ns: int = 0, end_ns: int = 1 << 63) -> Iterator[tuple[int, int, bytes]]:
-        """Local time, stamp and message (CDR) of a topic, a view for instance."""
+        """Time of day, stamp and message (CDR) of a topic, for instance a view."""
         for _, _, log_ns, publish_ns, data in self._messages(self.topics[topic].channels, begin_ns, end_ns):
             yield log_ns, publish_ns, bytes(data)
 
@@ -193,11 +193,11 @@ class RecordingReader:
         return [name for name, row in self.topics.items() if row.dtype is not None]
 
     def events(self) -> list[dict[str, Any]]:
-        """Events of all instances in their order, each with its `instance`."""
+        """Events of all instances in order of time, each with its `instance`."""
         return self._all("events")
 
     def commands(self) -> list[dict[str, Any]]:
-        """What owners were asked for and what became of it, each with its `instance`."""
+        """Commands with their outcomes in order of time, each with its `instance`."""
         return self._all("audit")
 
     def _all(self, ring: str) -> list[dict[str, Any]]:
@@ -210,7 +210,7 @@ class RecordingReader:
         return sorted(found, key=lambda row: int(row["monotonic_ns"]))
 
     def _is_said(self, name: str, usual: Topic) -> bool:
-        """Whether records have what all events, or all commands, have; a problem where they have not."""
+        """Whether records have the usual fields of events or commands; otherwise a problem is noted."""
         known, found = schema_of(usual).dtype, self.dtype(name)
         wrong = [field for field in known.names or () if field not in (found.names or ()) or
                  (found[field].base.kind, found[field].shape) != (known[field].base.kind, known[field].shape)]
@@ -218,14 +218,14 @@ class RecordingReader:
             self._wrong(f"{name}: left out, its layout is another than that of {usual.name} ({', '.join(wrong[:3])})")
         return not wrong
 
-    # how it is read
+    # reading
 
     def _wrong(self, text: str) -> None:
         if len(self.problems) < MAX_PROBLEMS and text not in self.problems:
             self.problems.append(text)
 
     def _look(self) -> None:
-        """Go through the records once, without uncompressing anything."""
+        """Scan the file once, without uncompressing chunks."""
         size = self.path.stat().st_size
         if self._file.read(len(MAGIC)) != MAGIC:
             raise RecordingError(f"{self.path}: is no MCAP file")
@@ -277,7 +277,7 @@ class RecordingReader:
             self._attachments[found.name] = found.data
 
     def _add(self, channel: Channel) -> None:
-        """A channel becomes a topic, or another epoch of one."""
+        """Add a channel as a new topic, or as another epoch of a topic."""
         meta, schema = channel.metadata, self._schemas.get(channel.schema_id)
         name = meta.get(names.TOPIC, channel.topic.removeprefix("/"))
         try:
@@ -334,7 +334,7 @@ class RecordingReader:
 
 
 def _info(text: str) -> dict[str, Any]:
-    """A ring's info; empty where it is none."""
+    """A ring's info; empty if it is not valid."""
     try:
         found = json.loads(text)
     except (ValueError, RecursionError):
@@ -343,14 +343,14 @@ def _info(text: str) -> dict[str, Any]:
 
 
 def open_recording(path: Path | str) -> RecordingReader:
-    """A recording; RecordingError where the file is none, `problems` where it is not whole."""
+    """Open a recording; RecordingError when the file is none, `problems` if it is damaged."""
     return RecordingReader(Path(path))
 
 
 def chunks_of(path: Path, begin_ns: int) -> Iterator[PackedChunk]:
-    """Chunks that end after `begin_ns` of a file that we have written ourselves, and which may still grow.
+    """Chunks that end at `begin_ns` or later, from a file that this process has written, and that may still grow.
 
-    Another recording may have them as they are: both have their channels from the same table.
+    They can be copied unchanged into another recording, because both use the same table of channels.
     """
     with path.open("rb") as file:
         file.seek(len(MAGIC))

@@ -1,4 +1,4 @@
-"""Records as they are read of a recording: what a topic is, arrays of its records, and pieces of them put together."""
+"""Records read from a recording: topics, arrays of records, and joining of pieces."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MAX_RATE_HZ: Final = 1e6
 
 @dataclass(frozen=True, slots=True)
 class RecordedTopic:
-    """A topic of a recording: PSM1/state, or PSM1/measured_js. `dtype`: of records, None of views."""
+    """A topic of a recording: PSM1/state, or PSM1/measured_js. `dtype`: of records; None for views."""
 
     name: str
     type_name: str
@@ -26,24 +26,24 @@ class RecordedTopic:
     dtype: np.dtype[np.void] | None = None
     schema: str = ""
     channels: dict[int, int] = field(default_factory=dict)
-    """Channels, and the epochs of the writer that they stand for."""
+    """Epoch of the writer for each channel."""
     size: int = 0
-    """Bytes of a record in its message; behind them only what fills it up to a whole number of words is missing."""
+    """Bytes of a record in its message, which lacks only the padding at the end."""
     info: dict[str, Any] = field(default_factory=dict)
-    """Of the ring: `robots`, `dims`, names of inputs; as its header has it."""
+    """Information from the ring's header: `robots`, `dims`, names of inputs."""
 
     @property
     def rate_hz(self) -> float:
-        """How often records were to come; 0: on events."""
+        """Nominal rate of records; 0: on events."""
         rate = self.info.get("rate_hz", 0)
         return float(rate) if isinstance(rate, (int, float)) and 0 < rate < MAX_RATE_HZ else 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class Records:
-    """Records of a topic in their order: `rows` (n,) has a field for each of the ring's, with sequence and stamp_ns.
+    """Records of a topic in order: `rows` (n,) has the fields of the ring, with sequence and stamp_ns.
 
-    `local_ns` (n,): time of day; `epoch` (n,): which process wrote it.
+    `local_ns` (n,): time of day; `epoch` (n,): the writer's epoch.
     """
 
     rows: NDArray[Any]
@@ -52,13 +52,13 @@ class Records:
 
     @property
     def missing(self) -> int:
-        """Records between the first and the last that are not there."""
+        """Number of missing records between the first and the last."""
         numbers = self.rows["sequence"]
         return int(numbers[-1]) - int(numbers[0]) + 1 - len(numbers) if len(numbers) else 0
 
 
 def joined(pieces: Sequence[Records], dtype: np.dtype[np.void]) -> Records:
-    """Pieces of one topic as a whole, in the order of their numbers, each once: some rings are kept twice."""
+    """Join pieces of one topic, in the order of sequence numbers, without duplicates: some rings are recorded twice."""
     rows = np.concatenate([piece.rows for piece in pieces]) if pieces else np.zeros(0, dtype)
     local = np.concatenate([np.zeros(0, np.int64), *(piece.local_ns for piece in pieces)])
     epoch = np.concatenate([np.zeros(0, np.int64), *(piece.epoch for piece in pieces)])
@@ -71,7 +71,7 @@ def joined(pieces: Sequence[Records], dtype: np.dtype[np.void]) -> Records:
 
 
 class Piece:
-    """What a chunk has of a topic, while it is gone through."""
+    """Collects the records of one topic in a chunk."""
 
     def __init__(self, topic: RecordedTopic, dtype: np.dtype[np.void]) -> None:
         self.topic, self._dtype = topic, dtype
@@ -79,7 +79,7 @@ class Piece:
         self._fill = bytes(dtype.itemsize - topic.size)
 
     def add(self, channel: int, log_ns: int, data: memoryview) -> bool:
-        """One message; False where it is no record."""
+        """Add a message; False if it is not a record of the topic."""
         head, size = len(ENCAPSULATION), len(data) - len(ENCAPSULATION)
         if not self.topic.size <= size <= self._dtype.itemsize or bytes(data[:head]) != ENCAPSULATION:
             return False
@@ -90,7 +90,7 @@ class Piece:
         return True
 
     def records(self, stamps: tuple[int, int]) -> Records:
-        """Those with a stamp from the first to before the second one; they hold no more memory than they need."""
+        """Records with stamps from the first to before the second of `stamps`, as compact copies."""
         rows = np.frombuffer(self._rows, self._dtype)
         chosen = (rows["stamp_ns"] >= stamps[0]) & (rows["stamp_ns"] < stamps[1])
         return Records(rows[chosen], np.array(self._local, np.int64)[chosen], np.array(self._epochs, np.int64)[chosen])

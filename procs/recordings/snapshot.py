@@ -1,7 +1,7 @@
-"""All that the rings of a system hold, as one recording: of a system that is dead, or that something has happened to.
+"""The contents of all rings of a system as one recording: of a dead system, or after an incident.
 
-Rings are read as they lie in shared memory and never written; whoever still writes is not held up. Of each ring the
-records that are whole and without a hole are taken, the oldest of them while they are not overwritten meanwhile.
+Rings are only read, so writers that still run are not affected. The longest gapless sequence of whole records up to
+the newest is taken from each ring; the oldest may be missing if they are overwritten meanwhile.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ Attachments = Sequence[tuple[str, str, bytes]]
 
 @dataclass(frozen=True, slots=True)
 class KeptRing:
-    """What one ring holds: its records, oldest first, how many of them may be there, and who writes it."""
+    """The contents of one ring: records, oldest first, with its depth and the epoch of its writer."""
 
     instance: str
     ring: str
@@ -43,13 +43,13 @@ class KeptRing:
 
     @property
     def kind(self) -> str:
-        """The kind of its writer, as its header says."""
+        """The kind of its writer, from the header."""
         return str(self.info.get("kind", ""))
 
 
 @dataclass(slots=True)
 class Snapshot:
-    """What was taken: records by topic, and what could not be read, in words."""
+    """The result: numbers of records by topic, and problems in words."""
 
     records: dict[str, int] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
@@ -57,7 +57,7 @@ class Snapshot:
 
 
 def kept_ring(system: str, instance: str, ring: str) -> KeptRing:
-    """All whole records of one ring; SegmentError where it cannot be read."""
+    """All whole records of one ring; SegmentError when it cannot be read."""
     segment = Segment(segment_name(system, instance, ring))
     try:
         reader = RingReader(segment, often=False)
@@ -69,9 +69,10 @@ def kept_ring(system: str, instance: str, ring: str) -> KeptRing:
 
 def take(system: str, stream: BinaryIO, facts: Mapping[str, Mapping[str, str]], attachments: Attachments,
          say: Callable[[float], None] = lambda fraction: None) -> Snapshot:
-    """Write all rings of a system into `stream`, which can seek, in the order of their stamps; OSError from writing.
+    """Write all rings of a system into a seekable `stream`, in the order of stamps; OSError when writing fails.
 
-    `say` is told how much of it is done, 0 to 1. What cannot be read is a problem of the snapshot, and left out.
+    `say` is called with the fraction done, 0 to 1. Rings that cannot be read are left out, and are problems of the
+    snapshot.
     """
     snapshot, rings, table, channels = Snapshot(), list[KeptRing](), ChannelTable(), list[tuple[int, RecordLayout]]()
     for instance, ring in directory.rings(system):
@@ -92,7 +93,7 @@ def take(system: str, stream: BinaryIO, facts: Mapping[str, Mapping[str, str]], 
 
 def _write(file: RecordingFile, rings: Sequence[KeptRing], channels: Sequence[tuple[int, RecordLayout]],
            offset_ns: int, say: Callable[[float], None]) -> None:
-    """All records, the oldest first, whatever ring they are of."""
+    """Write the records of all rings, oldest first."""
     counts = [len(each.rows) for each in rings]
     total = sum(counts)
     stamps = np.concatenate([each.rows["stamp_ns"].astype(np.int64) for each in rings] or [np.zeros(0, np.int64)])

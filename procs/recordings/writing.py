@@ -1,7 +1,7 @@
-"""Writing a recording: an MCAP file that is readable up to its last chunk, whatever happens to who writes it.
+"""Writing a recording: an MCAP file that is readable up to its last chunk, even if its writer is killed.
 
-Schemas and channels stand in front of the first chunk that needs them, chunks with their indexes behind, a summary at
-the end where there is time for one. Who is killed leaves a file without summary; readers that go through it need none.
+Schemas and channels precede the first chunk that needs them; each chunk is followed by its indexes, and the file ends
+with a summary. A killed writer leaves no summary, which sequential readers do not need.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ ROS2: Final = "ros2msg"
 
 
 def as_bytes(*records: McapRecord) -> bytes:
-    """Records as they are written."""
+    """MCAP records as bytes."""
     builder: Any = RecordBuilder()
     for record in records:
         record.write(builder)
@@ -51,7 +51,8 @@ def as_bytes(*records: McapRecord) -> bytes:
 
 
 class ChannelTable:
-    """Schemas and channels of all files that one process writes: the same numbers in each, so chunks can be copied."""
+    """Schemas and channels for all files of one process, with the same numbers in each, so that chunks can be copied.
+    """
 
     def __init__(self) -> None:
         self.schemas: list[Schema] = []
@@ -60,7 +61,7 @@ class ChannelTable:
         self._numbers: dict[tuple[str, ...], int] = {}
 
     def channel(self, topic: str, type_name: str, definition: str, metadata: Mapping[str, str]) -> int:
-        """A channel; its number. What is the same has one number, schemas of the same name are one."""
+        """The number of a channel, new or existing; schemas of the same name are shared."""
         same = topic, type_name, *(word for pair in sorted(metadata.items()) for word in pair)
         if same in self._numbers:
             return self._numbers[same]
@@ -74,7 +75,7 @@ class ChannelTable:
 
     def ring(self, instance: str, ring: str, kind: str, schema: RingSchema, epoch: int,
              info: Mapping[str, Any] | None = None) -> tuple[int, RecordLayout]:
-        """A channel for the records that one writer writes into a ring, and how they lie in messages."""
+        """A channel for the records of one writer of a ring, and their layout in messages."""
         layout = layout_of(kind, schema)
         known = {names.INSTANCE: instance, names.RING: ring, names.KIND: kind, names.EPOCH: str(epoch),
                  names.SCHEMA: schema.text.decode(), names.FINGERPRINT: f"{schema.fingerprint:016x}",
@@ -83,11 +84,11 @@ class ChannelTable:
 
 
 class RecordingFile:
-    """One file. What fails to be written is cut off again, so that the file stays readable; OSError says why."""
+    """One file. A partial write is cut off again, so that the file stays readable, and raises OSError."""
 
     def __init__(self, stream: BinaryIO, table: ChannelTable, metadata: Mapping[str, Mapping[str, str]],
                  attachments: Sequence[tuple[str, str, bytes]] = (), created_ns: int = 0) -> None:
-        """Begin it; `stream` can seek. `metadata`: name and values; `attachments`: name, media type and content."""
+        """Begin a file; `stream` is seekable. `metadata`: name and values; `attachments`: name, media type, content."""
         self._stream, self._table = stream, table
         self._schemas = self._channels = self.size = self.messages = 0
         self._chunks: list[ChunkIndex] = []
@@ -104,14 +105,14 @@ class RecordingFile:
         self._meet()
 
     def note(self, name: str, values: Mapping[str, str]) -> None:
-        """Metadata; of several with one name the last counts."""
+        """Write metadata; of several with the same name, the last is valid."""
         record = as_bytes(Metadata(name, dict(values)))
         index = MetadataIndex(self.size, len(record), name)
         self._write(record)
         self._indexes.append(index)
 
     def put(self, chunk: PackedChunk) -> None:
-        """A chunk, with channels that are new."""
+        """Write a chunk, preceded by new channels."""
         self._meet()
         start = self.size + len(chunk.record)
         offsets, at = {}, start
@@ -127,7 +128,7 @@ class RecordingFile:
             self._counts[channel] = self._counts.get(channel, 0) + count
 
     def _meet(self) -> None:
-        """Write what of schemas and channels is not in the file yet."""
+        """Write schemas and channels that are not in the file yet."""
         table = self._table
         if self._schemas < len(table.schemas) or self._channels < len(table.channels):
             schemas, channels = len(table.schemas), len(table.channels)
@@ -135,11 +136,11 @@ class RecordingFile:
             self._schemas, self._channels = schemas, channels
 
     def _write(self, data: bytes) -> None:
-        """All of it, or nothing."""
+        """Write all of the data, or nothing."""
         try:
             self._stream.seek(self.size)
             left = memoryview(data)
-            while left:  # a file without buffer may take less than all
+            while left:  # an unbuffered file may write only a part
                 left = left[self._stream.write(left) :]
             self._stream.flush()
         except OSError:
@@ -149,11 +150,11 @@ class RecordingFile:
 
     @property
     def end_ns(self) -> int:
-        """Time of its last message; 0: none."""
+        """Time of its last message; 0 without messages."""
         return max((chunk.message_end_time for chunk in self._chunks), default=0)
 
     def finish(self) -> None:
-        """The summary, with which tools find things quickly; the file itself stays open. Without room it has none."""
+        """Write the summary, an index for tools; the stream stays open. Without room there is no summary."""
         data_end = as_bytes(DataEnd(0))
         start = self.size + len(data_end)
         statistics = Statistics(
