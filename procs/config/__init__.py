@@ -1,4 +1,4 @@
-"""Configuration: dVRK 2.4 files and our own YAML become one checked document; only this part of lib opens files."""
+"""Configuration: turns dVRK 2.4 files and our own YAML into one checked document; all such files are read here."""
 
 from trocar.procs.config.loading.kinds import HEADS, Checked, check_file, kind_of
 from trocar.procs.config.loading.load import Loaded, load_system

@@ -1,1 +1,1 @@
-"""From the models of files to the document of a system."""
+"""Loading: from the models of files to the document of a system."""

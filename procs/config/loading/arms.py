@@ -1,4 +1,4 @@
-"""The `arms` of a system with the files each of them names."""
+"""Loads the `arms` of a system with the files that they name."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ from trocar.procs.config.read.problem import Key
 from trocar.procs.document import system as document
 from trocar.procs.tables.arm_types import ARM_TYPES, ArmType, class_of
 
-_PSM_LINKS = 3  # the rest of the chain comes with the tool
+_PSM_LINKS = 3  # the tool has the rest of the chain
 
 
 @dataclass(frozen=True, slots=True)
 class LoadedArm:
-    """An arm with its robot and gains; those of kinds that are not started yet exist on emulated boards only."""
+    """An arm with its robot and gains; kinds that are not started yet exist only on emulated boards."""
 
     arm: document.ArmConfig
     robot: document.Robot
@@ -43,12 +43,12 @@ class LoadedArm:
 
     @property
     def is_kinematic(self) -> bool:
-        """Played by io, without boards."""
+        """Whether it has no boards, only ideal joints in io."""
         return self.arm.simulation == KINEMATIC
 
     @property
     def commanded(self) -> document.ArmConfig:
-        """The arm as its process has it, which knows of no weight that it is not to compensate."""
+        """The arm for its process: without masses if gravity compensation is skipped."""
         if not self.arm.skip_gravity_compensation:
             return self.arm
         return dataclasses.replace(self.arm, links=None, master_gravity=None)
@@ -56,7 +56,7 @@ class LoadedArm:
 
 @dataclass(frozen=True, slots=True)
 class RobotPlace:
-    """The robot of an arm: where it stands in its IO file."""
+    """The robot of an arm, and its key in the IO file."""
 
     file: Opened[IoFile]
     key: Key
@@ -64,13 +64,13 @@ class RobotPlace:
 
 
 def load_arms(system: SystemFiles) -> list[LoadedArm]:
-    """All arms that have no errors and whose files have a model, each with all its files checked."""
+    """All arms without errors whose files have a model, with all their files checked."""
     loaders = [_ArmLoader(system, index, keys) for index, keys in enumerate(system.content.arms)]
     return [arm for loader in loaders if (arm := loader.load()) is not None]
 
 
 def base_frame_of(system: Opened[object], key: Key, keys: ArmKeys) -> document.Matrix | None:
-    """Where an arm stands, if that is fixed; None without a frame, or when another component gives it."""
+    """The fixed base frame of an arm; None without one, or when another component provides it."""
     frame = keys.base_frame
     if frame is None:
         return None
@@ -81,13 +81,13 @@ def base_frame_of(system: Opened[object], key: Key, keys: ArmKeys) -> document.M
         forms = "either reference_frame and transform, or component and interface"
         system.error(where, "both forms or half a form", forms)
         return None
-    if frame.transform is None:  # `carts.py` looks who gives it
+    if frame.transform is None:  # `carts.py` checks the component that provides it
         return None
     return frame.transform if check_rigid(system, (*where, "transform"), frame.transform) else None
 
 
 def check_pid(opened: Opened[PidFile], robot: RobotKeys | None) -> None:
-    """Whether the entries are in order, named once, and fit the actuators of `robot` (when known)."""
+    """Check that entries are in order, have unique names, and fit the actuators of `robot` (if given)."""
     axes = opened.content.pid
     names: set[str] = set()
     if robot is not None and len(axes) != len(robot.actuators):
@@ -111,7 +111,7 @@ def check_pid(opened: Opened[PidFile], robot: RobotKeys | None) -> None:
 
 @dataclass(slots=True)
 class _ArmLoader:
-    """One arm of the system file, on its way to the document."""
+    """Loads one arm of the system file into the document."""
 
     system: SystemFiles
     index: int
@@ -119,31 +119,31 @@ class _ArmLoader:
 
     @property
     def key(self) -> Key:
-        """Its key in the system file."""
+        """The arm's key in the system file."""
         return "arms", self.index
 
     @property
     def family(self) -> str:
-        """Its type without what follows it."""
+        """The type without a suffix such as _DERIVED."""
         return str(self.keys.type).split("_")[0]
 
     @property
     def robot_name(self) -> str:
-        """Its name in IO files and default file names."""
+        """The arm's name in IO files and default file names."""
         return self.keys.name_on_IO or self.keys.name
 
     @property
     def is_kinematic(self) -> bool:
-        """It has no boards."""
+        """Whether it is KINEMATIC, i.e. has no boards."""
         return self.keys.simulation == KINEMATIC
 
     @property
     def bus(self) -> BusFiles | None:
-        """The bus it is on."""
+        """The arm's bus; None if it is KINEMATIC, or the bus is unknown."""
         return self.system.buses.get(self.keys.IO) if not self.is_kinematic else None
 
     def load(self) -> LoadedArm | None:
-        """The arm with all its files checked; None when it has errors or is of a kind whose files have no model yet."""
+        """Load the arm and check all its files; None with errors, or for a kind whose files have no model yet."""
         keys = self.keys
         base_frame = base_frame_of(self.system, self.key, keys)
         if keys.IO and not self.is_kinematic:
@@ -151,7 +151,7 @@ class _ArmLoader:
         self._check_required()
         if keys.type.endswith("_GENERIC") or self.family not in ARM_TYPES:
             self._read_other_files()
-            if keys.type == "FOCUS_CONTROLLER":  # the rest is looked at in carts.py and consoles.py
+            if keys.type == "FOCUS_CONTROLLER":  # other types are checked in carts.py and consoles.py
                 self.system.note(f"not started: {keys.name} ({keys.type}); the key ISI_focus_controller starts one")
             return None
         if self.is_kinematic:
@@ -162,7 +162,7 @@ class _ArmLoader:
     def _check_required(self) -> None:
         keys = self.keys
         required: list[str] = []
-        if not self.is_kinematic and not keys.type.endswith("_GENERIC"):  # which program that is no file has to say
+        if not self.is_kinematic and not keys.type.endswith("_GENERIC"):  # files need not name a third-party program
             required += ["IO", "serial"] if self.family in ARM_TYPES else ["IO"] if keys.type == "SUJ_Classic" else []
         if keys.type.endswith(DERIVED):
             required += ["component"]
@@ -171,7 +171,7 @@ class _ArmLoader:
                 self.system.error((*self.key, name), f"this key is required for {keys.type}", "a text")
 
     def _read_other_files(self) -> None:
-        """Kinds whose files have no model yet: the files must exist and be readable."""
+        """For kinds whose files have no model yet: check that the files exist and are readable."""
         if self.keys.arm_file:
             path = self.system.find((*self.key, "arm_file"), self.keys.arm_file)
             if path is not None:
@@ -182,13 +182,13 @@ class _ArmLoader:
     # -- its files -----------------------------------------------------------------------------------------------------
 
     def _load_files(self, row: ArmType, base_frame: document.Matrix | None) -> LoadedArm | None:
-        """The arm by IO files, arm file, gains, kinematics; None without an arm file, or with errors."""
+        """Load IO files, arm file, gains and kinematics; None without an arm file, or with errors."""
         robot = self._load_robot(row.actuators)
         gripper = self._load_gripper() if row.has_gripper else ""
         opened = self._open_arm_file(class_of(row.arm_file, ArmFile))
         generation = opened.content.generation if opened else "Classic"
         pid = None
-        if not self.is_kinematic or self.keys.PID_file:  # without a motor gains are of no use, but checked
+        if not self.is_kinematic or self.keys.PID_file:  # KINEMATIC: gains are unused, but checked
             pid = self._open_pid(row.gains.get(generation) or min(row.gains.values()), robot)
         if opened is None:
             return None
@@ -226,7 +226,7 @@ class _ArmLoader:
         return LoadedArm(arm, made, controller, starts, keys.PID_period)
 
     def _load_robot(self, actuators: int) -> RobotPlace | None:
-        """The robot of an arm: its IO file must have it, with the same serial number and the right size."""
+        """The arm's robot, which must be in its IO file with the same serial number and number of actuators."""
         keys, bus, name = self.keys, self.bus, self.robot_name
         if bus is None or not (keys.serial or keys.IO_file):
             return None
@@ -250,7 +250,7 @@ class _ArmLoader:
         return RobotPlace(opened, key, robot)
 
     def _load_gripper(self) -> str:
-        """The robot of a master's gripper, whose file is always there; "" without one."""
+        """The robot of a master's gripper, whose file must exist; "" without one."""
         keys, bus = self.keys, self.bus
         if bus is None or not (keys.serial or keys.IO_gripper_file):
             return ""
@@ -263,7 +263,7 @@ class _ArmLoader:
         if not keys.arm_file and not keys.serial:
             if self.is_kinematic:
                 self.system.error(where, "this key is required without a serial", "a file")
-            return None  # otherwise the missing serial has been named already
+            return None  # otherwise the missing serial was already reported
         return self.system.open(model, where, keys.arm_file or f"{self.robot_name}-{keys.serial}.json")
 
     def _open_pid(self, default: str, robot: RobotPlace | None) -> Opened[PidFile] | None:
@@ -272,7 +272,7 @@ class _ArmLoader:
             check_pid(opened, robot.keys if robot else None)
         return opened
 
-    # -- what they make ------------------------------------------------------------------------------------------------
+    # -- results -------------------------------------------------------------------------------------------------------
 
     def _check_psm(self, opened: Opened[ArmFile], chain: document.Chain | None) -> None:
         if chain is not None and len(chain.links) != _PSM_LINKS:
@@ -283,7 +283,7 @@ class _ArmLoader:
             opened.error(("mounting_pitch",), text, "rad; usually -0.7854, PSM3 -0.2618")
 
     def _own_values(self, opened: Opened[ArmFile], robot: RobotPlace | None, gripper: str) -> dict[str, Any]:
-        """Fields of `document.ArmConfig` that only arms of this kind have and that do not follow by their names."""
+        """Fields of `document.ArmConfig` specific to this kind of arm that `by_name` cannot fill."""
         content, name = opened.content, self.keys.name
         if isinstance(content, PsmFile):
             tools = psm_tools(self.system, name, Opened(opened.context, opened.source, content))
@@ -296,7 +296,7 @@ class _ArmLoader:
         return {}
 
     def _can_start(self, content: ArmFile, robot: RobotPlace | None) -> bool | None:
-        """Whether this arm is of a kind that runs already; a note when it is not, None when nobody can tell."""
+        """Whether this kind of arm is supported; a note if it is not, None (and an error) if that is unknown."""
         keys = self.keys
         if keys.type.endswith(DERIVED) and keys.component and "." not in keys.component:
             self.system.note(f"not started: {keys.name} ({keys.type}): {keys.component} is a component of the original "
@@ -315,9 +315,9 @@ class _ArmLoader:
         self, opened: Opened[ArmFile], chain: document.Chain | None, robot: RobotPlace | None,
         pid: Opened[PidFile] | None, *, drives: bool,
     ) -> tuple[document.Robot, document.PidConfig] | None:
-        """What io has of an arm: from its IO and PID files, or, KINEMATIC, from its chain; None with something missing.
+        """Robot and gains for io: from IO and PID files, or, if KINEMATIC, from the chain; None if a part is missing.
 
-        `drives`: somebody will move it.
+        `drives`: whether the arm will be moved.
         """
         name = self.keys.name
         if self.is_kinematic:
@@ -334,13 +334,13 @@ class _ArmLoader:
 
 
 def _homes_to_zero(content: ArmFile) -> bool:
-    """As the file says; without a word masters go to zero, others stay where they are."""
+    """Whether homing moves to zero: the file's setting; by default only for masters."""
     reported = content.homing_zero_position
     return isinstance(content, MtmFile) if reported is None else reported
 
 
 def _check_drivable(robot: RobotPlace) -> None:
-    """Every axis of an arm that is moved needs an encoder and a way from effort to current."""
+    """Check that each axis of a moving arm has an encoder and a conversion from effort to current."""
     for number, actuator in enumerate(robot.keys.actuators):
         key: Key = (*robot.key, "actuators", number)
         if actuator.encoder is None:

@@ -1,4 +1,4 @@
-"""What a system serves elsewhere, and keeps: `trocar.socket`, `gui`, `foxglove`, `ros` and `recorder`."""
+"""Loads the sections of bridges, web console and recorder: `trocar.socket`, `gui`, `foxglove`, `ros`, `recorder`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from trocar.procs.document.recorder import Recorder
 
 
 def load_ros(system: SystemFiles) -> RosBridge | None:
-    """None without one. Who is on this machine alone may power, unless it says otherwise."""
+    """The ROS bridge; None without one. By default, only clients on this machine may power the robot."""
     options = system.options.ros
     if options is None:
         return None
@@ -24,7 +24,7 @@ def load_ros(system: SystemFiles) -> RosBridge | None:
 
 
 def load_recorder(system: SystemFiles, usually: bool) -> Recorder | None:
-    """None without one; `usually`: whether there is one where the file does not say."""
+    """The recorder; None without one; `usually`: the default if the file does not specify it."""
     keys = system.options.recorder
     if not (usually if keys.on is None else keys.on):
         return None
@@ -32,7 +32,7 @@ def load_recorder(system: SystemFiles, usually: bool) -> Recorder | None:
 
 
 def load_socket(system: SystemFiles) -> SocketBridge | None:
-    """None without one. Who listens to other machines has to know who comes: an error when nothing says so."""
+    """The socket bridge; None without one. Listening to other machines without authentication is an error."""
     keys = system.options.socket
     if keys is None:
         return None
@@ -48,7 +48,9 @@ def load_socket(system: SystemFiles) -> SocketBridge | None:
 
 
 def load_gui(system: SystemFiles) -> WebConsole | None:
-    """None without one. Where nothing says who may come from other machines, a token is made at each start."""
+    """The web console; None without one. If other machines can connect without configured authentication, a token is
+    made at each start.
+    """
     keys = system.options.gui
     if keys is None:
         return None
@@ -66,7 +68,9 @@ def load_gui(system: SystemFiles) -> WebConsole | None:
 
 
 def load_foxglove(system: SystemFiles) -> FoxgloveServer | None:
-    """None without one. Its clients cannot show a token, and only look; elsewhere at least nobody else listens."""
+    """The Foxglove server; None without one. Its clients are view only and cannot send a token; listening to other
+    machines requires TLS, against eavesdropping.
+    """
     keys = system.options.foxglove
     if keys is None:
         return None
@@ -80,12 +84,12 @@ def load_foxglove(system: SystemFiles) -> FoxgloveServer | None:
 
 
 def _knows_who(keys: SocketKeys | GuiKeys) -> bool:
-    """Whether clients have to show something that was stated."""
+    """Whether clients must authenticate by a configured token or certificate."""
     return bool(keys.token_file or (keys.tls and keys.tls.clients))
 
 
 def _outside(system: SystemFiles, keys: SocketKeys) -> list[str]:
-    """Addresses that are not loopback."""
+    """Addresses that are not loopback; an error if clients need not authenticate there."""
     outside = [address for address in keys.listen if not is_loopback(address)]
     if outside and not _knows_who(keys):
         system.error(("trocar", "socket", "listen"), f"anybody could come to {', '.join(outside)}",
@@ -95,7 +99,7 @@ def _outside(system: SystemFiles, keys: SocketKeys) -> list[str]:
 
 
 def _tls(system: SystemFiles, section: str, keys: TlsKeys | CertificateKeys | None) -> tuple[str, str, str]:
-    """Paths of certificate and key, and of the clients' authorities; empty where there is none."""
+    """Paths of certificate and key, and of the clients' authorities; empty if not configured."""
     if keys is None:
         return "", "", ""
     clients = keys.clients if isinstance(keys, TlsKeys) else ""

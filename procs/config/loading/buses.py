@@ -1,6 +1,6 @@
-"""The `IOs` of a system with every IO file that belongs to them, from arms, consoles and their own lists.
+"""The `IOs` of a system with all their IO files, which arms, consoles and the IOs themselves name.
 
-What belongs to an arm there besides its robot is known by its name in the IO files, which begins with that of the arm:
+Other parts of an arm than its robot are found in IO files by their names, which begin with that of the arm:
 PSM1_arm_clutch, PSM1_dallas.
 """
 
@@ -30,12 +30,12 @@ INPUTS = {
     "suj_clutch": "SUJ_clutch",
     "suj_clutch_2": "SUJ_clutch_2",
 }
-"""Fields of `document.ArmInputs`, and how the names of these inputs end."""
+"""Fields of `document.ArmInputs`, and the last parts of these inputs' names."""
 
 
 @dataclass(slots=True)
 class BusFiles:
-    """One bus, where it stands in the system file, and its IO files by path."""
+    """One bus with its key in the system file, and its IO files by path."""
 
     keys: IoKeys
     key: Key
@@ -43,11 +43,11 @@ class BusFiles:
     tables: dict[tuple[Path, int], str] = field(default_factory=dict)  # of digital potentiometers, by file and robot
 
     def opened(self) -> list[Opened[IoFile]]:
-        """The files that could be read, in order."""
+        """The readable files, in order."""
         return [opened for opened in self.files.values() if opened is not None]
 
     def contents(self) -> list[IoFile]:
-        """What these say."""
+        """The contents of the readable files."""
         return [opened.content for opened in self.opened()]
 
     def add(self, context: Context, path: Path | None) -> Opened[IoFile] | None:
@@ -63,27 +63,27 @@ class BusFiles:
         return self.files[path]
 
     def robots(self) -> Iterator[tuple[Path, int, RobotKeys]]:
-        """All robots with their files and places there."""
+        """All robots with their files, and their indices there."""
         for opened in self.opened():
             for index, robot in enumerate(opened.content.robots):
                 yield opened.source.path, index, robot
 
     @property
     def has_boards(self) -> bool:
-        """Whether any file names a board."""
+        """Whether any file uses a board."""
         return any(map(board_ids, self.contents()))
 
 
 @dataclass(frozen=True, slots=True)
 class SystemFiles(Opened[SystemFile]):
-    """A system file with its `trocar:` section, and the files of its buses; `emulated`: its boards are."""
+    """A system file with its `trocar:` section, and the files of its buses; `emulated`: with emulated boards."""
 
     options: TrocarSection
     emulated: bool
     buses: dict[str, BusFiles] = field(default_factory=dict)
 
     def own(self, name: str) -> ProcessKeys:
-        """What `trocar.processes` says of a process."""
+        """The keys of a process in `trocar.processes`."""
         return self.options.processes.get(name) or ProcessKeys()
 
     def find_bus(self, key: Key, name: str) -> BusFiles | None:
@@ -95,14 +95,14 @@ class SystemFiles(Opened[SystemFile]):
         return bus
 
     def file_of(self, device: IoDeviceKeys) -> IoFile | None:
-        """What a device's own IO file says; None when that has errors of its own."""
+        """The content of a device's own IO file; None when that has errors."""
         bus, path = self.buses.get(device.IO), self.context.search.find(device.IO_file)
         opened = bus.files.get(path) if bus is not None and path is not None else None
         return opened.content if opened is not None else None
 
 
 def load_buses(system: SystemFiles) -> None:
-    """All buses with the files they name themselves, and those of pedals, head sensors and the focus controller."""
+    """Load all buses with their own files, and those of pedals, head sensors and the focus controller."""
     for index, keys in enumerate(system.content.IOs):
         key: Key = ("IOs", index)
         _check_numbers(system, key, keys)
@@ -124,7 +124,7 @@ def load_buses(system: SystemFiles) -> None:
 
 
 def check_buses(system: SystemFiles) -> None:
-    """What must hold between the files of each bus."""
+    """Check the files of each bus for conflicts."""
     for bus in system.buses.values():
         check_bus(bus.opened())
 
@@ -149,12 +149,12 @@ def _check_numbers(system: SystemFiles, key: Key, keys: IoKeys) -> None:
 
 
 def watchdog_s(keys: IoKeys) -> float:
-    """The watchdog time as it will be written to the boards; 0 is off."""
+    """The watchdog time to write to the boards; 0: off."""
     return min(max(keys.watchdog_timeout, 0.0), MAX_WATCHDOG_S)
 
 
 def inputs_of(bus: BusFiles | None, arm: str, robot: str) -> document.ArmInputs:
-    """The digital inputs of an arm, which has this robot."""
+    """The digital inputs of an arm with this robot."""
     there = {row.name for content in (bus.contents() if bus else ()) for row in content.digital_inputs}
     found = {field: next((name for name in _names(arm, robot, end) if name in there), "")
              for field, end in INPUTS.items()}
@@ -162,7 +162,7 @@ def inputs_of(bus: BusFiles | None, arm: str, robot: str) -> document.ArmInputs:
 
 
 def reader_of(bus: BusFiles | None, arm: str, robot: str, keys: RobotKeys | None) -> str:
-    """What reads the memory of an arm's instruments: by its name, else the only one on the boards of its robot."""
+    """The reader of an arm's instrument memory: by its name, else the only one on the boards of its robot."""
     readers: list[DallasKeys] = [row for content in (bus.contents() if bus else ()) for row in content.dallas_chips]
     for name in _names(arm, robot, "dallas"):
         if any(row.name == name for row in readers):

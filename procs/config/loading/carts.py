@@ -1,4 +1,4 @@
-"""The setup joints of a system: their files, the arms they carry, and what io has to know of them."""
+"""The setup joints of a system: their files, the arms they carry, and their rows for io."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from trocar.procs.document import cart
 from trocar.procs.document import system as document
 from trocar.procs.fpga import registers
 
-PERIOD_S: Final = 0.002  # nothing moves by itself; base frames follow the reference arm's tip at this rate
+PERIOD_S: Final = 0.002  # no joint moves by itself; base frames follow the reference arm's tip at this rate
 ECM_JOINTS: Final = 4
 SI_JOINTS: Final = (4, 5)
 FIXED_LINKS: Final = 2  # of Si, after the joints with potentiometers
-BASE_POTS: Final = ("PSM3", "ECM", "PSM2", "PSM1")  # in this order they hang on the base's board
+BASE_POTS: Final = ("PSM3", "ECM", "PSM2", "PSM1")  # in the order of their wiring to the base's board
 JOINT_ROOM: Final = 8
 
 FileType = TypeVar("FileType", bound=Section)
@@ -33,7 +33,7 @@ Geometry: TypeAlias = tuple[document.Chain, document.Matrix, document.Matrix]
 
 
 def load_carts(system: SystemFiles) -> tuple[cart.Cart, ...]:
-    """All setup joints of the system, without those that have errors."""
+    """All setup joints of the system, except those with errors."""
     carries = _carried(system.content)
     found = []
     for index, keys in enumerate(system.content.arms):
@@ -55,7 +55,7 @@ def with_base_frames(
 
 
 def with_brakes(ios: Sequence[document.IoConfig], carts: Sequence[cart.Cart]) -> tuple[document.IoConfig, ...]:
-    """The ios; those with a Classic cart take currents of its brakes as efforts, and show the multiplexer's channel."""
+    """The ios; with a Classic cart they take brake currents as efforts, and show the multiplexer's channel."""
     by_io = {one.io: one for one in carts if one.io}
     return tuple(_with_cart(io, by_io[io.name]) if io.name in by_io else io for io in ios)
 
@@ -81,7 +81,7 @@ def _with_cart(io: document.IoConfig, one: cart.Cart) -> document.IoConfig:
 
 
 def _carried(content: SystemFile) -> dict[str, dict[str, str]]:
-    """By setup joints and setup arm: the arm that takes its base frame from there."""
+    """The arms with base frames from setup joints, by setup joints and setup arm."""
     found: dict[str, dict[str, str]] = {}
     for keys in content.arms:
         frame = keys.base_frame
@@ -115,7 +115,7 @@ def _check_base_frames(system: SystemFiles, found: Sequence[cart.Cart]) -> None:
 
 @dataclasses.dataclass(slots=True)
 class _CartLoader:
-    """One entry of the `arms` list, on its way to a cart."""
+    """Loads one entry of the `arms` list as a cart."""
 
     system: SystemFiles
     index: int
@@ -124,11 +124,11 @@ class _CartLoader:
 
     @property
     def is_kinematic(self) -> bool:
-        """KINEMATIC: nothing is measured."""
+        """Whether it is KINEMATIC, i.e. without measurements."""
         return self.keys.simulation == KINEMATIC
 
     def load(self, bus: BusFiles | None) -> cart.Cart | None:
-        """The cart; None with errors."""
+        """Load the cart; None with errors."""
         before = len(self.system.context.problems)
         match self.keys.type:
             case "SUJ_Classic":
@@ -150,7 +150,7 @@ class _CartLoader:
               reference: str) -> cart.Cart:
         made = tuple(arm for arm in found if arm is not None)
         names = [arm.name for arm in made]
-        if reference not in names and reference != "ECM":  # the usual one may be missing: then there is none
+        if reference not in names and reference != "ECM":  # the default may be missing: no reference arm then
             opened.error(("reference_arm",), f"no setup arm {reference}", f"one of {', '.join(names)}")
         for place, name in enumerate(names):
             if name in names[:place]:
@@ -184,7 +184,7 @@ class _CartLoader:
             return None
         chain, world, tip = geometry
         primary, secondary, weight = pots
-        if keys.type == "ECM":  # it has no more, whatever the file says of them
+        if keys.type == "ECM":  # it has only these joints, even if the file has more
             primary, secondary = ((*row[:ECM_JOINTS], *((0.0, 0.0),) * len(row[ECM_JOINTS:])) for row in pots[:2])
         return cart.CartArm(
             keys.name, self.carries.get(keys.name, ""), chain, joints, world, tip,
@@ -291,7 +291,7 @@ class _CartLoader:
     def _pots(
         self, opened: Opened[object], where: Key, keys: SetupArmKeys | SiArmKeys, joints: int
     ) -> tuple[tuple[cart.Linear, ...], tuple[cart.Linear, ...], tuple[float, ...]] | None:
-        """Conversions of both potentiometers of every joint, and the weight of the first; none are needed when played.
+        """Conversions of both potentiometers of every joint, and the weight of the first; empty if KINEMATIC.
 
         None with errors.
         """
@@ -330,7 +330,7 @@ def _weight(opened: Opened[object], key: Key, given: object, joints: int) -> tup
 
 
 def check_cart(context: Context, path: Path, kind: str) -> None:
-    """A file of setup joints by itself: everything in it but what its potentiometers hang on."""
+    """Check a file of setup joints by itself, without the io of its potentiometers."""
     read = context.read(path)
     if read is None:
         return
@@ -344,7 +344,7 @@ def check_cart(context: Context, path: Path, kind: str) -> None:
 
 
 def _check_plugs(opened: Opened[SetupFile]) -> None:
-    """Every arm has a plug of its own."""
+    """Check that no two arms have the same plug."""
     taken: dict[int, str] = {}
     for index, arm in enumerate(opened.content.arms):
         if arm.plug_number in taken:

@@ -1,9 +1,9 @@
-"""Kinematic files and tools, and what gravity compensation of an arm goes by: read, checked, converted.
+"""Reads, checks and converts kinematic files, tools, and the data for gravity compensation of an arm.
 
-Arms with `"simulation": "KINEMATIC"` have robots made from their chains, which the process `io` plays. There is no
-board, no motor and no gain: actuators go where their setpoints are. What is left of a robot is how many actuators it
-has and how far they may go. The first ones are those of the chain, through its coupling where it has one; what an
-instrument turns (the rest of a PSM's) goes as far as the discs of a PSM do.
+Arms with `"simulation": "KINEMATIC"` have robots made from their chains, in the process `io`. They have no boards,
+motors or gains: actuator positions follow the setpoints exactly. Such a robot consists of actuators and their ranges.
+The first actuators are those of the chain, through its coupling, if any; those that drive an instrument (the rest of a
+PSM's) have the range of a PSM's discs.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from trocar.procs.document import system as document
 from trocar.procs.document.arms import MasterGravityParameters
 from trocar.procs.tables.arm_types import ARM_TYPES
 
-ENGAGED_AXES = 4  # a tool is turned by the last four actuators
+ENGAGED_AXES = 4  # a tool is driven by the last four actuators
 KINEMATIC: Final = "KINEMATIC"
-KINEMATIC_IO: Final = "io"  # the process that plays them all
+KINEMATIC_IO: Final = "io"  # the process of all KINEMATIC robots
 DISC_RANGE: Final = math.radians(172.0)
 _COUPLING: Key = ("coupling", "ActuatorToJointPosition")
 
@@ -50,12 +50,12 @@ def load_chain(context: Context, path: Path | None) -> document.Chain | None:
 
 
 def arm_chain(opened: Opened[ArmFile]) -> document.Chain | None:
-    """The chain an arm file names."""
+    """The chain named in an arm file."""
     return load_chain(opened.context, opened.find(("kinematic",), opened.content.kinematic))
 
 
 def weighing_links(opened: Opened[ArmFile], family: str) -> document.Chain | None:
-    """The links of an arm with their masses; None: it needs none, or with errors."""
+    """The links of an arm with their masses; None if it needs none, or with errors."""
     row = ARM_TYPES[family]
     name = opened.content.kinematic_gc or row.physical.get(opened.content.generation, "")
     if not name or not row.physical_links:
@@ -69,14 +69,14 @@ def weighing_links(opened: Opened[ArmFile], family: str) -> document.Chain | Non
 
 
 def measured_weight(opened: Opened[ArmFile]) -> MasterGravityParameters | None:
-    """What a master's gravity-compensation file says; None: it is no master, names none, or with errors."""
+    """The parameters in a master's gravity-compensation file; None without such a file, or with errors."""
     name = opened.content.gravity_compensation if isinstance(opened.content, MtmFile) else ""
     path = opened.find(("gravity_compensation",), name) if name else None
     return load_master_gravity(opened.context, path) if path is not None else None
 
 
 def check_chain(opened: Opened[KinematicFile]) -> bool:
-    """Whether rows and matrices of a kinematic file make sense."""
+    """Whether rows and matrices of a kinematic file are valid."""
     content = opened.content
     fine = check_dh(opened, ("DH",), content.DH)
     if content.base_offset is not None:
@@ -98,7 +98,7 @@ def load_tool(context: Context, path: Path, name: str) -> document.Tool | None:
 
 
 def check_tool(opened: Opened[ToolFile]) -> bool:
-    """Whether rows, matrices and ranges of a tool file make sense."""
+    """Whether rows, matrices and ranges of a tool file are valid."""
     content = opened.content
     fine = check_dh(opened, ("DH",), content.DH)
     fine = check_rigid(opened, ("tooltip_offset",), content.tooltip_offset) and fine
@@ -115,13 +115,13 @@ def check_tool(opened: Opened[ToolFile]) -> bool:
 
 
 def convention_of(keys: DhKeys) -> str:
-    """What the rows, or the first of them, call their convention."""
+    """The convention of the list, or of its first row."""
     rows = keys.joints or keys.links
     return keys.convention or (rows[0].convention if rows else None) or ""
 
 
 def check_dh(opened: Opened[object], where: Key, keys: DhKeys) -> bool:
-    """Whether the rows at `where` make a chain."""
+    """Whether the rows at `where` form a valid chain."""
     kind = "joints" if keys.joints else "links"
     rows = keys.joints or keys.links
     if not rows or (keys.joints and keys.links):
@@ -145,7 +145,7 @@ def kinematic_robot(
 ) -> tuple[document.Robot, document.PidConfig] | None:
     """The robot of the arm `name`, and a joint controller without gains; None with an error in its arm file.
 
-    `place` is that of the arm in the system: what has no board gets a number below 0, so that no two share one.
+    `place`: the arm's index in the system, for a unique negative board number.
     """
     links = chain.links[:actuators]
     if chain.actuator_to_joint is not None and len(links) != len(chain.actuator_to_joint):
@@ -167,7 +167,7 @@ def kinematic_robot(
 
 
 def _ranges(chain: document.Chain, links: Sequence[document.DhLink]) -> list[tuple[float, float]]:
-    """How far the actuators of the chain go: the box around all positions within the joint limits."""
+    """The ranges of the chain's actuators: the bounding box of all positions within the joint limits."""
     limits = np.array([(link.lower, link.upper) for link in links])
     if chain.actuator_to_joint is not None:
         parts = np.linalg.inv(np.array(chain.actuator_to_joint))[:, :, None] * limits

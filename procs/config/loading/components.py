@@ -1,4 +1,4 @@
-"""`component_manager`: what the original software loads into its program. There is none here: it is left out."""
+"""`component_manager`: components that the original software loads into its program; they are not used here."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from trocar.procs.config.models.system_file import SystemFile
 
 KEY: Final = ("component_manager",)
 _THIRD_PARTY: Final = "docs/third-party-masters.md"
-# What the name of a component's class or library contains, in lower case, and what of ours does that job.
+# Parts of the name of a component's class or library, in lower case, and our substitute.
 _INSTEAD: Final = (
     (("forcedimension", "sensable", "phantom", "novint", "falcon", "haply", "psmove"),
      f"a program of yours in the place of an arm of type MTM_GENERIC ({_THIRD_PARTY})"),
@@ -28,7 +28,7 @@ _OTHERS: Final = f"a process of your own: a script (docs/python.md), or a progra
 
 
 def warn_of_components(system: Opened[SystemFile]) -> None:
-    """One warning that names every component of the file that is not started, and what does its job."""
+    """Add one warning with all components of the file, which are not started, and their substitutes."""
     manager = system.content.component_manager
     if not manager:
         return
@@ -46,7 +46,7 @@ def _instead_of(words: str) -> str:
 
 
 def _components(manager: object) -> list[tuple[str, str]]:
-    """Every component: what it is called, and all words that tell what it is. Whatever has no such form is skipped."""
+    """All components: a name, and the words that identify the kind. Entries of another form are skipped."""
     listed = manager.get("components") if isinstance(manager, dict) else manager
     found = []
     for row in listed if isinstance(listed, list) else ():

@@ -1,5 +1,5 @@
-"""Who operates a system: its consoles with their inputs, teleoperations that join arms, the focus controller, and
-third-party programs in the place of arms (`_GENERIC` types) and pedals (`COMPONENTS`)."""
+"""The operation of a system: consoles with their inputs, teleoperations between arms, the focus controller, and
+third-party programs in place of arms (`_GENERIC` types) and pedals (`COMPONENTS`)."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ FOCUS_NAME: Final = "focus_controller"
 FOCUS_OUTPUTS: Final = ("endoscope_focus_in", "endoscope_focus_out")
 FOCUS_PEDALS: Final = ("focus_plus", "focus_minus")  # in, out
 _WORD: Final = re.compile(r"[A-Za-z0-9_-]{1,40}\Z")
-_MAX_BUTTON: Final = 24  # what an event has room for
+_MAX_BUTTON: Final = 24  # size of the field in an event
 PERIOD_S: Final = 0.01
 PEDALS: Final = "IO_pedals"
 HEAD: Final = "IO_head_sensor"
@@ -67,7 +67,7 @@ _HEAD_NAME = re.compile(r"head", re.IGNORECASE)
 
 @dataclass(frozen=True, slots=True)
 class Operation:
-    """Who operates a system, and with what."""
+    """The consoles, teleoperations and focus controller of a system."""
 
     consoles: tuple[Console, ...]
     teleop_psms: tuple[TeleopPsmConfig, ...]
@@ -79,7 +79,7 @@ def load_consoles(system: SystemFiles, arms: Sequence[str], carts: Sequence[Cart
                   third_parties: tuple[ThirdParty, ...]) -> Operation:
     """All consoles with their teleoperations; those whose arms do not run are noted and left out.
 
-    `arms` are the names of ours that run. Missing parts, unknown arms and teleoperations listed twice are errors.
+    `arms`: names of our running arms. Missing parts, unknown arms and teleoperations listed twice are errors.
     """
     running = [*arms, *(row.name for row in third_parties if row.type)]
     setups = {cart.name: [arm.name for arm in cart.arms] for cart in carts}
@@ -93,7 +93,7 @@ def load_consoles(system: SystemFiles, arms: Sequence[str], carts: Sequence[Cart
 
 @dataclass(slots=True)
 class _ConsoleLoader:
-    """All consoles of one file."""
+    """Loads all consoles of one file."""
 
     system: SystemFiles
     arms: Collection[str]
@@ -103,7 +103,7 @@ class _ConsoleLoader:
     ecms: list[TeleopEcmConfig] = field(default_factory=list)
 
     def console(self, index: int, keys: ConsoleKeys) -> Console:
-        """One entry of the list."""
+        """Load one entry of the list."""
         key: Key = ("consoles", index)
         for name in _NEEDS[keys.input_type]:
             if not getattr(keys, name):
@@ -146,7 +146,7 @@ class _ConsoleLoader:
         return load_hid(self.system.context, path) if path is not None else None
 
     def _component(self, key: Key, keys: InterfaceKeys | None) -> WiredInput | None:
-        """A digital input of an io, or a button of somebody's program."""
+        """A digital input of an io, or a button of a third-party program."""
         if keys is None:
             return None
         bus = self.system.buses.get(keys.component)
@@ -160,7 +160,7 @@ class _ConsoleLoader:
         return WiredInput(keys.component, keys.interface)
 
     def _names(self, device: IoDeviceKeys, outputs: bool = False) -> list[str] | None:
-        """Digital inputs (or outputs) of a device's own file; None when that has errors of its own."""
+        """Digital inputs (or outputs) of a device's own file; None when that file has errors."""
         file = self.system.file_of(device)
         if file is None:
             return None
@@ -178,7 +178,7 @@ class _ConsoleLoader:
         return WiredInput(device.IO, name)
 
     def _head_input(self, key: Key, device: IoDeviceKeys) -> WiredInput | None:
-        """The one input of a dVRK head sensor: called as the device is, or the only one whose name says head."""
+        """The input of a dVRK head sensor: that with the device's name, or the only one with `head` in its name."""
         names = self._names(device)
         if names is None:
             return None
@@ -230,9 +230,9 @@ class _ConsoleLoader:
         return self.system.own(name).period_s or keys.period
 
     def _has_base_frame(self, teleop: str, key: Key, frame: InterfaceKeys) -> bool:
-        """What carries the PSM is an arm that runs, or a setup arm (`interface`) of setup joints (`component`).
+        """Check that the PSM's base frame is from a running arm, or a setup arm (`interface`) of a `component`.
 
-        False, with a note, where it may be one of the components that are left out: without it a PSM goes elsewhere.
+        False, with a note, if it may be from an unsupported component: without that frame the PSM would move elsewhere.
         """
         if frame.component in self.setups:
             known = self.setups[frame.component]
@@ -250,7 +250,7 @@ class _ConsoleLoader:
         return True
 
     def _named(self, key: Key, console: str, parts: dict[str, str]) -> str:
-        """The teleoperation's name, of its arms' names; errors when they are unknown or the name is taken."""
+        """The teleoperation's name, made of its arms' names; errors when these are unknown, or the name is taken."""
         for role, arm in parts.items():
             self._check_arm((*key, role), role, arm)
         name = "_".join(parts.values())
@@ -301,7 +301,7 @@ class _ConsoleLoader:
 
 
 def load_third_parties(system: SystemFiles) -> tuple[ThirdParty, ...]:
-    """Generic arms, then other components that a console has its inputs from, with the buttons asked of each."""
+    """Generic arms, then other components with inputs of consoles, each with its required buttons."""
     content = system.content
     found = {row.name: ThirdParty(row.name, row.type, (), base_frame_of(system, ("arms", index), row),
                                   (row.base_frame.reference_frame or "") if row.base_frame else "")
@@ -317,13 +317,13 @@ def load_third_parties(system: SystemFiles) -> tuple[ThirdParty, ...]:
 
 
 def place_of(content: SystemFile, component: str) -> str:
-    """Name of the process or place that stands for a component of the file: a generic arm goes by both its names."""
+    """The process or place of a component in the file: a generic arm may be named by its component, too."""
     return next((row.name for row in content.arms if row.type.endswith(GENERIC) and component == row.component),
                 component)
 
 
 def _ask_button(system: SystemFiles, key: Key, keys: InterfaceKeys | None, found: dict[str, ThirdParty]) -> None:
-    """One input of a console; those of an io are not ours."""
+    """Add the button of one console input to a third-party program, unless the input is an io's."""
     content = system.content
     if keys is None or keys.component in [row.name for row in content.IOs]:
         return
@@ -346,7 +346,7 @@ def _ask_button(system: SystemFiles, key: Key, keys: InterfaceKeys | None, found
 
 
 def _load_focus(system: SystemFiles, operators: Collection[str]) -> tuple[Focus, ...]:
-    """The focus controller, nothing without one or with errors; `operators` are names that are taken."""
+    """The focus controller; empty without one or with errors; `operators`: further names in use."""
     keys, content = system.content.ISI_focus_controller, system.content
     if keys is None:
         return ()
@@ -357,7 +357,7 @@ def _load_focus(system: SystemFiles, operators: Collection[str]) -> tuple[Focus,
         return ()
     file = system.file_of(keys)
     if file is None:
-        return ()  # said already
+        return ()  # reported already
     outputs = [row.name for row in file.digital_outputs]
     missing = [output for output in FOCUS_OUTPUTS if output not in outputs]
     if missing:
@@ -366,7 +366,7 @@ def _load_focus(system: SystemFiles, operators: Collection[str]) -> tuple[Focus,
         return ()
     pedals = [_pedal(system.buses, pedal) for pedal in FOCUS_PEDALS]
     found = tuple(pedal for pedal in pedals if pedal is not None)
-    if len(found) < len(FOCUS_PEDALS):  # with one alone there would be no way back
+    if len(found) < len(FOCUS_PEDALS):  # a single pedal could not move the lens back
         system.note(f"{name}: no pedals {' and '.join(FOCUS_PEDALS)}, commands alone move the lens")
         found = ()
     return (Focus(name, PERIOD_S, keys.IO, FOCUS_OUTPUTS, found),)

@@ -1,4 +1,4 @@
-"""What loading a system carries along: where to look, what was found wrong, what was noted."""
+"""The context of loading a system: search path, problems and notes."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ Content = TypeVar("Content", covariant=True)
 
 @dataclass(slots=True)
 class Context:
-    """Collects every finding, so that one run names all mistakes and not only the first."""
+    """Collects all findings, so that one run reports all mistakes, not only the first."""
 
     search: SearchPath
     problems: list[FileProblem] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
-    calibration_mode: bool = False  # what a calibration is to mend is a warning
-    tools: dict[Path, document.Tool | None] = field(default_factory=dict)  # files read already
+    calibration_mode: bool = False  # values that a calibration will fix cause only warnings
+    tools: dict[Path, document.Tool | None] = field(default_factory=dict)  # cache of tool files
 
     def read(self, path: Path) -> Opened[None] | None:
-        """Any file, whatever it says; None (and an error) when it cannot be read."""
+        """Read any file; None (and an error) when that fails."""
         source, problems = read_source(path)
         self.problems += problems
         return Opened(self, source, None) if source is not None else None
 
     def open(self, model: type[ModelType], path: Path | None) -> Opened[ModelType] | None:
-        """A file as `model`; None (and errors) when it is not one; None without a path."""
+        """Read a file as `model`; None (and errors) when it is not valid; None without a path."""
         read = self.read(path) if path is not None else None
         if read is None:
             return None
@@ -49,26 +49,26 @@ class Context:
 
 @dataclass(frozen=True, slots=True)
 class Opened(Generic[Content]):
-    """A file and what it says; what is wrong with it goes to its context."""
+    """A file with its content; problems are added to its context."""
 
     context: Context
     source: SourceFile
     content: Content
 
     def error(self, key: Key, text: str, allowed: str = "") -> None:
-        """An error at a place of this file."""
+        """Add an error at a key of this file."""
         self.context.problems.append(self.source.problem(key, text, allowed=allowed))
 
     def warning(self, key: Key, text: str, allowed: str = "") -> None:
-        """A warning at a place of this file."""
+        """Add a warning at a key of this file."""
         self.context.problems.append(self.source.problem(key, text, allowed=allowed, severity=WARNING))
 
     def note(self, text: str) -> None:
-        """What is worth knowing, and no mistake."""
+        """Add a note, which is no mistake."""
         self.context.notes.append(text)
 
     def find(self, key: Key, *names: str, beside: tuple[Path, ...] = ()) -> Path | None:
-        """The file called by one of `names`, looked for beside this one, or in `beside`, first; None with an error."""
+        """Find a file by one of `names`, first in `beside` (default: this file's folder); None with an error."""
         where = self.context.search.first(*(beside or (self.source.path.parent,)))
         found = where.find(*names)
         if found is None:
@@ -79,5 +79,5 @@ class Opened(Generic[Content]):
         return found
 
     def open(self, model: type[ModelType], key: Key, *names: str) -> Opened[ModelType] | None:
-        """The file that `find` finds, as `model`; None (and errors) without it or when it is not one."""
+        """Find and read a file as `model`; None (and errors) when it is missing or not valid."""
         return self.context.open(model, self.find(key, *names))

@@ -1,4 +1,4 @@
-"""The controllers of one emulated bus: what its IO files use, changed and added to by `trocar.emulation`."""
+"""The controllers of one emulated bus: those in its IO files, modified and extended by `trocar.emulation`."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ Keys = TypeVar("Keys", bound=Section)
 
 EMULATION: Key = ("trocar", "emulation")
 BOARDS = 16
-USUAL, OF_ETHERNET = 8, 9  # the oldest firmware that all hardware has; the only one that needs no FireWire
+USUAL, OF_ETHERNET = 8, 9  # the oldest firmware for all hardware; the only one without need for FireWire
 _UNKNOWN = "HARDWARE_UNDEFINED"
 
 
 @dataclass(frozen=True, slots=True)
 class BusPlace:
-    """One emulated bus, what is said of it, and where mistakes are reported."""
+    """One emulated bus with its keys, and the files in which mistakes are reported."""
 
     system: SystemFiles
     name: str
@@ -41,37 +41,37 @@ class BusPlace:
 
     @property
     def options(self) -> EmulationOptions:
-        """What is said of all buses."""
+        """The keys for all buses."""
         return self.system.options.emulation
 
     @property
     def key(self) -> Key:
-        """Where the system file speaks of this bus."""
+        """The key of this bus in the system file."""
         return (*EMULATION, "buses", self.name)
 
     def of_board(self, board: int) -> ControllerKeys:
-        """All that is said of a board, whether of it, of its bus or of all."""
+        """The keys of a board, merged with those of its bus and those for all."""
         own = self.keys.controllers.get(str(board), ControllerKeys())
         return _merged(ControllerKeys, self.options, self.keys, own)
 
     @property
     def of_bus(self) -> NetworkKeys:
-        """All that is said of this bus, whether of it or of all."""
+        """The keys of this bus, merged with those for all."""
         return _merged(NetworkKeys, self.options, self.keys)
 
     @property
     def ethernet(self) -> bool:
-        """Whether every board is on the network by itself."""
+        """Whether each board has its own network address."""
         return self.of_bus.network == "ethernet"
 
     def where(self, name: str, board: int | None = None) -> Key:
-        """Where a bus or one of its boards gets this value from: the nearest place that has the key."""
+        """The origin of a value of a bus, or of one of its boards: the nearest level that has the key."""
         nearest = ((*self.key, "controllers", str(board)), self.key, EMULATION)
         return next(((*key, name) for key in nearest if self.system.source.has((*key, name))), self.key)
 
 
 def _merged(model: type[Keys], *levels: Section) -> Keys:
-    """What is said on several levels, the last being the nearest."""
+    """Merge the keys of several levels; later levels take precedence."""
     reported: dict[str, Any] = {}
     for level in levels:
         for name in model.model_fields:
@@ -84,7 +84,7 @@ def _merged(model: type[Keys], *levels: Section) -> Keys:
 
 
 def controllers(place: BusPlace) -> tuple[document.Controller, ...]:
-    """Every board that an IO file uses or the section names; by board id, the hub first."""
+    """All boards in IO files or in the section; by board id, the hub first."""
     hardware = _hardware_of_files(place)
     rows = []
     for name in place.keys.controllers:
@@ -140,7 +140,7 @@ def _usual_fpga(place: BusPlace, hardware: str, firmware: int) -> str:
 
 
 def _check_made(place: BusPlace, board: int, hardware: str, firmware: int, fpga: str) -> None:
-    """Whether there is such a firmware for this board, and whether it can do without FireWire where it has to."""
+    """Check that the firmware exists for this board, and that it works without FireWire if the bus has none."""
     who = f"board {board} of {place.name}"
     firmware_key, fpga_key = place.where("firmware", board), place.where("fpga", board)
     made = MADE_FOR[hardware]
@@ -158,7 +158,7 @@ def _check_made(place: BusPlace, board: int, hardware: str, firmware: int, fpga:
 
 
 def _check_axes(place: BusPlace, board: int, hardware: str) -> None:
-    """A file that does not state its hardware may use axes that the hardware we take it for has not."""
+    """Check the axes in a file without hardware version against the assumed hardware."""
     for opened in place.files:
         for index, robot in enumerate(opened.content.robots):
             used = [part.axis_id for _, part in parts_of(index, robot) if part.board_id == board]
@@ -176,7 +176,7 @@ def _qla(place: BusPlace, board: int, hardware: str, firmware: int) -> str:
     usual = document.Controller(board).qla
     who = f"board {board} of {place.name}"
     if qla is not None and hardware == "dRA1":
-        if str(board) in key:  # what is said for all does not mean boards without a QLA
+        if str(board) in key:  # a key for all boards does not apply to those without a QLA
             place.system.error(key, f"{who} is a dRA1: it has no QLA", "nothing")
         return usual
     if qla == "1.5" and firmware == 7:
@@ -185,7 +185,7 @@ def _qla(place: BusPlace, board: int, hardware: str, firmware: int) -> str:
 
 
 def _robot_serial(place: BusPlace, board: int) -> str:
-    """What the memory of the Si arm that a board sits in says it is."""
+    """The identification in the memory of the Si arm that contains the board."""
     for opened in place.files:
         for index, robot in enumerate(opened.content.robots):
             if any(part.board_id == board for _, part in parts_of(index, robot)):
@@ -194,7 +194,7 @@ def _robot_serial(place: BusPlace, board: int) -> str:
 
 
 def check_broadcasts(place: BusPlace, rows: tuple[document.Controller, ...], protocol: str) -> None:
-    """Boards on one bus understand one another's broadcasts only when all have Rev 7 or none has."""
+    """Check broadcasts: boards on one bus understand those of others only if all have Rev 7, or none has."""
     old = [row.board_id for row in rows if row.firmware == 7]
     if protocol != "sequential-read-write" and old and len(old) < len(rows):
         key = place.where("firmware", old[0])
@@ -203,7 +203,7 @@ def check_broadcasts(place: BusPlace, rows: tuple[document.Controller, ...], pro
 
 
 def check_hub_memory(place: BusPlace, rows: tuple[document.Controller, ...]) -> None:
-    """One broadcast query must have room for all boards of a bus in hub memory, and in a block."""
+    """Check that hub memory, and a block, have room for the replies of all boards to a broadcast query."""
     quads = blocks.hub_read_quads_of((row.firmware, row.hardware) for row in rows)
     if quads > blocks.MAX_HUB_QUADS:
         key = (*place.key, "controllers") if place.keys.controllers else place.key

@@ -1,4 +1,4 @@
-"""From the models of files to the values of the document: by name, but for what files say in another way."""
+"""Converts models of files into values of the document: by name, with exceptions where files differ."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ T = TypeVar("T")
 
 
 def by_name(kind: type[T], *sections: Section, **others: Any) -> T:
-    """A value of the document: each field from the key of the same name, in upper or lower case, but for `others`.
+    """A value of the document: each field from the key of the same name, in upper or lower case, except `others`.
 
-    Of several sections that have a key the first one counts. Sections inside become the values that the fields hold.
+    If several sections have a key, the first one is used. Nested sections are converted as well.
     """
     hints = _hints(typing.cast(Any, kind))
     for section in sections:
@@ -49,7 +49,7 @@ def _value(hint: Any, given: Any) -> Any:
 
 
 def robot(keys: RobotKeys, source: str, lookup: str = "") -> document.Robot:
-    """One robot of an IO file; `lookup` is the table of its potentiometers, where they need one."""
+    """One robot of an IO file; `lookup`: the table of its potentiometers, if they need one."""
     pots = keys.potentiometers
     return by_name(
         document.Robot, keys, serial=keys.serial_number, hardware=keys.hardware_version,
@@ -72,13 +72,13 @@ def _brake(keys: BrakeKeys) -> document.Brake:
 
 
 def digital_input(keys: DigitalInputKeys) -> document.DigitalInput:
-    """One button."""
+    """One button or switch."""
     return by_name(document.DigitalInput, keys, debounce_s=keys.debounce_time,
                    debounce_click_s=keys.debounce_time_click)
 
 
 def digital_output(keys: DigitalOutputKeys, robots: Collection[str]) -> document.DigitalOutput:
-    """One digital output; io sets the brakes of the setup joints under one of its `robots` by itself."""
+    """One digital output; io itself sets those for brakes of setup joints under one of its `robots`."""
     robot = keys.name.removesuffix(f"_{SETUP_BRAKE}")
     is_brake = robot != keys.name and robot in robots
     return by_name(
@@ -101,7 +101,7 @@ def links(keys: DhKeys) -> tuple[document.DhLink, ...]:
 
 
 def _inertia(keys: LinkKeys) -> document.Matrix:
-    """The tensor in the axes of the link: the files state it in axes of its own, x1..x3 being the first one."""
+    """The inertia tensor in the axes of the link; files have it in its own axes, of which x1..x3 is the first."""
     own = np.array(
         [[keys.Ixx, keys.Ixy, keys.Ixz], [keys.Ixy, keys.Iyy, keys.Iyz], [keys.Ixz, keys.Iyz, keys.Izz]], dtype=float
     )
@@ -110,7 +110,7 @@ def _inertia(keys: LinkKeys) -> document.Matrix:
 
 
 def tool(keys: ToolFile, name: str, source: str) -> document.Tool:
-    """An instrument, under the name it was asked for."""
+    """An instrument, with the name under which it was requested."""
     return document.Tool(
         name=name,
         links=links(keys.DH),

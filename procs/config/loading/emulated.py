@@ -1,4 +1,4 @@
-"""Emulated boards in the place of real ones: which buses, at which address, instead of what, and with which robots."""
+"""Emulated boards in place of real ones: their buses, addresses and robots."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _NAME = re.compile(r"[A-Za-z0-9_-]{1,40}\Z")
 
 
 def default_addresses(system_name: str) -> Callable[[int], str]:
-    """Address of the bus with index 0, 1, …: in a part of 127/8 that depends on the name of the system."""
+    """Addresses of buses by index 0, 1, …, in a part of 127/8 that depends on the name of the system."""
     digest = hashlib.sha256(system_name.encode()).digest()
     first, second = 1 + digest[0] % 254, digest[1]
     return lambda index: f"127.{first}.{second}.{16 * (index + 1)}"
@@ -47,9 +47,9 @@ def default_addresses(system_name: str) -> Callable[[int], str]:
 def build_emulation(
     system: SystemFiles, arms: list[LoadedArm], address: Callable[[int], str]
 ) -> document.EmulationConfig | None:
-    """The emulation of all buses, or, without any, of those the section names; says in the notes what it replaced.
+    """The emulation of all buses, or, without any, of those in the section; notes the replaced ports.
 
-    None when there is no controller at all.
+    None when there is no controller.
     """
     options = system.options.emulation
     rows: list[document.BusConfig] = []
@@ -77,7 +77,7 @@ def build_emulation(
 
 
 def ports_of(buses: Iterable[document.BusConfig]) -> dict[str, str]:
-    """By IO, the ports under which a host on this machine finds emulated buses, but for those on raw Ethernet."""
+    """Ports of emulated buses by IO, for hosts on this machine; without those on raw Ethernet."""
     return {bus.io: _port_of(bus) for bus in buses if not bus.address.startswith(RAW)}
 
 
@@ -88,7 +88,7 @@ def _port_of(bus: document.BusConfig) -> str:
 
 
 def _could_do_without_firewire(bus: document.BusConfig) -> bool:
-    """And would, where the port does not say otherwise."""
+    """Whether its boards can be addressed without FireWire; then the host does so unless the port forces FireWire."""
     return bus.controllers[0].firmware >= 9 and bus.controllers[0].fpga == "V3"
 
 
@@ -135,7 +135,7 @@ def _note(place: BusPlace, bus: document.BusConfig, files: BusFiles | None) -> N
 
 
 def _check_raw_port(place: BusPlace, bus: document.BusConfig, files: BusFiles) -> None:
-    """Nobody but the system file can know at which interface the host hears the boards: its port stays."""
+    """Check the port of a bus on raw Ethernet, which is not replaced: only the system file knows the interface."""
     key: Key = (*files.key, "port")
     if not files.keys.port.startswith("eth"):
         text = f"the emulated boards of {place.name} are on raw Ethernet ({bus.address})"
@@ -145,7 +145,7 @@ def _check_raw_port(place: BusPlace, bus: document.BusConfig, files: BusFiles) -
 
 
 def _check_addresses(places: list[BusPlace], rows: list[document.BusConfig]) -> None:
-    """From Rev 9 on a board's address is that of its bus plus its board id; no two buses may meet there."""
+    """Check that addresses of buses do not overlap: from Rev 9 on a board has the address of its bus plus its id."""
     taken: dict[IPv4Address, str] = {}
     interfaces: dict[str, str] = {}
     place_of = {place.name: place for place in places}
@@ -168,7 +168,7 @@ def _check_addresses(places: list[BusPlace], rows: list[document.BusConfig]) -> 
         if shift > room:
             text = f"board {shift} of {bus.io} has this address plus {shift}: it leaves its block"
             place.system.error(key, text, f"up to {base + room - shift}")
-        count = BOARDS if bus.network == "ethernet" else shift + 1  # what is for all is known by its sender there
+        count = BOARDS if bus.network == "ethernet" else shift + 1  # there, broadcasts are assigned by their sender
         for own in (base + number for number in range(count)):
             if own in taken:
                 place.system.error(key, f"{own} belongs to {taken[own]}", "addresses of its own for every bus")
@@ -219,7 +219,7 @@ def _model_variations(system: SystemFiles) -> tuple[document.ModelVariation, ...
 def setup_joints_of(
     system: SystemFiles, emulation: document.EmulationConfig, ios: Sequence[document.IoConfig]
 ) -> tuple[emulated.EmulatedSetupJoints, ...]:
-    """The Classic setup joints among the arms that the emulated boards of `ios` have."""
+    """The Classic setup joints on the emulated boards of `ios`."""
     found = []
     for index, keys in enumerate(system.content.arms):
         if keys.type == "SUJ_Classic" and keys.IO and keys.arm_file and keys.simulation == "NONE":

@@ -1,4 +1,4 @@
-"""The instruments of a PSM: all of the tool indexes, the one its file names, the one emulated boards find in it."""
+"""The instruments of a PSM: all in the tool indexes, that of its file, and the one inserted on emulated boards."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Listed:
 
 @dataclass(frozen=True, slots=True)
 class PsmTools:
-    """What a PSM carries always, and everything it can be told to carry."""
+    """A PSM's fixed instrument, and all instruments that can be selected."""
 
     fixed: document.Tool | None
     all: tuple[document.Tool, ...]
@@ -41,7 +41,7 @@ class PsmTools:
 def psm_tools(system: SystemFiles, arm: str, opened: Opened[PsmFile]) -> PsmTools:
     """The instruments of the arm called `arm`.
 
-    With FIXED detection, those of the index that are neither named nor inserted are not read.
+    With FIXED detection, only the one in its file and the inserted one are read.
     """
     listed = listed_for(opened)
     fixed = psm_tool(opened, listed)
@@ -55,7 +55,7 @@ def psm_tools(system: SystemFiles, arm: str, opened: Opened[PsmFile]) -> PsmTool
 
 
 def psm_tool(opened: Opened[PsmFile], listed: tuple[Listed, ...] | None = None) -> document.Tool | None:
-    """The tool an arm file names, required when detection is FIXED."""
+    """The tool named in an arm file, required when detection is FIXED."""
     content = opened.content
     if not content.tool:
         if content.tool_detection == "FIXED":
@@ -85,7 +85,7 @@ def listed_for(opened: Opened[PsmFile]) -> tuple[Listed, ...]:
 
 
 def check_index(opened: Opened[ToolIndexFile]) -> bool:
-    """Whether one entry at most is good for every name, model and version."""
+    """Whether at most one entry covers each name, model and version."""
     fine, rows = True, opened.content.instruments
     for number, row in enumerate(rows):
         key: Key = ("instruments", number)
@@ -104,7 +104,7 @@ def check_index(opened: Opened[ToolIndexFile]) -> bool:
 
 
 def file_of(context: Context, index: Path, file: str) -> Path | None:
-    """The file an entry of an index names, beside it or on the search path."""
+    """The file of an index entry, in the folder of the index or on the search path."""
     return context.search.first(index.parent).find(file, f"tool/{file}")
 
 
@@ -114,7 +114,7 @@ def _versions(row: InstrumentKeys) -> tuple[float, float]:
 
 def _named(opened: Opened[PsmFile], listed: tuple[Listed, ...], asked_by: Opened[object], key: Key,
            name: str) -> document.Tool | None:
-    """The tool called `name`; None with an error where it is asked for."""
+    """The tool called `name`; None with an error at the key that requests it."""
     found = find(name, listed)
     if found.note:
         opened.note(f"{asked_by.source.path.name}: {key[-1]} {name} {found.note}")
@@ -128,7 +128,7 @@ def _named(opened: Opened[PsmFile], listed: tuple[Listed, ...], asked_by: Opened
 
 
 def _loadable(opened: Opened[PsmFile], listed: tuple[Listed, ...], arm: str) -> list[document.Tool]:
-    """All instruments that have a file; the others are noted."""
+    """All instruments whose files exist; the others are noted."""
     tools, missing = [], []
     for entry in listed:
         path = file_of(opened.context, entry.index, entry.keys.file)

@@ -1,4 +1,4 @@
-"""What must hold inside an IO file and between the IO files of one bus, beyond the types of their values."""
+"""Consistency checks within an IO file and between the IO files of one bus."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from trocar.procs.config.read.problem import Key
 IoOpened = Opened[IoFile]
 
 AXES = {"QLA1": 4, "DQLA": 8, "dRA1": 10, "HARDWARE_UNDEFINED": 10}
-_MIN_FOR_CALIBRATION = 3  # with fewer actuators equal offsets are no sign of a missing calibration
+_MIN_FOR_CALIBRATION = 3  # with fewer actuators, equal offsets do not prove a missing calibration
 _SCALE_TOLERANCE = 0.05
 
 
 def check_io_file(opened: IoOpened) -> None:
-    """Counts, axes, calibration and scales of every robot in one file."""
+    """Check counts, axes, calibration and scales of every robot in one file."""
     for index, robot in enumerate(opened.content.robots):
         key: Key = ("robots", index)
         _check_counts(opened, key, robot)
@@ -39,7 +39,7 @@ def check_io_file(opened: IoOpened) -> None:
 
 
 def check_bus(files: list[IoOpened]) -> None:
-    """Between all files of one bus: names, axes and hardware versions that exclude each other."""
+    """Check all files of one bus for conflicting names, axes and hardware versions."""
     used: dict[tuple[object, object], str] = {}
     hardware: dict[int, tuple[str, str]] = {}
     for opened in files:
@@ -58,7 +58,7 @@ def check_bus(files: list[IoOpened]) -> None:
 
 
 def board_ids(content: IoFile) -> dict[int, str]:
-    """Every board a file uses (robots, brakes, inputs, outputs, instrument memories) and its hardware version."""
+    """All boards that a file uses (robots, brakes, inputs, outputs, instrument memories), with hardware versions."""
     boards: dict[int, str] = {}
     for robot in content.robots:
         for _, part in parts_of(0, robot):
@@ -90,7 +90,7 @@ def _names(content: IoFile) -> Iterator[tuple[str, Key, str]]:
 
 
 def parts_of(index: int, robot: RobotKeys) -> Iterator[tuple[Key, ActuatorKeys | BrakeKeys]]:
-    """Everything of a robot that hangs on an axis of a board, and where it stands in the file."""
+    """All actuators and brakes of a robot, with their keys in the file."""
     for number, actuator in enumerate(robot.actuators):
         yield ("robots", index, "actuators", number), actuator
     for number, brake in enumerate(robot.brakes):
@@ -116,7 +116,7 @@ def _check_axes(opened: IoOpened, index: int, robot: RobotKeys) -> None:
 
 
 def _check_calibration(opened: IoOpened, key: Key, robot: RobotKeys) -> None:
-    """Equal current offsets everywhere mean that nobody measured them: the motors would pull when asked for nothing."""
+    """Check calibration: equal current offsets were not measured, and motors would pull at zero effort."""
     if robot.hardware_version == "dRA1":
         return
     is_calibrating = opened.context.calibration_mode
@@ -153,7 +153,7 @@ def _check_potentiometers(opened: IoOpened, key: Key, robot: RobotKeys) -> None:
 
 
 def _check_drive(opened: IoOpened, key: Key, drive: DriveKeys) -> None:
-    """Commanding and measuring must agree, above all in sign."""
+    """Check that the scales of command and measurement agree, above all in sign."""
     product = drive.current_to_bits.scale * drive.bits_to_current.scale
     if not product > 0.0:
         where = (*key, "bits_to_current", "scale")

@@ -1,4 +1,4 @@
-"""Any configuration file by itself: which kind it is, and everything that is wrong with it and what it names."""
+"""Checks of any configuration file by itself: its kind, and all problems of the file and of those that it names."""
 
 from __future__ import annotations
 
@@ -46,14 +46,14 @@ HEADS = {
     "pid": {"$id": "saw-controllers-pid.schema.json", "$version": "1"},
     **{name.lower(): {"$id": f"dvrk-{name.lower()}.schema.json", "$version": "1"} for name in ARM_TYPES},
 }
-"""What files of these kinds say first; others say nothing."""
+"""First keys of these kinds of files; other kinds have none."""
 
 _IDS = {head["$id"]: kind for kind, head in HEADS.items()}
 
 
 @dataclass(frozen=True, slots=True)
 class Checked:
-    """What one file turned out to be, and what was found."""
+    """The result of a check: kind of the file, problems and notes."""
 
     path: Path
     kind: str
@@ -65,10 +65,10 @@ def check_file(
     path: Path, *, search: Sequence[Path] = (), boards: str | None = None, sets: Sequence[str] = (),
     configs: Path = PROJECT_CONFIGS,
 ) -> Checked:
-    """Check one file of any kind; `search`, `boards` and `sets` are what `--path`, `--boards` and `--set` give `up`.
+    """Check one file of any kind; `search`, `boards` and `sets` are the options `--path`, `--boards`, `--set` of `up`.
 
-    `path` itself is looked for there and in `configs`, too. A system with buses is checked with emulated boards as
-    well: what is wrong with those alone is a warning.
+    `path` itself is also searched there and in `configs`. A system with buses is also checked with emulated boards;
+    problems that occur only then are warnings.
     """
     path = given_file(path, search, configs)
     if not path.exists():

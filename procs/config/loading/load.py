@@ -1,4 +1,4 @@
-"""A system file with everything it names becomes one document, or a list of everything that is wrong with it."""
+"""Loads a system file, with all files that it names, into one document, or into a list of all problems."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _SYSTEM_ID = "dvrk-system.schema.json"
 
 @dataclass(frozen=True, slots=True)
 class Loaded:
-    """A loaded system: no document when there are errors."""
+    """A loaded system; no document if there are errors."""
 
     system: document.SystemConfig | None
     warnings: tuple[FileProblem, ...]
@@ -60,10 +60,10 @@ def load_system(
 ) -> Loaded:
     """Load a system file (JSON or YAML) and all files it names; nothing is written.
 
-    `search` is what `--path` gives, `boards` "emulated" or None (as the file says), `sets` the `--set` options, `name`
-    the system's name (default: the file's), `bus_address` gives the 127/8 address of every emulated bus by its index,
-    `cores` the processors of each core of this machine, where processes are to be placed on them; `records`: there is a
-    recorder where the file does not say.
+    `search`: folders of `--path`; `boards`: "emulated", or None for the file's setting; `sets`: the `--set` options;
+    `name`: the system's name (default: the file's); `bus_address`: the 127/8 address of each emulated bus by index;
+    `cores`: the processors of each core of this machine, to place processes on them; `records`: whether there is a
+    recorder by default.
     """
     context = Context(search_beside([Path(path)], search, configs))
     read = context.read(Path(path))
@@ -76,7 +76,7 @@ def load_system(
 
 
 def _opened(read: Opened[None], boards: str | None, sets: Mapping[str, str] | Sequence[str]) -> SystemFiles | None:
-    """The system file with its `trocar:` section; None with errors that leave nothing to load."""
+    """The system file with its `trocar:` section; None if errors prevent loading."""
     context = read.context
     if "$id" not in read.source.data and _OLD_KEYS & set(read.source.data):
         text = "this is a console file from before dVRK 2.4, which is not read"
@@ -113,7 +113,7 @@ def _load(
     system: SystemFiles, name: str | None, bus_address: Callable[[int], str] | None, cores: Sequence[Core],
     records: bool,
 ) -> document.SystemConfig | None:
-    """The document of all files that the system names, in the order in which they name each other."""
+    """The document of all files that the system names, loaded in the order of their references."""
     load_buses(system)
     arms = load_arms(system)
     carts = load_carts(system)
@@ -160,14 +160,14 @@ def _load(
     )
     places = placement(system, made, cores)
     processes = build_processes(system, made, places)
-    if emulation is not None:  # their file is read last
+    if emulation is not None:  # the file of setup joints is read last
         joints = setup_joints_of(system, emulation, emulation.ios or ios)
         emulation = dataclasses.replace(emulation, setup_joints=joints)
     return dataclasses.replace(made, emulation=emulation, processes=processes, cpus=places.others)
 
 
 def _check_accounts(system: SystemFiles) -> None:
-    """Who else may attach must be known to this machine, or shared memory could not be given to them."""
+    """Check that the configured group and user exist on this machine, so that they can be given access."""
     options = system.options
     groups, users = ("group", options.group, grp.getgrnam), ("service_user", options.service_user, pwd.getpwnam)
     for key, name, find in (groups, users):
@@ -180,7 +180,7 @@ def _check_accounts(system: SystemFiles) -> None:
 
 
 def _with_settings(system: SystemFiles) -> SearchPath:
-    """settings.path comes after the folder of the system file, and is meant relative to it or to the working folder."""
+    """The search path with settings.path, after the system file's folder; relative to that or the working folder."""
     folders = system.context.search.folders
     beside = system.source.path.parent
     more: list[Path] = []
@@ -195,7 +195,7 @@ def _with_settings(system: SystemFiles) -> SearchPath:
 
 
 def _check_names(system: SystemFiles) -> None:
-    """Every instance needs a name of its own: it names its process, its topics and its shared memory."""
+    """Check that instances have unique names, which are used for processes, topics and shared memory."""
     content = system.content
     seen: dict[str, str] = dict.fromkeys(sorted(RESERVED), "a process of Trocar")
     if any(row.simulation == KINEMATIC for row in content.arms):
@@ -213,7 +213,7 @@ def _check_names(system: SystemFiles) -> None:
     robots: dict[tuple[str, str], str] = {}
     for index, arm in enumerate(content.arms):
         robot = (arm.IO, arm.name_on_IO or arm.name)
-        if arm.simulation == KINEMATIC:  # nothing of it is on a bus
+        if arm.simulation == KINEMATIC:  # not on a bus
             continue
         if arm.IO and robot in robots:
             key = ("arms", index, "name_on_IO" if arm.name_on_IO else "name")
@@ -224,7 +224,7 @@ def _check_names(system: SystemFiles) -> None:
 def _with_boards(
     system: SystemFiles, arms: list[LoadedArm], carts: tuple[document.Cart, ...], address: Callable[[int], str]
 ) -> tuple[tuple[document.IoConfig, ...], document.EmulationConfig | None]:
-    """What the processes `io` drive: buses, and KINEMATIC arms; and what is emulated in the place of boards."""
+    """The rows of `io` processes, for buses and KINEMATIC arms, and the emulation of boards, if any."""
     started = [loaded for loaded in arms if loaded.starts]
     real = [loaded for loaded in arms if not loaded.is_kinematic]
     for bus in system.buses.values():
@@ -248,8 +248,7 @@ def _with_boards(
 
 def _usual_clock(system: SystemFiles, ios: tuple[document.IoConfig, ...], carts: tuple[document.Cart, ...],
                  third_parties: tuple[document.ThirdParty, ...]) -> str:
-    """The clock where none is stated: what is not real waits for a busy machine. Users' processes alone wait for none.
-    """
+    """The default clock: real time with real devices, third-party programs, or no robot at all; otherwise paced."""
     if not system.emulated and (any(io.port for io in ios) or any(cart.simulation == "NONE" for cart in carts)):
         return document.WALL
     if not system.emulated and not ios and not carts:
@@ -262,7 +261,7 @@ def _usual_clock(system: SystemFiles, ios: tuple[document.IoConfig, ...], carts:
 
 
 def _io(system: SystemFiles, bus: BusFiles, arms: list[LoadedArm], ports: Mapping[str, str]) -> document.IoConfig:
-    """The bus with everything in its files, robots of these arms first, and the joint controllers of these arms."""
+    """The io of a bus: contents of its files, robots of these arms first, with the arms' joint controllers."""
     keys, options = bus.keys, system.options
     mine = sorted((loaded for loaded in arms if loaded.arm.io == keys.name), key=lambda loaded: not loaded.starts)
     robots = {loaded.robot.name: loaded.robot for loaded in mine}
@@ -287,7 +286,7 @@ def _io(system: SystemFiles, bus: BusFiles, arms: list[LoadedArm], ports: Mappin
 
 
 def _kinematic(system: SystemFiles, arms: list[LoadedArm]) -> tuple[document.IoConfig, ...]:
-    """The process that plays the robots of KINEMATIC arms, where there are any; the shortest `PID_period` holds."""
+    """The io of KINEMATIC arms, if there are any; its period is the shortest `PID_period`."""
     if not arms:
         return ()
     options = system.options.io

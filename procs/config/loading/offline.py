@@ -20,12 +20,12 @@ from trocar.procs.machine.paths import PROJECT_CONFIGS, given_file, not_found
 from trocar.procs.tables.arm_types import ARM_TYPES, class_of
 
 BY_JOINTS = {row.joints: name for name, row in ARM_TYPES.items()}
-"""What a kinematic file without an arm file is taken for, by its joints; others can be nothing but computed."""
+"""Assumed arm type of a kinematic file without an arm file, by its number of joints; others are bare chains."""
 
 
 @dataclass(frozen=True, slots=True)
 class OfflineArm:
-    """What can be computed with. `weights` are the links with their masses, None where no file has any."""
+    """An arm for calculations. `weights`: the links with masses; None if no file has any."""
 
     kind: str  # PSM, ECM, MTM, or "" for a chain that is no arm's
     chain: document.Chain
@@ -40,9 +40,9 @@ def load_offline(
     kinematic: Path | None, tool: Path | None, arm: Path | None, *, search: Sequence[Path] = (),
     configs: Path = PROJECT_CONFIGS,
 ) -> tuple[OfflineArm | None, tuple[FileProblem, ...]]:
-    """An arm from a kinematic file or an arm file, or both: what is given by itself takes the place of what it names.
+    """An arm from a kinematic file or an arm file, or both; a given file replaces the one named in the arm file.
 
-    None with errors. `search` is what `--path` gives; the files themselves are looked for there and in `configs`, too.
+    None with errors. `search`: the folders of `--path`; the files themselves are also searched there and in `configs`.
     """
     kinematic, tool, arm = (given_file(path, search, configs) if path is not None else None
                             for path in (kinematic, tool, arm))

@@ -1,4 +1,4 @@
-"""What the `trocar:` section says in another way: `--set key=value` on the command line, and lists of processes."""
+"""Other notations for the `trocar:` section: `--set key=value` on the command line, and lists of processes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _PROCESSES: Key = (SECTION, "processes")
 
 def apply_overrides(source: SourceFile, sets: Mapping[str, str] | Sequence[str]) -> tuple[SourceFile,
                                                                                           list[FileProblem]]:
-    """`source` with every `--set` written into its `trocar` section; keys with or without the leading `trocar.`."""
+    """`source` with all `--set` options in its `trocar` section; keys may have a leading `trocar.`."""
     problems: list[FileProblem] = []
     pairs: list[tuple[str, str]] = []
     if isinstance(sets, Mapping):
@@ -69,7 +69,7 @@ def _write(data: dict[str, object], key: tuple[str, ...], value: object) -> bool
     return True
 
 def with_named_processes(system: Opened[None]) -> SourceFile:
-    """A list of processes with names means the same as an object with these names as keys."""
+    """Convert a list of processes with names into the equivalent object with these names as keys."""
     source = system.source
     rows = source.at(_PROCESSES)
     section = source.at((SECTION,))

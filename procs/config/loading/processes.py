@@ -1,8 +1,8 @@
-"""The processes of a system, one row an instance, in the order in which they start; and which cores each may run on.
+"""The processes of a system, one row per instance in start order, and their placement on cores.
 
-Each bus has a core to itself, what moves robots comes next, the rest keeps away. Only where time is real, boards are,
-and there are four cores or more; a `cpu` that a file gives to a process counts before all that. The first cores are for
-everything else, as those are where interrupts and other programs usually run.
+Each bus gets a core of its own, processes that move robots share others, and the rest uses none of these. This applies
+only with real time, real boards, and at least four cores; a `cpu` in a file takes precedence. The first cores are for
+the rest, because interrupts and other programs usually run there.
 """
 
 from __future__ import annotations
@@ -20,35 +20,35 @@ from trocar.procs.tables.manifest import PROCS, Proc, proc
 
 HIGHEST: Final = 98
 ABOVE: Final = 5
-_DECLARED: Final = {"module", "topics", "commands", "properties", "host"}  # of a process of one's own
+_DECLARED: Final = {"module", "topics", "commands", "properties", "host"}  # of a user's process
 LEAST: Final = 4
 ROBOTS: Final = ("io", "arm", "above arms")
-"""Whose priority is one of these moves robots; an io without boards needs no core of its own."""
+"""Priorities of processes that move robots; an io without boards needs no core of its own."""
 Core = tuple[int, ...]
-"""Numbers of the processors that are one core (with hyper-threading two)."""
+"""Numbers of the processors of one core (two with hyper-threading)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """Processors by number; empty: any."""
+    """Processors for ios, other processes that move robots, and the rest, by number; empty: any."""
 
     ios: Mapping[str, Core] = field(default_factory=dict)
     robots: tuple[int, ...] = ()
     others: tuple[int, ...] = ()
 
     def of(self, kind: Proc, name: str) -> tuple[int, ...]:
-        """Of an instance."""
+        """The processors of an instance."""
         return self.ios.get(name) or (self.robots if kind.priority in ROBOTS else self.others)
 
 
 def placed(cores: Sequence[Core], ios: Mapping[str, int | None]) -> Placement:
-    """`ios`: each bus, with the processor that a file gives it. Nobody is placed on fewer than LEAST cores."""
+    """The placement on these cores; none with fewer than LEAST. `ios`: buses, with processors given in files."""
     if len(cores) < LEAST or not ios:
         return Placement()
     taken = {cpu for cpu in ios.values() if cpu is not None}
     free = [core for core in cores if not taken & set(core)]
     unplaced = [name for name, cpu in ios.items() if cpu is None]
-    own = free[max(len(free) - len(unplaced), 2) :]  # two are left at least: for robots, and for the others
+    own = free[max(len(free) - len(unplaced), 2) :]  # leaves at least two: for robots, and for the others
     if len(free) < 2 or len(own) < len(unplaced):
         return Placement()  # more buses than cores
     rest = free[: len(free) - len(own)]
@@ -63,9 +63,9 @@ def _all(cores: Sequence[Core]) -> tuple[int, ...]:
 
 def build_processes(system: SystemFiles, made: document.SystemConfig,
                     places: Placement) -> tuple[document.Process, ...]:
-    """All instances of all kinds, see `trocar.procs.tables.manifest`; `places`: what `placement` says.
+    """All instances of all kinds, see `trocar.procs.tables.manifest`; `places`: the result of `placement`.
 
-    Third-party programs are listed, too: nobody here starts them, but they have places of their own.
+    Third-party programs are included: they are started elsewhere, but have places in the system.
     """
     found = [(kind, row) for kind in PROCS for row in kind.instances(made)]
     known = dict.fromkeys(row.name for _, row in found)
@@ -85,7 +85,7 @@ def build_processes(system: SystemFiles, made: document.SystemConfig,
                                  cpus=places.of(kind, row.name) if cpu is None else (cpu,),
                                  start=row.start or kind.start, host=hosts.get(row.name, ""), listen=row.listen)
         rows.append(_with_options(usual, system.own(row.name)))
-    waits = {row.name for row in rows if row.start == ON_DEMAND}  # for somebody who wants it: nobody waits for it
+    waits = {row.name for row in rows if row.start == ON_DEMAND}  # no process waits for one on demand
     given = tuple(dataclasses.replace(row, after=tuple(name for name in row.after if name not in waits))
                   for row in rows)
     _check_demand(system, given)
@@ -93,7 +93,7 @@ def build_processes(system: SystemFiles, made: document.SystemConfig,
 
 
 def _check_demand(system: SystemFiles, rows: tuple[document.Process, ...]) -> None:
-    """What drives a robot is always there, and takes no connections; an address is one process's."""
+    """Check start and listen: processes that drive a robot run always and do not listen; addresses are unique."""
     taken: dict[str, str] = {}
     for row in rows:
         key = ("trocar", "processes", row.name)
@@ -110,7 +110,7 @@ def _check_demand(system: SystemFiles, rows: tuple[document.Process, ...]) -> No
 
 
 def placement(system: SystemFiles, made: document.SystemConfig, cores: Sequence[Core]) -> Placement:
-    """Where processes run whose `cpu` nobody gives: nowhere in particular unless boards and time are real."""
+    """The placement of processes without a `cpu` in files: on any core, unless boards and time are real."""
     if system.options.placement == "none" or made.emulation is not None or made.clock != document.WALL:
         return Placement()
     own = {io.name: system.own(io.name).cpu for io in made.ios if io.port}
@@ -118,9 +118,9 @@ def placement(system: SystemFiles, made: document.SystemConfig, cores: Sequence[
 
 
 def _scheduled(priority: str, options: TrocarSection) -> tuple[int, int | None]:
-    """(priority, core) as the manifest names it."""
+    """(priority, core) for a priority in the manifest."""
     arm = options.arm
-    if priority == "least":  # above the other programs of the machine, which must not hold it up
+    if priority == "least":  # above other programs on the machine, which must not stall it
         return min(arm.priority, 1), None
     if priority == "above arms":
         return min(arm.priority + ABOVE, HIGHEST) if arm.priority else 0, arm.cpu
@@ -134,7 +134,7 @@ def _with_options(row: document.Process, own: ProcessKeys) -> document.Process:
     if (cpu := given.pop("cpu", None)) is not None:
         given["cpus"] = (cpu,)
     if "start" not in given and (row.listen or "listen" in given) and not proc(row.kind).realtime:
-        given["start"] = ON_DEMAND  # the first who connects starts it
+        given["start"] = ON_DEMAND  # the first client starts it
     if row.start == ELSEWHERE:
         given.pop("start", None)
     return dataclasses.replace(row, **given)

@@ -1,6 +1,6 @@
-"""Users' own code in the `trocar:` section: processes, arms of a `_DERIVED` type, tasks in the cycle of io.
+"""Users' code in the `trocar:` section: processes, arms of a `_DERIVED` type, tasks in io's cycle.
 
-It is found here, and what it declares is checked; none of it is run.
+The code is searched and its declarations are checked here, but it is not run.
 """
 
 from __future__ import annotations
@@ -50,7 +50,8 @@ _LARGEST_SHARE = 0.5  # of a period, for the tasks of one bus together
 
 
 def _module_of(system: Opened[object], key: Key, name: str) -> str:
-    """A file beside the system file, or in the working folder, as an absolute path; else an installed module's name."""
+    """The absolute path of a file in the system file's folder or the working folder; else an installed module's name.
+    """
     folder = system.source.path.resolve().parent
     file = expanded(name if name.endswith(".py") else f"{name.replace('.', '/')}.py")
     for path in (folder / file, Path.cwd() / file):
@@ -61,13 +62,13 @@ def _module_of(system: Opened[object], key: Key, name: str) -> str:
         system.error(key, "no such file", f"a file; relative paths are meant from {folder}")
     elif not all(part.isidentifier() for part in name.split(".")):
         system.error(key, "not the name of a module", "a path that ends in .py, or a name like my_lab.damping")
-    elif importlib.util.find_spec(name.split(".")[0]) is None:  # the first part alone: nothing is imported for it
+    elif importlib.util.find_spec(name.split(".")[0]) is None:  # only the first part: this imports nothing
         system.error(key, "no such module", f"a file in {folder}, or an installed module")
     return name
 
 
 def _check_syntax(system: Opened[object], key: Key, path: Path) -> None:
-    """That Python can read it; nothing of it is run."""
+    """Check the syntax of a file without running it."""
     try:
         ast.parse(path.read_bytes(), str(path))
     except SyntaxError as wrong:
@@ -80,7 +81,7 @@ def _check_syntax(system: Opened[object], key: Key, path: Path) -> None:
 
 
 def with_tasks(system: SystemFiles, ios: tuple[document.IoConfig, ...]) -> tuple[document.IoConfig, ...]:
-    """The buses with the tasks of their robots."""
+    """The ios with the tasks of their robots."""
     rows = system.options.io.tasks
     controlled = [pid.robot for io in ios for pid in io.pids]
     modules = [_module_of(system, (*_TASKS, index, "module"), row.module) for index, row in enumerate(rows)]
@@ -103,7 +104,7 @@ def with_tasks(system: SystemFiles, ios: tuple[document.IoConfig, ...]) -> tuple
 
 
 def _check_budgets(system: SystemFiles, io: document.IoConfig, tasks: list[document.TaskRow]) -> None:
-    """The joint controllers, the boards and everything else need their time, too."""
+    """Check that the tasks of an io leave enough time for joint controllers, boards and the rest."""
     together_s = sum(task.budget_s * len(task.robots) for task in tasks)
     if together_s > _LARGEST_SHARE * io.period_s:
         text = f"the budgets of {io.name} add up to {together_s * 1e6:.0f} µs (each robot counts)"
@@ -114,7 +115,7 @@ def _check_budgets(system: SystemFiles, io: document.IoConfig, tasks: list[docum
 
 
 def derived_class(system: SystemFiles, key: Key, keys: ArmKeys) -> str:
-    """The class that is an arm, as module:Class; "" where its type's own is."""
+    """The class of a derived arm, as module:Class; "" for the class of its type."""
     module, _, name = keys.component.rpartition(".")
     if not keys.type.endswith(DERIVED) or not module:
         return ""
@@ -124,7 +125,7 @@ def derived_class(system: SystemFiles, key: Key, keys: ArmKeys) -> str:
 
 
 def derived_commands(system: SystemFiles, keys: ArmKeys) -> tuple[UserCommand, ...]:
-    """The commands that it carries out besides those of every arm, as `trocar.processes` declares them."""
+    """The further commands of a derived arm, as declared in `trocar.processes`."""
     if not keys.type.endswith(DERIVED):
         return ()
     return _commands(system, (*_PROCESSES, keys.name, "commands"), system.own(keys.name).commands)
@@ -135,7 +136,8 @@ def derived_commands(system: SystemFiles, keys: ArmKeys) -> tuple[UserCommand, .
 
 def load_user_processes(system: SystemFiles, derived: Collection[str],
                         places: Collection[str]) -> tuple[UserProcess, ...]:
-    """Those with a module; `derived` arms have commands of their own, too, `places` are third-party arms and pedals."""
+    """Processes with a module; `derived`: arms that may have further commands, `places`: third-party arms and pedals.
+    """
     found = []
     for name, row in system.options.processes.items():
         key = (*_PROCESSES, name)
@@ -150,14 +152,14 @@ def load_user_processes(system: SystemFiles, derived: Collection[str],
 
 
 def _check_place(system: SystemFiles, key: Key, row: ProcessKeys) -> None:
-    """It has a record of its own already, and is silent when another process is."""
+    """Check a third-party arm or pedals: the topic `state` is taken, and it must not share a process."""
     _check_once(system, (*key, "topics"), [topic.name for topic in row.topics], {"state"})
     if row.host:
         system.error((*key, "host"), "it is an arm, or has pedals", "no host: a process of its own")
 
 
 def _check_host(system: SystemFiles, key: Key, row: ProcessKeys, name: str) -> float:
-    """The period of the process that calls its update, s."""
+    """Check the host of a filter; returns the period of that process, s."""
     host = system.own(name)
     if name in RESERVED or host.module is not None or host.host is not None:
         system.error((*key, "host"), "something else has this name",

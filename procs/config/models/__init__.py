@@ -1,1 +1,1 @@
-"""What each kind of configuration file may say."""
+"""Models of each kind of configuration file."""

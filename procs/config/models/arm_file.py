@@ -1,4 +1,4 @@
-"""Arm files (`dvrk-psm|ecm|mtm.schema.json`, version "1"): kinematics, tool and habits of one arm."""
+"""Arm files (`dvrk-psm|ecm|mtm.schema.json`, version "1"): kinematics, tool and behavior of one arm."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Pitch = Annotated[float, Field(ge=-3.2, le=3.2, description="rad")]
 
 
 class ArmFile(Section):
-    """What every arm file has."""
+    """Keys of all arm files."""
 
     id: str = Field(alias="$id")
     version: Annotated[Literal["1"], VersionAsText] = Field(alias="$version")

@@ -1,4 +1,4 @@
-"""What `trocar.socket` and `trocar.gui` may say: the bridge to programs elsewhere, and the web console."""
+"""The sections `trocar.socket`, `trocar.foxglove` and `trocar.gui`: socket bridge, Foxglove server and web console."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from trocar.procs.document.process import host_and_port
 
 
 def _as_addresses(value: object) -> object:
-    """One address stands for a list of one."""
+    """A single address as a list of one."""
     return (value,) if isinstance(value, str) else value
 
 

@@ -1,6 +1,6 @@
-"""`trocar.emulation`: what the emulated controllers are (all, those of one bus, a single one) and how robots differ.
+"""`trocar.emulation`: settings of emulated controllers (all, those of one bus, a single one), and model variations.
 
-What stands nearest to a controller counts: its own keys, then those of its bus, then those for all.
+A controller's own keys take precedence over those of its bus, and these over those for all.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from trocar.procs.config.read.validate import Section, keys_of
 from trocar.procs.document.emulated import ModelVariation, Quirks
 
 EVERYWHERE = "0.0.0.0"  # every address of this machine
-RAW = "eth:"  # then an interface: raw Ethernet instead of UDP
+RAW = "eth:"  # followed by an interface: raw Ethernet instead of UDP
 _RAW_INTERFACE = re.compile(r"eth:[^\s/:]{1,15}\Z")
 _LOOPBACK = re.compile(r"127(?:\.(?:25[0-5]|2[0-4]\d|1\d\d|[1-9]?\d)){3}\Z")
 
@@ -32,7 +32,7 @@ def _known_address(address: str) -> str:
 
 
 def _as_text(value: object) -> object:
-    """Versions look like numbers and are read as such where nobody wrote quotes."""
+    """A version as text: without quotes it is read as a number."""
     return str(value) if isinstance(value, float) else value
 
 
@@ -47,11 +47,11 @@ QlaVersion = Annotated[Literal["1.4", "1.5"], BeforeValidator(_as_text)]
 
 @keys_of(Quirks)
 class QuirkKeys(Section):
-    """Oddities of the real firmware, by their names in the document; absent: as real boards have them."""
+    """Oddities of the real firmware, by their names in the document; default: as on real boards."""
 
 
 class BoardKeys(Section):
-    """What may be said of a single controller, of all on a bus, or of all."""
+    """Keys for a single controller, all on a bus, or all."""
 
     firmware: Literal[7, 8, 9] | None = None
     fpga: Literal["V2", "V3"] | None = None
@@ -67,14 +67,14 @@ class ControllerKeys(BoardKeys):
 
 
 class NetworkKeys(BoardKeys):
-    """What may be said of one bus or of all."""
+    """Keys for one bus or all."""
 
     network: Literal["bridge", "ethernet"] | None = None
     testboard: bool | None = None
 
 
 class EmulatedBusKeys(NetworkKeys):
-    """One bus, by the name of its IO; where a system has no IOs, by any name."""
+    """One bus, by the name of its IO, or by any name if the system has no IOs."""
 
     address: Address | None = None
     hub: int | None = Field(default=None, ge=0, le=15, description="the board the network cable is plugged into")
@@ -83,7 +83,7 @@ class EmulatedBusKeys(NetworkKeys):
 
 @keys_of(ModelVariation)
 class ModelVariationKeys(Section):
-    """How one robot differs from its files, by its name there."""
+    """Differences of one robot from its files, by its name on the emulated boards."""
 
 
 class EmulationOptions(NetworkKeys):

@@ -1,4 +1,4 @@
-"""Gravity-compensation files of masters (`gc-MTM*.json`, version "2.0"): parameters measured on that very arm."""
+"""Gravity-compensation files of masters (`gc-MTM*.json`, version "2.0"): parameters measured on the individual arm."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from trocar.procs.document.arms import GRAVITY_PARAMETERS, MASTER_JOINTS, Master
 
 
 class GravityControllerKeys(Section):
-    """What holds the arm; the limits and start of the measurement are not needed for it."""
+    """Parameters for gravity compensation; the limits and start of the measurement are not used."""
 
     gc_dynamic_params_pos: Rows[float]
     gc_dynamic_params_neg: Rows[float]
@@ -26,7 +26,7 @@ class GravityControllerKeys(Section):
 
 
 class GravityFile(Section):
-    """The controller's part, and how it was measured."""
+    """The whole file: parameters of the controller, and data of the measurement."""
 
     version: Literal["2.0"]
     GC_controller: GravityControllerKeys
@@ -46,7 +46,7 @@ FIELDS: Final = {
     "sat_vec_vec": "saturation",
     "fric_comp_ratio_vec": "friction",
 }
-"""Keys, and the fields of the document that hold their numbers."""
+"""Fields of the document by key."""
 LENGTHS: Final = {key: GRAVITY_PARAMETERS if key.startswith("gc_") else MASTER_JOINTS for key in FIELDS}
 
 
@@ -60,7 +60,7 @@ def load_master_gravity(context: Context, path: Path) -> MasterGravityParameters
 
 
 def _check(opened: Opened[GravityFile]) -> bool:
-    """Whether every list has its length, and limits and velocities are in order; the first joint that is not."""
+    """Check lengths of lists, and the order of limits and velocities; reports the first wrong joint of each."""
     keys = opened.content.GC_controller
     wrong = [key for key, count in LENGTHS.items() if len(getattr(keys, key)) != count]
     for key in wrong:

@@ -1,4 +1,4 @@
-"""The description of a head sensor on USB (`consoles[].HID_file`): its numbers, and the byte that tells presence."""
+"""The description of a head sensor on USB (`consoles[].HID_file`): its USB ids, and the byte for presence."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class HidFile(Section):
 
 
 def load_hid(context: Context, path: Path) -> HidSensor | None:
-    """What a file describes; None, with errors, when it does not."""
+    """The sensor that a file describes; None, with errors, when the file is not valid."""
     opened = context.open(HidFile, path)
     if opened is None:
         return None

@@ -12,7 +12,7 @@ BoardId = Annotated[int, Field(ge=0, le=15, description="the controller's rotary
 
 
 class LinearKeys(Section):
-    """scale · x + offset; each of the two is 0 when absent."""
+    """scale · x + offset; both are 0 by default."""
 
     scale: float = 0.0
     offset: float = 0.0
@@ -58,7 +58,7 @@ class ActuatorKeys(Section):
     drive: DriveKeys
     encoder: EncoderKeys | None = None
     potentiometer: PotentiometerKeys | None = None
-    actuator_id: int | None = None  # written by the generator, read by nobody
+    actuator_id: int | None = None  # written by the generator, but not used
     brake: dict[str, object] | None = None  # as above
 
 
@@ -72,7 +72,7 @@ class BrakeKeys(Section):
     release_time: float = Field(ge=0.0, le=60.0)
     released_current: float
     engaged_current: float
-    brake_id: int | None = None  # written by the generator, read by nobody
+    brake_id: int | None = None  # written by the generator, but not used
 
 
 class ToleranceKeys(Section):
@@ -93,7 +93,7 @@ class PotCouplingKeys(Section):
 
 
 class PotentiometersKeys(Section):
-    """What a robot's potentiometers are and how far they may be off."""
+    """A robot's potentiometers: type, tolerances and coupling."""
 
     potentiometers_type: Literal["UNDEFINED", "NONE", "ANALOG", "DIGITAL"]
     tolerances: Rows[ToleranceKeys] = ()
@@ -152,7 +152,7 @@ class DallasKeys(Section):
 
 
 class LogKeys(Section):
-    """What the original software logs; read and not used."""
+    """Log settings of the original software; read, but not used."""
 
     allow: str = ""
     separate_file: bool = Field(default=False, alias="separate-file")

@@ -54,13 +54,13 @@ class DhKeys(Section):
 
 
 class CouplingKeys(Section):
-    """Actuator to joint; the inverse and the efforts follow from it."""
+    """Coupling of actuators to joints; the inverse, and that of efforts, are derived from it."""
 
     ActuatorToJointPosition: MatrixRows
 
 
 class KinematicFile(Section):
-    """A chain."""
+    """A kinematic chain."""
 
     DH: DhKeys
     base_offset: MatrixRows | None = Field(default=None, alias="base-offset")
@@ -76,7 +76,7 @@ class JawKeys(Section):
 
 
 class EngageKeys(Section):
-    """Actuator-joint positions of the last four axes between which a tool is engaged, rad."""
+    """Actuator positions of the last four axes between which a tool is engaged, rad."""
 
     lower: Rows[float]
     upper: Rows[float]
@@ -112,6 +112,6 @@ class InstrumentKeys(Section):
 
 
 class ToolIndexFile(Section):
-    """Which file belongs to which instrument."""
+    """Instruments with their files."""
 
     instruments: Rows[InstrumentKeys] = Field(min_length=1)

@@ -1,6 +1,6 @@
 """Lookup tables of digital potentiometers: `{"serial": …, "lookup": [a row of 4096 positions for each actuator]}`.
 
-A row may also be `{"from": …, "to": …}`: 4096 positions evenly between the two, for robots nobody has measured.
+A row may also be `{"from": …, "to": …}`: 4096 positions evenly between the two, for robots without measurements.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ ROW: Final = f"{lookup.ENTRIES} numbers a row, or {{from, to}} within ±{lookup.
 
 
 def load_tables(opened: Opened[IoFile]) -> dict[tuple[Path, int], str]:
-    """The packed tables of a file's robots with DIGITAL potentiometers, by path and place of the robot.
+    """The packed tables of a file's robots with DIGITAL potentiometers, by path and index of the robot.
 
-    A table is beside the IO file, in a `path` of the robot or on the search path.
+    A table is searched in a `path` of the robot, in the folder of the IO file, and on the search path.
     """
     tables: dict[tuple[Path, int], str] = {}
     beside = opened.source.path.parent
@@ -42,7 +42,7 @@ def load_tables(opened: Opened[IoFile]) -> dict[tuple[Path, int], str]:
 
 
 def check_table(context: Context, path: Path) -> None:
-    """A table by itself: its rows, and the serial number that its name must have."""
+    """Check a table by itself: its rows, and the serial number, which must be in its name."""
     table = context.read(path)
     if table is None:
         return
@@ -53,7 +53,7 @@ def check_table(context: Context, path: Path) -> None:
 
 
 def _table(opened: Opened[IoFile], key: Key, robot: RobotKeys, path: Path) -> str:
-    """The packed table; empty, with errors, where the file is not this robot's."""
+    """The packed table; empty, with errors, when the file is not this robot's."""
     serial = robot.serial_number
     if serial not in path.name:
         text = f"the name of a table must contain the robot's serial number {serial}: it may be another arm's"
@@ -71,7 +71,7 @@ def _table(opened: Opened[IoFile], key: Key, robot: RobotKeys, path: Path) -> st
 
 
 def _packed(table: Opened[None]) -> str:
-    """The rows of a table as text; empty, with an error, where they are none."""
+    """The rows of a table as text; empty, with an error, when they are not valid."""
     rows = table.source.at(("lookup",))
     rows = [_spread(row) for row in rows] if isinstance(rows, list) else []
     if not rows or not all(isinstance(row, list) for row in rows):
@@ -85,7 +85,7 @@ def _packed(table: Opened[None]) -> str:
 
 
 def _spread(row: Any) -> Any:
-    """What `from` and `to` mean; any other row as it is."""
+    """The positions for `from` and `to`; any other row unchanged."""
     if not isinstance(row, dict) or set(row) != {"from", "to"}:
         return row
     first, last = row["from"], row["to"]

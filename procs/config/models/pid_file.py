@@ -12,7 +12,7 @@ from trocar.procs.document.gains import PidAxis
 
 @keys_of(PidAxis)
 class PidKeys(Section):
-    """One actuator, and its gains; N·m/rad, N·m·s/rad or N/m, N·s/m."""
+    """The gains of one actuator; N·m/rad, N·m·s/rad or N/m, N·s/m."""
 
     index: int = Field(ge=0, le=15)
     name: str = Field(min_length=1)

@@ -77,15 +77,15 @@ class SiSetupFile(Section):
 
 
 class FixedArmKeys(Section):
-    """One arm that stands somewhere for good."""
+    """One arm in a fixed position."""
 
     name: SetupName
     measured_cp: MatrixRows
 
 
 class FixedSetupFile(Section):
-    """Arms on stands."""
+    """Arms on fixed stands."""
 
     arms: Rows[FixedArmKeys] = Field(min_length=1)
     reference_arm: str = "ECM"
-    reference_arm_as_before: str = Field(default="", alias="reference-arm")  # what the original reads of these files
+    reference_arm_as_before: str = Field(default="", alias="reference-arm")  # the key that the original reads

@@ -1,4 +1,4 @@
-"""System files (`dvrk-system.schema.json`, version "1"): buses, arms, consoles and how they belong together."""
+"""System files (`dvrk-system.schema.json`, version "1"): buses, arms, consoles, and their connections."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from trocar.procs.config.read.validate import MatrixRows, Name, Rows, Section, V
 from trocar.procs.fpga.port_name import PORTS, PortName
 from trocar.procs.tables.arm_types import ARM_TYPES
 
-PERIOD_S = 1 / 1500  # as the original asks for; its 60 µs of compensation for relative sleeps are not needed here
+PERIOD_S = 1 / 1500  # as in the original, without its 60 µs of compensation for relative sleeps
 TELEOP_PERIOD_S = 1 / 1000
 WATCHDOG_S = 0.03
 
@@ -25,7 +25,7 @@ PROTOCOLS = {
     "brw": "broadcast-query-read-write",
 }
 RESERVED = frozenset({"boards", "supervisor", "system", "gui", "ros_bridge", "socket_bridge", "foxglove", "recorder"})
-_EMIO = re.compile(r"emio(?::\d+)?\Z")  # dVRK files may have it; nobody can open it here
+_EMIO = re.compile(r"emio(?::\d+)?\Z")  # allowed in dVRK files, but not supported here
 
 
 def _known_port(port: str) -> str:
@@ -66,7 +66,7 @@ class InterfaceKeys(Section):
 
 
 class IoDeviceKeys(Section):
-    """Something wired to a bus: pedals, head sensor, focus controller."""
+    """A device wired to a bus: pedals, head sensor, focus controller."""
 
     name: str = ""
     IO: str
@@ -74,7 +74,7 @@ class IoDeviceKeys(Section):
 
 
 class BaseFrameKeys(Section):
-    """Either a fixed transform or an interface that gives it."""
+    """Either a fixed transform, or an interface that provides it."""
 
     reference_frame: str | None = None
     transform: MatrixRows | None = None
@@ -108,14 +108,14 @@ class ArmKeys(Section):
 
 
 class GripperScalingKeys(Section):
-    """Which gripper angles are closed and open, rad."""
+    """Gripper angles for closed and open, rad."""
 
     zero: float = 0.0
     max: float = 1.0471976
 
 
 class TeleopPsmParameters(Section):
-    """How a PSM teleoperation behaves; angles in rad."""
+    """Parameters of a PSM teleoperation; angles in rad."""
 
     scale: float = Field(default=0.2, gt=0.0, le=1.0)
     rotation_locked: bool = False
@@ -135,7 +135,7 @@ class TeleopPsmParameters(Section):
 
 
 class TeleopPsmKeys(Section):
-    """One master on one slave."""
+    """Teleoperation of one slave by one master."""
 
     type: Literal["TELEOP_PSM", "TELEOP_PSM_DERIVED", "TELEOP_PSM_GENERIC"] = "TELEOP_PSM"
     MTM: str
@@ -148,14 +148,14 @@ class TeleopPsmKeys(Section):
 
 
 class TeleopEcmParameters(Section):
-    """How an ECM teleoperation behaves."""
+    """Parameters of an ECM teleoperation."""
 
     scale: float = Field(default=0.2, gt=0.0, le=1.0, description="of the insertion")
     camera_roll_offset: float = Field(default=0.0, description="rad")
 
 
 class TeleopEcmKeys(Section):
-    """Two masters on the endoscope arm."""
+    """Teleoperation of the endoscope arm by two masters."""
 
     type: Literal["TELEOP_ECM", "TELEOP_ECM_DERIVED", "TELEOP_ECM_GENERIC"] = "TELEOP_ECM"
     MTML: str
@@ -168,7 +168,7 @@ class TeleopEcmKeys(Section):
 
 
 class ConsoleKeys(Section):
-    """One place for an operator."""
+    """One operator's console."""
 
     name: Name
     input_type: Literal[
@@ -190,7 +190,7 @@ class ConsoleKeys(Section):
 
 
 class SettingsKeys(Section):
-    """Odds and ends."""
+    """Miscellaneous settings."""
 
     chatty: bool = False
     path: Rows[str] = ()
@@ -207,5 +207,5 @@ class SystemFile(Section):
     consoles: Rows[ConsoleKeys] = ()
     ISI_focus_controller: IoDeviceKeys | None = None
     settings: SettingsKeys = SettingsKeys()
-    component_manager: object = None  # of any form: it is left out, see components.py
-    trocar: dict[str, object] | None = None  # checked by itself: unknown keys are errors there
+    component_manager: object = None  # of any form: it is not used, see components.py
+    trocar: dict[str, object] | None = None  # checked separately: unknown keys are errors there

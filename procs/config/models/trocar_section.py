@@ -1,4 +1,4 @@
-"""The `trocar:` section of a system file: what the original files have no key for. Unknown keys are errors here."""
+"""The `trocar:` section of a system file: settings that dVRK's files have no keys for. Unknown keys are errors."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ OnExit = Annotated[Literal["restart", "stay-down"], Field()]
 
 
 class ProcessKeys(Section):
-    """One instance, by its name; what is absent comes from its kind. With a module it is a process of one's own."""
+    """One instance, by its name; its kind has the defaults. With a module it is a user's process."""
 
     period_s: Period | None = None
     priority: Priority | None = None
@@ -42,7 +42,7 @@ class ProcessKeys(Section):
 
 @keys_of(IoConfig, after="cpu")
 class IoOptions(Section):
-    """All buses."""
+    """Settings for all buses."""
 
     period_s: Period | None = None
     priority: Priority = 80
@@ -52,7 +52,7 @@ class IoOptions(Section):
 
 @keys_of(ArmConfig)
 class ArmOptions(Section):
-    """All arms."""
+    """Settings for all arms."""
 
     period_s: Period | None = None
     priority: Priority = 60
@@ -62,7 +62,7 @@ class ArmOptions(Section):
 
 
 class LogOptions(Section):
-    """The output of each process."""
+    """Log files of processes."""
 
     size_mb: float = Field(default=10.0, ge=0.01, le=10000.0, description="MB, then a new file begins")
     days: float = Field(default=7.0, ge=0.001, le=3650.0, description="days, then a new file begins")
@@ -81,7 +81,7 @@ class RosOptions(Section):
 
 @keys_of(Recorder)
 class RecorderKeys(Section):
-    """The recorder, see docs/operating.md; `on` false: there is none."""
+    """The recorder, see docs/operating.md; `on` false: no recorder."""
 
     on: bool | None = None
     if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""Users' own code in the `trocar:` section: topics, commands and properties of processes, and tasks in the cycle."""
+"""Users' code in the `trocar:` section: topics, commands and properties of processes, and in-cycle tasks."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class FieldKeys(Section):
 
 
 class TopicKeys(Section):
-    """A topic of its own."""
+    """A topic of a user's process."""
 
     name: Word
     rate_hz: float = Field(default=0.0, ge=0.0, le=10000.0, description="Hz as a rule; 0: now and then")
@@ -36,7 +36,7 @@ EffectWord = Literal["read", "setting", "free", "relax", "release", "motion", "p
 
 
 class CommandKeys(Section):
-    """A command that it carries out."""
+    """A command of a user's process or derived arm."""
 
     name: Word
     arguments: Rows[FieldKeys] = ()
@@ -48,7 +48,7 @@ class CommandKeys(Section):
 
 
 class PropertyKeys(Section):
-    """A number or text that can be set while it runs."""
+    """A number or text that can be set at run time."""
 
     name: Word
     type: Annotated[str, Field(pattern=r"^(float|int|bool|text\[[1-9][0-9]?\])$",
@@ -68,7 +68,7 @@ def _plain(options: dict[str, object]) -> dict[str, object]:
 
 
 def _is_plain(value: object) -> bool:
-    """What JSON can carry to io; Section's own check lets no inf and no nan through in fields, but not in here."""
+    """Whether JSON can carry a value to io; pydantic checks fields for inf and nan, but not these values."""
     if isinstance(value, list):
         return all(_is_plain(item) for item in value)
     if isinstance(value, dict):
@@ -84,7 +84,7 @@ Maker = Annotated[str, Field(pattern=r"^[A-Za-z_]\w*$", description="the name of
 
 
 class TaskKeys(Section):
-    """One task; absent robots: all that have a joint controller."""
+    """One task; default for `robots`: all with a joint controller."""
 
     module: Annotated[str, Field(min_length=1, description="a .py file, or an importable module")]
     name: Maker

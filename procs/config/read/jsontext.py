@@ -1,8 +1,8 @@
-"""JSON as dVRK files use it: `//` and `/* */` comments outside strings, tabs; with the line of every key.
+"""JSON as in dVRK files, with `//` and `/* */` comments outside strings, and tabs; with the line of every key.
 
-The standard library's decoder knows neither comments nor positions, so this is a small recursive-descent reader. It
-keeps to JSON in everything else: no trailing commas, no NaN, no bare words. A key that occurs twice is kept (the last
-one counts, as in the original software) and reported.
+The standard library's decoder supports neither comments nor positions, so this is a small recursive-descent reader. In
+all other respects it is strict JSON: no trailing commas, no NaN, no bare words. For a repeated key the last value is
+used, as in the original software, and the key is reported.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ _DEEPEST = 64
 _SPACE = re.compile(r"(?:[ \t\r\n]+|//[^\n]*|/\*.*?\*/)*", re.DOTALL)
 _STRING = re.compile(r'"(?:[^"\\\n]|\\.)*"')
 _NUMBER = re.compile(r"-?(?:0|[1-9][0-9]*)(\.[0-9]+)?([eE][-+]?[0-9]+)?(?![\w.+-])")
-_NUMBERS = re.compile(r"\[[-+.eE0-9, \t\r\n]+\]")  # most of the large files are such lists
+_NUMBERS = re.compile(r"\[[-+.eE0-9, \t\r\n]+\]")  # large files consist mostly of such lists
 _WORD = re.compile(r"[\w.+-]+")
 _WORDS = {"true": True, "false": False, "null": None}
 
 
 class TextError(Exception):
-    """A text that cannot be read, and where: line and column count from 1."""
+    """A text cannot be read, with the position; line and column count from 1."""
 
     def __init__(self, line: int, column: int, what: str) -> None:
         super().__init__(f"line {line}, column {column}: {what}")
@@ -35,7 +35,7 @@ class TextError(Exception):
 
 @dataclass(slots=True)
 class Parsed:
-    """A decoded text: plain values, the line of every key path, and the key paths that occur twice with their line."""
+    """A decoded text: plain values, the line of every key path, and repeated key paths with their lines."""
 
     data: object = None
     lines: dict[Key, int] = field(default_factory=dict)
@@ -43,7 +43,7 @@ class Parsed:
 
 
 def parse_json(text: str) -> Parsed:
-    """Decode `text`; TextError says where it stops being JSON."""
+    """Decode `text`; TextError has the position of an error."""
     reader = _JsonReader(text)
     parsed = reader.parsed
     at = reader.skip(0)
@@ -142,7 +142,7 @@ class _JsonReader:
                 return result, at
 
     def numbers(self, at: int, key: Key) -> tuple[list[object], int] | None:
-        """A list of nothing but numbers, in one go; None when there is anything else in it, mistakes included."""
+        """Read a list of numbers at once; None if it has other elements, or mistakes."""
         match = _NUMBERS.match(self.text, at)
         if match is None or len(key) >= _DEEPEST:
             return None
@@ -175,7 +175,7 @@ class _JsonReader:
 
 
 def _number(match: re.Match[str]) -> int | float:
-    # more digits than any whole number needs: a float, so that int() never meets its length limit
+    # many digits become a float, so that int() never reaches its length limit
     whole = match.group(1) is None and match.group(2) is None and len(match.group()) < 30
     return int(match.group()) if whole else float(match.group())
 

@@ -1,4 +1,4 @@
-"""Small checks of matrices that files write out as rows."""
+"""Checks of matrices, which files have as rows."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def check_rigid(opened: Opened[object], key: Key, matrix: Rows) -> bool:
     if not np.array_equal(values[3], [0.0, 0.0, 0.0, 1.0]):
         opened.error(key, f"last row is {list(matrix[3])}", "0, 0, 0, 1")
         return False
-    with np.errstate(all="ignore"):  # absurd numbers overflow, and are refused like any other
+    with np.errstate(all="ignore"):  # absurd numbers overflow, and are refused like others
         off = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
         handed = float(np.linalg.det(rotation))
     if not off <= _ORTHONORMAL or not handed > 0.0:

@@ -1,4 +1,4 @@
-"""What is wrong with a configuration: file, line, key path, value and what is allowed, as a value."""
+"""Problems of a configuration as values: file, line, key path, value, and allowed values."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _MAX_VALUE = 60
 
 @dataclass(frozen=True, slots=True)
 class FileProblem:
-    """One finding; `str()` gives it on one line. `line` 0 means the whole file, `key` "" the whole document."""
+    """One finding; `str()` makes one line of it. `line` 0 means the whole file, `key` "" the whole document."""
 
     file: str
     line: int
@@ -38,12 +38,12 @@ class FileProblem:
 
 
 def count(problems: Iterable[FileProblem], severity: str = ERROR) -> int:
-    """How many of these findings are errors, or warnings."""
+    """Number of findings with this severity."""
     return sum(problem.severity == severity for problem in problems)
 
 
 def key_text(key: Key) -> str:
-    """A key path as people write it: ("robots", 0, "name") is `robots[0].name`."""
+    """A key path as text: ("robots", 0, "name") is `robots[0].name`."""
     text = ""
     for part in key:
         if isinstance(part, int):
@@ -54,7 +54,7 @@ def key_text(key: Key) -> str:
 
 
 def value_text(value: object) -> str:
-    """A value as it stands in the file, shortened."""
+    """A value as in the file, shortened."""
     try:
         text = json.dumps(value, ensure_ascii=False)
     except (TypeError, ValueError):

@@ -1,4 +1,4 @@
-"""Where files are looked for, in which order, and under which other names."""
+"""The search for configuration files: folders in order, and alternative names."""
 
 from __future__ import annotations
 
@@ -19,14 +19,13 @@ class SearchPath:
     folders: tuple[Path, ...]
 
     def first(self, *folders: Path) -> SearchPath:
-        """The same path with `folders` looked at directly after the working folder (which stays first)."""
+        """The same path with `folders` directly after the working folder (which stays first)."""
         return SearchPath(_unique((self.folders[0], *folders, *self.folders[1:])))
 
     def find(self, *names: str) -> Path | None:
-        """The first of `names` that exists: every name as it is in all folders first, then our own name for it.
+        """The first of `names` that exists: each name in all folders, then its alternatives.
 
-        Where there is no such file, but something else of that name (a folder, a named pipe), that: whoever reads it
-        says what it is.
+        If there is no such file, but a folder or named pipe of that name, its path: the error of reading explains it.
         """
         for name in names:
             found = self._exact(name, _is_file)
@@ -41,7 +40,7 @@ class SearchPath:
         return next((path for path in there if path), None)
 
     def find_all(self, name: str) -> tuple[Path, ...]:
-        """All files called `name` or its YAML twin, one of each folder at most, in order."""
+        """All files called `name`, or its YAML alternative, in order; at most one per folder."""
         hits = []
         for folder in self.folders:
             for candidate in (name, *_other_names(name)):
@@ -51,7 +50,7 @@ class SearchPath:
         return tuple(hits)
 
     def nearest(self, name: str) -> str:
-        """The file that is there and whose name is most like `name`; "" when none is close."""
+        """The existing file whose name is most similar to `name`; "" when none is close."""
         inner, wanted = PurePosixPath(name).parent, PurePosixPath(name).name
         there = [entry for folder in self.folders for entry in _names_in(folder / inner)]
         close = difflib.get_close_matches(wanted, there, n=1, cutoff=0.75)
@@ -73,7 +72,8 @@ def search_path(folders: tuple[Path, ...]) -> SearchPath:
 
 
 def search_beside(files: Sequence[Path], search: Sequence[Path], configs: Path = PROJECT_CONFIGS) -> SearchPath:
-    """Where files are looked for that `files` name: the working folder, theirs, each `--path` (`search`), `configs`."""
+    """Where to search for files named in `files`: working folder, their folders, each `--path` (`search`), `configs`.
+    """
     return search_path((Path.cwd(), *(file.parent for file in files), *search, configs))
 
 
@@ -85,7 +85,7 @@ def _names_in(folder: Path) -> list[str]:
 
 
 def expanded(name: str) -> Path:
-    """A path as people write it, with `~`; a `~` that means nobody stays."""
+    """A path with `~` expanded; unchanged if the user is unknown."""
     try:
         return Path(name).expanduser()
     except RuntimeError:
@@ -93,7 +93,7 @@ def expanded(name: str) -> Path:
 
 
 def _is_file(path: Path) -> bool:
-    """A path that cannot even be asked about (too long, not allowed) is no file of ours."""
+    """Whether a path is a file; False if that cannot be determined (too long, no permission)."""
     try:
         return path.is_file()
     except OSError:
@@ -108,7 +108,7 @@ def _unique(folders: tuple[Path, ...]) -> tuple[Path, ...]:
 
 
 def _other_names(name: str) -> tuple[str, ...]:
-    """Our own files: `x/PSM.yaml` for `x/PSM.json`, and `pid/PSM.yaml` for `pid/sawControllersPID-PSM.json`."""
+    """Alternatives: `x/PSM.yaml` for `x/PSM.json`, and `pid/PSM.yaml` for `pid/sawControllersPID-PSM.json`."""
     path = PurePosixPath(name)
     if path.suffix != ".json":
         return ()

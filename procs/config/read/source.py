@@ -1,4 +1,4 @@
-"""A configuration file as read: plain values with the line of every key, JSON and YAML alike."""
+"""A configuration file, JSON or YAML, as plain values with the line of every key."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _MISSING = object()
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SourceFile:
-    """One file. `overrides` are key paths whose value came from the command line (--set)."""
+    """One file. `overrides`: key paths whose values are from the command line (--set)."""
 
     path: Path
     data: dict[str, object]
@@ -37,7 +37,7 @@ class SourceFile:
         return self._find(key) is not _MISSING
 
     def renamed(self, names: Mapping[str, str]) -> SourceFile:
-        """With other names for keys of the document itself, where these are not written as well."""
+        """The file with top-level keys renamed, except where the new name exists as well."""
         here = {old: new for old, new in names.items() if old in self.data and new not in self.data}
         if not here:
             return self
@@ -46,7 +46,7 @@ class SourceFile:
         return SourceFile(self.path, data, lines, self.overrides)
 
     def problem(self, key: Key, text: str, *, allowed: str = "", severity: str = "error") -> FileProblem:
-        """A finding at `key`, placed at the nearest line known."""
+        """A finding at `key`, with the nearest known line."""
         found = self._find(key)
         value = "" if found is _MISSING or not key else value_text(found)
         file, line = self._place(key)
@@ -73,9 +73,9 @@ class SourceFile:
 
 
 def read_bytes(path: Path) -> tuple[bytes, FileProblem | None]:
-    """The content of a configuration file, or why it cannot be read or is none by its size.
+    """The content of a configuration file, or the problem: it cannot be read, or is too large.
 
-    It is asked before it is opened: opening waits at a named pipe for ever, and may do something to a device.
+    Its type is checked first, because to open a named pipe blocks, and to open a device may have side effects.
     """
     try:
         status = path.stat()
@@ -91,7 +91,7 @@ def read_bytes(path: Path) -> tuple[bytes, FileProblem | None]:
 
 
 def read_source(path: Path) -> tuple[SourceFile | None, list[FileProblem]]:
-    """Read a JSON or YAML file (told apart by the suffix); None when it cannot be read, with the reason."""
+    """Read a JSON or YAML file (by its suffix); None, with the reason, when it cannot be read."""
     name = str(path)
     data, problem = read_bytes(path)
     if problem is not None:

@@ -1,4 +1,4 @@
-"""From plain values to a frozen model: pydantic's findings and unknown keys as Problems with file, line and key."""
+"""Validates plain values as a frozen model; pydantic's errors and unknown keys become problems with file and line."""
 
 from __future__ import annotations
 
@@ -30,28 +30,28 @@ Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,40}$", description="lette
 
 
 def _whole_as_text(value: object) -> object:
-    """The original software reads a version written as a number like the same in quotes."""
+    """A whole number as text: the original software accepts a version as number or text."""
     return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
 
 
-_SLIP = 0.75  # from this likeness on a key is taken for a slip of the pen
+_SLIP = 0.75  # an unknown key of at least this similarity counts as a typing error
 _CALIBRATION = re.compile(  # a word of a name
     r"(?:^|[_-])(?:scales?|scaling|offsets?|gains?|limits?|lower|upper|qmin|qmax|ftmax|max|currents?|tolerances?|distance)"
     r"(?:[_-]|$)", re.IGNORECASE)
-_FORMAT: dict[Key, int] = {("$id",): 0, ("$version",): 1}  # told first: files of another format are wrong all over
+_FORMAT: dict[Key, int] = {("$id",): 0, ("$version",): 1}  # reported first: a file of another format has many errors
 VersionAsText = BeforeValidator(_whole_as_text)
 
 
 class Section(BaseModel):
-    """A frozen, strict part of a file: no conversions between types, no inf, no nan; unknown keys are told apart."""
+    """A frozen, strict part of a file: no conversions between types, no inf or nan; `validate` reports unknown keys."""
 
     model_config = ConfigDict(strict=True, frozen=True, extra="ignore", allow_inf_nan=False)
     counts_when_empty: ClassVar[bool] = False
-    """That it is there says something, also without a key in it."""
+    """Whether an empty section differs from an absent one."""
 
 
 def keys_of(kind: type, *, after: str = "") -> Callable[[type[ModelType]], type[ModelType]]:
-    """A section that also has the keys declared beside the fields of the document's `kind`: last, or `after` a key."""
+    """Add the keys declared in the document's `kind` to a section: at the end, or `after` a key."""
 
     def add(model: type[ModelType]) -> type[ModelType]:
         own = dict(model.model_fields)
@@ -67,7 +67,7 @@ def keys_of(kind: type, *, after: str = "") -> Callable[[type[ModelType]], type[
 
 
 def _field_of(field: dataclasses.Field[Any], hint: Any, key: DeclaredKey) -> FieldInfo:
-    """A declared key as pydantic wants it."""
+    """A declared key as a pydantic field."""
     hint = typing.get_args(hint)[0]
     default = ... if field.default is dataclasses.MISSING else None if key.is_optional else field.default
     limits: dict[str, Any] = {"gt" if key.above else "ge": key.low, "le": key.high, "pattern": key.pattern or None,
@@ -84,7 +84,9 @@ def _field_of(field: dataclasses.Field[Any], hint: Any, key: DeclaredKey) -> Fie
 def validate(
     model: type[ModelType], source: SourceFile, key: Key = (), *, unknown: str = WARNING
 ) -> tuple[ModelType | None, list[FileProblem]]:
-    """The part of `source` at `key` as `model` (None with errors) and everything found; unknown keys as `unknown`."""
+    """The part of `source` at `key` as `model` (None with errors), and all problems; `unknown`: their severity if a key
+    is unknown.
+    """
     data = source.at(key) if key else source.data
     problems = list(_unknown_keys(model, source, key, data, unknown))
     try:
@@ -98,7 +100,7 @@ def validate(
 
 
 def _without_empty(annotation: Any, data: object) -> object:
-    """Null, empty lists and empty objects count as absent in dVRK files; entries by name are there even when empty."""
+    """Remove null, empty lists and empty objects, which are absent for dVRK; keep entries by name even if empty."""
     annotation = unwrapped(annotation)[0]
     if isinstance(data, dict) and _holds_models(annotation):
         inner = typing.get_args(annotation)[1]
@@ -132,7 +134,7 @@ def _problem(model: type[BaseModel], source: SourceFile, key: Key, error: Any) -
         return source.problem(where, text, allowed=f"{allowed}; trocar convert brings old files up to date")
     if kind == "missing":
         return source.problem(where, "this key is required", allowed=allowed)
-    while not source.has(where):  # one text stands for a list of one
+    while not source.has(where):  # a single text may replace a list of one
         where = where[:-1]
     if kind == "value_error":
         cause = error["ctx"]["error"]
@@ -148,14 +150,14 @@ def _problem(model: type[BaseModel], source: SourceFile, key: Key, error: Any) -
 
 
 def _unlike(annotation: Any, value: object) -> str:
-    """What is wrong with a value that is none of those listed."""
+    """The problem of a value that is not among those listed."""
     if type(value) not in {type(listed) for listed in _literals(annotation)}:
         return "wrong type"
     return "unknown word" if isinstance(value, str) else "no such value"
 
 
 def unwrapped(annotation: Any) -> tuple[Any, list[Any], str]:
-    """Peel Annotated and Optional off: the bare annotation, the constraints met, the description met."""
+    """Unwrap Annotated and Optional; returns the bare annotation, the constraints and the description."""
     metadata: list[Any] = []
     description = ""
     while True:
@@ -181,7 +183,7 @@ def _holds_models(annotation: Any) -> bool:
 
 
 def fields_of(model: type[BaseModel]) -> dict[str, FieldInfo]:
-    """The fields under the names they have in files."""
+    """The fields by their names in files."""
     return {field.alias or name: field for name, field in model.model_fields.items()}
 
 
@@ -208,7 +210,7 @@ _PLAIN = {int: "a whole number", float: "a number", bool: "true or false", str: 
 
 
 def _allowed(annotation: Any, metadata: list[Any], description: str) -> str:
-    """What may stand there, in words."""
+    """The allowed values in words."""
     if typing.get_origin(annotation) is Literal:
         words = ", ".join(f'"{value}"' if isinstance(value, str) else str(value) for value in _literals(annotation))
         single = len(_literals(annotation)) == 1
@@ -264,8 +266,8 @@ def _unknown_keys(annotation: Any, source: SourceFile, key: Key, data: object, s
 
 
 def _unknown(source: SourceFile, key: Key, known: Mapping[str, FieldInfo], severity: str) -> FileProblem:
-    """An unknown key is ignored, as in the original software; not where it looks like a slip that leaves a calibration,
-    a gain or a limit at what it is when absent."""
+    """The problem of an unknown key: ignored as in the original software, but an error if it is likely a typing error
+    that would leave a calibration, gain or limit at its default."""
     name = str(key[-1])
     folded = {candidate.lower(): candidate for candidate in known}
     nearest = difflib.get_close_matches(name.lower(), folded, n=1, cutoff=0.5)

@@ -1,11 +1,11 @@
 """YAML with the number and boolean rules of YAML 1.2, and the line of every key.
 
-PyYAML follows YAML 1.1, where `1e-3` is a text, `on` a boolean and `1:30` a number in base 60: all three are traps in a
-robot's configuration. Only its scanner and composer are used here; what a plain word means is decided below.
+PyYAML follows YAML 1.1, where `1e-3` is a text, `on` a boolean and `1:30` a number in base 60: all three are pitfalls
+in a robot's configuration. Only its scanner and composer are used; this module interprets plain words.
 
-The scanner is libyaml's where PyYAML has it, ten times as fast. What it refuses is read once more by PyYAML's own,
-which says better what is wrong. The composer is PyYAML's own in either case: libyaml's overflows the stack when texts
-are nested deeply.
+If PyYAML has libyaml, its scanner is used, which is ten times as fast. Texts that it refuses are read again by PyYAML's
+own scanner, which has better error messages. The composer is always PyYAML's own: libyaml's overflows the stack with
+deeply nested texts.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _SPECIAL = re.compile(r"[-+]?\.(?:inf|Inf|INF)\Z|\.(?:nan|NaN|NAN)\Z")
 
 
 class _YamlLoader(yaml.SafeLoader):
-    """Tells plain words from quoted ones and resolves nothing else."""
+    """Distinguishes plain from quoted words, and resolves nothing else."""
 
 
 _YamlLoader.yaml_implicit_resolvers = {}
@@ -38,7 +38,7 @@ _YamlLoader.yaml_implicit_resolvers = {}
 if yaml.__with_libyaml__:
 
     class _Quick(Composer, yaml.CSafeLoader):
-        """The same on libyaml's scanner."""
+        """The same loader with libyaml's scanner."""
 
         def __init__(self, text: str) -> None:
             yaml.CSafeLoader.__init__(self, text)
@@ -48,7 +48,7 @@ if yaml.__with_libyaml__:
 
 
 def parse_yaml(text: str) -> Parsed:
-    """Decode one YAML document; TextError says where it is broken."""
+    """Decode one YAML document; TextError has the position of an error."""
     try:
         node = _compose(text)
     except yaml.MarkedYAMLError as bad:
@@ -115,7 +115,7 @@ class _YamlReader:
 
 
 def _name(node: yaml.Node) -> str | None:
-    """A key: a text, or a number such as a board id, which counts as its text; None for anything else."""
+    """A key: a text, or a number such as a board id, as text; None for anything else."""
     if not isinstance(node, yaml.ScalarNode):
         return None
     name = _scalar(node)
