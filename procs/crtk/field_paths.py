@@ -157,7 +157,7 @@ def indices_text(indices: Sequence[Any]) -> str:
 
 
 def _fields(entry: TopicEntry) -> list[str]:
-    """Names of the fields of a topic, without `valid` and `name`."""
+    """Names of a topic's fields: those of its records, or of its view."""
     if entry.view is None:
         return [field.name for field in entry.fields]
     pieces = PIECES.get(entry.view.kind, {})

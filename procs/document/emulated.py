@@ -31,7 +31,7 @@ class Quirks:
     repeated_amp_bits: Switch = True  # Rev 8 on: status bits 3:0 repeat the feedback, not the requests
     longest_pwm_holds: Switch = True  # a PWM count of 65535 is held indefinitely, like 0
     playing_hides_table: Switch = True  # a table being played reads as its active entry
-    late_deviation: Switch = True  # dRA1: too large a current error is detected only when the amplifier is off anyway
+    late_deviation: Switch = True  # dRA1: too large a current error is detected only when the amplifier goes off anyway
 
 
 @dataclass(frozen=True, slots=True)

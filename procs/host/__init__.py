@@ -1,1 +1,1 @@
-"""A whole system in one process, on a clock that is stepped: for simulation at scale."""
+"""A whole system in one process, on a stepped clock: for simulation at scale."""

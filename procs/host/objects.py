@@ -209,7 +209,7 @@ class RememberedObjects:
         (random.Random, _random), (np.random.BitGenerator, _bits),
         (np.random.Generator, lambda _, one: ((".bit_generator", one.bit_generator),)), (mujoco.MjData, _mujoco))
 
-    # -- back ----------------------------------------------------------------------------------------------------------
+    # -- restoring -----------------------------------------------------------------------------------------------------
 
     def put_back(self) -> None:
         """Restore the remembered state."""

@@ -68,7 +68,7 @@ def axis_titles(io: IoConfig) -> list[list[str]]:
 
 
 def boards_of(drive: Actuator | Brake) -> tuple[int, ...]:
-    """The board of a motor or brake; none where there are no boards."""
+    """The board of a motor or brake; empty without boards."""
     return (drive.board_id,) if drive.board_id >= 0 else ()
 
 

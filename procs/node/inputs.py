@@ -11,12 +11,12 @@ from trocar.procs.tables.manifest import LATE_S
 from trocar.shm.ring.ring import RingReader
 
 Fields = Callable[[str], NDArray[Any]]
-"""The arrays of a record by the names of its fields."""
+"""Gives the array of a record's field by its name."""
 LATE_NS: Final = round(LATE_S * 1e9)
 FOR_EVER_NS: Final = 1 << 62
 """A time that no clock reaches."""
 SETUP_LATE_S: Final = 0.05
-"""The same between setup joints and the arms that they carry."""
+"""The corresponding time between setup joints and the arms that they carry."""
 
 
 class Input:

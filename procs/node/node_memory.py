@@ -59,7 +59,7 @@ class NodeMemory:
         self.kind, self.late_s = self.row.kind, late_s(self.row)
         self._held, self._lost_ns = contextlib.ExitStack(), round(document.supervisor_lost_s * 1e9)
         self._mailbox: Mailbox | None = None
-        self._subscribers: dict[str, Subscriber] = {}  # of those that run on demand
+        self._subscribers: dict[str, Subscriber] = {}  # at instances that run on demand
         with contextlib.ExitStack() as stack:
             self.page = stack.enter_context(contextlib.closing(ControlPage(self.system, name, write=True)))
             self.page.segment.claim(name)

@@ -22,10 +22,10 @@ SHORT_SHARE = 0.05  # of the deadlines missed in SHORT_CHECK_NS: the machine is 
 SHORT_CHECK_NS = 200_000_000
 SHORT_CHECKS = 3  # in a row: excludes a pause of the machine, and comes before Linux stops FIFO processes
 SHORT_NS = (4_000_000_000, 60_000_000_000)  # duration of the overload state at first, and at most if it soon recurs
-ROOM = 20_000  # for the figures of a second
-QUICKEST_NS = 1_000_000  # between two cycles of a loop with longer periods, however much news there is
+ROOM = 20_000  # samples for the statistics of a second
+QUICKEST_NS = 1_000_000  # minimum time between two cycles of a loop with longer periods, even with much news
 GAIN = 0.05
-SHARES = 4  # of a period, at most: the denominator of its ratio to the followed period
+SHARES = 4  # of a period, at most: largest denominator of the ratio of the followed period to it
 NEVER = 1 << 62
 FIGURES = ("avg", "std", "min", "max", "p99")
 
@@ -192,7 +192,7 @@ class Pacing:
         kept = (("period", self.periods, count), ("work", self.work, count),
                 ("latency", self._latencies, self._latency_count))
         for which, samples, count in kept:
-            seconds = samples[: max(count, 1)] * (1e-9 if count else 0.0)  # nothing in this second: all 0
+            seconds = samples[: max(count, 1)] * (1e-9 if count else 0.0)  # no samples in this second: all 0
             place = min(len(seconds) - 1, int(0.99 * len(seconds)))
             figures = (seconds.mean(), seconds.std(), seconds.min(), seconds.max(), np.partition(seconds, place)[place])
             for cell, figure in zip(self._figures[which], figures, strict=True):
@@ -224,7 +224,7 @@ class Pauses:
         After a pause no cycle begins: `is_over` stays true until `end` or `begin`.
         """
         now_ns = self._now_ns()
-        late_ns = now_ns - self._begun_ns - planned_ns  # the first of all is never late
+        late_ns = now_ns - self._begun_ns - planned_ns  # the first cycle is never late
         if late_ns > self._limit_ns:
             return late_ns
         self._begun_ns = now_ns

@@ -142,7 +142,7 @@ class Node(NodeMemory):
         self.report_pause(self.held_up_ns)
         self.held_up_ns = 0
         self.pauses.end()
-        gc.collect()  # what is left of the old loop; all that is older is frozen
+        gc.collect()  # collects the old loop; older objects are frozen
 
     def follows(self, name: str) -> None:
         """Set the process to `follow`."""
@@ -217,7 +217,7 @@ class Node(NodeMemory):
 
     def close(self) -> None:
         """Release everything at the end of the process."""
-        gc.unfreeze()  # or extension modules see their objects leak at exit
+        gc.unfreeze()  # otherwise extension modules report leaks at exit
         gc.enable()
         if isinstance(self.clock, LockstepClock):
             self.clock.close()

@@ -104,7 +104,7 @@ class DiskFile:
         self.has_failed = False
         """Whether other parts are missing: copied chunks, or the end."""
         self.has_made_room = False
-        """Something was removed for it."""
+        """Whether files were removed to make room for it."""
         self.problem = ""
         """Why parts are missing, in words; empty if none are."""
 

@@ -22,7 +22,7 @@ from trocar.shm.time.clock import monotonic_ns
 
 PR_SET_CHILD_SUBREAPER: Final = 36
 IMPORT_NS: Final = 20_000_000_000  # how long a start waits for the template to import
-REPLY_S: Final = 0.3  # how long it may take for one process
+REPLY_S: Final = 0.3  # time limit for the fork of one process
 ENVIRON: Final = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # no thread pools in control code
 PADDING: Final = 160  # bytes for the command lines of processes, with two names, beside those of the template
 

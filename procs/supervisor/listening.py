@@ -34,7 +34,7 @@ class Listening:
             self._poll.register(each, select.POLLIN)
 
     def is_wanted(self, now_ns: int, is_running: bool, is_refused: bool = False, is_last: bool = False) -> bool:
-        """Whether clients are connected, or wait for that; a process can have connections even before setup is done.
+        """Whether clients are connected, or wait for that; only a process, even in its setup, can have connections.
 
         `is_refused`: the process will not start, so waiting clients are disconnected; they count as demand as long as
         they retry, so that clients that have gone do not count forever. `is_last`: the answer must be up to date,

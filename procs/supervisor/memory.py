@@ -47,7 +47,7 @@ CLEAR_NS: Final = 200_000_000
 def hold_name(name: str) -> socket.socket:
     """Hold the system's name for as long as we live; SegmentError names the supervisor that has it.
 
-    An abstract Unix socket: taking it is one step (two `up` at once cannot both have it), and the kernel gives it back.
+    An abstract Unix socket: it is taken atomically (by only one of two `up`), and released by the Linux kernel.
     """
     lock = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     try:

@@ -68,7 +68,7 @@ class Proc:
     `pause_ends`, a process that was stalled for `late_s` restarts as if it had been killed.
     `stop_s`: time limit to end on request; `on_exit`: consequences of the end, in the words of `trocar stop`.
     `priority`: that of a section of `trocar:`, slightly above that of arms, or below all that move robots; without
-    priority the kind is not `realtime`. `reserved`: guaranteed share of its period (SCHED_DEADLINE), with a priority.
+    priority the kind is not `realtime`. `reserved`: share of its period guaranteed with priority (SCHED_DEADLINE).
     `start` "on-demand": it runs only while it has clients, unless the system file has another `start`.
     `is_first`: it starts first and ends last.
     `declared`: the system file declares topics and commands of each instance.

@@ -279,7 +279,7 @@ class _ConsoleLoader:
                            f"a {family} listed under arms")
 
     def _runs(self, name: str, keys: TeleopPsmKeys | TeleopEcmKeys, arms: tuple[str, ...]) -> bool:
-        """Whether it can be started; a note when it cannot."""
+        """Whether a teleoperation can be started; a note if not."""
         absent = [arm for arm in arms if arm not in self.arms]
         if keys.type.endswith("_GENERIC"):
             self.system.note(

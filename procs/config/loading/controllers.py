@@ -37,7 +37,7 @@ class BusPlace:
     system: SystemFiles
     name: str
     keys: EmulatedBusKeys
-    files: list[Opened[IoFile]]  # empty where the system has no IOs
+    files: list[Opened[IoFile]]  # empty if the system has no IOs
 
     @property
     def options(self) -> EmulationOptions:

@@ -168,7 +168,7 @@ def _check_addresses(places: list[BusPlace], rows: list[document.BusConfig]) -> 
         if shift > room:
             text = f"board {shift} of {bus.io} has this address plus {shift}: it leaves its block"
             place.system.error(key, text, f"up to {base + room - shift}")
-        count = BOARDS if bus.network == "ethernet" else shift + 1  # there, broadcasts are assigned by their sender
+        count = BOARDS if bus.network == "ethernet" else shift + 1  # broadcasts are recognized by their sender there
         for own in (base + number for number in range(count)):
             if own in taken:
                 place.system.error(key, f"{own} belongs to {taken[own]}", "addresses of its own for every bus")
@@ -192,7 +192,7 @@ def _instruments(system: SystemFiles, arms: list[LoadedArm]) -> tuple[tuple[str,
             allowed = f"one of {', '.join(tools)}" if tools else "nothing"
             system.error(key, "no arm of this name is emulated", allowed)
         found = find(tool, tools.get(arm, ())).entry
-        instruments[arm] = found.name if found is not None else tool  # otherwise it has been told of
+        instruments[arm] = found.name if found is not None else tool  # otherwise already reported
     return tuple(sorted(instruments.items()))
 
 

@@ -84,8 +84,9 @@ def _field_of(field: dataclasses.Field[Any], hint: Any, key: DeclaredKey) -> Fie
 def validate(
     model: type[ModelType], source: SourceFile, key: Key = (), *, unknown: str = WARNING
 ) -> tuple[ModelType | None, list[FileProblem]]:
-    """The part of `source` at `key` as `model` (None with errors), and all problems; `unknown`: their severity if a key
-    is unknown.
+    """Validate the part of `source` at `key`; returns a `model` (None with errors) and all problems.
+
+    `unknown`: severity of unknown keys.
     """
     data = source.at(key) if key else source.data
     problems = list(_unknown_keys(model, source, key, data, unknown))
