@@ -23,7 +23,7 @@ SETUP_S: Final = 60.0
 SETTLES_S: Final = 0.3  # after its setup, plus a period: then a user's process counts as running
 GIVEN_UP: Final = "; given up after "
 TRACE_S: Final = 1.0  # time for a user's process to write the trace of a hang, and to end
-SHORT_TRACE_S: Final = 0.03  # for all others: the robot waits for the restart
+SHORT_TRACE_S: Final = 0.03  # for all others, whose restart is urgent
 
 
 @dataclass(frozen=True, slots=True)

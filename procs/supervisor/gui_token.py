@@ -36,7 +36,7 @@ def gui_token(system: SystemConfig) -> Iterator[None]:
 
 
 def told(system: SystemConfig, *, to_a_terminal: bool) -> str:
-    """How browsers on other machines connect; contains the token only for a terminal, which just its user reads."""
+    """How browsers on other machines connect; contains the token only on a terminal, where only its user reads it."""
     if system.gui is None or not system.gui.makes_token:
         return ""
     path = token_file(os.environ, system.name)
