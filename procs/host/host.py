@@ -5,7 +5,7 @@
         psm.send("state_command", (), "enable")
         host.run(0.5)
 
-The behavior is that of lock-step between processes. Its shared memory has no names (shm/memory/private.py), so nothing
+The behaviour is that of lock-step between processes. Its shared memory has no names (shm/memory/private.py), so nothing
 remains, however the process ends. There is no supervisor: an error in a loop ends the host.
 """
 

@@ -104,7 +104,7 @@ class NamedRecording:
 
     @property
     def lost(self) -> int:
-        """Number of chosen records that are missing: overwritten before they were read, or dropped for the disk."""
+        """Number of chosen records that are missing: overwritten before they were read, or dropped at the disk."""
         return sum(each.reader.lost for each in (*self._rings.values(), *self._log)) + self.file.dropped
 
     @property

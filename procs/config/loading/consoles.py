@@ -178,7 +178,9 @@ class _ConsoleLoader:
         return WiredInput(device.IO, name)
 
     def _head_input(self, key: Key, device: IoDeviceKeys) -> WiredInput | None:
-        """The input of a dVRK head sensor: that with the device's name, or the only one with `head` in its name."""
+        """The input of a dVRK head sensor: that with the device's name, else the only one with `head` in its name, or
+        the only one at all.
+        """
         names = self._names(device)
         if names is None:
             return None

@@ -1,4 +1,4 @@
-"""Arm files (`dvrk-psm|ecm|mtm.schema.json`, version "1"): kinematics, tool and behavior of one arm."""
+"""Arm files (`dvrk-psm|ecm|mtm.schema.json`, version "1"): kinematics, tool and behaviour of one arm."""
 
 from __future__ import annotations
 
