@@ -1,6 +1,6 @@
 """Allowed values in files for a field of the document, declared only at the field itself.
 
-    supervisor_lost_s: Annotated[float, Key(0.1, 60.0, "s")] = 1.0
+    setpoint_timeout_s: Annotated[float, Key(0.001, 1.0, "s of an old setpoint, then hold")] = 0.03
 
 The sections of `trocar.procs.config.models` include such fields with `keys_of`.
 """
