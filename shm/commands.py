@@ -1,7 +1,7 @@
-"""THE TABLE of what can be asked of a running process: one row per command, per kind of process.
+"""THE TABLE of commands to running processes: one row per command, per kind of process.
 
-What the columns mean stands in shm/mailbox/command_row.py. A command travels as its place in the table of its kind, up
-to 64 numbers and a short text. Replies come back on the client's reply ring.
+shm/mailbox/command_row.py explains the columns. A command is sent as its index in its kind's table, with up to 64
+numbers and a short text. Replies arrive on the client's reply ring.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from trocar.shm.mailbox.command_row import (
 )
 
 ENDINGS: Final = ("refused", "done", "failed")
-"""Outcomes after which no other one comes."""
+"""Final outcomes: no other outcome follows."""
 
 
 def became(outcome: str) -> str:
@@ -337,11 +337,11 @@ COMMANDS: dict[str, tuple[CommandRow, ...]] = {
     ),
 }
 
-COMMANDS["third_party"] = COMMANDS["arm"]  # a program refuses what it does not carry out
+COMMANDS["third_party"] = COMMANDS["arm"]  # a program refuses commands that it does not handle
 
 
 def caused(row: CommandRow, table: Mapping[str, tuple[CommandRow, ...]] = COMMANDS) -> list[CommandRow]:
-    """The row, and all that come of it in turn: the transitive closure over `causes`."""
+    """The row and all commands that it triggers, directly or indirectly: the transitive closure over `causes`."""
     found, waiting = [row], [row]
     while waiting:
         for other in _named(waiting.pop().causes, table):
@@ -359,11 +359,11 @@ def _named(causes: tuple[str, ...], table: Mapping[str, tuple[CommandRow, ...]])
 
 
 POWERS: Final = (RELAX, RELEASE, POWER)
-"""Effects that a bridge's client has only where the system file says `may_power`."""
+"""Effects that a bridge's client may cause only if the system file sets `may_power`."""
 
 
 def may_power(row: CommandRow, text: str, values: Numbers) -> bool:
-    """Whether power, homing, a released brake or protection may come of it, by itself or by what it causes."""
+    """Whether it can power, home, release a brake or change protection, directly or through commands it causes."""
     effect = row.effect_for(text, values)
     if effect < RELAX:
         return False
@@ -371,5 +371,5 @@ def may_power(row: CommandRow, text: str, values: Numbers) -> bool:
 
 
 def can_stop(name: str, text: str, values: Numbers) -> bool:
-    """Whether a command of this name stops something, to whatever kind of process it goes."""
+    """Whether a command of this name stops something, in any kind of process."""
     return any(row.is_stop(text, values) for rows in COMMANDS.values() for row in rows if row.name == name)

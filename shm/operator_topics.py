@@ -1,7 +1,7 @@
-"""Rows of the topic table for those who operate: teleoperations, consoles, the system, browsers, others' programs.
+"""Topic-table rows of the operator side: teleoperations, consoles, the system, browsers, third-party programs.
 
 Sizes in brackets: `teleops` those of a console, `arms` those of the system, `inputs` the buttons that consoles take
-from a program; the names stand in the header's info, and but for `inputs` in the record.
+from a program; the names are in the header's info and, except for `inputs`, in the record.
 """
 
 from __future__ import annotations
@@ -168,7 +168,7 @@ RECORDER_STATE = Topic(
     ),
 )
 
-# What a third-party programs says: a master, a slave or pedals. Fields of an arm are called as in an arm's record.
+# Data of third-party programs: a master, a slave or pedals. Arm fields have the same names as in an arm's record.
 THIRD_PARTY_STATE = Topic(
     "state",
     writer="third_party",

@@ -1,8 +1,8 @@
-"""THE TABLE of what flows: every shared record's layout, its unit and meaning, and the CRTK views on it.
+"""THE TABLE of shared data: every shared record's layout, its unit and meaning, and the CRTK views on it.
 
 A row is a template for a kind of process. Sizes in brackets may be names (`axes`, `drives`, `robots`, `inputs`,
-`outputs`, `readers`, `boards`, `setups`): they are filled in when an instance is created, and the filled-in schema
-travels in the segment's header. Every record begins with `sequence` and `stamp_ns` (monotonic); they belong to the
+`outputs`, `readers`, `boards`, `setups`): they are filled in when an instance is created, and the filled-in schema is
+stored in the segment's header. Every record begins with `sequence` and `stamp_ns` (monotonic); they are part of the
 ring and are not listed here.
 """
 
@@ -113,7 +113,7 @@ IO_STATE = Topic(
     ),
 )
 
-# What changes by command only: written at start and after every change, so the newest record is how things are.
+# Changed by commands only: written at start and after every change, so the newest record is the current state.
 IO_GAINS = Topic(
     "gains",
     writer="io",
@@ -170,7 +170,7 @@ SETPOINT = Topic(
         Field("in_effort", "(8,)?", "", "per actuator: the effort is applied; false: the position is followed"),
         Field("bias_generation", "<u4", "", "bias generation these positions belong to"),
         Field("pid_generation", "<u4", "", "enable of the joint controller these positions are meant for"),
-        # what the arm wants of io, see procs/tables/desired_state.py: 0 none, 1 off, 2 on
+        # the arm's desired state of io, see procs/tables/desired_state.py: 0 none, 1 off, 2 on
         Field("desired_generation", "<u4", "", "counts changes of what is wanted; 0: nothing is"),
         Field("desired_fault", "u1", "", "1: forget the latched fault"),
         Field("desired_power", "u1", "", "power"),
@@ -281,7 +281,7 @@ ARM_STATE = Topic(
     ),
 )
 
-# The setup joints of a patient cart: every setup arm carries an arm of the system and gives it its base frame.
+# The setup joints of a patient cart: every setup arm carries an arm of the system and provides its base frame.
 SUJ_STATE = Topic(
     "state",
     writer="suj",
@@ -381,7 +381,7 @@ TOPICS: tuple[Topic, ...] = (
     THIRD_PARTY_STATE, EVENTS, COMMAND, REPLY, AUDIT,
 )
 
-# What `trocar bench ring` sends to and fro; no process writes them, so they are not in the table.
+# Rings that `trocar bench ring` sends back and forth; no process writes them, so they are not in the table.
 PROBE = Topic(
     "probe",
     writer="bench",

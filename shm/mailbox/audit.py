@@ -1,9 +1,9 @@
-"""What an owner was asked for and what became of it: a ring of its own, so that a motion can be traced to a person.
+"""The commands an owner received and their outcomes, in a ring of their own: every motion can be traced to a person.
 
-Of a stream (servo_…) only the first goal is written, and then what changes: another sender, another outcome, a reason.
-A sender is a place in the mailbox and a person's command (shm/mailbox/origins.py): a process may stream for several of
-them. A jaw has a stream of its own beside the arm's.
-In lock-step all goals are that come from a person's program: so a recording has what it takes to repeat a run.
+For a stream (servo_…) only the first goal is written, then each change: another sender, another outcome, a reason. A
+sender is a mailbox place plus a person's command (shm/mailbox/origins.py): one process may stream for several. The jaw
+has its own stream beside the arm's. In lock-step all goals from a person's program are written, so that a recording
+contains everything needed to repeat a run.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ JAW = "jaw"
 
 
 class AuditedCommand(Protocol):
-    """A command, however it came."""
+    """A command, however it arrived."""
 
     command: CommandRow
     place: int
@@ -51,11 +51,11 @@ class AuditedCommand(Protocol):
 
     @property
     def origin_id(self) -> int:
-        """The number of the person's command it comes from."""
+        """Number of the person's command from which it originates."""
 
     @property
     def origin(self) -> Origin:
-        """The person's command it comes from."""
+        """The person's command from which it originates."""
 
     @property
     def values(self) -> NDArray[np.float64]:

@@ -1,13 +1,13 @@
-"""Handles for commands to one owner. All handles of a process at one mailbox share one place in it
+"""Handles for commands to one owner. All handles of a process to one mailbox share one place in it
 (shm/mailbox/place.py).
 
-What goes through a Client are commands of a person, see shm/mailbox/origins.py; a LoopClient passes on what somebody
-asked for.
+Commands through a Client are a person's commands (shm/mailbox/origins.py); a LoopClient passes on commands that
+originate elsewhere.
 
-The place is taken with the first command and given back with the last handle. A stop for which there is no room, in the
-mailbox or in our own queue, goes through the place that is kept free for stops. Each handle gets the replies to its own
-commands. Handles may be used by several threads, and by what interrupts them: a stop sent by a signal's handler goes
-out, whatever it has interrupted. In a forked child they end in an error: the place is the parent's.
+The first command takes the place, closing the last handle gives it back. A stop that does not fit into the mailbox or
+into our own queue is sent through the place reserved for stops. Each handle gets the replies to its own commands.
+Handles may be used by several threads and by signal handlers: a stop sent by a signal handler is sent, whatever code
+the handler interrupted. In a forked child, handles raise an error: the place is the parent's.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ from trocar.shm.time.clock import monotonic_ns
 
 __all__ = ["Client", "LoopClient", "MailboxFull", "Reply", "begin"]
 
-KEPT: Final = 1000  # commands of which nobody has heard the end
+KEPT: Final = 1000  # commands without a final reply yet
 STREAM_NS: Final = 100_000_000  # a stream that pauses so long has ended
 Key = tuple[int, int, str]
 
 
 class MailboxShare:
-    """What the handles of this process at one mailbox share."""
+    """Shared by all handles of this process to one mailbox."""
 
     def __init__(self, system: str, instance: str, program: str) -> None:
         """Attach; SegmentError when there is no such mailbox."""
@@ -56,7 +56,7 @@ class MailboxShare:
         self.lock, self._stop_lock = threading.RLock(), threading.RLock()
 
     def take_place(self) -> None:
-        """Take the place; SegmentError names who has all."""
+        """Take the place; SegmentError names the holders if all are taken."""
         if self._is_copy:
             raise SegmentError(f"{self.instance}: this was opened by the process that forked us (pid {self._pid}); "
                                "open it here once more")
@@ -101,11 +101,11 @@ class MailboxShare:
                 self._is_stopping = False
 
     def _forget_oldest(self) -> None:
-        with contextlib.suppress(KeyError):  # what interrupts us hands out replies as well
+        with contextlib.suppress(KeyError):  # an interrupting handler hands out replies as well
             del self._senders[next(iter(self._senders))]
 
     def hand_out(self) -> None:
-        """Give the replies that came to whom they are for; others are for the last one in our place."""
+        """Give each new reply to its sender; replies to unknown commands belonged to the place's previous client."""
         replies = self.place.poll() if self.has_place else []
         if self._stops is not None:
             with self._stop_lock:
@@ -117,9 +117,9 @@ class MailboxShare:
                 sender.inbox.append(reply)
 
     def forked(self) -> None:
-        """We are in a child of the process whose place it is."""
+        """We are in a forked child of the process that has the place."""
         self._is_copy = True
-        self.lock, self._stop_lock = threading.RLock(), threading.RLock()  # whoever had them is not here
+        self.lock, self._stop_lock = threading.RLock(), threading.RLock()  # their holders do not exist here
         self.close()
 
     def close(self) -> None:
@@ -133,9 +133,9 @@ class MailboxShare:
 
 
 class Desks:
-    """Those of this process, by the file of the mailbox: one made anew under the same name is another.
+    """This process's shares, by the mailbox's file: a mailbox made again under the same name is another one.
 
-    In a system that is this process's alone, loops have desks of their own as in processes: by who they say they are.
+    In a system private to this process, loops have desks of their own, as processes do: by the names they report.
     """
 
     def __init__(self) -> None:
@@ -202,15 +202,15 @@ class Client:
                  number: Callable[[], int] = new_id, peer: int = 0) -> None:
         """SegmentError when the instance has no mailbox; `called`: the name that others see, default our program's.
 
-        `time_ns` says whether a stream has paused, `number` gives each command of the person one of its own.
-        `peer`: for which of a bridge's clients, see SenderId.
+        `time_ns` tells whether a stream has paused, `number` numbers the person's commands. `peer`: which client of a
+        bridge, see SenderId.
         """
         self.instance, self.peer = instance, peer
         self._time_ns, self._new_number = time_ns, number
         self.origin: Origin = NOBODY
-        """Of what was sent last."""
+        """Of the last command sent."""
         self.seen: int | None = None
-        """How many faults the person knows of, where that is elsewhere and hears of them late; None: all."""
+        """Number of faults that a remote person, informed late, knows of; None: all."""
         self._whole: Origin | None = None
         self._stream, self._streamed_ns = NOBODY, -STREAM_NS
         self.inbox: list[Reply] = []
@@ -229,7 +229,7 @@ class Client:
         return self._desk.place.lost
 
     def on_behalf(self, origin: Origin) -> None:
-        """What is sent from now on are steps of this one command of a person, see `begin`."""
+        """From now on commands are steps of this one command of a person, see `begin`."""
         self.origin = self._whole = origin
 
     def send(self, name: str, values: Any = (), text: str = "") -> int:
@@ -255,7 +255,7 @@ class Client:
             raise
 
     def _own_origin(self, streams: bool) -> Origin:
-        """A stream is one command of a person: begun before a fault, it must not go on after it."""
+        """A stream is one command of a person: if begun before a fault, it must not continue after it."""
         if ACTING.origin is not None:
             self.origin = ACTING.origin
             return self.origin
@@ -280,7 +280,7 @@ class Client:
                 self._desk.take_place()
 
     def poll(self) -> list[Reply]:
-        """Replies to our commands that came since the last call, in order."""
+        """Replies to our commands since the last call, in order."""
         with self._desk.lock:
             self._desk.hand_out()
             found, self.inbox = self.inbox, []
@@ -299,15 +299,15 @@ class Client:
 
 
 class LoopClient(Client):
-    """A handle for loops, of one thread: they ask again for what they want, a full mailbox is no error there.
+    """A handle for loops, for one thread: loops repeat their requests, so a full mailbox is not an error.
 
-    It is no person's: what it passes on comes from somebody else's command (`on_behalf`).
+    It has no origin of its own: it passes on another person's command (`on_behalf`).
     """
 
     def __init__(self, system: str, instance: str, called: str = "", is_over: Callable[[], bool] = bool) -> None:
-        """SegmentError when the instance has no mailbox, or others have all its places.
+        """SegmentError when the instance has no mailbox, or all its places are taken.
 
-        `is_over`: our cycle began so long ago that nothing of it may be sent any more.
+        `is_over`: our cycle began so long ago that its commands must not be sent any more.
         """
         super().__init__(system, instance, called)
         self._is_over = is_over
@@ -332,7 +332,7 @@ class LoopClient(Client):
                 return 0
 
     def poll(self) -> list[Reply]:
-        """Replies to our commands that came since the last call, in order."""
+        """Replies to our commands since the last call, in order."""
         self._desk.hand_out()
         found, self.inbox = self.inbox, []
         return found

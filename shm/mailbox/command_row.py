@@ -1,7 +1,7 @@
-"""What there is to know about a command: one row says it, and everything else is derived from the row.
+"""Everything there is to know about a command is in one row, from which everything else is derived.
 
-Who derives what: the mailbox (authority, lateness, what a stop voids), bridges and the web console (`may_power`, what
-needs control), clients (arguments, help), ROS (topics and messages), audit, replay, docs/commands.md.
+Derived from it: the mailbox (authority, lateness, what a stop voids), bridges and the web console (`may_power`, which
+commands need control), clients (arguments, help), ROS (topics and messages), audit, replay, docs/commands.md.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ ITSELF: Final = "="
 ZERO: Final = "=0"
 """In `stops`: with values that are all 0."""
 ANYTHING: Final = 1e9
-"""No quantity of a robot is larger: a number beyond it is a mistake, whatever it is."""
+"""No quantity of a robot is larger: a larger number is a mistake."""
 SQUARED: Final = ANYTHING**2
 EVERYTHING: Final = "*.*"
 """In `causes`: every command of every kind."""
@@ -105,10 +105,10 @@ class Argument:
 
 @dataclass(frozen=True, slots=True)
 class Ros:
-    """Its ROS topics, behind the name of the instance, and what their messages carry (procs/ros_bridge/incoming.py).
+    """ROS topics of a command, behind the instance's name, and their message contents (procs/ros_bridge/incoming.py).
 
-    `topics`, default the command's name: {part} stands for each setup arm or robot. `kind`: of the topics' owner where
-    that is another one.
+    `topics`, default the command's name: {part} is replaced by each setup arm or robot. `kind`: kind of the topics'
+    owner if that is another process.
     """
 
     message: str
@@ -120,15 +120,14 @@ class Ros:
 
 @dataclass(frozen=True, slots=True)
 class CommandRow:
-    """One command: name (CRTK where there is one), the worst effect that it can have, one sentence, arguments, text.
+    """One command: name (CRTK where there is one), its worst possible effect, one sentence, arguments, text.
 
-    `effect_of_zero`, `effect_of_one`, `effect_of_words`: its effect where it is less, because its values are all 0 (or
-    there are none), or all 1, or by its text. `stops`: the texts with which it stops something, ANY or ZERO. `stream`:
-    the stream that it belongs to, which ends when its sender is silent. `move`: it is
-    accepted at once, and done when it has arrived. `ended_by`: the command that ends it when the client
-    that holds it is gone, or ITSELF. `causes`: commands ("kind.name", "kind.*") that
-    it makes the process give. `types`: of the arms that have it (of a teleoperation: of its slave), none: all.
-    `latest`: of several that wait only the newest counts.
+    `effect_of_zero`, `effect_of_one`, `effect_of_words`: its effect where that is less, because its values are all 0
+    (or absent), or all 1, or because of its text. `stops`: the texts with which it stops something, ANY or ZERO.
+    `stream`: the stream it is part of, which ends when its sender is silent. `move`: accepted at once, done on arrival.
+    `ended_by`: the command that ends it when the client that holds it is gone, or ITSELF. `causes`: commands
+    ("kind.name", "kind.*") that the process issues because of it. `types`: arm types that have it (for a teleoperation:
+    types of its slave), empty: all. `latest`: if several wait, only the newest counts.
     """
 
     name: str
@@ -156,7 +155,7 @@ class CommandRow:
         return ANY in stops or text in stops or (ZERO in stops and not any(values))
 
     def effect_for(self, text: str, values: Numbers) -> Effect:
-        """Its effect with this text and these numbers; what stops something is a setting."""
+        """Its effect with this text and these numbers; a stop counts as a setting."""
         if self.is_stop(text, values):
             return SETTING
         if text in self.effect_of_words:
@@ -172,7 +171,7 @@ class CommandRow:
         return self.effect_for(text, values) >= RELAX
 
     def expires(self, text: str, values: Numbers) -> bool:
-        """Whether it is refused when it comes late, or after a stop that was sent later."""
+        """Whether it is refused if late, or if a stop was sent after it."""
         return self.effect_for(text, values) >= FREE
 
     def about(self, text: str) -> str:
@@ -236,7 +235,7 @@ def of_type(rows: list[dict[str, Any]], name: str) -> list[dict[str, Any]]:
 
 
 def row_of(given: Mapping[str, Any]) -> CommandRow:
-    """A row as a mailbox lists it, which may say anything: what it does not say can do anything."""
+    """A row as a mailbox lists it, with any content: a row without an effect may have any effect."""
     arguments = given.get("arguments")
     words = given.get("effect_of_words")
     name, doc, text, stream = (str(given.get(key, "")) for key in ("name", "doc", "text", "stream"))

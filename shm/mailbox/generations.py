@@ -1,4 +1,4 @@
-"""Fault generations: what was asked for before a fault counts for nothing after it.
+"""Fault generations: commands given before a fault are void after it.
 
 One page per system with three cells for each component (an arm, setup joints, a robot of an io), written by its owner
 alone:
@@ -10,8 +10,8 @@ Check (owner):    the command counts when its generation ≥ void of the compone
 
 The sum is the system's fault generation: how many faults there were. Counts only grow, so a sum that was taken before
 F1 is smaller than that of F2, one that was taken after F2 is not. No clock is compared with another; a fault of one
-component leaves commands to the others as they were. What a person switched off is no fault: it voids what was asked of
-that component before, and who works with others goes on.
+component does not affect commands to the others. Switching off by a person is not a fault: it voids earlier commands to
+that component, and processes that work with other components continue.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def create_faults(system: str, components: Sequence[str], make: Make = create) -
 
 
 class Faults:
-    """The page, for whoever looks."""
+    """The page, for any reader."""
 
     def __init__(self, system: str, *, write: bool = False) -> None:
         """Attach; SegmentError when the system has no such page."""
@@ -94,7 +94,7 @@ class Faults:
         return self.words[self._voids[self.components.index(component)]] if component in self.components else 0
 
     def cell(self, component: str) -> tuple[int, int, int]:
-        """Where `count`, `fault` and `void` of a component lie in `words`; KeyError when there is none."""
+        """Positions of `count`, `fault` and `void` of a component in `words`; KeyError if it has none."""
         if component not in self.components:
             raise KeyError(f"no component {component}; there are {', '.join(self.components)}")
         place = self.components.index(component)
@@ -118,12 +118,12 @@ class FaultCell:
         """But those of this origin count: it has itself switched the component off."""
 
     def fault(self) -> None:
-        """A fault has happened: what was asked for before counts for nothing from now on."""
+        """A fault has happened: earlier commands are void from now on."""
         self._next(0)
         self._page.words[self._fault] = self.valid_from
 
     def switched_off(self, origin: int) -> None:
-        """A person's command `origin` took the power away: it counts on, what was asked for before does not."""
+        """A person's command `origin` removed power: that command stays valid, earlier ones are void."""
         self._next(origin)
 
     def _next(self, exempt_origin: int) -> None:
@@ -134,7 +134,7 @@ class FaultCell:
 
 
 class Watched:
-    """The last fault of some components, for whoever works with them: a Cell whose `valid_from` others move."""
+    """The last fault of some components, for a process that uses them: a Cell whose `valid_from` others advance."""
 
     exempt_origin = 0
 
@@ -145,11 +145,11 @@ class Watched:
 
     @property
     def valid_from(self) -> int:
-        """What was asked for in an earlier generation counts for nothing."""
+        """Commands of an earlier generation are void."""
         words = self._words
         return max([words[at] for at in self._places], default=0)
 
 
 OwnCell: TypeAlias = FaultCell | NoFaults
-"""What an owner knows of its component's faults."""
+"""The owner's record of its component's faults."""
 Cell: TypeAlias = OwnCell | Watched

@@ -1,6 +1,6 @@
-"""Why a command is refused before its owner sees it: it came late, or no operator's command authorizes it.
+"""Why a command is refused before its owner sees it: it is late, or no operator's command authorizes it.
 
-One rule for every way in: mailboxes, what arms request of io, stand-ins of tests.
+One rule for all entries: mailboxes, requests from arms to io, test stand-ins.
 """
 
 from __future__ import annotations

@@ -114,10 +114,10 @@ class Mailbox:
 
     def __init__(self, system: str, instance: str, rows: Sequence[CommandRow], *, guard: Cell | None = None,
                  audit: Audit | None = None, died: str = DIED) -> None:
-        """Claim the mailbox of `instance`, whose kind has these commands; SegmentError when it lists others.
+        """Claim the mailbox of `instance`, whose kind has these commands; SegmentError if it lists other ones.
 
-        `guard`: refuse what needs a person's command and has none since the last fault of this cell. `audit`: where it
-        is written what became of each command. `died` answers what was under way (V2).
+        `guard`: refuse commands that need an operator unless given after this cell's last fault. `audit`: the ring for
+        outcomes. `died` answers commands that were under way (V2).
         """
         places = MailboxMap(system, instance)
         self._segment = segment = places.segment
@@ -135,7 +135,7 @@ class Mailbox:
         never_stops = tuple(not row.stops for row in self._table)
         self._is_plain = tuple(never_stops if place != RESERVED else (False,) * len(self._table)
                                for place in range(PLACES))
-        self._stops: dict[str, tuple[int, Holder, str]] = {}  # about what; when it was sent, by whom, for which person
+        self._stops: dict[str, tuple[int, Holder, str]] = {}  # subject; when, by whom, for whom it was sent
         self._stopped_ns = NEVER  # the newest of them
         self._stops_taken = NOBODY[-8:]  # of the place for stops
         self._view, self._words = places.view, places.words
@@ -154,7 +154,7 @@ class Mailbox:
             self._recover(place, died)
 
     def _recover(self, place: int, died: str) -> None:
-        """Go on where a predecessor stopped, wherever that was."""
+        """Resume where the predecessor stopped."""
         words, taken, answered = self._words, self._taken[place], self._last_answer(place)
         if words[self._replies[place][(answered + 1) % REPLIES_DEPTH] >> 3] == answered + 1:  # V1
             answered += 1
@@ -166,7 +166,7 @@ class Mailbox:
             self._put_right(place)
 
     def _last_answer(self, place: int) -> int:
-        """Number of the last answer; 0, to restart, when the slot of that number says something else."""
+        """Number of the last answer; 0, to restart, if the slot of that number has another one."""
         answered = self._answered[place]
         at = self._replies[place][answered % REPLIES_DEPTH]
         return answered if answered < LAST_NUMBER and self._words[at >> 3] == answered else 0
@@ -185,10 +185,10 @@ class Mailbox:
         return [number for number, outcome in last.items() if outcome == ACCEPTED]
 
     def drain(self, now_ns: int = 0) -> Iterator[Received]:
-        """Commands that came in, in each client's order, at most 8 a client; unknown ones are refused here.
+        """Commands received, in each client's order, at most 8 a client; unknown ones are refused here.
 
-        `now_ns`: real monotonic time, with which late ones are refused, too; 0: nothing is late (in lock-step).
-        Answer (or accept) each before the next is taken: of what was taken, a successor can answer only the last (V2).
+        `now_ns`: real monotonic time, for refusing late commands; 0: nothing is late (in lock-step). Answer (or accept)
+        each before the next is taken: a successor can answer only the last one taken (V2).
         """
         sent = self._sent_bytes.tobytes()
         if sent == self._seen and not self._backlog:  # N1 for all places at once
@@ -202,15 +202,15 @@ class Mailbox:
         return bool(self._backlog) or self._sent_bytes.tobytes() != self._seen
 
     def refuse_waiting(self, reason: str) -> None:
-        """Refuse all that came in before now: an owner that begins must not act on what its predecessor was told."""
+        """Refuse all commands received before now: a restarted owner must not act on its predecessor's commands."""
         for _ in range(COMMANDS_DEPTH // PER_CYCLE):
             for command in self.drain():
                 command.refuse(reason)
 
     def _drain(self, sent: bytes) -> Iterator[Received]:
-        """Serve all whose cursors have moved: first the place for stops, then the one that came last.
+        """Serve all places whose cursors have moved: first the place for stops, then the latest one.
 
-        A place stays in the backlog until nothing waits in it, also when the caller leaves the loop early.
+        A place stays in the backlog until no command waits in it, also when the caller leaves the loop early.
         """
         if not sent.endswith(self._stops_taken):
             yield from self._serve(RESERVED)
@@ -279,7 +279,7 @@ class Mailbox:
             received.refuse(objection)
             return None
         wrong = f"command {code} is not in the table"
-        if number != n:  # nobody wrote it for this turn: never run what was run before
+        if number != n:  # not written for this turn: never run an old command again
             wrong = f"the slot of command {n} holds command {number}"
         elif count > MAX_VALUES:
             wrong = f"{count} values; allowed are {MAX_VALUES}"
@@ -291,7 +291,7 @@ class Mailbox:
         return late(row, text, values, waited_ns) or unauthorized(row, text, values, received.origin, self._guard)
 
     def _stopped(self, received: Received) -> str:
-        """Why nothing comes of a command because of a stop; empty: it is one, or none concerns it."""
+        """Why a stop voids this command; empty: it is a stop itself, or no stop concerns it."""
         command, text, values = received.command, received.text, received.values
         if command.is_stop(text, values):
             self._note_stop(command.about(text), min(received.sent_ns, monotonic_ns()), received)
@@ -307,7 +307,7 @@ class Mailbox:
         return ""
 
     def _note_stop(self, about: str, sent_ns: int, received: Received) -> None:
-        """What was asked before it is refused from now on, see above."""
+        """Refuse commands sent before this stop from now on, see above."""
         if len(self._stops) >= MAX_STOPS:  # not all of these are things: from now on it is about all there is
             self._stops, about, sent_ns = {}, "", max(sent_ns, self._stopped_ns)
         known = self._stops.get(about)
@@ -316,22 +316,22 @@ class Mailbox:
             self._stopped_ns = max(self._stopped_ns, sent_ns)
 
     def holder(self, place: int) -> Holder:
-        """Who has a place, by its own word."""
+        """The holder of a place, as it reported itself."""
         return self._map.holder(place)
 
     def home_of(self, place: int) -> int:
-        """The place of the program that sent through this one: another one only where this is the place for stops."""
+        """The place of the program that sent through this one: a different one only for the place for stops."""
         if place != RESERVED:
             return place
         who = self.holder(place)
         return next((other for other in range(CLIENTS) if self.holder(other) == who and self.has_client(other)), place)
 
     def has_client(self, place: int) -> bool:
-        """Whether anybody lives in a place (asks the kernel: not for loops of the robot)."""
+        """Whether a place has a live client (makes a system call: not for loops of the robot)."""
         return self._locks.is_taken(place)
 
     def reply(self, received: Received, outcome: int, text: str) -> None:
-        """Answer a command, and put into the audit ring what became of it."""
+        """Answer a command, and write its outcome to the audit ring."""
         self.answer(received.place, received.id, outcome, text)
         if self.audit is not None:
             self.audit.write(received, OUTCOMES[outcome], text)
@@ -347,5 +347,5 @@ class Mailbox:
         self._answered[place] = words[self._answered_at[place]] = n  # A4
 
     def close(self) -> None:
-        """Give the claim back."""
+        """Release the claim."""
         self._segment.close()

@@ -1,4 +1,4 @@
-"""Where everything lies in a mailbox's segment, and who has which place.
+"""Layout of a mailbox's segment, and the holders of its places.
 
 One "slot": cursors (arrays over the places, each cell with one writer), holders, then the queues of all places.
 """
@@ -27,7 +27,7 @@ REPLIES_DEPTH = REPLY.depth
 COMMAND_SCHEMA = schema_of(COMMAND)
 REPLY_SCHEMA = schema_of(REPLY)
 
-# What the rows of the topic table come to; tests compare these with the schemas.
+# Sizes that result from the topic table's rows; tests compare these with the schemas.
 MAX_VALUES, MAX_TEXT = 64, 64
 COMMAND_START = 8  # in the slot: stamp, id, origin, generation, code, count, peer, program, text, values
 COMMANDS_OF = tuple(struct.Struct(f"<qQQQHHI{PROGRAM_BYTES}s{MAX_TEXT}s{n}d")  # by number of values
@@ -63,7 +63,7 @@ def create_mailbox(system: str, instance: str, kind: str, rows: Sequence[Command
 
 
 class MailboxMap:
-    """Where the cursors and slots of all places lie: cursors as indices of words, slots as byte offsets."""
+    """Positions of the cursors and slots of all places: cursors as word indices, slots as byte offsets."""
 
     def __init__(self, system: str, instance: str) -> None:
         """Attach; SegmentError when there is no such mailbox, or it is not one of this program's."""
@@ -122,15 +122,15 @@ class MailboxMap:
         return tuple(start + i * schema.stride for i in range(depth))
 
     def sign(self, place: int, pid: int, program: str) -> None:
-        """Write down who has a place now."""
+        """Write down the current holder of a place."""
         at = self.first + HOLDERS_AT + place * HOLDER.size
         HOLDER.pack_into(self.view, at, pid, cut_text(program, PROGRAM))
 
     def holder(self, place: int) -> Holder:
-        """Who signed for a place last."""
+        """The last holder that signed for a place."""
         pid, program = HOLDER.unpack_from(self.view, self.first + HOLDERS_AT + place * HOLDER.size)
         return Holder(pid, readable(program))
 
     def holders(self, places: list[int]) -> str:
-        """Who has these places, in words."""
+        """The holders of these places, in words."""
         return in_words(self.holder(place) for place in places)

@@ -1,4 +1,4 @@
-"""Rows of the topic table that every kind of process has: events, commands, their answers, and what became of them."""
+"""Topic-table rows that every kind of process has: events, commands, their answers and outcomes."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ REPLY = Topic(
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """What became of a command: outcome is accepted, refused, done or failed."""
+    """Outcome of a command: accepted, refused, done or failed."""
 
     id: int
     outcome: str

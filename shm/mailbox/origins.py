@@ -1,7 +1,8 @@
-"""Whose command it was: every command that may power, home or move carries the person's command that it comes from.
+"""Origin of commands: every command that can power, home or move carries the person's command from which it originates.
 
-Persons are the command line, Python programs, bridges and the web console. System, consoles and teleoperations pass on
-the origin of what they were asked for; pedals, head sensors and processes that were restarted have none of their own.
+The command line, Python programs, bridges and the web console count as persons. System, consoles and teleoperations
+pass on the origin of the commands they received; pedals, head sensors and restarted processes have no origin of their
+own.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ NOBODY: Final = Origin(0, 0, "")
 
 
 class SenderId(NamedTuple):
-    """Which program sent a command here: its place in the mailbox, and, of a bridge, which of its clients (0: none).
+    """Sender of a command: its place in the mailbox and, for a bridge, the number of the bridge's client (0: none).
 
     Another program, or another client of the same bridge, is another sender, whatever the origin.
     """
@@ -43,9 +44,10 @@ class SenderId(NamedTuple):
 
 
 class Acting:
-    """For whom a process acts; None: it is a person's own program, and each of its commands is a person's.
+    """On whose behalf a process acts; None: it is a person's own program, and each of its commands is a person's.
 
-    Processes that the supervisor starts act for nobody, or for whom they were asked by; see procs/user/loop.py.
+    Processes that the supervisor starts act for no person, or for the person whose command they carry out; see
+    procs/user/loop.py.
     """
 
     origin: Origin | None = None
@@ -65,7 +67,7 @@ def is_direct(origin: int, pid: int) -> bool:
 
 
 def program_name() -> str:
-    """What this process was called as: "trocar send", "plan.py", "python"."""
+    """The name under which this process was started: "trocar send", "plan.py", "python"."""
     path = Path(sys.argv[0] if sys.argv else "")
     name = path.parent.name if path.name == "__main__.py" else path.name  # of python -m NAME
     if name == "trocar":

@@ -1,6 +1,6 @@
-"""A place in a mailbox: the sending end. The protocol stands in shm/mailbox/mailbox.py.
+"""A place in a mailbox: the sending end. shm/mailbox/mailbox.py describes the protocol.
 
-Programs use shm/mailbox/client.py, where all handles of a process at one mailbox share one place.
+Programs use shm/mailbox/client.py, where all handles of a process to one mailbox share one place.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from trocar.shm.time.control_page import ControlPage
 
 SEQUENCES = (tuple, list)
 FAR = 1 << 40  # commands; twenty years at 1500 Hz
-STOP_TRIES, STOP_PAUSE_S = 200, 0.001  # while somebody else stores a stop, or the place for stops is out of step
+STOP_TRIES, STOP_PAUSE_S = 200, 0.001  # while another process stores a stop, or the place for stops is out of step
 
 
 class MailboxFull(Exception):
@@ -48,7 +48,7 @@ class Place:
     """A place in an owner's mailbox, once it is claimed; for one thread of one process."""
 
     def __init__(self, system: str, instance: str, program: str = "") -> None:
-        """Attach; SegmentError when the instance has no mailbox. `program`: what others are told who has the place."""
+        """Attach; SegmentError when the instance has no mailbox. `program`: shown to others as the place's holder."""
         self._map = places = MailboxMap(system, instance)
         self.instance, self.kind, self._program = instance, places.kind, program
         self._codes = {command.name: code for code, command in enumerate(places.table)}
@@ -64,7 +64,7 @@ class Place:
         self.lost = 0
 
     def claim(self) -> None:
-        """Take a free place; SegmentError says who has them when there is none. Given back at close."""
+        """Take a free place; SegmentError names the holders if none is free. Given back at close."""
         try:
             try:
                 place = self._locks.claim(self._fit)
@@ -86,7 +86,7 @@ class Place:
         self._queue, self._replies = places.commands(place), places.replies(place)
 
     def _go_on(self, place: int) -> None:
-        """Go on where the last one in this place stopped, and write down who we are."""
+        """Resume at the cursors of the last client in this place, and sign as its holder."""
         self._count: int = self._words[self._sent]
         self._known: int = self._words[self._taken]
         self._map.sign(place, os.getpid(), self._program)
@@ -102,7 +102,7 @@ class Place:
         waiting = sent - taken
         if 0 <= waiting <= COMMANDS_DEPTH and sent < LAST_NUMBER and (newest == answered or not answered):
             return bool(waiting + room <= COMMANDS_DEPTH)
-        # further out of step, wherever the owner's own copy stands: it looks where a cursor moves
+        # further out of step, whatever the owner's own copy is: it looks where a cursor moves
         words[at] = sent + 2 * COMMANDS_DEPTH if FAR <= sent < LAST_NUMBER - 2 * COMMANDS_DEPTH else FAR
         return False
 
@@ -113,7 +113,7 @@ class Place:
 
     @property
     def table(self) -> tuple[CommandRow, ...]:
-        """What the owner can be asked."""
+        """The commands that the owner accepts."""
         return self._map.table
 
     @property
@@ -124,10 +124,10 @@ class Place:
 
     def send(self, name: str, values: Any = (), text: str = "", origin: Origin = NOBODY, peer: int = 0,
              wake: bool = True) -> int:
-        """Queue a command, returns its id; MailboxFull when the owner does not keep up, KeyError: no such command.
+        """Queue a command, returns its id; MailboxFull if the owner does not keep up, KeyError: no such command.
 
         `values` are at most 64 numbers, a sequence or an array, `text` at most 64 bytes of UTF-8; `origin`: of the
-        person's command that it comes from; `peer`: see SenderId. Not `wake`: the owner sees it when it looks.
+        person's command behind it; `peer`: see SenderId. Without `wake` the owner sees it at its next look.
         """
         code = self._codes.get(name)
         if code is None:
@@ -156,11 +156,11 @@ class Place:
         return n
 
     def poll(self) -> list[Reply]:
-        """Replies that came since the last call, in order; what was overwritten is counted in `lost`."""
+        """Replies since the last call, in order; overwritten ones are counted in `lost`."""
         head: int = self._words[self._answered]  # B1
         if head == self._seen:
             return []
-        if head < self._seen:  # no owner goes backwards: what we believed was not its word, so the slots are asked
+        if head < self._seen:  # owners never go backwards: our copy was not the owner's, so check the slots
             self._seen = max(0, head - REPLIES_DEPTH)
         begin = max(self._seen + 1, head - REPLIES_DEPTH + 1)
         self.lost += begin - self._seen - 1
@@ -178,7 +178,7 @@ class Place:
 
     @property
     def file(self) -> tuple[int, int]:
-        """Which file it is that lies under the mailbox's name: a system that was started again has others."""
+        """Identity of the file under the mailbox's name: a restarted system has new files."""
         status = os.fstat(self._map.segment.fd)
         return status.st_dev, status.st_ino
 
@@ -201,9 +201,9 @@ def take_place(system: str, instance: str, program: str = "") -> Place:
 
 
 class StopPlace(Place):
-    """The place for stops, which nobody keeps: taken for as long as it takes to store one, its answer read without it.
+    """The place for stops, with no permanent holder: taken only while a stop is stored; its answer is read without it.
 
-    Numbers of what went through here are negative: those of places of one's own are not.
+    Commands sent through it have negative numbers; those from a client's own place do not.
     """
 
     def __init__(self, system: str, instance: str, program: str = "") -> None:
@@ -214,9 +214,9 @@ class StopPlace(Place):
 
     def stop(self, name: str, values: Any = (), text: str = "", tries: int = STOP_TRIES, origin: Origin = NOBODY,
              peer: int = 0) -> int:
-        """Queue a stop, returns its number; SegmentError names who is in the place and does not leave it.
+        """Queue a stop, returns its number; SegmentError names a process that occupies the place and does not leave it.
 
-        MailboxFull when the owner has not taken the last ones; `tries` are a millisecond each.
+        MailboxFull if the owner has not taken the last ones; `tries` are a millisecond each.
         """
         try:
             self._enter(tries)
@@ -245,7 +245,7 @@ class StopPlace(Place):
         raise SegmentError(f"{self.instance}: the place for stops is {why}")
 
     def answers(self) -> list[Reply]:
-        """Replies to our stops that came since the last call."""
+        """Replies to our stops since the last call."""
         if not self._waiting:
             return []
         found = [reply for reply in self.poll() if reply.id in self._waiting]

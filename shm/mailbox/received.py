@@ -1,4 +1,4 @@
-"""A command on its owner's side: what was asked, by whom, and the ways to answer."""
+"""A command on its owner's side: content, sender, and ways to answer."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Received:
                  values: NDArray[np.float64]) -> None:
         """`command` is its row of the table, `values` (count,) its numbers, our own copy, read-only.
 
-        `raw` is its slot, but for the sequence, and `head` what COMMAND_HEAD says of it.
+        `raw` is its slot, but for the sequence, and `head` its fields by COMMAND_HEAD.
         """
         self._box, self.place, self._head, self._raw = box, place, head, raw
         self.id, self.command, self.values = head[1], command, values
@@ -46,7 +46,7 @@ class Received:
 
     @property
     def pid(self) -> int:
-        """The process that sent it, by its own word; 0: not known. As first asked: its place may be another's now."""
+        """The process that sent it, as it reported itself; 0: unknown. Fixed at the first call: places are reused."""
         if self._pid is None:
             self._pid = self._box.holder(self.place).pid
         return self._pid
@@ -58,7 +58,7 @@ class Received:
 
     @property
     def has_client(self) -> bool:
-        """Whether somebody lives in the place that it came from; who, says `pid`. Asks the kernel."""
+        """Whether the place it came from has a live client (`pid` says which). Makes a system call."""
         return self._box.has_client(self.place)
 
     @property
@@ -68,12 +68,12 @@ class Received:
 
     @property
     def origin_id(self) -> int:
-        """The number of the person's command it comes from."""
+        """Number of the person's command from which it originates."""
         return self._head[2]
 
     @property
     def origin(self) -> Origin:
-        """The person's command it comes from."""
+        """The person's command from which it originates."""
         return Origin(self._head[2], self._head[3], readable(self._raw[PROGRAM_IN_RAW:TEXT_IN_RAW]))
 
     @property

@@ -37,12 +37,12 @@ IDENTITY_AT = 64
 HEAD_AT = 192
 TEXT_AT = 256
 MAX_TEXT = 1 << 20
-BLOCK = 512  # what a file's blocks are counted in
+BLOCK = 512  # unit of a file's block count
 KINDS = ("ring", "mailbox", "control", "clock", "document", "faults")
 
 
 class SegmentError(Exception):
-    """A segment that cannot be made, found, trusted or claimed; the message says which and what to do."""
+    """A segment that cannot be made, found, trusted or claimed; the message says which and how to fix it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +59,7 @@ class Header:
 
 
 def text_of(info: dict[str, Any] | None) -> bytes:
-    """What a header says of the instance, as it lies there."""
+    """The header's text about the instance, unparsed."""
     return json.dumps(info or {}, separators=(",", ":")).encode()
 
 
@@ -75,7 +75,7 @@ def layout(name: str, kind: str, schema: Schema, depth: int, info_text: bytes) -
 
 
 def pages(size: int) -> int:
-    """So many bytes in whole pages."""
+    """This many bytes, rounded up to whole pages."""
     return -(-size // PAGE) * PAGE
 
 
@@ -86,7 +86,7 @@ def readable(raw: bytes) -> str:
 
 
 def checked(fd: int, name: str) -> Header:
-    """The header of a file, when everything in it fits the file and itself; SegmentError says what does not."""
+    """The header of a file, if consistent with the file and with itself; SegmentError names the inconsistency."""
     status = os.fstat(fd)
     raw = os.pread(fd, FIXED.size, 0)
     if len(raw) < FIXED.size:

@@ -1,4 +1,4 @@
-"""Who has a place of a segment: what it wrote there about itself, in words for whoever finds all places taken."""
+"""Holder of a place in a segment: its entry about itself, in words for a client that finds no free place."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ HOLDER = struct.Struct(f"<I{PROGRAM}s")  # pid, program
 
 
 class Holder(NamedTuple):
-    """Who has a place, by its own word; pid 0: it does not say."""
+    """The holder of a place, as it reported itself; pid 0: unknown."""
 
     pid: int
     program: str
@@ -31,6 +31,6 @@ NAMELESS = Holder(0, "")
 
 
 def in_words(signed: Iterable[Holder]) -> str:
-    """All of them, each once; one that is dead has left its name to somebody without one."""
+    """All holders, each once; crashed ones are counted without a name."""
     found = Counter(who if start_time(who.pid) else NAMELESS for who in signed)
     return ", ".join(who.reported(places=count) for who, count in found.items())

@@ -20,7 +20,7 @@ from trocar.shm.memory.rows import Topic
 
 LINE = 64
 MORE = "…".encode()
-MIN_SENTENCE = 16  # bytes: with less room "…" would say nothing
+MIN_SENTENCE = 16  # bytes: with less room only "…" would be left
 PAGE = 4096
 SHAPED = re.compile(r"^\((?P<shape>[^)]*)\)(?P<scalar>.+)$")
 MAX_STRIDE = 1 << 20
@@ -30,12 +30,12 @@ FIELD_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_/-]{0,63}")
 
 
 class LayoutError(Exception):
-    """A schema that cannot be used: says what is wrong with which field."""
+    """An unusable schema: names the field and the error."""
 
 
 @dataclass(frozen=True, slots=True)
 class Schema:
-    """One ring's layout: `text` is the JSON that lies in the header, `fingerprint` its first 8 hash bytes."""
+    """One ring's layout: `text` is the JSON in the header, `fingerprint` its first 8 hash bytes."""
 
     topic: str
     dtype: np.dtype[np.void]
@@ -62,7 +62,7 @@ def schema_of(topic: Topic, dims: Mapping[str, int] | None = None) -> Schema:
 
 
 def schema_from_json(text: bytes) -> Schema:
-    """The schema a header carries; LayoutError when the text is not one (the text may come from anywhere)."""
+    """The schema in a header; LayoutError if the text is not a schema (it may come from an untrusted source)."""
     try:
         document = json.loads(text)
         topic = _name(document["topic"])

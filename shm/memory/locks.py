@@ -17,7 +17,7 @@ LOCK = struct.Struct("hhqqi4x")
 
 
 class AllTaken(SegmentError):
-    """No place is free and fit; `places` are those that somebody has."""
+    """No place is free and fit; `places` are the occupied ones."""
 
     def __init__(self, text: str, places: list[int]) -> None:
         super().__init__(text)
@@ -25,14 +25,14 @@ class AllTaken(SegmentError):
 
 
 class Places:
-    """Places of a segment, each with a lock byte in the file: the kernel frees the place of a process that dies."""
+    """Places of a segment, each with a lock byte in the file: the kernel frees the place of a process that ends."""
 
     def __init__(self, segment: Segment, first: int, count: int) -> None:
-        """`count` places whose lock bytes begin at file offset `first`."""
+        """`count` places; the lock bytes begin at file offset `first`."""
         self._segment, self._first, self._count = segment, first, count
 
     def claim(self, fit: Callable[[int], bool]) -> int:
-        """Take a place that is free and `fit`; AllTaken when there is none. Given back at close."""
+        """Take a place that is free and `fit`; AllTaken if there is none. Given back at close."""
         taken = []
         for place in range(self._count):
             if not self.take(place):
@@ -45,17 +45,17 @@ class Places:
         raise AllTaken(f"{self._segment.name}: all {self._count} places are taken", taken)
 
     def take(self, place: int) -> bool:
-        """Take a place, if nobody has it, until `give_back`. Not for two threads: both would get it."""
+        """Take a free place until `give_back`. Not for two threads: both would get it."""
         return _lock(self._segment.fd, self._first + place)
 
     def is_taken(self, place: int) -> bool:
-        """Whether somebody else has a place; nothing is taken for that."""
+        """Whether another process has a place; takes nothing."""
         asked = LOCK.pack(fcntl.F_WRLCK, os.SEEK_SET, self._first + place, 1, 0)
         kind: int = LOCK.unpack(fcntl.fcntl(self._segment.fd, OFD_GETLK, asked))[0]
         return kind != fcntl.F_UNLCK
 
     def give_back(self, place: int) -> None:
-        """Let somebody else have a place."""
+        """Release a place."""
         _unlock(self._segment.fd, self._first + place)
 
 

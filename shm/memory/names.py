@@ -1,4 +1,4 @@
-"""What segments are called, and where they lie."""
+"""Names and locations of segments."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ FOLDER: Final = Path("/dev/shm")
 
 
 def segment_name(system: str, instance: str, what: str) -> str:
-    """`/trocar~<system>~<instance>~<what>`; SegmentError when a part has letters that are not allowed."""
+    """`/trocar~<system>~<instance>~<what>`; SegmentError if a part has characters that are not allowed."""
     for label, part in (("system", system), ("instance", instance), ("segment", what)):
         if not NAME.fullmatch(part):
             raise SegmentError(f"{label} name {part!r}: allowed are 1 to 64 letters, digits, _ and -")

@@ -1,9 +1,9 @@
-"""Memory order: what the protocols here need, why x86-64 gives it, and fences where a processor does not.
+"""Memory order: requirements of the protocols here, why x86-64 meets them, and fences where a processor does not.
 
 Needed: a process's stores to protocol words become visible in program order (with the plain bytes written between
-them), and its loads happen in program order. x86-64 keeps both by itself (total store order, Intel SDM vol. 3 §9.2,
-AMD APM vol. 2 §7.2): stores are not reordered with stores, loads not with loads; a store may only be overtaken by a
-LATER load of another address, which the ring and the mailbox do not mind. Two details:
+them), and its loads happen in program order. x86-64 keeps both by itself (total store order, Intel SDM vol. 3 §9.2, AMD
+APM vol. 2 §7.2): stores are not reordered with stores, loads not with loads; a store may only be overtaken by a LATER
+load of another address, which does not affect the ring and the mailbox. Two details:
 
 - A copy is many stores. Those of one `rep movs` may pass each other, but none passes a store before or behind the
   copy. Copies beyond glibc's non-temporal threshold (hundreds of kB, and never below 16 kB) are weakly ordered stores
@@ -14,9 +14,9 @@ LATER load of another address, which the ring and the mailbox do not mind. Two d
 
 The compiler cannot reorder either: every access is a call through the interpreter.
 
-Elsewhere (ARM, POWER, RISC-V) neither order is given. There every load and store of a protocol word stands between
-two full fences of libatomic: stronger and slower than needed, and easy to believe. Without libatomic a ring or mailbox
-cannot be attached. TROCAR_FENCES=1 in the environment asks for the fences on x86-64 too.
+Other processors (ARM, POWER, RISC-V) guarantee neither order. There every load and store of a protocol word is enclosed
+in two full fences of libatomic: stronger and slower than needed, and easy to verify. Without libatomic a ring or
+mailbox cannot be attached. TROCAR_FENCES=1 in the environment enables the fences on x86-64 too.
 
 Where a store must not be overtaken by a later load (shm/time/wakeup.py), x86-64 needs a fence as well: `full_fence`.
 """
@@ -51,7 +51,7 @@ class Words(Protocol):
 
 
 class FencedWords:
-    """Words whose every load and store stands between two full fences."""
+    """Words whose every load and store is enclosed in two full fences."""
 
     __slots__ = ("_fence", "_words")
 
@@ -71,7 +71,7 @@ class FencedWords:
 
 
 def fences_wanted() -> bool:
-    """Whether protocol words need fences: not on x86-64, unless TROCAR_FENCES=1 asks for them."""
+    """Whether protocol words need fences: not on x86-64, unless TROCAR_FENCES=1 is set."""
     return platform.machine() not in ORDERED or os.environ.get("TROCAR_FENCES") == "1"
 
 
@@ -99,10 +99,10 @@ def library_fence() -> Callable[[], object]:
 
 
 def full_fence() -> Callable[[], object]:
-    """What orders every earlier store before every later load, as a function to call.
+    """A function that orders every earlier store before every later load.
 
     On x86-64 one uncontended lock cycle: its acquire is a locked instruction, which is a full fence there, and it costs
-    a fifth of a foreign call. Elsewhere libatomic's fence; OrderError when that cannot be had.
+    a fifth of a foreign call. Elsewhere libatomic's fence; OrderError if that is not available.
     """
     if fences_wanted():
         return library_fence()

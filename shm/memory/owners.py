@@ -1,6 +1,6 @@
-"""Whose segments are trusted: our own, root's, and those of the one service user that TROCAR_SERVICE_USER names.
+"""Trusted owners of segments: our own user, root, and the one service user that TROCAR_SERVICE_USER names.
 
-Whoever owns a segment decides what lies in it, so the answer cannot come from shared memory. The supervisor sets the
+The owner of a segment controls its content, so the answer cannot come from shared memory. The supervisor sets the
 variable for its processes from the configuration; a person's tools get it from the environment of the machine.
 """
 
@@ -13,7 +13,7 @@ SERVICE_USER = "TROCAR_SERVICE_USER"
 
 
 def accepted() -> frozenset[int]:
-    """User ids whose segments may be attached; KeyError when the service user is nobody of this machine."""
+    """User ids whose segments may be attached; KeyError if this machine has no such service user."""
     name = os.environ.get(SERVICE_USER, "")
     return frozenset({os.getuid(), 0} | ({_uid(name)} if name else set()))
 

@@ -1,7 +1,7 @@
 """Systems that only this process has: their segments have no names in /dev/shm, and are gone with the process.
 
-Each segment is anonymous memory (memfd). Whoever attaches opens it anew by /proc/self/fd, so that claims, which belong
-to the open file, work as they do between processes. A forked child has what there was when it was forked.
+Each segment is anonymous memory (memfd). Each attachment opens it again through /proc/self/fd, so that claims, which
+are tied to the open file, work as they do between processes. A forked child has the segments that existed at the fork.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ def keep(system: str) -> None:
 
 
 def forget(system: str) -> None:
-    """Give back all its memory; harmless when there is none."""
+    """Release all its memory; no effect if there is none."""
     for fd in _systems.pop(system, {}).values():
         os.close(fd)
 
@@ -61,7 +61,7 @@ def create(name: str) -> int:
 
 
 def unlink(name: str) -> None:
-    """Remove it; who has it attached goes on. Harmless when there is none."""
+    """Remove the segment; processes that have it attached keep it. No effect if there is none."""
     files = _files(name) or {}
     if name in files:
         os.close(files.pop(name))

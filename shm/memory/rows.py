@@ -1,4 +1,4 @@
-"""What a row of the topic table is made of: fields, views on them, and the ring they are written to."""
+"""Parts of a topic-table row: fields, views on them, and the ring to which they are written."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Final
 class Field:
     """One field: numpy dtype (with shape in front, names allowed), unit, one sentence.
 
-    Those of a `group` are computed while somebody wants it (shm/system/subscriptions.py), and NaN otherwise.
+    Fields of a `group` are computed while a client subscribes to it (shm/system/subscriptions.py), and NaN otherwise.
     """
 
     name: str
@@ -22,12 +22,12 @@ class Field:
 
 HEAD_FIELDS = (Field("sequence", "<u8", "", "number of the record, from 1"),
                Field("stamp_ns", "<i8", "ns", "monotonic time of the record"))
-"""What every record begins with, before the fields of its row."""
+"""Fields at the beginning of every record, before those of its row."""
 
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """A CRTK name as a view on fields: `per` says what it is repeated for, `fields` maps parts of it to fields.
+    """A CRTK name as a view on fields: `per`: the items over which it is repeated, `fields` maps parts of it to fields.
 
     `kind` is the CRTK payload (js, cp, cv, cf, turn, jacobian); `where` is a flag field that makes it valid.
     """

@@ -1,13 +1,13 @@
-"""One shared-memory segment: its name, its header, who may create, claim and read it.
+"""One shared-memory segment: its name, its header, and the rules for creating, claiming and reading it.
 
 The supervisor creates a segment, sizes it with posix_fallocate (a full /dev/shm is an error now, not a SIGBUS in a
 loop later) and alone unlinks it. A writer claims it with a flock, which the kernel gives back when the writer dies.
 A reader maps it read-only. Everything in the header (shm/memory/header.py) is checked against the file before anything
 is mapped.
 
-What cannot be checked: whoever may write a segment may also shorten its file, and a process that then touches what is
-gone gets SIGBUS and ends; files in /dev/shm cannot be sealed against it. That is why only accepted owners count
-(shm/memory/owners.py), and why nobody but owner and group may write.
+Not checkable: a process that may write a segment may also shorten its file; another process that then touches the
+missing part is ended by SIGBUS. Files in /dev/shm cannot be sealed against this. Therefore only accepted owners count
+(shm/memory/owners.py), and only owner and group may write.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ from trocar.shm.memory.layout import Schema
 from trocar.shm.memory.names import FOLDER, NAME, path_of, segment_name
 from trocar.shm.memory.order import Words, ordered
 
-ENDLESS = 1 << 62  # ordinary memory: the kernel says when there is no more
+ENDLESS = 1 << 62  # ordinary memory: the kernel reports when there is no more
 CLAIM_ATTEMPTS, CLAIM_PAUSE_S = 100, 0.002
 Make = Callable[[str, str, Schema, int, dict[str, Any]], int]  # create, with a mode or group bound, or size_of
 __all__ = [
@@ -63,7 +63,7 @@ class SegmentFull(SegmentError):
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Who claimed a segment: `epoch` counts the claims, `start` is the process start time in ticks since boot."""
+    """The process that claimed a segment: `epoch` counts the claims, `start` is its start time in ticks since boot."""
 
     pid: int
     epoch: int
@@ -74,7 +74,7 @@ class Identity:
 def names_of(system: str | None = None, *, foreign: bool = False) -> list[tuple[str, str, str]]:
     """All segments of accepted owners as (system, instance, what), of one system or of all; sorted.
 
-    What other users have put there is none of ours; `foreign` lists that instead.
+    Other users' segments are left out; `foreign` lists them.
     """
     ours = [] if foreign else [name[1:].split("~") for name in private.segments(system)]
     if system is not None and private.is_kept(system):
@@ -141,7 +141,7 @@ def create(
         os.pwrite(fd, MAGIC, 0)  # last: a half-made segment has no magic
         if group >= 0:
             _give(fd, name, group)
-        os.fchmod(fd, mode)  # fchmod, because the umask narrows what shm_open is given
+        os.fchmod(fd, mode)  # fchmod, because the umask narrows the mode passed to shm_open
     except BaseException:
         unlink(name)
         raise
@@ -189,7 +189,7 @@ def foreign_owner(name: str) -> str:
 
 
 def owner_of(name: str) -> str:
-    """The owner of whatever lies under a name, in words ("user bob"); empty when that is us, or nothing is there."""
+    """The owner of the file under a name, in words ("user bob"); empty if that is us, or if there is no file."""
     try:
         uid = path_of(name).lstat().st_uid
     except OSError:
@@ -198,7 +198,7 @@ def owner_of(name: str) -> str:
 
 
 def _in_the_way(name: str) -> str:
-    """Whose the thing is that should not be there, and what to do about it."""
+    """Owner of the unexpected file, and how to resolve it."""
     user, path = owner_of(name), path_of(name)
     if user:
         return (f" and belongs to {user}: its owner, or root, has to remove it (rm {path}); or choose another name "
@@ -227,7 +227,7 @@ def unlink(name: str) -> None:
 
 
 def held(name: str) -> bool:
-    """Whether somebody holds the claim on whatever lies under this name, of this version or another."""
+    """Whether any process holds the claim on the file under this name, of this version or another."""
     try:
         fd = os.open(path_of(name), os.O_RDONLY | _flags(name))
     except OSError:
@@ -245,7 +245,7 @@ class Segment:
     """An attached segment; a context manager. `view` is its memory, read-only unless attached with `write`."""
 
     def __init__(self, name: str, *, write: bool = False) -> None:
-        """Attach after checking owner, size and header; SegmentError says what does not fit."""
+        """Attach after checking owner, size and header; SegmentError names the mismatch."""
         self.name = name
         self.fd: int = _opened(name, write)
         try:
@@ -261,7 +261,7 @@ class Segment:
         self._closed = self._claimed = False
 
     def at_close(self, callback: Callable[[], object], *, unlocks: bool = False) -> None:
-        """Call this first when the segment is closed; what `unlocks` in this process only, see `close`."""
+        """Call `callback` first when the segment is closed; with `unlocks` in this process only, see `close`."""
         self._at_close.insert(0, partial(_if_in, os.getpid(), callback) if unlocks else callback)
 
     def keep(self, part: memoryview) -> memoryview:
@@ -279,14 +279,14 @@ class Segment:
         return ordered(words, copied)
 
     def claim(self, name: str) -> Identity:
-        """Become the writer; SegmentError names the one that holds it. The kernel frees the claim when we die."""
+        """Become the writer; SegmentError names the current one. The kernel frees the claim when our process ends."""
         for attempt in range(CLAIM_ATTEMPTS):
             try:
                 fcntl.flock(self.fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 break
             except BlockingIOError:
                 if attempt < CLAIM_ATTEMPTS - 1:
-                    time.sleep(CLAIM_PAUSE_S)  # somebody may only be asking whether it is claimed
+                    time.sleep(CLAIM_PAUSE_S)  # another process may only be checking whether it is claimed
         else:
             first = self.identity()
             raise SegmentError(f"{self.name}: {first.name} (pid {first.pid}) writes it already; a ring has one writer")
@@ -300,12 +300,12 @@ class Segment:
         return identity
 
     def identity(self) -> Identity:
-        """Who claimed last."""
+        """The last process that claimed it."""
         pid, epoch, start, name = IDENTITY.unpack_from(self.view, IDENTITY_AT)
         return Identity(pid, epoch, start, readable(name))
 
     def claimed(self) -> bool:
-        """Whether a living process holds the claim now (asks the kernel, for tools; not for loops)."""
+        """Whether a live process holds the claim now (makes a system call: for tools, not for loops)."""
         if self._claimed:
             return True
         try:
@@ -317,7 +317,7 @@ class Segment:
 
     @property
     def gone(self) -> str:
-        """Who claimed it last and holds it no more, in words; empty while somebody does, and when nobody ever did."""
+        """The last claimer, in words, if it no longer holds the claim; empty while claimed or if never claimed."""
         last = self.identity()
         return f"{last.name} (pid {last.pid})" if last.epoch and not self.claimed() else ""
 
@@ -332,7 +332,7 @@ class Segment:
         for callback in self._at_close:
             with contextlib.suppress(BufferError):
                 callback()
-        self._at_close.clear()  # they hold us, and where the garbage collector is off nobody would break the circle
+        self._at_close.clear()  # they hold us, and without the garbage collector the reference cycle would stay
         with contextlib.suppress(BufferError):  # a numpy view still lives: the map goes with it
             self._map.close()
         os.close(self.fd)
@@ -365,7 +365,7 @@ def _flags(name: str) -> int:
 
 
 def _opened(name: str, write: bool) -> int:
-    """The file, open. Not by shm_open: that one waits at a named pipe for ever, and takes directories."""
+    """The file, open. Not by shm_open: that one blocks indefinitely on a named pipe, and accepts directories."""
     try:
         return os.open(path_of(name), _flags(name) | (os.O_RDWR if write else os.O_RDONLY))
     except FileNotFoundError:
@@ -387,7 +387,7 @@ def _mapped(fd: int, name: str, size: int, access: int) -> mmap.mmap:
 
 
 def _trusted(fd: int, name: str) -> None:
-    """Refuse what is no ordinary file, or was written by somebody else."""
+    """Refuse a file that is not an ordinary file, or has another owner."""
     status = os.fstat(fd)
     if not stat.S_ISREG(status.st_mode):
         raise SegmentError(f"{name}: is no segment but another kind of file (mode {status.st_mode:o})")

@@ -53,7 +53,7 @@ LAST_SEQUENCE = BUSY - 2  # ten thousand years at a million records a second
 
 
 class RingError(Exception):
-    """A ring that cannot be read or written as asked."""
+    """A ring that cannot be read or written as requested."""
 
 
 def attach(segment: Segment, kind: str, expected: Schema | None) -> None:
@@ -99,7 +99,7 @@ def _places(segment: Segment, skip: int) -> list[tuple[int, memoryview]]:
 
 
 class _Slots:
-    """The same, made when asked for: for who looks once, and would make thousands for one."""
+    """Slots created on demand: for a single read, which would otherwise create thousands for one."""
 
     def __init__(self, segment: Segment) -> None:
         self._view, self._header = segment.view, segment.header
@@ -113,7 +113,7 @@ class RingWriter:
     """The writing end. Fill the fields, then `publish`."""
 
     def __init__(self, segment: Segment, name: str, expected: Schema | None = None) -> None:
-        """Claim `segment` (attached with write=True) as instance `name`, going on from the last head."""
+        """Claim `segment` (attached with write=True) as instance `name`, and resume at the last head."""
         attach(segment, "ring", expected)
         self._words = segment.words(segment.header.schema.dtype.itemsize)
         self.identity = segment.claim(name)
@@ -128,7 +128,7 @@ class RingWriter:
         self._words[self._at] = self.sequence + NEXT_BUSY  # W1
 
     def _recover(self) -> int:
-        """The sequence to go on from; our record begins with what the predecessor wrote last, when that is whole."""
+        """The sequence at which to resume; our record starts as the predecessor's last one, if that is whole."""
         words, n = self._words, self._words[HEAD]
         if n >= LAST_SEQUENCE:
             raise SegmentError(f"{self._segment.name}: head {n} is garbage; no writer counts that far")
@@ -145,9 +145,9 @@ class RingWriter:
         return n
 
     def _by_slots(self, head: int) -> int:
-        """The newest sequence by the slots, where they and `head` say different things by more than a round.
+        """The newest sequence by the slots, where they and `head` differ by more than a round.
 
-        One that counted again what was counted before would be overlooked by readers who wait for the next number.
+        A number used twice would be overlooked by readers that wait for the next one.
         """
         kept = max((n for k, (at, _) in enumerate(self._places)
                     if (n := self._words[at]) < LAST_SEQUENCE and n % self._depth == k), default=head)
@@ -172,30 +172,30 @@ class RingWriter:
         words[HEAD] = n  # W4
         self.sequence = n
         self._at, self._slot = self._places[(n + 1) % self._depth]
-        words[self._at] = n + NEXT_BUSY  # W1 of the next, when readers have ours: it delays nobody
+        words[self._at] = n + NEXT_BUSY  # W1 of the next record, after ours is out: delays no reader
         return n
 
     def copy(self, record: memoryview) -> None:
-        """Take what a record of another ring of this layout says; `publish` gives it our number and stamp."""
+        """Copy the content of a record from another ring of this layout; `publish` adds our number and stamp."""
         self._source[ALL] = record[8:]
 
     def close(self) -> None:
-        """Give the claim back."""
+        """Release the claim."""
         self._segment.close()
 
 
 class RingReader:
-    """The reading end; keeps one private copy, its fields ready made: good after `newest` or `next` said True.
+    """The reading end; keeps one private copy with its fields prepared: valid after `newest` or `next` returned True.
 
     `lost` counts records that `next` left out because they were overwritten or about to be, `torn` reads given up after
-    RETRIES, `backwards` heads that were older than what we had. After a read given up the private copy has stamp 0:
-    nobody takes it for fresh.
+    RETRIES, `backwards` heads older than the last one read. After an abandoned read the private copy has stamp 0, so
+    that it never counts as fresh.
     """
 
     def __init__(self, segment: Segment, expected: Schema | None = None, *, often: bool = True) -> None:
         """Read `segment` (attached read-only); `next()` begins behind the newest record present now.
 
-        `often` prepares for it, so that a read is quick; who reads once waits for less without.
+        `often` prepares for fast reads; without it, a single read starts sooner.
         """
         attach(segment, "ring", expected)
         self._words = segment.words()
@@ -212,7 +212,7 @@ class RingReader:
         self._at: int
         self._slot: memoryview
         head = self._words[HEAD]
-        self.torn += self._words[self._places[head % self._depth][0]] % BUSY < head  # we'd begin behind what is to come
+        self.torn += self._words[self._places[head % self._depth][0]] % BUSY < head  # else we skip records
         self._go_to(head + 1)
 
     @property
@@ -241,14 +241,14 @@ class RingReader:
 
     @property
     def record(self) -> memoryview:
-        """The private copy as bytes, for who wants to keep it."""
+        """The private copy as bytes, for keeping."""
         return self._target
 
     @property
     def addresses(self) -> tuple[int, int, int]:
-        """Where our map, and our private copy, begin in memory, and the first slot: for code that is not Python.
+        """Addresses in memory of our map, our private copy and the first slot: for code that is not Python.
 
-        Good until `close`, as such code does not ask.
+        Valid until `close`, which such code does not check.
         """
         maps = np.frombuffer(self._segment.view, np.uint8).ctypes.data
         return maps, np.frombuffer(self._target, np.uint8).ctypes.data, maps + self._segment.header.first
@@ -275,12 +275,14 @@ class RingReader:
 
     @property
     def gone(self) -> str:
-        """The writer there was and is no more, in words; empty while one lives (asks the kernel: for tools)."""
+        """The writer that existed and has ended, in words; empty while one is alive (makes a system call: for
+        tools).
+        """
         return self._segment.gone
 
     @property
     def problem(self) -> str:
-        """What no writer of ours does, in words; empty when all is well."""
+        """Content that none of our writers produces, in words; empty if all is well."""
         odd = [f"{self.backwards} times the head went backwards (last good: {self.sequence})"] * bool(self.backwards)
         odd += [f"{self.torn} reads found no whole record"] * bool(self.torn)
         return "; ".join(odd)
@@ -315,12 +317,12 @@ class RingReader:
         return self._nothing()
 
     def _nothing(self) -> bool:
-        """What was copied is no record: make it the oldest thing in the world."""
+        """The copy is not a record: make it the oldest possible."""
         self._stamp[0] = self._stamp[1] = 0
         return False
 
     def next(self) -> bool:
-        """Copy the next record in order; False when there is none yet. What had to be left out is added to `lost`."""
+        """Copy the next record in order; False when there is none yet. Skipped records are added to `lost`."""
         words, at, n = self._words, self._at, self._next
         seen = words[at]  # S1
         if seen == n:
@@ -340,7 +342,7 @@ class RingReader:
         for attempt in range(RETRIES):
             n, head = self._next, words[HEAD]
             if n > head and words[self._at] != n:
-                if n > head + 2:  # two: we may have read a record whose W4 is still to come
+                if n > head + 2:  # two: we may have read a record before its W4
                     self.backwards += 1
                 return self._nothing() if spoilt else False
             oldest = head - self._depth + 2
@@ -351,14 +353,14 @@ class RingReader:
                     self._go_to(n + 1)
                     return True
                 spoilt = True
-            room = max(0, min((1 << attempt) - 1, self._depth - 2))  # a quick writer overtakes who begins at the oldest
+            room = max(0, min((1 << attempt) - 1, self._depth - 2))  # fast writers overtake the oldest
             self.lost += max(1, oldest + room - n)
             self._go_to(max(n + 1, oldest + room))
         self.torn += 1
         return self._nothing()
 
     def rewind(self, count: int = MAX_DEPTH) -> None:
-        """`next` goes on with so many of the newest records, or with the oldest that is kept."""
+        """`next` resumes with this many of the newest records, or with the oldest that is kept."""
         self._go_to(max(1, int(self._words[HEAD]) - min(count, self._depth - 1) + 1))
 
     def _go_to(self, n: int) -> None:
@@ -366,15 +368,14 @@ class RingReader:
         self._at, self._slot = self._places[n % self._depth]
 
     def last(self, count: int) -> NDArray[Any]:
-        """Up to `count` newest records, oldest first, as one structured array: whole ones, without a hole.
-
-        What the writer came round to meanwhile is left out with all that is older: as many as are missing at the front.
+        """Up to `count` newest records, oldest first, as one structured array: whole ones, without a gap. Records that
+        the writer overwrites meanwhile are left out with all older ones: they are missing at the front.
         """
         head = int(self._words[HEAD])
         return self._collect(max(1, head - min(count, self._depth - 1) + 1), head)
 
     def since(self, stamp_ns: int) -> NDArray[Any]:
-        """All records kept whose stamp is at least `stamp_ns`, oldest first; whole and without a hole, as in `last`."""
+        """All records kept whose stamp is at least `stamp_ns`, oldest first; whole and without a gap, as in `last`."""
         head = int(self._words[HEAD])
         kept = range(max(1, head - self._depth + 2), head + 1)
         begin = bisect_left(kept, stamp_ns, key=lambda n: int(self._words[self._places[n % self._depth][0] + 1]))

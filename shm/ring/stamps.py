@@ -1,4 +1,4 @@
-"""When the newest records of a ring were written: their stamps alone, for who measures rates and wants nothing else."""
+"""Stamps of a ring's newest records, without their content: for measuring rates."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def head_of(segment: Segment) -> int:
 
 
 def newest_stamps(segment: Segment, count: int) -> NDArray[np.int64]:
-    """Stamps, ns, of up to `count` newest records of a ring, oldest first; what is being overwritten is left out."""
+    """Stamps, ns, of up to `count` newest records of a ring, oldest first; the one being overwritten is left out."""
     header, head = segment.header, head_of(segment)
     words = np.frombuffer(segment.view, np.uint64)
     numbers = np.arange(max(1, head - min(count, header.depth - 1) + 1), head + 1, dtype=np.int64)

@@ -1,6 +1,5 @@
-"""The directory: which systems are up, what is in them, and how a name becomes an attached ring.
-
-The frozen document of a system lies in a segment of its own, written once by the supervisor before anything starts.
+"""The directory: which systems are up, their content, and how a name becomes an attached ring. The frozen document of a
+system is in a segment of its own, written once by the supervisor before anything starts.
 """
 
 from __future__ import annotations
@@ -62,7 +61,7 @@ def reader(system: str, instance: str, topic: str, kind: str | None = None, *, o
 
 
 def writer(system: str, instance: str, topic: str, kind: str | None) -> RingWriter:
-    """Claim a ring; SegmentError names who has it. Without `kind` its layout is what its header says."""
+    """Claim a ring; SegmentError names its holder. Without `kind` its layout is read from its header."""
     segment = Segment(segment_name(system, instance, topic), write=True)
     try:
         return RingWriter(segment, instance, _expected(segment, kind, topic))
@@ -77,7 +76,7 @@ def _expected(segment: Segment, kind: str | None, topic: str) -> Schema | None:
     dims = segment.header.info.get("dims", {})
     try:
         return schema_of(topic_of(kind, topic), dims)
-    except (LayoutError, TypeError, ValueError, OverflowError) as error:  # its header may say anything
+    except (LayoutError, TypeError, ValueError, OverflowError) as error:  # its header may have any content
         raise SegmentError(f"{segment.name}: its sizes {str(dims)[:64]!r} are not readable: {error}") from None
 
 

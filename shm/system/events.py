@@ -1,8 +1,8 @@
-"""Events of an instance: a ring with history, so that late comers see the last ones too.
+"""Events of an instance: a ring with history, so that late readers see the last ones too.
 
 An error is data: severity, code, component, axis, board, value, limit, text, hint. Code, severity and hint come from a
-row of a table of codes. `text` is one sentence that says by itself whom or what it is about, so that it is shown the
-same everywhere; the log has it, with its hint, uncut.
+row of a table of codes. `text` is one sentence that names its subject, so that all tools show the same text; the log
+has the text with its hint, uncut.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ class EventCode(Protocol):
         """WARNING or ERROR."""
 
     def remedy_for(self, component: str) -> str:
-        """What a person can do about it; `component`: the message is about it."""
+        """The remedy for an operator; `component`: the message's subject."""
 
 
 def sentence(text: str, component: str) -> str:
-    """`text`, beginning with the name of what it is about where it does not name it."""
+    """`text`, preceded by the name of its subject unless the text names it."""
     return f"{component}: {text}" if component and component not in text else text
 
 
@@ -48,9 +48,9 @@ class Events:
 
     def __init__(self, ring: RingWriter, now_ns: Callable[[], int], log: Log | None = None, name: str = "",
                  typed: str = "") -> None:
-        """Of the instance `name`, whose clock is `now_ns`; `log` gets severity and whole text of every message.
+        """Of the instance `name` with the clock `now_ns`; `log` receives severity and full text of every message.
 
-        `typed`: the name that a person types for it, where that is another one.
+        `typed`: the name that a person types for it, if different.
         """
         self._ring, self._now_ns, self._log, self._name, self._typed = ring, now_ns, log, name, typed or name
         self._fields = {name: ring.field(name) for name in NAMES}
@@ -63,7 +63,7 @@ class Events:
     ) -> None:
         """Write one event; sentences longer than their field end with "…", names are cut.
 
-        `repeated`: another process has told and logged it.
+        `repeated`: another process has already reported and logged it.
         """
         fields, room = self._fields, self._room
         if severity:

@@ -2,8 +2,8 @@
 
     2026-11-22 20:50:01.123456 5012.345678 WARNING PSM1 axis 2 (insertion), board 6: …
 
-Local date and time, CLOCK_MONOTONIC in seconds, severity, message. Who wrote it is the name of the file. Lines without
-stamps (tracebacks, what libraries print) belong to the line before them.
+Local date and time, CLOCK_MONOTONIC in seconds, severity, message. The file's name is the writer's. Lines without
+stamps (tracebacks, output of libraries) are part of the line before them.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ STATUSES = 20
 
 
 class Stamped(logging.Formatter):
-    """One record as a line, with the name of what logs it, but not that of the process `name`, whose file it is."""
+    """One record as a line, with its logger's name unless that is the process `name`, the owner of the file."""
 
     def __init__(self, name: str = "") -> None:
         """Without a name each record is that process's own."""
@@ -44,7 +44,7 @@ def stamped(level: str, text: str, local_s: float) -> str:
 
 
 class Plain(logging.Formatter):
-    """The same for a terminal, where lines come as they are written."""
+    """The same for a terminal, where lines are shown as they are written."""
 
     def format(self, record: logging.LogRecord) -> str:
         """Severity and message."""
@@ -64,7 +64,7 @@ def is_about(text: str, name: str) -> bool:
 
 
 def begin(stream: TextIO, name: str = "") -> None:
-    """What the process `name` logs goes to `stream` from now on."""
+    """The log of process `name` goes to `stream` from now on."""
     handler = logging.StreamHandler(stream)
     handler.setFormatter(Plain() if stream.isatty() else Stamped(name))
     logging.basicConfig(level=logging.INFO, handlers=[handler])

@@ -1,28 +1,28 @@
-"""Subscriptions: who wants what of an instance. What nobody wants need not be computed.
+"""Subscriptions: the data that clients request from an instance. Data without a subscriber need not be computed.
 
-What can be wanted: each topic of the instance, and each group of fields of a topic (shm/memory/rows.py), in the order
-that the info of its control page lists them; thing n is bit n of a cell. Whoever wants a group wants its topic as well.
+Items: each topic of the instance, and each group of fields of a topic (shm/memory/rows.py), in the order in which the
+info of its control page lists them; item n is bit n of a cell. A subscription to a group includes its topic.
 
-The control page has 64 places: a cell, a lock byte, and who has it. A client locks a place with a lock that the kernel
-frees when it dies (shm/memory/locks.py), and alone writes its cell; the instance reads all cells, and writes none.
+The control page has 64 places: a cell, a lock byte, and the holder's name. A client locks a place with a lock that the
+kernel frees when the client ends (shm/memory/locks.py), and alone writes its cell; the instance reads all cells, and
+writes none.
 
-Come (client):      C1  lock a place      C2  cell := 0      C3  write down who we are
-Want, drop:         D1  cell := what is wanted
+Come (client):      C1  lock a place      C2  cell := 0      C3  sign as holder
+Want, drop:         D1  cell := wanted items
 Go:                 G1  cell := 0         G2  unlock (closing the file does it)
-Look (instance):    E1  copy all cells; as last time? done   E2  wanted := all of them, or'ed
-Clear (supervisor): F1  a cell is not 0   F2  lock its place; taken: somebody lives there, done
+Look (instance):    E1  copy all cells; unchanged? done      E2  wanted := all cells, or'ed
+Clear (supervisor): F1  a cell is not 0   F2  lock its place; taken: its client is alive, done
                     F3  cell := 0         F4  unlock
 
-A client that dies leaves its cell as it is, and the lock free: the supervisor clears it in F, several times a second,
-so that no process of the robot asks the kernel anything. Who comes before that gets the place (C1) and clears it
-itself (C2). Between F2 and F4 the place is locked: nobody comes there, takes another, and when that is the last one
-tries again. So a cell is written by whoever has its lock, and by nobody else. In the time between a death and F3 too
-much is computed, never too little: nothing else depends on it.
+A client that crashes leaves its cell unchanged and the lock free: the supervisor clears the cell in F, several times a
+second, so that no process of the robot needs a system call for it. An earlier new client gets the place (C1) and clears
+the cell itself (C2). Between F2 and F4 the place is locked: a new client takes another place, and if that was the last
+one, tries again. So only the holder of the lock writes a cell. Between a crash and F3 too much is computed, never too
+little: nothing else depends on it.
 
-Memory order: none is needed. A cell is one aligned word, written by one move (shm/memory/order.py), and nothing else
-is read because of it; it becomes visible by itself. E1 copies 64 words, each whole; that they are not of one moment
-means that what was wanted meanwhile is seen in the next cycle. Clients wait for a valid value, or look at the records
-that come.
+Memory order: none is needed. A cell is one aligned word, written by one move (shm/memory/order.py), and no other data
+is read because of it. E1 copies 64 words, each whole but not all of one moment: a subscription made meanwhile is seen
+in the next cycle. Clients wait for a valid value, or look at incoming records.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ TRIES, PAUSE_S = 5, 0.002
 
 
 class Cells:
-    """Where the cells and lock bytes of a control page lie, and which bit means what."""
+    """Positions of the cells and lock bytes in a control page, and the meaning of each bit."""
 
     def __init__(self, page: ControlPage) -> None:
         self.page, segment = page, page.segment
@@ -68,13 +68,13 @@ class Cells:
                                f"wanted; it has: {', '.join(self.names) or 'nothing'}") from None
 
     def holder(self, place: int) -> Holder:
-        """Who wrote down last that it has a place."""
+        """The last client that signed for a place."""
         pid, program = HOLDER.unpack_from(self.page.segment.view, self.holders_at + place * HOLDER.size)
         return Holder(pid, readable(program))
 
 
 class Subscriptions:
-    """The instance's end: what is wanted of it. `look` each cycle; `wanted` is a bit for each thing."""
+    """The instance's end: the requested data. Call `look` each cycle; `wanted` has a bit for each item."""
 
     def __init__(self, page: ControlPage) -> None:
         """On the instance's own page, which closes it."""
@@ -100,12 +100,12 @@ class Subscriptions:
 
 
 class Subscriber:
-    """A client's end, for one thread: it has a place until it is closed, or dies."""
+    """A client's end, for one thread: it has a place until it is closed or its process ends."""
 
     def __init__(self, system: str, instance: str, program: str = "") -> None:
-        """Take a place; SegmentError when there is no such instance, or names who has all places.
+        """Take a place; SegmentError when there is no such instance, or names the holders of all places.
 
-        `program`: what others are told who has the place.
+        `program`: shown to others as the place's holder.
         """
         self._page, self._pid, self._wanted = ControlPage(system, instance, write=True), os.getpid(), 0
         try:
@@ -150,21 +150,21 @@ class Subscriber:
             self._wanted = self._words[self._at] = wanted  # D1
 
     def close(self) -> None:
-        """Want nothing more, and give the place back; a forked child leaves its parent's alone."""
+        """End all subscriptions and release the place; a forked child leaves its parent's unchanged."""
         if os.getpid() == self._pid:
             self._set(0)  # G1
         self._page.close()  # G2
 
 
 class Clearing:
-    """The supervisor's end: clears what dead clients left in a page."""
+    """The supervisor's end: clears the cells that crashed clients left in a page."""
 
     def __init__(self, page: ControlPage) -> None:
         """On a page that is open for writing, and closes it."""
         self._cells, self._words = Cells(page), page.segment.words()
 
     def clear(self) -> int:
-        """Clear the cells of the dead; returns how many. No system call where nobody wants anything."""
+        """Clear the cells of crashed clients; returns how many. No system call without subscriptions."""
         cells, cleared = self._cells, 0
         now = cells.bytes.tobytes()
         if now == NOBODY:

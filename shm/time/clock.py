@@ -8,12 +8,12 @@ import time
 from collections.abc import Callable, Iterator
 from functools import partial
 
-# Real monotonic time, for what must be bounded in real time even in lock-step (sockets, tools); in ns.
+# Real monotonic time, ns, for intervals that must be bounded in real time even in lock-step (sockets, tools).
 monotonic_ns = time.monotonic_ns
-# The same, and it goes on while the computer is suspended; only for how long something took.
+# The same, but it also counts while the computer is suspended; only for durations.
 boottime_ns: Callable[[], int] = (
     partial(time.clock_gettime_ns, time.CLOCK_BOOTTIME) if hasattr(time, "CLOCK_BOOTTIME") else monotonic_ns)
-# What the computer's clock on the wall shows, ns since 1970; only for people and for other programs' records.
+# The computer's wall-clock time, ns since 1970; only for people and for other programs' records.
 local_ns: Callable[[], int] = (
     partial(time.clock_gettime_ns, time.CLOCK_REALTIME) if hasattr(time, "CLOCK_REALTIME") else monotonic_ns)
 _sleeps: list[Callable[[float], None]] = [time.sleep]

@@ -1,9 +1,8 @@
-"""The control page: one per instance, where it shows that it lives, how it keeps time, and whether it sleeps.
+"""The control page: one per instance, with its heartbeat, timing and sleep state.
 
-One record (the row below) behind the common header; every cell is written by one party only, the instance itself,
-except `wakeup`, which whoever has news sets back, `state` and `error` before there is an instance: the supervisor
-shows CREATED when it starts one, and what clients want of it (shm/system/subscriptions.py). Statistics are of the last
-full second.
+One record (the row below) behind the common header. Only the instance writes its cells, except: `wakeup`, which a waker
+resets; `state` and `error` before the instance exists (the supervisor sets CREATED when it starts one); and clients'
+subscriptions (shm/system/subscriptions.py). Statistics cover the last full second.
 """
 
 from __future__ import annotations
@@ -78,12 +77,12 @@ def create_control(system: str, instance: str, make: Make = create, topics: Iter
 
 
 def wanted_name(topic: str, group: str = "") -> str:
-    """What a topic, or a group of its fields, is called in the list of what can be wanted."""
+    """Name of a topic, or of a group of its fields, in the list of possible subscriptions."""
     return f"{topic}/{group}" if group else topic
 
 
 class ControlPage:
-    """A control page, attached read-only (tools) or read-write (the instance, and whoever wakes it)."""
+    """A control page, attached read-only (tools) or read-write (the instance, and processes that wake it)."""
 
     def __init__(self, system: str, instance: str, *, write: bool = False) -> None:
         """Attach; SegmentError when there is no such instance."""
@@ -112,7 +111,7 @@ class ControlPage:
         return STATES[code] if code < len(STATES) else f"unknown ({code})"
 
     def show(self, state: str, error: str = "") -> None:
-        """Set the lifecycle state (the instance; before it has begun, the supervisor)."""
+        """Set the lifecycle state (by the instance; before it has started, by the supervisor)."""
         self._record["error"][0] = shorten(error, 399)
         self._record["state"][0] = STATES.index(state)
 

@@ -1,7 +1,7 @@
-"""Simulated time held back by a program from outside: it goes on as far as that says, and stands there.
+"""Simulated time held back by an outside program: time advances to the limit that this program sets, and stops there.
 
-What is done while it stands (a command sent, a ring read) is done at that instant in every run. One program at a time
-may do so; the kernel gives its place back when it dies, and the supervisor lets time go on then.
+Actions during such a stop (a command sent, a ring read) happen at that instant in every run. One program at a time may
+hold time; the kernel releases its place when it ends, and the supervisor then lets time run.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ PAUSE_NS: Final = 100_000_000  # more between two looks is a pause of the whole 
 
 
 class HeldTime(Steps):
-    """Time stands from the beginning on; a context manager, at whose end it goes on by itself."""
+    """Time is stopped from the start; a context manager, at whose end time runs freely again."""
 
     def __init__(self, system: str) -> None:
-        """SegmentError: time is not simulated there, or somebody else holds it."""
+        """SegmentError: the system does not simulate time, or another program holds it."""
         self._over = False
         page = clock_page(system, write=True)
         try:
@@ -37,10 +37,11 @@ class HeldTime(Steps):
             raise
 
     def run_until(self, time_ns: int, wait_s: float, look: Callable[[], None] = lambda: None) -> bool:
-        """Let time go to `time_ns`, and wait until all that was due has been done and everybody sleeps.
+        """Let time go to `time_ns`, and wait until all due work is done and all members sleep.
 
-        False where that takes longer than `wait_s` in real time, our own pauses left out: somebody is awake, or nobody
-        takes part. `look` is called again and again meanwhile; it may raise.
+        False if that takes longer than `wait_s` in real time, without our own pauses: a member is awake, or none takes
+        part. is called again and
+        again meanwhile; it may raise.
         """
         self.words[self._limit] = time_ns
         left_ns, before_ns = round(wait_s * 1e9), monotonic_ns()
@@ -54,12 +55,12 @@ class HeldTime(Steps):
         return True
 
     def wake(self, member: str) -> None:
-        """A member that sleeps and has news goes on at the instant at which time stands."""
+        """A sleeping member with news resumes at the instant at which time is stopped."""
         self._fence()
         self._wake(self.table.members.index(member))
 
     def wake_ns(self, member: str) -> int:
-        """When a member wants to go on."""
+        """The time at which a member wants to resume."""
         return self.words[self._next[self.table.members.index(member)]]
 
     def close(self) -> None:

@@ -1,27 +1,27 @@
 """Lock-step: simulated time that its members advance themselves, without a conductor.
 
-Every member says when it wants to go on, and sleeps (shm/time/wakeup.py, in its control page). When all sleep and
-nobody is due, time goes to the earliest of these; whoever finds that out does it, usually the last to fall asleep. Who
-has news for a member wakes it, and time stands until it sleeps again. One member may be a server, which sleeps at its
-sockets; nobody answers what some others send there, so they wake it before they sleep.
+Every member stores its next wake time ("wish") and sleeps (shm/time/wakeup.py, in its control page). When all members
+sleep and none is due, time advances to the earliest wish; any member that sees this does it, usually the last to fall
+asleep. A process with news for a member wakes that member, and time stops until it sleeps again. One member may be a
+server, which sleeps at its sockets; some members send to it without waiting, so they wake it before they sleep.
 
-Finish:  F1 who asks the server wakes it    F2 finished + 1    F3 next := wish, or 0, which is due, to look for news
-         F4 fall asleep (word := 1, full fence)   F5 is the time there, or news? then awake, done   F6 who has looked:
+Finish:  F1 a client of the server wakes it  F2 finished + 1   F3 next := wish, or 0 (due) to look for news
+         F4 fall asleep (word := 1, full fence)   F5 time reached, or news? then awake, done   F6 after the look:
          next := wish, full fence   F7 advance   F8 wait while the word is 1, bounded; then awake: from F2
-Serve:   the same, but at its sockets: before F2 and in F5 it answers until nothing waits there
-Advance: A1 is somebody awake or due? then done; remember everybody's `finished`
-         A2 take the lock; who has it already does A6 after we have looked, or says A4: done
-         A3 as A1, and `finished` as it was    A4 beyond the limit (shm/time/held_time.py), or paced and
-         too early? done, it says when another look is worth it
-         A5 now := the earliest wish    A6 give the lock back, full fence, wake all that are due, from A1
+Serve:   the same, but at its sockets: before F2 and in F5 it answers until no request waits there
+Advance: A1 is any member awake or due? then done; remember all values of `finished`
+         A2 take the lock; if taken, its holder does A6 after our look, or A4 applies: done
+         A3 as A1, and `finished` unchanged    A4 beyond the limit (shm/time/held_time.py), or paced and
+         too early? done, returning when to look again
+         A5 now := the earliest wish    A6 release the lock, full fence, wake all that are due, from A1
 
-Only who is awake wakes others (but for clients, which come at any time). Who has news for one that is awake, which
-needs no waking, may be asleep before that one looks: it looks while its wish is not out, and time stands until F6. A1
-alone may see A asleep, then B, which woke A in between: with A3 all slept at the moment between the two. Of two who
-fall asleep at the same time at least one sees that both do (F4 or F6, A1), or the lock's holder does (A6). F2, F3 and
-F4 come in this order and are loaded in the opposite one: a new wish is never taken for that of an earlier sleep. The
-lock is the kernel's: who dies gives it back. Sleeps are bounded, and the supervisor looks and wakes again and again: a
-death between A2 and the end of A6 costs no more.
+Only awake members wake others (except clients, which come at any time). A member with news for an awake one, which
+needs no waking, may be asleep before that one looks: that one looks while its wish is not out, and time is stopped
+until F6. A1 alone may see A asleep, then B, which woke A in between: with A3 all slept at the moment between the two.
+If two fall asleep at the same time, at least one sees that both do (F4 or F6, A1), or the lock's holder does (A6). F2,
+F3 and F4 are stored in this order and loaded in the opposite one: a new wish is never taken for that of an earlier
+sleep. The kernel frees the lock when its holder ends. Sleeps are bounded, and the supervisor repeatedly looks and
+wakes: a crash between A2 and the end of A6 costs no more.
 """
 
 from __future__ import annotations
@@ -45,9 +45,9 @@ from trocar.shm.time.control_page import ControlPage
 from trocar.shm.time.wakeup import Wakeup
 
 MEMBERS: Final = 64
-EPOCH_NS: Final = 1_000_000_000_000  # where simulated time begins: differences stay positive, and it is easy to see
+EPOCH_NS: Final = 1_000_000_000_000  # start of simulated time: differences stay positive, and it is easy to recognise
 POLL_NS: Final = 100_000_000
-PACE_NS: Final = 1_000_000  # paced: who waits for real time waits so long at least, and several steps follow at once
+PACE_NS: Final = 1_000_000  # paced: minimum wait for real time; several steps then follow at once
 BEHIND_NS: Final = 5_000_000  # so far behind real time counts as lost: there is no sprint
 NEVER: Final = 1 << 62
 WORDS: Final = 1 << 64  # their number
@@ -70,7 +70,7 @@ SCHEMA = schema_of(PAGE)
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Who takes part: names in the order of their places; the server among them, and who asks it."""
+    """The members: names in the order of their places; the server among them, and its clients."""
 
     members: tuple[str, ...]
     server: str = ""
@@ -162,7 +162,7 @@ class Steps:
         return 0
 
     def _wish(self, finished: list[int]) -> int:
-        """The next instant, 0: somebody is awake or due, or nobody is there; and how often each has fallen asleep."""
+        """The next instant, or 0 if a member is awake or due, or none takes part; and each member's count of sleeps."""
         words, wish = self.words, NEVER
         finished.clear()
         now = words[self._now]
@@ -225,7 +225,7 @@ class Member(Steps):
         self._own.end()
 
     def join(self, stopped: Callable[[], bool]) -> None:
-        """Wait until the supervisor says that time waits for us, or `stopped()`: what was before is not late."""
+        """Wait until the supervisor admits us to simulated time, or `stopped()`: earlier instants are not late."""
         active = self._active[self._place]
         while not self.words[active] and not stopped():
             self._own.sleep(lambda: self.words[active] == 1, POLL_NS)
@@ -236,8 +236,8 @@ class Member(Steps):
         return self._sleep(deadline_ns, stopped, news, self._own.wait)
 
     def serve_until(self, deadline_ns: int, stopped: Callable[[], bool], serve: Callable[[int], bool]) -> None:
-        """As `sleep_until`, for the server. `serve(timeout_ns)` answers what waits at its sockets, and says whether
-        there was anything; when nothing is there it waits so long for that or for what wakes the server.
+        """As `sleep_until`, for the server. `serve(timeout_ns)` answers all requests at its sockets and returns whether
+        there were any; without requests it waits up to this timeout for one or for the server's wake-up.
         """
         while serve(0):
             pass
@@ -292,7 +292,7 @@ class LockstepClock(Member):
                 raise SegmentError(f"{name} is no member of the simulated time of {system}")
             super().__init__(segment, wakeups_of(system, table, segment), waker_of(system, table, segment), name)
             self.wakeup: socket.socket | None = None
-            """What wakes the server, besides its own sockets."""
+            """Wakes the server, besides its own sockets."""
             if name == table.server:
                 self.wakeup = _datagrams(segment)
                 self.wakeup.bind(_address(system))
@@ -302,7 +302,7 @@ class LockstepClock(Member):
 
 
 class Timekeeper(Steps):
-    """The supervisor's end: it makes the page and says whom time waits for."""
+    """The supervisor's end: it makes the page and decides for which members time waits."""
 
     def __init__(self, system: str, table: Table, make: Make = create) -> None:
         """Make the page and set simulated time to EPOCH_NS; the members' control pages are there."""
@@ -323,12 +323,12 @@ class Timekeeper(Steps):
         """Taken by a program from outside that holds time back."""
 
     def hold(self, holds: bool) -> None:
-        """Time stands from now on, or goes on again, unless somebody else holds it back."""
+        """Stop time, or let it run again unless a program holds it back."""
         self._holds = holds
         self.words[self._limit] = self.now_ns() if holds else self.words[self._limit]
 
     def admit(self, ready: Sequence[str]) -> None:
-        """Time waits for these, and for nobody else."""
+        """Time waits for exactly these members."""
         for place, name in enumerate(self.table.members):
             is_in = name in ready
             if is_in != bool(self.words[self._active[place]]):
@@ -339,8 +339,8 @@ class Timekeeper(Steps):
                 self._wake(place)
 
     def let_pass(self, seconds: float) -> None:
-        """Sleep so long in real time, and see to it that time goes on where somebody died who should have."""
-        if self.words[self._limit] and not self._holds and self.holder.take(0):  # who held it back has died
+        """Sleep this long in real time, and keep time advancing if a member ended before it could do so."""
+        if self.words[self._limit] and not self._holds and self.holder.take(0):  # the program that held it has ended
             self.words[self._limit] = 0
             self.holder.give_back(0)
         self.advance()

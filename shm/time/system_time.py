@@ -57,11 +57,11 @@ class SystemTime:
         return monotonic_ns() if self._page is None else min(self._words[self._now], NEVER)
 
     def pause(self, seconds: float, real_s: float | None = None) -> None:
-        """Sleep so long in the system's time; `real_s` in real time at most (it may stand still)."""
+        """Sleep this long in the system's time; at most `real_s` in real time (the system's time may be stopped)."""
         self.pause_until(self.now_ns() + round(seconds * 1e9), real_s)
 
     def pause_until(self, deadline_ns: int, real_s: float | None = None) -> None:
-        """Until the system's time has come; `real_s` in real time at most."""
+        """Sleep until this time of the system; at most `real_s` in real time."""
         end = None if real_s is None else monotonic_ns() + round(real_s * 1e9)
         while (left := (deadline_ns - self.now_ns()) * 1e-9) > 0.0:
             if end is not None:
@@ -69,7 +69,7 @@ class SystemTime:
                     return
                 left = min(left, real_s or 0.0)
             if self._page is not None:
-                # In lock-step nobody knows how fast it comes; paced it is never early.
+                # In lock-step its speed is unknown; paced it is never early.
                 left = max(MIN_S, min(left if self.clock == PACED else MIN_S, MAX_S))
             pause(left)
 
@@ -95,7 +95,7 @@ class Patience:
 
     @property
     def is_over(self) -> bool:
-        """Nobody has to wait any longer."""
+        """The waiting time is over."""
         return self._time.now_ns() >= self._end_ns or monotonic_ns() >= self._real_ns
 
     def __enter__(self) -> Patience:

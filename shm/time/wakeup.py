@@ -1,4 +1,4 @@
-"""The wake-up word: one process sleeps, whoever has news for it wakes it, and pays nothing when it is awake.
+"""The wake-up word: one process sleeps, and any process with news for it wakes it, at no cost while it is awake.
 
 Its word is 1 while it sleeps.
 
@@ -6,10 +6,10 @@ Sleep: P1 word := 1           P2 full fence            P3 is there news? then wo
        P4 futex wait while the word is 1, bounded; then word := 0
 Wake:  Q1 the news is out     Q2 full fence            Q3 word 1?         Q4 word := 0, futex wake
 
-A waker that comes late in Q4 ends another sleep than it meant, early; nobody else ever stores 1, so none is missed.
-Without the fences the store of P1 and the load of P3 (and Q1, Q3) may pass each other even on x86-64, and a wake-up is
-lost (shm/memory/order.py says what makes the fence); waits are bounded anyway. Futex waits run on the monotonic clock:
-setting the wall clock disturbs nobody.
+A waker that is late in Q4 ends a later sleep early; only the sleeper stores 1, so no wake-up is missed. Without the
+fences the store of P1 and the load of P3 (and Q1, Q3) may pass each other even on x86-64, and a wake-up is lost
+(shm/memory/order.py explains the fence); waits are bounded anyway. Futex waits run on the monotonic clock: setting the
+wall clock has no effect.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ SYSCALL.restype = ctypes.c_long
 
 
 class _Timespec(ctypes.Structure):
-    _fields_ = [("seconds", ctypes.c_long), ("nanoseconds", ctypes.c_long)]  # ctypes asks for a list
+    _fields_ = [("seconds", ctypes.c_long), ("nanoseconds", ctypes.c_long)]  # ctypes requires a list
 
 
 class Futex:
@@ -63,12 +63,12 @@ class Futex:
         SYSCALL(FUTEX, self._address, WAIT, ctypes.c_uint32(value), self._timeout_at, None, 0)
 
     def wake(self) -> None:
-        """Wake everybody who sleeps on it; the word stays as it is."""
+        """Wake all sleepers on it; the word is unchanged."""
         SYSCALL(FUTEX, self._address, WAKE, ALL_WAITERS, None, None, 0)
 
 
 class Wakeup:
-    """One word of a segment: its one sleeper's end, and that of whoever wakes it."""
+    """One word of a segment: the end of its one sleeper, and that of its wakers."""
 
     def __init__(self, segment: Segment, offset: int) -> None:
         self._futex = Futex(segment, offset)
@@ -100,7 +100,7 @@ class Wakeup:
 
     @property
     def sleeps(self) -> bool:
-        """It sleeps, and nobody has woken it."""
+        """Asleep, and not yet woken."""
         return self._futex.value == 1
 
     def wake(self) -> None:
