@@ -1,4 +1,4 @@
-"""What a person or a test may do to the emulated boards and robots: the rows of the command table, carried out."""
+"""Actions of a person or a test on the emulated boards and robots: the rows of the command table, executed."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class BoardCommands:
 
 
 def _for_people(faults: BoardFaults, instruments: EmulatedInstruments, hands: Hands) -> dict[str, Order]:
-    """What hands do."""
+    """Actions that a person would do by hand."""
 
     def insert(text: str, v: list[float]) -> None:
         arm, _, name = text.partition(" ")

@@ -1,4 +1,4 @@
-"""What happens to emulated boards and robots from outside: buttons, broken amplifiers, a supply that goes, …"""
+"""External influences on emulated boards and robots: buttons, broken amplifiers, loss of supply, …"""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ HOTTEST = 127.5  # °C; temperatures are eight bits of 0.5 °C
 
 
 class BoardFaults:
-    """Done at once, between two datagrams; KeyError and ValueError say what there is and what is allowed."""
+    """Done at once, between two datagrams; KeyError and ValueError name the existing items and the allowed values."""
 
     def __init__(self, world: Emulation, plant: Plant) -> None:
         """`plant` is the world's own."""
         self._world, self._plant, self._wiring = world, plant, world.wiring
         self._bus_of_row = [(bus, row) for bus in world.buses for row in range(bus.count)]
-        self._names = tuple(dict.fromkeys(io for io, _ in world.wiring.rows))  # rows lie bus after bus
+        self._names = tuple(dict.fromkeys(io for io, _ in world.wiring.rows))  # rows are ordered bus by bus
         self._gone: set[int] = set()  # rows of boards that were taken away
 
     # -- hands on buttons and robots -----------------------------------------------------------------------------------
@@ -48,12 +48,12 @@ class BoardFaults:
         self._plant.push(robot, efforts)
 
     def support(self, robot: str, supported: bool) -> None:
-        """Carry the weight of a robot by hand, or let go."""
+        """Carry the weight of a robot by hand, or release it."""
         self._actuators(robot)
         self._plant.support(robot, supported)
 
     def place(self, robot: str, positions: npt.NDArray[np.float64]) -> None:
-        """Put a robot's actuators somewhere, rad or m, at rest; `SUJ/PSM1`: a setup arm whose brakes let it go."""
+        """Set the position of a robot's actuators, rad or m, at rest; `SUJ/PSM1`: a setup arm with released brakes."""
         joints, _, arm = robot.rpartition("/")  # IO1/SUJ/PSM1, where several buses have a SUJ
         if joints and joints in self._world.setup_joints:
             self._world.setup_joints[joints].place(arm, positions.tolist())
@@ -64,12 +64,12 @@ class BoardFaults:
     # -- faults of robots ----------------------------------------------------------------------------------------------
 
     def fail_amplifier(self, robot: str, axis: int, failed: bool) -> None:
-        """Make the amplifier of an actuator fail, or mend it."""
+        """Make the amplifier of an actuator fail, or repair it."""
         bus, row, place = self._place(robot, axis)
         bus.power.fail_amplifier(row, place, failed, bus.now)
 
     def lose_supply(self, robot: str, lost: bool) -> None:
-        """Take the motor supply of a robot's boards away, or give it back."""
+        """Remove the motor supply of a robot's boards, or restore it."""
         self._actuators(robot)
         for row in self._wiring.boards_of(robot):
             bus, local = self._bus_of_row[row]
@@ -100,7 +100,7 @@ class BoardFaults:
         self._errors().pot_alive[self._slot(robot, axis)] = float(not dead)
 
     def scale_encoder(self, robot: str, axis: int, factor: float) -> None:
-        """An encoder counts `factor` times what its file says; below 0 backwards, 1 puts it right."""
+        """An encoder counts `factor` times the value in its file; below 0 backwards, 1 restores it."""
         self._look_for(self._wiring.counts.scale, robot, axis, "encoder")
         if not 0.01 <= abs(factor) <= MAX_FACTOR:
             raise ValueError(f"factor {factor:g}; allowed: 0.01 to {MAX_FACTOR:g}, or below 0 the same")
@@ -118,7 +118,7 @@ class BoardFaults:
     # -- faults of boards and buses ------------------------------------------------------------------------------------
 
     def take_away(self, board: int, gone: bool, bus: str = "") -> None:
-        """A board loses power and cables, or comes back as after power-up; nothing where it is so already."""
+        """A board loses power and cables, or returns as after power-up; no effect if it is already in that state."""
         row = self._row(board, bus)
         if gone == (row in self._gone):
             return
@@ -142,7 +142,7 @@ class BoardFaults:
         on.hub_memory.spoiled[local] = times
 
     def heat(self, board: int, first: float, second: float, bus: str = "") -> None:
-        """What a board measures at its first and second pair of amplifiers, °C."""
+        """Temperatures that a board measures at its first and second pair of amplifiers, °C."""
         for celsius in (first, second):
             if not 0.0 <= celsius <= HOTTEST:
                 raise ValueError(f"{celsius:g} °C; allowed: 0 to {HOTTEST}")
@@ -164,7 +164,7 @@ class BoardFaults:
         """The bus of a row, and its row there."""
         return self._bus_of_row[row]
 
-    # -- who is meant --------------------------------------------------------------------------------------------------
+    # -- addressees ----------------------------------------------------------------------------------------------------
 
     def _actuators(self, robot: str) -> int:
         """How many a robot has."""

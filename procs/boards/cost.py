@@ -1,13 +1,12 @@
-"""What a cycle costs the boards process: the half of `trocar bench boards` that measures, in a process of its own.
+"""Cost of a cycle of the boards process: the measuring half of `trocar bench boards`, in a process of its own.
 
 Started as `python -m trocar.procs.boards.cost SYSTEM DOCUMENT`, with a ring for the state record made beforehand. It
-says `{}` when it is ready; then, for every line with a number of seconds, it measures so long and says one line: for
-every measurement its percentiles in ns of this thread's CPU time a cycle.
+prints `{}` when it is ready; for every input line with a number of seconds it then measures for that time and prints
+one line: for every measurement its percentiles in ns of this thread's CPU time a cycle.
 
 A host drives the boards with broadcast query, hub read and broadcast write at 1500 Hz of simulated time, all amplifiers
-on, every arm swinging a little. A physics step falls into two of three cycles, so what is timed is a window of three
-cycles. Short blocks of each kind of window follow each other in turn: whatever the machine is up to, it is up to it for
-all of them.
+on, every arm swinging a little. A physics step falls into two of three cycles, so a timed window covers three cycles.
+Short blocks of each kind of window alternate, so that a disturbance by other load affects all kinds alike.
 """
 
 from __future__ import annotations
@@ -45,7 +44,7 @@ SWITCH_ON_WINDOWS = 200  # until the amplifiers are on
 BLOCK, WARM_UP = 40, 8  # windows of one kind in a row; the first of them do not count
 PERCENTILES = {"p10": 10, "p50": 50, "p99": 99}
 
-Sent = list[tuple[int, bytes]]  # when, ns, and what
+Sent = list[tuple[int, bytes]]  # start time, ns, and kind
 _BIG_QUAD = np.dtype(">u4")
 _AMPS_ON = 0xF << reg.STATUS_AMP_ON_SHIFT
 
@@ -96,7 +95,7 @@ class AskingHost:
         return wire.quadlet_write(wire.BROADCAST, reg.STATUS, value, 1, self._generation)
 
     def cycle(self, at_ns: int) -> Sent:
-        """Query, read and write of a cycle that begins then."""
+        """Query, read and write of a cycle that begins at this time."""
         self._sequence = self._sequence + 1 & 0xFF
         return [(at_ns, self._queries[self._sequence]), (at_ns + READ_NS, self._read),
                 (at_ns + WRITE_NS, self._write(at_ns))]
@@ -140,7 +139,8 @@ class BoardsBench:
         self._publisher = Publisher(directory.writer(system, "boards", "state", "boards"), world)
         self._now, self._windows = 0, 0
         buses = document.emulation.buses if document.emulation is not None else ()
-        # The boards' time is the host's, whatever the sockets say; asking the kernel for it costs what it always costs.
+        # The boards use the host's time, whatever the sockets report; the cost of reading it from the kernel is
+        # unchanged.
         self._server = Endpoints(buses, lambda bus, data, _, to: world.answer(bus, data, self._now, to), monotonic_ns,
                                  False)
         self._client = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -182,7 +182,7 @@ class BoardsBench:
         replies = [self.world.answer(0, data, at) for at, data in self.host.cycle(begin)]
         self.host.check(replies[1] or b"", begin)
 
-    # -- kinds of window: what was measured, and ns of CPU time in it --------------------------------------------------
+    # -- kinds of window: kind of measurement, and ns of CPU time in it ------------------------------------------------
 
     def whole(self, sent: Sent) -> dict[str, int]:
         """Answers and physics, without the sockets."""
@@ -211,7 +211,7 @@ class BoardsBench:
         return {"sockets": used}
 
     def parts(self, sent: Sent) -> dict[str, int]:
-        """Physics, datagrams and state record each by itself; what asking the clock takes is taken off."""
+        """Physics, datagrams and state record separately; the cost of reading the clock is subtracted."""
         used = dict.fromkeys(("physics", "query", "read", "write", "record"), 0)
         begin = thread_time_ns()
         clock = thread_time_ns() - begin

@@ -1,7 +1,7 @@
-"""All emulated buses of a system and the robots on them, on one clock that only moves when told.
+"""All emulated buses of a system and the robots on them, on one clock that only the caller advances.
 
-Physics runs one step ahead: at the beginning of a step the currents that flow then are applied for its whole length,
-so that positions within the step are known in closed form and encoders can be asked for any tick in it.
+Physics runs one step ahead: the currents at the beginning of a step are applied for its whole length, so that positions
+within the step are known in closed form and encoders can be read at any tick in it.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ from trocar.procs.native.boards_fields import WORLD
 
 FRAME_TICKS = 33  # no two datagrams reach a board closer than the shortest frame takes at 1 Gbit/s
 MIDDLE = (0x7FFF, 0x8000)  # commands on either side of no current
-FIRST, LAST, ERRORS, COMPARE = 1, 2, 4, 8  # what `sense` does: its two halves, and with what
-TOO_MUCH, BRAKES = 1, 2  # what it has found
-MAX_STEPS = 100  # physics steps made up for after a pause; what is beyond is left out
+FIRST, LAST, ERRORS, COMPARE = 1, 2, 4, 8  # the work of `sense`: its two halves, and with which options
+TOO_MUCH, BRAKES = 1, 2  # its findings
+MAX_STEPS = 100  # physics steps caught up after a pause; the rest is skipped
 
 
 @dataclass(frozen=True, slots=True)
 class SensorErrors:
-    """What sensors show too much; arrays over all slots, changed in place."""
+    """Errors of the sensors; arrays over all slots, changed in place."""
 
     current: Floats  # A
     pot: Floats  # V
     pot_drift: Floats  # V a step, by which `pot` grows
-    pot_alive: Floats  # 1; 0 where a potentiometer is dead: it shows 0 V
+    pot_alive: Floats  # 1; 0 for a failed potentiometer: it shows 0 V
 
     @classmethod
     def none(cls, slots: int) -> SensorErrors:
@@ -47,7 +47,7 @@ class SensorErrors:
 
 
 class World(Protocol):
-    """What moves the robots; arrays over all actuators, SI, changed in place by each step."""
+    """Quantities that move the robots; arrays over all actuators, SI, changed in place by each step."""
 
     position: Floats
     velocity: Floats
@@ -66,12 +66,12 @@ def ticks_of(ns: int) -> int:
 
 
 def ns_of(tick: int) -> int:
-    """The time of a tick, rounded up: `ticks_of` gives the tick back."""
+    """The time of a tick, rounded up: `ticks_of` returns the tick."""
     return -(-tick * 15625 // 768)
 
 
 def _too_much(measured: Floats, commanded: Floats | npt.NDArray[np.uint32]) -> Floats:
-    """Bits by which measured currents (offset binary) exceed what the boards allow."""
+    """Excess of measured currents (offset binary) over the limits of the boards, bits."""
     middle = 0.5 * reg.DAC_VALUE_MASK
     excess: Floats = np.abs(measured - middle) - np.abs(commanded - middle) - reg.CURRENT_EXCESS
     return excess
@@ -101,7 +101,7 @@ class Emulation:
         self.setup_joints = fit(system, wiring, self.buses)
         self.epoch_ns = now_ns
         self.skipped_steps = 0
-        self.sensor_errors: SensorErrors | None = None  # None: they tell the truth
+        self.sensor_errors: SensorErrors | None = None  # None: no errors
         self.packet_faults = PacketFaults(len(self.buses), system.emulation.seed)
         self._world = world
         self.on_step: Callable[[], None] = _nothing  # called when a step has begun
@@ -113,7 +113,7 @@ class Emulation:
         axes = len(wiring.slots)
         self._has_robots = axes > 0  # boards may be there for their own sake
         self._has_tables = wiring.table_slots.size > 0
-        self.position, self.velocity = world.position.copy(), world.velocity.copy()  # when the step began
+        self.position, self.velocity = world.position.copy(), world.velocity.copy()  # start of the step
         self.current = np.zeros(axes)
         self.dac, self.on = self.lines.dac.reshape(-1), self.lines.on.reshape(-1)
         self.converted = self.lines.adc.reshape(-1).view(np.uint16).reshape(-1, 2)
@@ -132,9 +132,9 @@ class Emulation:
         self._step()
 
     def _at_slots(self, count: int) -> None:
-        """What belongs to actuators, laid out by slots: no gather is needed but for what the world says and hears.
+        """Data of actuators, laid out by slots: no gather is needed except for input and output of the world.
 
-        Slots without an actuator look at the first one's values, and all their scales are 0.
+        Slots without an actuator use the first one's values, and all their scales are 0.
         """
         wiring = self.wiring
         self.axis_of = np.zeros(count, dtype=np.int64)
@@ -147,7 +147,7 @@ class Emulation:
                 spread[wiring.brakes.slots] = brakes
             return spread
 
-        self.motor_of = wiring.slots.astype(np.int64)  # the slot whose current every motor gets
+        self.motor_of = wiring.slots.astype(np.int64)  # the slot whose current drives each motor
         of_brakes = wiring.brakes
         self.brakes = len(of_brakes.slots)
         self.let_go = np.zeros(self.brakes, dtype=np.bool_)
@@ -193,7 +193,7 @@ class Emulation:
     # -- faults of cables and sensors ----------------------------------------------------------------------------------
 
     def scale_encoder(self, axis: int, factor: float) -> None:
-        """Let the encoder of an actuator count `factor` times what its file says, from where it is; 1 puts it right."""
+        """Scale an actuator's encoder counts by `factor` from its current position; 1 restores the file's value."""
         slot, scale = self.wiring.slots[axis], self.wiring.counts.scale[axis] * factor
         self.counts_scale[:, slot] = scale, scale / reg.CLOCK_HZ
         self.counts_offset[0, slot] = self.now[0, slot] - scale * self._world.position[axis]
@@ -205,14 +205,14 @@ class Emulation:
         self.motor_of[[one, other]] = self.motor_of[[other, one]]
 
     def seed(self, seed: int) -> None:
-        """The noise of sensors and the chance of packets begin anew, from another seed than the system's."""
+        """Restart sensor noise and packet chance with another seed than the system's."""
         self._random = np.random.default_rng(seed)
         self.packet_faults.seed(seed, len(self.buses))
 
     # -- time ----------------------------------------------------------------------------------------------------------
 
     def answer(self, bus: int, data: wire.Buffer, receive_ns: int, to: int = GROUP) -> wire.Buffer | None:
-        """The reply of a bus to a datagram that arrived at `receive_ns`; None when there is none.
+        """The reply of a bus to a datagram that arrived at `receive_ns`; None if there is none.
 
         `to` is the board whose own address it was sent to; GROUP: the bus's.
         """
@@ -225,7 +225,7 @@ class Emulation:
         return reply
 
     def board_at(self, bus: int, address: bytes) -> int | None:
-        """Id of the board that was given an IP address (four bytes); None: none was."""
+        """Id of the board that has this IP address (four bytes); None: no board has it."""
         return self.buses[bus].board_at(address)
 
     def advance(self, now_ns: int) -> None:
@@ -234,7 +234,7 @@ class Emulation:
 
     def _until(self, tick: int) -> None:
         behind = (tick - self._next) // self._span - MAX_STEPS
-        if behind > 0:  # we were stopped: the robots stood still meanwhile, the boards' clocks did not
+        if behind > 0:  # the process was stopped: the robots stayed at rest meanwhile, the boards' clocks ran
             self.skipped_steps += behind
             self._next += behind * self._span
         while tick >= self._next:
@@ -242,7 +242,7 @@ class Emulation:
 
     @property
     def board_ns(self) -> int:
-        """When the step under way began."""
+        """Start of the current step."""
         return self.epoch_ns + ns_of(self.begin)
 
     def _step(self) -> None:
@@ -263,7 +263,7 @@ class Emulation:
         self.on_step()
 
     def _brake(self) -> None:
-        """Brakes let go and hold as their currents say."""
+        """Release and engage brakes according to their currents."""
         brakes, let_go = self.wiring.brakes, self.let_go
         let_go[...] = self._lets_go_now()
         for robot, own in brakes.robots:
@@ -279,7 +279,7 @@ class Emulation:
         return lets_go
 
     def _feel(self) -> int:
-        """`sense`, and what only some systems have between its halves or after them."""
+        """`sense`, and additions that only some systems have between its halves or after them."""
         compare = COMPARE if self._may_be_over or self.sensor_errors is not None else 0
         if self.setup_joints or self._noise_v > 0.0 or self.sensor_errors is not None:
             self._sense(FIRST)
@@ -299,9 +299,9 @@ class Emulation:
         return news
 
     def sense(self, which: int) -> int:
-        """The currents that flow; then what the converters make of them and of the potentiometers.
+        """Currents that flow; then the converter readings of them and of the potentiometers.
 
-        With ERRORS it is of `seen`. TOO_MUCH: with COMPARE, a current may be too much; BRAKES: some let go or hold.
+        With ERRORS these are of `seen`. TOO_MUCH: with COMPARE, a current may be too high; BRAKES: some switch.
         """
         truth, flowing, volts, bits, news = self.truth, self._flowing, self._volts, self.bits, 0
         if which & FIRST:
@@ -329,13 +329,13 @@ class Emulation:
         return news
 
     def _with_errors(self, errors: SensorErrors) -> None:
-        """What the sensors say instead of the truth."""
+        """Sensor readings with errors instead of the true values."""
         np.add(errors.pot, errors.pot_drift, errors.pot)
         np.add(self.truth, (errors.current, errors.pot), self.seen)
         np.multiply(self.seen[1], errors.pot_alive, self.seen[1])
 
     def _may_exceed(self) -> bool:
-        """Whether a measured current can be too much, by the files, while amplifiers do as told and sensors are right.
+        """Whether a measured current can be too high, by the files, with ideal amplifiers and sensors.
 
         It is a straight line over the commanded one: no command exceeds more than one at an end or in the middle.
         """

@@ -1,10 +1,10 @@
 """The sockets of the emulated buses: datagrams with the kernel's receive time in, replies out.
 
-A bridge has one address; with Rev 9 its hub listens at that plus its board id, too, which is where hosts go.
-Ethernet-only every board has its own, the bus's plus its board id, and all hear multicast; so that several systems may
-run side by side in 127/8, multicast is heard from the bus's own sixteen addresses only. A bus at 0.0.0.0 takes what
-comes to any address of the machine, as the only controllers on a network would: boards then have the addresses that the
-host gives them.
+A bridge has one address; with Rev 9 its hub also listens at that plus its board id, the address that hosts use.
+Ethernet-only boards each have their own, the bus's plus their board id, and all receive multicast; to let several
+systems run side by side in 127/8, multicast is accepted from the bus's own sixteen addresses only. A bus at 0.0.0.0
+receives packets for any address of the machine, like the only controllers on a network: boards then have the addresses
+that the host assigns.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ from trocar.shm.time.lockstep import wait_for_wakeup
 SO_RCVBUFFORCE, SO_TIMESTAMPNS, IP_PKTINFO = 33, 35, 8  # Linux; the socket module has no names for them
 RECEIVE_BYTES = 8 << 20  # a burst of a thousand writes must not be lost
 DATAGRAM_BYTES = 4096
-TCODE_AT: Final = 5  # byte of a request with what is asked, in its upper half
+TCODE_AT: Final = 5  # byte of a request with its type, in the upper half
 ANY: Final = "0.0.0.0"
 RAW: Final = "eth:"  # then a network interface, in place of an address: raw Ethernet
-OWN_ADDRESS: Final = 9  # from this firmware on a board adds its id to the address it is given
+OWN_ADDRESS: Final = 9  # from this firmware on a board adds its id to the address assigned to it
 BLOCK: Final = 16  # addresses of an Ethernet-only bus
 _STAMP = struct.Struct("@qq")
 _PACKET_INFO = struct.Struct("@i4s4s")  # interface, local address, destination
@@ -47,8 +47,8 @@ _OFFSET_SPAN_NS, _OFFSET_TRIES = 20_000, 5
 
 Answer = Callable[[int, Buffer, int, int], Buffer | None]
 Addressee = Callable[[int, bytes], int | None]
-Sender = tuple[str | bytes, int]  # IP address and port; over raw Ethernet MAC address and the board it asked
-# Number of the door, size, receive time, sender, to whom, where the reply must come from (empty: the door)
+Sender = tuple[str | bytes, int]  # IP address and port; over raw Ethernet MAC address and the addressed board
+# Index of the socket, size, receive time, sender, addressee, source address of the reply (empty: the socket's)
 Arrival = tuple[int, int, int, Sender, int, bytes]
 
 
@@ -60,7 +60,7 @@ class Door:
     bus: int
     to: int  # board id or GROUP
     replies: socket.socket | FrameSocket  # where replies leave
-    only_from: tuple[int, int] | None = None  # senders it hears, as numbers
+    only_from: tuple[int, int] | None = None  # accepted senders, as numbers
     any_address: bool = False
     frames: FrameSocket | None = None
 
@@ -79,7 +79,7 @@ class Endpoints:
 
         Receive times are the kernel's; in simulated time they are `now_ns()`.
 
-        `wakeup` ends waiting, too; whatever comes there is thrown away.
+        `wakeup` ends waiting, too; its data is discarded.
 
         `addressee` tells which board of a bus at 0.0.0.0 has an address (four bytes); None: none.
         """
@@ -162,12 +162,12 @@ class Endpoints:
         return number, size, now, sender, to, source
 
     def _board_at(self, bus: int, address: bytes) -> int:
-        """Who is meant; GROUP for multicast, broadcast and addresses that no board was given."""
+        """The addressed board; GROUP for multicast, broadcast and unassigned addresses."""
         found = self._addressee(bus, address)
         return GROUP if found is None else found
 
     def _compare_clocks(self, now: int) -> None:
-        """Between the two clocks, taken anew every millisecond: the wall clock may be set at any time."""
+        """Offset between the two clocks, measured again every millisecond: the wall clock may be set at any time."""
         self._offset_until = now + _OFFSET_AGE_NS
         for _ in range(_OFFSET_TRIES):
             before = time.clock_gettime_ns(time.CLOCK_REALTIME)
@@ -176,7 +176,7 @@ class Endpoints:
             if after - before < _OFFSET_SPAN_NS:
                 self._offset = (before + after) // 2 - between
                 return
-        # else we were held up each time, and the old one is better, unless it is that of another clock
+        # else every try was interrupted: keep the old one, unless it is of another clock
         if abs(before - between - self._offset) > _OFFSET_AGE_NS:
             self._offset = (before + after) // 2 - between
 
@@ -197,7 +197,7 @@ class Endpoints:
         for data, receiver in leaving:
             self._send_to(data, receiver)
         if self._simulated and not leaving and door.frames is None and _is_read(request):
-            self._send(door.replies, b"", sender, source)  # time stands still: the host could wait for ever
+            self._send(door.replies, b"", sender, source)  # time is stopped: the host could wait indefinitely
 
     def _send_to(self, reply: Buffer, receiver: object) -> None:
         # as `_reply` gave it to the mishaps
@@ -205,9 +205,9 @@ class Endpoints:
         self._send(sock, reply, sender, source)
 
     def _send(self, sock: socket.socket | FrameSocket, reply: Buffer, sender: Sender, source: bytes) -> None:
-        with contextlib.suppress(OSError):  # who asked is gone, or its buffer is full: as on a cable, it is lost
+        with contextlib.suppress(OSError):  # the host is gone, or its buffer is full: lost, as on a cable
             if source and isinstance(sock, socket.socket):
-                # hosts may refuse what comes from another address than they asked
+                # hosts may refuse a reply from another address than the one they addressed
                 where = _PACKET_INFO.pack(0, source, bytes(4))
                 sock.sendmsg((reply,), ((socket.IPPROTO_IP, IP_PKTINFO, where),), 0, sender)
             else:
@@ -264,7 +264,7 @@ def _bound(address: str, *, shared: bool = False) -> socket.socket:
 
 
 def _join(sock: socket.socket, interface: str) -> None:
-    """Hear the controllers' multicast group on the loopback interface."""
+    """Receive the controllers' multicast group on the loopback interface."""
     index = socket.if_nametoindex("lo")
     sock.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP,
                     _MEMBERSHIP.pack(socket.inet_aton(MULTICAST), socket.inet_aton(interface), index))

@@ -1,4 +1,4 @@
-"""Raw Ethernet of emulated boards: a socket that hears the frames for their MAC addresses and answers from them.
+"""Raw Ethernet of emulated boards: a socket that receives the frames for their MAC addresses and answers from them.
 
 It has the methods of a socket that `endpoints` uses, with datagrams instead of frames.
 """
@@ -16,7 +16,7 @@ PLAIN_FRAMES: Final = 0x0004  # frames with a length instead of a protocol
 SOL_PACKET, PACKET_ADD_MEMBERSHIP, PACKET_PROMISCUOUS = 263, 1, 1  # Linux; the socket module has no names for them
 _HEAD = wire.FRAME_HEADER_BYTES
 
-Host = tuple[bytes, int]  # MAC address, and the board that it asked
+Host = tuple[bytes, int]  # MAC address, and the board it addressed
 
 
 class FrameSocket:
@@ -43,7 +43,7 @@ class FrameSocket:
 
     def recvmsg_into(self, buffers: Sequence[bytearray],
                      ancillary: int) -> tuple[int, list[tuple[int, int, bytes]], int, Host]:
-        """As of a socket: the size of a datagram (0: the frame is none of ours), its time, and who sent it."""
+        """As of a socket: the size of a datagram (0: not a frame for us), its time, and its sender."""
         size, times, flags, _ = self._socket.recvmsg_into((self._head, *buffers), ancillary)
         head = bytes(self._head)
         length = int.from_bytes(head[12:14], "big")
@@ -61,7 +61,7 @@ class FrameSocket:
         return mac[5] if self._by_board else GROUP
 
     def sendto(self, datagram: wire.Buffer, host: tuple[str | bytes, int]) -> int:
-        """A frame from the board that the host asked; from the hub where it asked all."""
+        """A frame from the board that the host addressed; from the hub if it addressed all."""
         mac, board = cast(Host, host)
         source = wire.BOARD_MAC + bytes([board])
         return self._socket.send(b"".join((mac, source, len(datagram).to_bytes(2, "big"), datagram)))

@@ -10,7 +10,7 @@ from trocar.procs.document.catalogue import CANDIDATES, find, taken_apart
 from trocar.procs.document.system import ArmConfig, SystemConfig, Tool
 from trocar.procs.fpga.instrument import NAME_AT, NAME_END
 
-VERSION = 1  # where neither the name nor the index says one
+VERSION = 1  # default if neither the name nor the index has one
 
 
 class EmulatedInstruments:
@@ -25,7 +25,7 @@ class EmulatedInstruments:
                 self._show(arm, held, held.name)
 
     def insert(self, arm_name: str, name: str) -> None:
-        """Put an instrument (NAME:MODEL) on an arm, with its adapter; KeyError names what there is."""
+        """Insert an instrument (NAME:MODEL) on an arm, with its adapter; KeyError names the possible ones."""
         arm = self._system.arm(arm_name)
         tool = _known(arm, name)
         self._plant.insert_tool(arm.name, tool)
@@ -50,7 +50,7 @@ class EmulatedInstruments:
             self._board_faults.press(name, closed)
 
     def _readers(self, arm: ArmConfig) -> list[tuple[Dallas, int]]:
-        """What reads an arm's instrument, and the ticks there: the readers of its name, else those on its boards."""
+        """Readers of an arm's instrument, and the ticks there: the readers of its name, else those on its boards."""
         wiring, prefix = self._world.wiring, f"{arm.name.lower()}_"
         readers = [(reader.name.lower().startswith(prefix), wiring.rows[io.name, reader.board_id])
                    for io in self._system.ios if io.name == arm.io for reader in io.instrument_readers]
@@ -74,7 +74,7 @@ def _known(arm: ArmConfig, name: str) -> Tool:
 
 
 def _memory(tool: Tool, asked: str) -> bytes:
-    """What the chip of an instrument says, which was asked for by this name."""
+    """Chip content of an instrument, requested by this name."""
     version = tool.version_min if tool.version_min is not None else tool.version_max
     wanted = taken_apart(asked)
     if wanted is not None and wanted.low is not None:

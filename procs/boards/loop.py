@@ -80,7 +80,7 @@ class BoardsLoop(runtime.Loop):
         publisher.publish()
 
     def _open(self) -> Endpoints | None:
-        """Where requests come from; None: those who ask call `world.answer` themselves."""
+        """Source of requests; None: clients call `world.answer` directly."""
         node, world, emulation = self.node, self.world, self.node.document.emulation
         assert emulation is not None
         return Endpoints(emulation.buses, world.answer, node.clock.now_ns, node.clock.simulated, world.packet_faults,
@@ -106,7 +106,7 @@ class BoardsLoop(runtime.Loop):
 
 
 def main() -> None:
-    """Serve until told to stop."""
+    """Serve until stopped."""
     runtime.run("boards", BoardsLoop)
 
 

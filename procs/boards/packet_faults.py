@@ -1,7 +1,7 @@
-"""What happens to single datagrams on their way: requests that get lost, replies that are lost, late, doubled or wrong.
+"""Faults of single datagrams in transit: lost requests, and lost, late, doubled or wrong replies.
 
-It lies between the boards, which have answered, and the sockets. Chance comes from a seed and from a generator for each
-bus, so that what happens to a bus does not depend on the others; time is what the caller says it is.
+They act between the boards, which have answered, and the sockets. Randomness comes from a seed and one generator per
+bus, so that the faults of a bus do not depend on the others; the caller supplies the time.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class PacketFault:
 
 
 class PacketFaults:
-    """Of all buses. While `active` is False nothing needs to be asked."""
+    """For all buses. While `active` is False no calls are needed."""
 
     def __init__(self, buses: int, seed: int = 1) -> None:
         """All goes well."""
@@ -53,7 +53,7 @@ class PacketFaults:
         self._order = 0
 
     def seed(self, seed: int, buses: int) -> None:
-        """Chance begins anew."""
+        """Restart the random sequence."""
         self._chance[:] = [random.Random(f"{seed}/{bus}").random for bus in range(buses)]
 
     # -- datagrams -----------------------------------------------------------------------------------------------------
@@ -64,7 +64,7 @@ class PacketFaults:
         return not (loss > 0.0 and self._chance[bus]() < loss)
 
     def leave(self, bus: int, reply: Buffer, sender: object, now_ns: int) -> Leaving:
-        """What is sent now for a reply; a late one comes out of `due`, as a copy."""
+        """The datagrams sent now for a reply; `due` returns late ones, as a copy."""
         chance, kinds = self._chance[bus], self._kinds[bus]
         hit = kinds[LOST].strikes(chance) or (self._loss[bus] > 0.0 and chance() < self._loss[bus])
         if not hit:
@@ -96,7 +96,7 @@ class PacketFaults:
         self.active = bool(self._kept) or any(self._loss) or any(
             packet_fault.count or packet_fault.rate for kinds in self._kinds for packet_fault in kinds.values())
 
-    # -- what is to happen ---------------------------------------------------------------------------------------------
+    # -- settings ------------------------------------------------------------------------------------------------------
 
     def strike(self, kind: str, buses: range, *, count: int | None = None, rate: float | None = None,
                delay_ns: int = 0) -> None:
@@ -118,14 +118,14 @@ class PacketFaults:
         self._look()
 
     def end(self) -> None:
-        """All goes well again; what is kept still leaves when it is due."""
+        """End all faults; late replies are still sent when due."""
         for kind in KINDS:
             self.strike(kind, range(len(self._kinds)), count=0, rate=0.0)
         self.lose_packets(0.0, range(len(self._loss)))
 
 
 def _dropped(reply: Buffer) -> bytes:
-    """What a board sends for a request it dropped: its trailer, which says so."""
+    """Reply of a board to a request it dropped: its trailer, which reports the drop."""
     trailer = bytearray(reply[-TRAILER_BYTES:])
     trailer[0] |= DROPPED
     return bytes(trailer)

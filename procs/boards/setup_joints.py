@@ -1,7 +1,7 @@
 """Classic setup joints: passive arms whose joints have two potentiometers each, brakes, and one of them a lift.
 
-They move when somebody moves them, and only while a current holds their brakes off. A host sees them through the
-interface board: six primary potentiometers of every arm, six secondary ones, and four other voltages.
+They move only by hand, and only while a current holds their brakes off. A host sees them through the interface board:
+six primary potentiometers of every arm, six secondary ones, and four other voltages.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from trocar.procs.fpga import registers as reg
 JOINTS: Final = 6
 PLUGS: Final = 4
 POT_V: Final = 4.5  # across the potentiometers
-LIFT_M_S: Final = 0.1  # at full power; the original software gives it a fifth
+LIFT_M_S: Final = 0.1  # at full power; the original software uses a fifth
 SUPPLY_V, BRAKE_OHM, BRAKE_DIVIDER = 48.0, 16.0, 11.0  # half the supply is at either end of a brake without current
 LIFT_BIAS_V: Final = 2.5  # and both currents of the lift at rest
 _SECONDARY, _SPARE, _BRAKE, _LAST = JOINTS, 12, 14, 15  # channels
@@ -58,7 +58,7 @@ class SetupJointsPlant:
         self._driven = board.driven
 
     def place(self, arm: str, positions: Sequence[float]) -> None:
-        """Move an arm's six joints somewhere, m and rad. ValueError while its brakes hold."""
+        """Move an arm's six joints to a position, m and rad. ValueError while its brakes hold."""
         if arm not in self.arms:
             raise KeyError(f"{arm or 'no name'}: no such setup arm; there are {', '.join(self.arms)}")
         if len(positions) != JOINTS or not all(math.isfinite(value) for value in positions):
@@ -68,7 +68,7 @@ class SetupJointsPlant:
         self.settle(arm, positions)
 
     def settle(self, name: str, positions: Sequence[float]) -> None:
-        """The six joints of an arm are here, whatever holds them."""
+        """Set the six joint positions of an arm, whatever holds them."""
         arm = self.arms[name]
         self.positions[name] = tuple(map(float, positions))
         row = self._voltages[arm.plug - 1]
@@ -76,7 +76,7 @@ class SetupJointsPlant:
             row[first : first + JOINTS] = [(position - offset) / scale if scale else 0.0
                                            for position, (scale, offset) in zip(positions, pots, strict=True)]
 
-    # -- what the board does and sees, once a physics step -------------------------------------------------------------
+    # -- outputs and inputs of the board, once a physics step ----------------------------------------------------------
 
     def step(self, flowing: Floats, on: Flags) -> Floats:
         """Voltages at the analog inputs of plugs 1 to 4 from now on, while these currents flow in these amplifiers."""

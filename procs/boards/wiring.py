@@ -1,8 +1,8 @@
-"""Which robot hangs on which board, and the world's side of the host's conversions.
+"""Wiring of robots to boards, and the inverse of the host's conversions.
 
-The host turns bits into SI values with the numbers of the site's files; here the same numbers turn SI values into the
-bits that the host must see. Boards are rows: bus after bus, ascending board id within a bus; an actuator's slot is
-width · row + axis, the width being what the largest controller of the system needs.
+The host converts bits to SI values with the numbers of the site's files; here the same numbers convert SI values to the
+bits that the host must receive. Boards are rows: bus after bus, ascending board id within a bus; an actuator's slot is
+width · row + axis, where width is the number of axes of the system's largest controller.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ class Wiring:
                   for io in system.ios for robot in io.robots if robot.lookup]
         self.tables = lookup.InverseLookup(np.concatenate(tables) if tables else np.zeros((0, lookup.ENTRIES)))
         self.table_slots: Ints = self.slots[np.array(has_table, dtype=np.bool_)]
-        """Slots whose potentiometers are digital: `tables` makes readings of their positions."""
+        """Slots with digital potentiometers: `tables` converts their positions to readings."""
         self.counts = InverseScale.of([a.encoder.bits_to_position if a.encoder else none for a in actuators])
         self.pot_volts = InverseScale.of([position for _, position in pots])
         self.pot_bits = InverseScale.of([volts for volts, _ in pots])
@@ -100,7 +100,7 @@ class Wiring:
                        for io in system.ios for i in io.digital_inputs}
         hardware = {self.rows[bus.io, c.board_id]: c.hardware for bus in emulation.buses for c in bus.controllers}
         self._open = [HARDWARE[hardware[row]].inputs for row in range(len(hardware))]
-        # where the topic's boards (document order) lie among the rows
+        # rows of the topic's boards (document order)
         self.topic_rows = np.array([self.rows[bus.io, c.board_id] for bus in emulation.buses for c in bus.controllers],
                                    dtype=np.intp)
 
@@ -115,7 +115,7 @@ class Wiring:
                     brakes += robot.brakes
                     slots += [self.width * self._row(io.name, b.board_id, robot.name) + b.axis_id
                               for b in robot.brakes]
-        # Some files have an offset below 0, which comes out right in the 16 bits of a command.
+        # Some files have a negative offset, which is correct in the 16 bits of a command.
         commands = [Linear(b.current_to_bits.scale, b.current_to_bits.offset % 65536) for b in brakes]
         return BrakeWiring(tuple(robots), np.array(slots, dtype=np.intp), InverseScale.of(commands),
                            InverseScale.of([b.bits_to_current for b in brakes]),
@@ -130,7 +130,7 @@ class Wiring:
         return row
 
     def released(self) -> npt.NDArray[np.uint32]:
-        """Digital inputs (rows,) with nothing pressed: what is named has its released level, the rest is open."""
+        """Digital inputs (rows,) with nothing pressed: named inputs have their released level, the rest are open."""
         levels = self._open.copy()
         for button in self.inputs.values():
             bit = 1 << button.bit

@@ -1,8 +1,9 @@
-"""Datagrams in, datagrams out: which board of a bus an Ethernet packet reaches, who answers, and what is dropped.
+"""Datagrams in, datagrams out: which board of a bus an Ethernet packet reaches, which one answers, and which packets
+are dropped.
 
 As a bridge (any firmware and FPGA) only the board with node 0 is plugged into the network, the hub; it relays to the
-others over FireWire. Ethernet-only (Rev 9 on FPGA V3) every board is plugged in, with an address of its own; what is
-for all comes by multicast, and the hub, which is nearest to the host, answers a broadcast query by itself.
+others over FireWire. Ethernet-only (Rev 9 on FPGA V3) every board is plugged in, with an address of its own; packets
+for all boards arrive by multicast, and the hub, nearest to the host, answers a broadcast query alone.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from trocar.procs.fpga import registers as reg
 from trocar.procs.fpga import wire
 
 RECEIVE_TICKS, ANSWER_TICKS = 0x00C8, 0x0D54
-REBOOT_TICKS = reg.CLOCK_HZ  # a board is away for 1 s while its FPGA is configured anew
+REBOOT_TICKS = reg.CLOCK_HZ  # a board is absent for 1 s while its FPGA is reconfigured
 GROUP = -1  # addressed to all boards: broadcast or multicast
 NEVER = 1 << 62
 REPORT_TICKS = 1600  # Ethernet-only: about 32 µs a board until all blocks have gone round
@@ -86,15 +87,15 @@ class EmulatedBus:
         self.hub_memory.absent = frozenset(self._every).difference(there)
         self._next_return = min((tick for tick in self._silent_until if tick), default=NEVER)
 
-    # -- what happens to the bus ---------------------------------------------------------------------------------------
+    # -- bus events ----------------------------------------------------------------------------------------------------
 
     def reset(self) -> None:
-        """A FireWire bus reset: another generation, and nodes numbered anew."""
+        """A FireWire bus reset: a new generation, and nodes renumbered."""
         self.generation = (self.generation + 1) & 0xFF
         self._number_nodes()
 
     def take_away(self, row: int, gone: bool) -> None:
-        """A board loses its power, or is back as after power-up; the others are numbered anew."""
+        """A board loses its power, or returns as after power-up; the others are renumbered."""
         self._gone[row] = gone
         self._silent_until[row] = 0
         if gone:
@@ -118,14 +119,14 @@ class EmulatedBus:
             self.reset()
 
     def board_at(self, address: bytes) -> int | None:
-        """Id of the board that was given an IP address (four bytes); None: none was."""
+        """Id of the board that has this IP address (four bytes); None: no board has it."""
         ip = int.from_bytes(address, "little")  # the register has the last octet on top
         return next((board.model.board_id for board in self.boards if board.network.ip == ip), None)
 
     # -- datagrams -----------------------------------------------------------------------------------------------------
 
     def answer(self, data: wire.Buffer, tick: int, to: int = GROUP) -> wire.Buffer | None:
-        """Do what a datagram that arrived at `tick` asks; the reply, or None. A reply is good until the next call.
+        """Execute a datagram that arrived at `tick`; the reply, or None. A reply is valid until the next call.
 
         `to` is the board id whose address it was sent to; GROUP for broadcast, multicast and a bridge's own address.
         """
@@ -158,7 +159,7 @@ class EmulatedBus:
         return reply
 
     def _plugged_in(self, to: int) -> tuple[int, ...]:
-        """Rows of the boards that hear by Ethernet what is sent `to` a board or all."""
+        """Rows of the boards that receive an Ethernet packet sent `to` a board or all."""
         if not self.over_ethernet:
             return (self._hub,)
         if to == GROUP:
@@ -259,7 +260,7 @@ class EmulatedBus:
             self.reset()
 
     def _reboot(self, rows: Iterable[int], tick: int) -> None:
-        """FPGAs are configured anew: their boards are away meanwhile."""
+        """FPGAs are reconfigured: their boards are absent meanwhile."""
         for row in rows:
             self.power.cut(row, tick)
             self._silent_until[row] = tick + REBOOT_TICKS

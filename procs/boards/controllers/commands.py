@@ -1,6 +1,6 @@
 """Real-time block writes: from the groups on the wire to motor command words and control words of all boards.
 
-What of a group reaches a board's registers depends on its firmware:
+The firmware determines which part of a group reaches a board's registers:
 
 Rev 7: groups of five; all four command words bear the id of their board, those with the valid bit are written.
 Rev 8: groups say in their head whose they are and how long. All command words are written where any of them has a valid
@@ -38,7 +38,7 @@ class Group:
 
 
 class WriteDecoder:
-    """Decodes groups; a board takes those that bear its id, whoever else gets them, too."""
+    """Decodes groups; a board takes those that carry its id, even if other boards take them too."""
 
     def __init__(self, firmware: Firmware) -> None:
         """For the boards of `firmware`."""
@@ -62,7 +62,7 @@ class WriteDecoder:
             self.boards, self.width, self.columns = firmware.count, firmware.width, firmware.width + 2
             self.motors, self.lines = firmware.motors, firmware.lines
             heads = [model.board_id << 8 | model.layout.write_quads for model in models]
-            self.heads = np.array(heads, dtype=_BIG_QUAD).view(np.uint32)  # as they lie there
+            self.heads = np.array(heads, dtype=_BIG_QUAD).view(np.uint32)  # in storage order
             self._heads = self.heads.tobytes()
             self.block = np.zeros(self._shape, dtype=np.uint32)
             self._flat, self._groups = self.block.reshape(-1), self.block.view(_BIG_QUAD)
@@ -70,7 +70,7 @@ class WriteDecoder:
             (self._repeat,) = library.chosen(COMMANDS, self)
             self._group_words = np.zeros(shape, dtype=np.uint32)
             self._group_control = np.zeros(firmware.count, dtype=np.uint32)
-        # Where enables lie in command words alone, and for data collection, it matters whether a word is written.
+        # The positions of enables among command words, and data collection, depend on whether a word is written.
         self._particular = any(model.firmware == 8 and model.hardware.name != "QLA1" for model in models)
         self._late = np.array([model.firmware > 8 for model in models])
 
@@ -104,9 +104,9 @@ class WriteDecoder:
             self._execute(addressed, tick)
 
     def repeat(self) -> int:
-        """A block that says what the last one said but for values: they are taken. 1: more than that; nothing is done.
+        """Take a block that differs from the last one in values only. 1: other differences; nothing is done.
 
-        This is what a running host sends every cycle.
+        A running host sends such a block every cycle.
         """
         groups, motors, words = self._groups, self.motors, self._group_words
         if self.block[:, 0].tobytes() != self._heads or np.count_nonzero(self.block[:, -1]):
@@ -168,7 +168,7 @@ class WriteDecoder:
                 if model.firmware > 8:
                     group = words[at + 1 : min(end - 1, at + 1 + motors)]
                     yield Group(row, group, words[end - 1] if whole else None)
-                elif length >= motors + 2 and at + motors + 1 < len(words):  # else it never comes to the control word
+                elif length >= motors + 2 and at + motors + 1 < len(words):  # else it never reaches the control word
                     yield Group(row, words[at + 1 : at + 1 + motors], words[at + motors + 1])
             at += length
 

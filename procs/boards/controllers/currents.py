@@ -1,9 +1,9 @@
-"""The check of motor currents in QLAs: too much of it for 50 ms, and the amplifier is cut.
+"""The check of motor currents in QLAs: an overcurrent of 50 ms cuts the amplifier.
 
 In current mode the measured current may exceed the commanded one by 0x900, whatever their signs; small currents, and
 commands near full scale, are not compared. In voltage mode it may not exceed the configured limit. A counter of 24 bits
-counts the ticks of too much current one after the other: where an amplifier is enabled again and the current is
-still too much, it is cut at once.
+counts consecutive ticks of overcurrent: if an amplifier is enabled again while the current is still too high, it is cut
+at once.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ NEVER = 1 << 62
 CURRENT_TRIP = 2_457_600  # 50 ms of too much current
 CURRENT_SMALL = 0x300  # below this from zero nothing is compared
 CURRENT_NEAR_FULL = 0xF6FF
-COUNTER = 1 << 24  # the counter goes on and restarts
+COUNTER = 1 << 24  # the counter keeps counting and restarts
 
 
 class Currents:
@@ -51,11 +51,11 @@ class Currents:
         return True
 
     def arm(self, tick: int) -> None:
-        """Trip when the counters say so; those that are full already trip at once."""
+        """Trip when the counters reach their limit; those at the limit already trip at once."""
         counted = (tick - self._over_since) % COUNTER
         due = np.where(counted < CURRENT_TRIP, tick + CURRENT_TRIP - counted, tick + 1)
         self.trip_at = np.where(self._over_since <= tick, due, NEVER)
 
     def forget(self, row: int) -> None:
-        """The counters of a board begin at 0."""
+        """Reset the counters of a board to 0."""
         self._over_since[row] = self.trip_at[row] = NEVER

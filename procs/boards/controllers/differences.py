@@ -1,4 +1,4 @@
-"""What controllers other than a QLA1 show otherwise in their real-time blocks."""
+"""Differences of controllers other than a QLA1 in their real-time blocks."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ _NO_POT = 0xCCCC_0000  # motors of a dRA1 without one
 
 
 class Differences:
-    """Of the boards of one bus; `there` says whether there are any."""
+    """For the boards of one bus; `there` tells whether there are any."""
 
     def __init__(self, models: Sequence[Model], lines: Lines, power: BoardPower, motors: Motors,
                  samples: BoardSamples) -> None:
-        """Brings the temperatures to what these controllers measure."""
+        """Sets the temperatures to the values that these controllers measure."""
         self._lines, self._power, self._motors, self._samples = lines, power, motors, samples
         traits = power.traits
         self._dual, self._digital = (np.flatnonzero(flags) for flags in (traits.dual, traits.digital))
@@ -37,7 +37,7 @@ class Differences:
         self._potless = slice(max((model.hardware.encoders for model in models), default=0), lines.dac.shape[1])
 
     def show(self, outputs: Quads) -> None:
-        """Correct the sample that was just made as if all were plain; `outputs` (boards,) lie among the inputs."""
+        """Correct the latest sample, made as if all were plain; `outputs` (boards,) are among the inputs."""
         if self._dual.size:
             self._of_dqla(self._dual, outputs)
         if self._digital.size:
@@ -54,7 +54,7 @@ class Differences:
         samples.status[rows] = self._power.status[rows] | lower
 
     def _of_dra(self, rows: npt.NDArray[np.intp]) -> None:
-        """Everything about joints comes from the ESPM in the arm."""
+        """All joint data comes from the ESPM in the arm."""
         samples = self._samples
         samples.inputs[rows] = self._lines.inputs[rows]
         samples.motor_status[rows] = self._power.motor_flags[rows] | self._motors.io_requests()[rows]

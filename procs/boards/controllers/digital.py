@@ -1,13 +1,13 @@
-"""Digital amplifiers, as the dRA1 has them: enables behind interlocks, faults that are kept, the ESPM of the arm.
+"""Digital amplifiers, as the dRA1 has them: enables behind interlocks, latched faults, the ESPM of the arm.
 
-An enable is a wish that waits until all interlocks are closed: watchdog, motor supply, connection to the ESPM (the
-electronics in the arm, which count the encoders), its connection further into the arm, and encoders preloaded since
-the ESPM began. A broken interlock or a fault cuts the amplifier, the request stays: it takes another enable to get
-it back. Commands are not kept while an amplifier is off.
+An enable is a request that waits until all interlocks are closed: watchdog, motor supply, connection to the ESPM (the
+electronics in the arm, which count the encoders), its connection further into the arm, and encoders preloaded since the
+ESPM began. An open interlock or a fault cuts the amplifier, the request stays: another enable is needed to restore it.
+Commands are not kept while an amplifier is off.
 
-The deviation of the measured current from the commanded one is counted down in every cycle of the current loop in
-which it is too much, and up in the others. Real ones have a slip here, and so do we unless the quirk is off: the empty
-counter is looked at only when the amplifier has been switched off.
+The deviation of the measured current from the commanded one is counted down in every cycle of the current loop in which
+it is too large, and up in the others. Real ones have a bug here, emulated unless the quirk is off: the empty counter is
+checked only when the amplifier has been switched off.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Digital:
         self.axes = traits.axes & there[:, None]
         self.pending = np.zeros(shape, dtype=np.bool_)
         self.faults: Quads = np.zeros(shape, dtype=np.uint32)
-        self.bypass = np.zeros(len(there), dtype=np.int64)  # of interlocks, as they lie in the register
+        self.bypass = np.zeros(len(there), dtype=np.int64)  # of interlocks, in register order
         self.supplied, self.connected, self.preloaded = there.copy(), there.copy(), np.zeros_like(there)  # the ESPM
         self._connect_at, self._preload_at = (np.full(len(there), NEVER, dtype=np.int64) for _ in range(2))
         large = np.arange(shape[1]) < LARGE_MOTORS
@@ -57,10 +57,10 @@ class Digital:
     # -- as time goes by -----------------------------------------------------------------------------------------------
 
     def until(self, tick: int) -> None:
-        """What happens by itself."""
+        """Changes that happen by themselves."""
         due = self._connect_at <= tick
         self.connected[due] = self.supplied[due]
-        self.preloaded[due & self.supplied] = False  # the first packet says so
+        self.preloaded[due & self.supplied] = False  # until the first packet arrives
         self._connect_at[due] = NEVER
         due = self._preload_at <= tick
         self.preloaded |= due & self.connected
@@ -89,7 +89,7 @@ class Digital:
         return pins
 
     def _deviate(self, looked_at: Flags) -> None:
-        """Keep the fault of those whose counter is empty."""
+        """Latch the fault of those whose counter is empty."""
         self.faults |= np.where(looked_at & (self._left == 0), FAULT_DEVIATION, 0).astype(np.uint32)
 
     def regulate(self, pins: Flags, mode: Quads) -> None:
@@ -113,7 +113,7 @@ class Digital:
         self.faults |= np.where(stuck, FAULT_CONVERTER, 0).astype(np.uint32)
         return turned or bool(stuck.any())
 
-    # -- what the host does --------------------------------------------------------------------------------------------
+    # -- host accesses -------------------------------------------------------------------------------------------------
 
     def ask(self, axes: Flags) -> None:
         """Enables are commanded: faults are forgotten, and the enables wait for the interlocks."""
@@ -152,7 +152,7 @@ class Digital:
         self.preloaded[row] = False
         self._connect_at[row] = self._preload_at[row] = NEVER
 
-    # -- what it shows -------------------------------------------------------------------------------------------------
+    # -- status shown to the host --------------------------------------------------------------------------------------
 
     def shown(self) -> Ints:
         """Bits 3:0 of the status quadlet."""

@@ -1,9 +1,8 @@
-"""What encoder edges do to the queue of an axis and say in its words, as tables.
+"""Effects of encoder edges on the queue of an axis and on its words, as tables.
 
-What an axis remembers of its five newest edges beside their ticks is its state: which way each went (bits 4:0, newest
-lowest, 1 is upwards) and how many there ever were (bits above, at most 5). Edges follow in order, so that with
-⌊x⌋ mod 4 this says of which type each was. States are kept times 16, which leaves room for what is added to look
-something up.
+Besides their ticks, the state of an axis describes its five newest edges: the direction of each (bits 4:0, newest
+lowest, 1 is upwards) and the number of edges so far (bits above, at most 5). Edges follow in order, so that ⌊x⌋ mod 4
+then gives the type of each. States are stored times 16, which leaves room for additions when a table is indexed.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ import numpy as np
 from trocar.procs.boards.controllers.lines import Ints
 from trocar.procs.fpga import registers as reg
 
-EDGES = 6  # five quarter periods lie between six edges
+EDGES = 6  # six edges span five quarter periods
 NOW, QUEUE = EDGES, EDGES + 1  # rows of a pool: six newest edges, the present tick, the queue
 LAG = 2  # counts by which a counter is behind while the latched direction is up
 STRIDE = 16
@@ -32,9 +31,9 @@ NOTHING_SEEN = (_WAYS - 1) * STRIDE  # the queue's directions are up at power-up
 
 
 def push_table(axes: int) -> Ints:
-    """What n new edges do to the queue, by n + 6, n from -6 to 6 (column).
+    """Effect of n new edges on the queue, by n + 6, n from -6 to 6 (column).
 
-    Rows 0-5: where the new queue comes from in a pool, as the start of a flat row of `axes` entries. Row 6: n + 6.
+    Rows 0-5: source of the new queue in a pool, as the start of a flat row of `axes` entries. Row 6: n + 6.
     """
     table = np.zeros((EDGES + 1, 2 * EDGES + 1), dtype=np.int64)
     for n in range(-EDGES, EDGES + 1):
@@ -75,7 +74,7 @@ def flag_table() -> Ints:
     """By state · 16 + ⌊x⌋ mod 4 (column).
 
     Row 0: pins in the position word. Rows 1-4: bits of period, quarter 1, quarter 5 and running. Row 5: pins in the
-    digital inputs of axis 0. Row 6: what a counter lacks while the latched direction is up.
+    digital inputs of axis 0. Row 6: deficit of a counter while the latched direction is up.
     """
     table = np.zeros((7, _STATES, STRIDE), dtype=np.int64)
     for state in range(_STATES):

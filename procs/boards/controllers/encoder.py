@@ -1,10 +1,10 @@
 """Encoder counters and velocity words of all axes of a bus, in closed form from the motion within a physics step.
 
 Within a step the position of an axis, in counts, is x(τ) = x0 + v·τ + h·τ² with τ in ticks since the step began; the
-counter is ⌊x⌋ plus what the last preload made of it, and an edge is a crossing of a whole number. Edges are not
-simulated one by one: the last six before a moment are the six whole numbers behind x, and solving for their times
-gives every quarter period. `observe` brings the six newest edges of each axis up to a moment; what came before the
-step stays in the queue. An edge belongs to the first tick at or after its crossing.
+counter is ⌊x⌋ plus the offset from the last preload, and an edge is a crossing of a whole number. Edges are not
+simulated one by one: the last six before a moment are the six whole numbers behind x, and solving for their times gives
+every quarter period. `observe` updates the six newest edges of each axis to a given moment; edges before the step stay
+in the queue. An edge belongs to the first tick at or after its crossing.
 
 As in the real firmware an edge counts in the direction of the edge before it: after a reversal the first one still
 counts the old way. So the counter is always where the true count was one edge ago, that is ⌊x⌋ plus a number, less 2
@@ -37,11 +37,11 @@ from trocar.procs.native import library
 from trocar.procs.native.boards_fields import ENCODERS
 
 TICKS_MAX = reg.VELOCITY_TICKS_MASK
-PINS_SHOWN = 4  # axes whose lines are in the digital input register
+PINS_SHOWN = 4  # axes with their lines in the digital input register
 COUNT_TICKS = 4  # the filter of the lines lets no two counts follow faster
-LONG_AGO = -(1 << 40)  # tick of edges that never were: older than any counter can tell
+LONG_AGO = -(1 << 40)  # tick of edges that never happened: older than any counter can count
 _NEVER = (LONG_AGO - np.arange(EDGES) * (TICKS_MAX + 1))[:, None]  # a queue without edges
-_MIN = 1e-30  # of a speed squared: what stands still would reach nothing
+_MIN = 1e-30  # of a speed squared: an axis at rest would never reach an edge
 
 # From ⌊x⌋ to the newest edge, which is there if it went up or one above, and to each older edge; by key (column).
 _TO_EDGES = np.array([[1.0 + j if key < EDGES else -float(j) for key in range(2 * EDGES + 1)] for j in range(EDGES)])
@@ -56,9 +56,9 @@ class Encoders:
 
     def __init__(self, boards: int, width: int = PINS_SHOWN, quirks: Sequence[Quirks] = (),
                  rows: Quads | None = None, first: int = 0) -> None:
-        """All at rest, counters at mid-range, no edge yet; `quirks` board by board, all on where none are given.
+        """All at rest, counters at mid-range, no edge yet; `quirks` board by board, default: all on.
 
-        `rows` (boards, columns): where the words go, from column `first` on.
+        `rows` (boards, columns): destination of the words, from column `first` on.
         """
         if boards < 1 or width < PINS_SHOWN:
             raise ValueError(f"{boards} boards with {width} axes; allowed: at least one, with at least {PINS_SHOWN}")
@@ -133,17 +133,17 @@ class Encoders:
         self._inputs = np.zeros(n // self.width, dtype=np.int64)
 
     def place(self, x: Floats) -> None:
-        """Take `x` (counts) as the position at power-up: the counters start at mid-range wherever the arm is.
+        """Take `x` (counts) as the position at power-up: the counters start at mid-range for any arm position.
 
-        Real filters start low, so that there a line that is high makes an edge at power-up. Left out: whoever counts
-        on a position preloads it.
+        Real filters start low, so that there a high line makes an edge at power-up. This is left out: a host that
+        relies on a position preloads it.
         """
         self._x0[...] = x
         np.floor(x, out=self.was)
         self._forget(slice(None))
 
     def power_up(self, board: int) -> None:
-        """The FPGA of a board is configured anew (observe first): nothing is left of counts, edges and overflows."""
+        """The FPGA of a board is reconfigured (observe first): counts, edges and overflows are cleared."""
         self._forget(slice(board * self.width, (board + 1) * self.width))
 
     def _forget(self, slots: slice) -> None:
@@ -160,7 +160,7 @@ class Encoders:
         return self._count
 
     def follow(self, tick: int, span: int, curve: Floats) -> None:
-        """A new step begins at `tick`, good for `span` ticks.
+        """Begin a new step at `tick`, valid for `span` ticks.
 
         `curve` (3, axes): x0 in counts, v in counts/tick, h in counts/tick². The old step must have been observed to
         its end.

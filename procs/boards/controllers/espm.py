@@ -1,6 +1,6 @@
-"""Registers 0x9000 to 0xBFFF of a dRA1: current loops, what the electronics in the arm (ESPM) report, the board itself.
+"""Registers 0x9000 to 0xBFFF of a dRA1: current loops, data from the electronics in the arm (ESPM), the board itself.
 
-Asked for at start-up and by hand, never in the cycle.
+Accessed at start-up and by hand, never in the cycle.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Espm:
         self._flash_at = 0
 
     def write(self, address: int, value: int, tick: int) -> None:
-        """Write a register of these regions; nothing happens for what is not there."""
+        """Write a register of these regions; no effect on missing registers."""
         region, motor, offset = address >> 12, address >> 4 & 0xF, address & 0xF
         if region == CONTROL and motor in self._gains and offset in _GAIN_MASKS:
             self._gains[motor][offset] = value & _GAIN_MASKS[offset]
@@ -96,7 +96,7 @@ class Espm:
         return values.get(offset, NOTHING)
 
     def _word(self, at: int) -> int:
-        """One of the 64 words that come from the arm."""
+        """One of the 64 words sent by the arm."""
         row, samples = self._row, self._samples
         if at == _SWITCHES:
             return int(self._lines.inputs[row])

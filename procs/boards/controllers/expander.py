@@ -1,7 +1,7 @@
 """I/O expanders as the host reaches them through register 0x0E: the MAX7317 of a QLA, the two MAX7301 of a DQLA.
 
-A write names a chip and sends it a command (register, data; the top bit of the register reads); what was read comes
-back in a read of 0x0E, or the chip's ports as a debug word. A chip that is not there leaves a read unanswered.
+A write names a chip and sends it a command (register, data; the top bit of the register reads); a read of 0x0E returns
+the result, or the chip's ports as a debug word. A read from a missing chip gets no answer.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class Expanders:
         self.power_up()
 
     def power_up(self) -> None:
-        """The FPGA is configured anew; the chips keep their memory."""
+        """The FPGA is reconfigured; the chips keep their memory."""
         self._addressed = -1  # none
         self._debug: dict[int, bool] = {}
         self._answer: dict[int, int] = {}
@@ -75,6 +75,6 @@ class Expanders:
         if chip < 0:
             return 0
         if self._debug[chip] and chip in self._small:
-            # A DQLA tells by bit 30 whose answer it is, which this word does not have.
+            # A DQLA marks by bit 30 which chip answered; this word does not have that bit.
             return 0 if self._dual else ports[0] * 0x101
         return _ANSWERING | self._pending.get(chip, False) * _READ_PENDING | self._answer.get(chip, 0)

@@ -1,8 +1,8 @@
 """All boards of one bus: their registers, real-time samples and commands, on a tick clock.
 
-State lies in arrays over boards (rows by ascending board id) and axes, so that the cycle treats all boards at once.
-Nothing here reads a clock or knows a datagram: every access comes with its tick, and whatever happens by itself before
-that tick (see `power`) must have been let happen (`until`).
+State is kept in arrays over boards (rows by ascending board id) and axes, so that the cycle treats all boards at once.
+Nothing here reads a clock or handles a datagram: every access is passed with its tick, and events due before that tick
+(see `power`) must have been processed (`until`).
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class Firmware:
         self._interfaces: dict[int, EmulatedInterfaceBoard] = {}
         self._motor_words = np.zeros(lines.dac.shape, dtype=np.uint32)
         self._no_control, self.outputs = np.zeros((2, self.count), dtype=np.uint32)  # bits among the inputs
-        self._lively: frozenset[int] = frozenset()  # rows whose outputs or data collection go on by themselves
+        self._lively: frozenset[int] = frozenset()  # rows whose outputs or data collection change by themselves
         self.collecting = False  # some board collects data
         self.pins_shown = np.array([[0xFFFF_FFFF if model.firmware > 7 else NO_PINS] * self.width for model in models],
                                    dtype=np.uint32)
@@ -83,7 +83,7 @@ class Firmware:
     # -- time ----------------------------------------------------------------------------------------------------------
 
     def step(self, tick: int) -> None:
-        """A physics step ends at `tick`: edges up to there, and what has happened by itself."""
+        """A physics step ends at `tick`: process edges up to there, and automatic events."""
         self.encoders.observe(tick)
         self.power.until(tick)
         for row in self._loops:
@@ -98,7 +98,7 @@ class Firmware:
     # -- samples -------------------------------------------------------------------------------------------------------
 
     def sample(self, tick: int) -> None:
-        """Bring what real-time blocks show of all boards up to `tick`; time stamps are left alone."""
+        """Update the real-time block contents of all boards to `tick`; time stamps are left unchanged."""
         self.encoders.observe(tick)
         self.encoders.words(tick)
         if self._loops or self._interfaces or self._lively:
@@ -111,7 +111,7 @@ class Firmware:
             self._differences.show(self.outputs)
 
     def fill(self, which: int) -> int:
-        """What sampling does for all boards at once, in two halves: what comes in, then what else there is."""
+        """Sampling for all boards at once, in two halves: inputs first, then the rest."""
         samples, power = self.samples, self.power
         if which & FIRST:
             samples.status[...] = power.status
@@ -127,7 +127,7 @@ class Firmware:
         return 0
 
     def _let_others_in(self, tick: int) -> None:
-        """What only some boards have, between the halves of a sample."""
+        """Data that only some boards have, inserted between the halves of a sample."""
         samples = self.samples
         for row in self._loops:
             self._loop_back(row, tick)
@@ -138,7 +138,7 @@ class Firmware:
             self._follow(tick)
 
     def _loop_back(self, row: int, tick: int) -> None:
-        """What a board's own outputs and currents bring it back through its loop-back boards."""
+        """Signals that return to a board through its loop-back boards."""
         samples, lines = self.samples, self.lines
         for half, loop in enumerate(self._loops[row]):
             axes = slice(half * reg.AXES, (half + 1) * reg.AXES)
@@ -150,7 +150,7 @@ class Firmware:
             lines.adc[row, axes] = loop.adc(lines.dac[row, axes], lines.on[row, axes])
 
     def _follow(self, tick: int) -> None:
-        """What changes by itself on boards whose outputs play or that collect data."""
+        """Automatic changes on boards with active outputs or data collection."""
         for row in self._lively:
             self._show_quiet(row, tick)
         self._lively = frozenset(row for row in self._lively if self._is_lively(row, tick))
@@ -173,13 +173,13 @@ class Firmware:
         samples.temperatures[row] = board.collection.status(tick) << 16 | low
 
     def _touched(self, row: int, tick: int) -> None:
-        """The quiet side of a board was written to: show what came of it."""
+        """The quiet side of a board was written to: update the visible state."""
         self._show_quiet(row, tick)
         if self._is_lively(row, tick):
             self._lively |= {row}
 
     def set_temperatures(self, row: int, word: int) -> None:
-        """What a board's sensors show from now on: amplifier pair 1 << 8 | pair 2, 0.5 °C each."""
+        """Set the readings of a board's sensors from now on: amplifier pair 1 << 8 | pair 2, 0.5 °C each."""
         samples, name = self.samples, self.models[row].hardware.name
         if name == "DQLA":  # both QLAs show the same
             samples.temperatures[row] = (word & 0xFFFF) * 0x1_0001
@@ -193,7 +193,7 @@ class Firmware:
                 executed: npt.NDArray[np.bool_] | None = None) -> None:
         """Motor command words (boards, width), then control words (boards,) of boards `rows`; 0 for the others.
 
-        Where not every axis gets a word, and not every board a control word, `written` and `executed` say which do.
+        If not every axis gets a word, or not every board a control word, `written` and `executed` mark those that do.
         """
         if len(rows) == self.count:
             self.power.refresh_all(tick)
@@ -206,7 +206,7 @@ class Firmware:
 
     def _collect(self, words: npt.NDArray[np.uint32], rows: Sequence[int], written: npt.NDArray[np.bool_] | None,
                  tick: int) -> None:
-        """Command words begin, continue and end the collection of data."""
+        """Command words start, continue and end the collection of data."""
         for row in rows:
             model, collection = self.models[row], self.boards[row].collection
             if model.hardware.name == "DQLA":
@@ -224,7 +224,7 @@ class Firmware:
     # -- registers -----------------------------------------------------------------------------------------------------
 
     def read(self, row: int, address: int, tick: int) -> int:
-        """Value of a register of the board in `row`; 0 for what is not there."""
+        """Value of a register of the board in `row`; 0 for a missing register."""
         self.sample(tick)
         return self._look(row, address, tick)
 
@@ -248,7 +248,7 @@ class Firmware:
         return 0 if address in missing or address & 0xF000 in missing else self.boards[row].read(address, tick)
 
     def _ports(self, row: int) -> tuple[int, int]:
-        """Ports 7:0 and 9:8 of the I/O expander on the QLA whose chip was addressed."""
+        """Ports 7:0 and 9:8 of the I/O expander on the addressed QLA."""
         qla = self._expanders[row].qla
         low = self.motors.expander_outputs(row, reg.AXES * qla)
         return low, int(self.motors.comparators()[row, qla]) << 1 | int(self.power.chain_open[row])
@@ -277,7 +277,7 @@ class Firmware:
                    else samples.velocities[row, words.index(offset), axis])
 
     def write(self, row: int, address: int, value: int, tick: int, relayed: bool = True) -> None:
-        """Write a register of the board in `row`; `relayed`: it came over FireWire. Its watchdog starts anew."""
+        """Write a register of the board in `row`, restarting its watchdog; `relayed`: it arrived over FireWire."""
         self.power.refresh(row, tick)
         channel = address >> 4
         if 0 < channel <= self.models[row].hardware.motors:
@@ -360,7 +360,7 @@ class Firmware:
                 self.boards[row].collection.sampled(tick)
 
     def write_block(self, row: int, address: int, data: bytes, tick: int) -> None:
-        """Block write beyond the real-time one; the board's watchdog starts anew."""
+        """Block write other than the real-time one; restarts the board's watchdog."""
         self.power.refresh(row, tick)
         if row in self._espms and address >> 12 in (CONTROL, ARM, BOARD):
             for k, (value,) in enumerate(struct.iter_unpack(">I", data[: len(data) & ~3])):
@@ -373,7 +373,7 @@ class Firmware:
     # -- power-up ------------------------------------------------------------------------------------------------------
 
     def power_up(self, row: int, tick: int) -> None:
-        """The FPGA of a board is configured anew: everything but its memories is as after power-up."""
+        """The FPGA of a board is reconfigured: everything except its memories is as after power-up."""
         self.power.power_up(row, tick)
         self.encoders.observe(tick)
         self.encoders.power_up(row)

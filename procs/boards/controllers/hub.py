@@ -1,10 +1,10 @@
-"""The hub memories of all boards of a bus, which hold the same: what a broadcast query collected.
+"""The hub memories of all boards of a bus, which all hold the same result of a broadcast query.
 
 A query names boards by a mask and gives a sequence number. Each board samples and sends its block to all others, so
-that one read of any board's hub memory tells about all. Over FireWire the boards report one after the other, each when
-all with lower ids have; over Ethernet each reports as soon as it can, and the board asked has its own block first.
-Rev 8 and 9 put blocks one after the other as they come; Rev 7 has a place for every board, where the block of one that
-does not report is still the old one.
+that one read of any board's hub memory covers all. Over FireWire the boards report one after the other, each when all
+with lower ids have; over Ethernet each reports as soon as it can, and the board asked has its own block first. Rev 8
+and 9 put blocks one after the other as they come; Rev 7 has a place for every board, where the block of one that does
+not report is still the old one.
 """
 
 from __future__ import annotations
@@ -42,14 +42,14 @@ class HubMemory:
         self.room = room = max(most, BUS_BOARDS * blocks.layout_of(7).hub_quads)
         self.reply = bytearray(HUB_AT + 4 * room + _END.size)
         self._memory = np.frombuffer(self.reply, dtype=">u4", count=room, offset=HUB_AT)
-        self.memory = self._memory.view(np.uint32)  # as it lies there
+        self.memory = self._memory.view(np.uint32)  # in storage order
         self.native = np.zeros(most, dtype=np.uint32)
         self.quads = 0  # of the blocks of the last query
         self._complete = False
         self._queried = self.sequence = self.mask = 0
         self.withheld = [0] * firmware.count  # how many blocks of a board will be missing
         self.absent: frozenset[int] = frozenset()  # rows of boards that are away
-        self.spoiled = [0] * firmware.count  # how many will bear another sequence number
+        self.spoiled = [0] * firmware.count  # number of boards that will report another sequence number
         self._bits = {1 << board: row for row, board in enumerate(firmware.ids)}
         self._whole = sum(self._bits)
         self._time_mask = min(model.layout.time_mask for model in models)
@@ -61,19 +61,19 @@ class HubMemory:
         self._has_places = all(model.firmware == 7 for model in models)
         self._places = np.zeros((BUS_BOARDS, blocks.layout_of(7).hub_quads), dtype=np.uint32)
         self.headers = np.zeros((256, self.boards), dtype=np.uint32)  # by the lower half of the sequence number
-        self.selection = np.zeros(most, dtype=np.int64)  # where what is sent lies in the samples
+        self.selection = np.zeros(most, dtype=np.int64)  # positions of the sent data in the samples
         self.reporting = np.zeros(self.boards, dtype=np.int64)  # rows of the boards that do, in their order
         self._plan_for(self._whole, 0)
         (self._collect,) = library.chosen(HUB_MEMORY, self)
 
     def _plan_for(self, mask: int, first: int) -> None:
-        """Prepare queries with this mask; `first` is the row that is asked over Ethernet."""
+        """Prepare queries with this mask; `first` is the row addressed over Ethernet."""
         rows = [row for bit, row in self._bits.items() if mask & bit]
         lost = [board for board in range(BUS_BOARDS) if mask >> board & 1 and 1 << board not in self._bits]
         whole = not lost
         if self._over_ethernet:
             rows.sort(key=lambda row: row != first)
-        elif lost:  # whoever comes after it waits for ever
+        elif lost:  # all boards after it wait indefinitely
             rows = [row for row in rows if self._firmware.ids[row] < lost[0]]
         self._set_plan(mask, first, rows, whole)
 
@@ -119,7 +119,7 @@ class HubMemory:
         return self._complete
 
     def collect(self, sequence: int, tick: int, boards: int, quads: int) -> int:
-        """The blocks of the first so many boards that report, `quads` in all, from the sample just made."""
+        """The blocks of the first boards that report, this many of them, `quads` in all, from the latest sample."""
         samples = self.samples
         samples.stamp(self._rows[:boards], tick)
         samples.head[...] = self.headers[sequence & 0xFF]
@@ -167,7 +167,7 @@ class HubMemory:
         return memoryview(self.reply)[: at + _END.size]
 
     def timing(self, tick: int) -> int:
-        """When a read begun at `tick` began and ended, counted from the query; 0 while a board is missing."""
+        """Start and end of a read begun at `tick`, counted from the query; 0 while a board is missing."""
         if not self._complete and not self._has_places:
             return 0
         start, span = tick - self._queried, READ_TICKS * self._firmware.count
@@ -187,7 +187,7 @@ class HubMemory:
             return self.sequence << 16 | self.mask
         if place == 3:
             return board << 16 | self.mask & (1 << board) - 1
-        if self._firmware.models[row].firmware == 7:  # the boards asked, over and over, eight a register
+        if self._firmware.models[row].firmware == 7:  # the queried boards, repeated, eight a register
             asked = [board for board in range(BUS_BOARDS) if self.mask >> board & 1] or [0]
             return sum(asked[k % len(asked)] << 4 * (8 * place - 1 - k) for k in range(8 * place - 8, 8 * place))
         if place == 2 or not self.quads:

@@ -1,9 +1,9 @@
 """The interface board of Classic setup joints: it lets one board read 64 voltages, and drives the lift.
 
-A counter picks which of 16 voltages of each passive arm its analog input shows. It is cleared while the reset output
-is low, counts when the increment output rises, and shows its four bits on line A of the encoders. Lines B are low: the
-lift's amplifier has no fault. That amplifier is driven by a PWM output, whose middle is rest, while its disable output
-is low.
+A counter selects which of the 16 voltages of each passive arm appears at its analog input. It is cleared while the
+reset output is low, counts when the increment output rises, and shows its four bits on line A of the encoders. Lines B
+are low: the lift's amplifier has no fault. That amplifier is driven by a PWM output, whose middle is rest, while its
+disable output is low.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from trocar.procs.document.system import Quirks
 from trocar.procs.fpga import registers as reg
 
 CHANNELS: Final = 16
-FEW_CHANGES: Final = 128  # followed between two looks at outputs that switch for ever, which no host has them do
+FEW_CHANGES: Final = 128  # recorded between two looks at outputs that keep switching, which no host configures
 _FAITHFUL: Final = Quirks()
 
 
@@ -48,7 +48,7 @@ class EmulatedInterfaceBoard:
         self._lines = tuple(Quadrature(tick, self.channel >> k & 1, 0, quirks=self._quirks) for k in range(reg.AXES))
 
     def power_up(self, outputs: BoardOutputs, tick: int) -> None:
-        """The FPGA is configured anew and has new outputs; the counter stands where it was."""
+        """The FPGA is reconfigured and has new outputs; the counter keeps its value."""
         self.until(tick)
         self._start(outputs, tick)
 
@@ -58,7 +58,7 @@ class EmulatedInterfaceBoard:
         self._is_written = True
 
     def until(self, tick: int) -> None:
-        """Let the outputs do up to `tick` what they do."""
+        """Process the changes of the outputs up to `tick`."""
         if self._is_written or self._settled > self._at:
             self._follow(tick)
         self._go_on(tick)

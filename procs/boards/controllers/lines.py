@@ -1,4 +1,4 @@
-"""What runs between the boards of a bus and the robots: one array per kind of wire, a row per board."""
+"""Wires between the boards of a bus and the robots: one array per kind of wire, a row per board."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Lines:
 
     @classmethod
     def of(cls, boards: int, width: int = reg.AXES) -> Lines:
-        """Lines of so many boards with `width` axes, nothing connected."""
+        """Lines of this many boards with `width` axes, all unconnected."""
         shape = (boards, width)
         return cls(np.full(shape, reg.CURRENT_ZERO, dtype=np.uint32), np.zeros(shape, dtype=np.bool_),
                    np.full(shape, reg.CURRENT_ZERO, dtype=np.uint32),

@@ -1,4 +1,4 @@
-"""THE TABLE of controllers: what each kind of hardware has, and what follows from it and the firmware for the wire."""
+"""THE TABLE of controllers: features of each kind of hardware; with the firmware they determine the wire format."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class Model:
         return blocks.layout_of(self.firmware, self.hardware.motors, self.hardware.encoders)
 
     def columns(self, width: int) -> npt.NDArray[np.intp]:
-        """Where the quadlets of a hub block (header first) lie in a canonical row for `width` axes."""
+        """Positions of the quadlets of a hub block (header first) in a canonical row for `width` axes."""
         return np.array([HEAD, *(BLOCK + column for column in self.layout.columns(width))], dtype=np.intp)
 
 

@@ -1,8 +1,8 @@
 """Motor command words and motor configuration of all boards of a bus.
 
 A command is a current, offset binary; `lines.dac` is the current that an amplifier drives. Only QLAs with an I/O
-expander and dRA1s know voltages, too. The motors of the emulated arms know currents alone, so that a voltage drives
-what it would drive through the winding of a motor that stands still: V / R, with one resistance for all.
+expander and dRA1s also have voltage commands. The motors of the emulated arms have currents only, so that a voltage
+drives the current through the winding of a motor at rest: V / R, with one resistance for all.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ QLA_VOLTS, QLA_VOLTS_LEAST = 91.0, -45.5  # full scale of a voltage command
 SUPPLY_VOLTS = 24.0  # of the motors on QLAs
 COMPARATOR_VOLTS = 2.5 * 21  # full scale of the last DAC of a QLA, where it is held against the motor supply
 SUPPLY_BITS = SUPPLY_VOLTS / COMPARATOR_VOLTS * reg.DAC_VALUE_MASK
-COMPARED_AXES = (3, 7)  # whose DAC that is
+COMPARED_AXES = (3, 7)  # board of that DAC
 DIGITAL_VOLTS = 48.0  # supply of a dRA1
 DIGITAL_BITS_PER_A = (4800.0, 16000.0)  # of its first two motors, of the others
 DUTY_FULL = 1023  # eleven bits with sign
@@ -42,9 +42,9 @@ class Motors:
         self.config = np.full(shape, reg.MOTOR_CONFIG_POWER_UP, dtype=np.uint32)
         self.unchecked: Flags = np.broadcast_to(traits.old[:, None], shape).copy()  # Rev 7: until there is a command
         self.collects = False  # the last command words have a collection bit among them
-        self.rebooting: set[int] = set()  # rows of boards that a block told to reboot; the caller's to clear
+        self.rebooting: set[int] = set()  # rows of boards that a block ordered to reboot; the caller clears it
         self._knows_voltage = bool((traits.expander | traits.digital).any())
-        # What was last commanded: the current that is driven, unless there are other ways than currents.
+        # The last command: the current that is driven, unless the boards have other modes than current.
         self.command = lines.dac.copy() if self._knows_voltage else lines.dac
         self.written: Flags = np.zeros(shape, dtype=np.bool_)  # Rev 7: there has been a command
         self._mode, self._has_modes = np.zeros(shape, dtype=np.uint32), False  # some motor is not in current mode
@@ -74,7 +74,7 @@ class Motors:
         mask = b"" if written is None else written.tobytes()
         if (busy or executed is not None or not self._is_settled or mask != self._last_mask
                 or top.tobytes() != self.last_top.tobytes()):
-            # The same enables on the same state change nothing; this is what a running host sends every cycle.
+            # The same enables in the same state change nothing; a running host sends these every cycle.
             self._heed(top, tick, written)
             if busy or executed is not None:  # counts as a change: the same enables may mean something else with power
                 self._control(control, tick, executed)
@@ -108,7 +108,7 @@ class Motors:
             if (mode != self._mode).any():
                 self._mode, self._has_modes = mode, bool((mode != reg.MODE_CURRENT).any())
                 power.set_modes(mode, tick)
-            # What is off forgets its command at once, also that of the very word that enables it.
+            # A disabled amplifier loses its command at once, even the command of the enabling word.
             accept &= ~traits.digital[:, None] | power.on & (mode == reg.MODE_CURRENT)
         self.accept[...], self._accepts_all = accept, bool(accept.all())
         if self._any_old:
@@ -143,7 +143,7 @@ class Motors:
     # -- voltages ------------------------------------------------------------------------------------------------------
 
     def _drive(self, words: Quads | None) -> None:
-        """The currents that come of what is commanded."""
+        """The currents that result from the commands."""
         if not self._has_modes:
             np.copyto(self._lines.dac, self.command)
             return
@@ -193,7 +193,7 @@ class Motors:
     # -- registers -----------------------------------------------------------------------------------------------------
 
     def read_command(self, row: int, axis: int) -> int:
-        """What the command register of an axis reads back."""
+        """Content of the command register of an axis."""
         if self._traits.old[row]:
             return (reg.DAC_READ_REV_7 | int(self.command[row, axis])) if self.written[row, axis] else 0
         return int(self.command[row, axis])
@@ -235,7 +235,7 @@ class Motors:
         self._power.check_currents(tick, self.command.astype(np.int64), measured, self.unchecked, limits)
 
     def power_up(self, row: int) -> None:
-        """The FPGA of a board is configured anew."""
+        """The FPGA of a board is reconfigured."""
         self.command[row] = self._lines.dac[row] = reg.CURRENT_ZERO
         self.config[row] = reg.MOTOR_CONFIG_POWER_UP
         self.written[row] = False

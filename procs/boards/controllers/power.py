@@ -1,8 +1,8 @@
 """Motor power, amplifiers, watchdog and current check of all boards of a bus.
 
-What happens by itself at a known tick (a watchdog fires, the supply is up, the hold-off ends, the relay closes, a
-current check trips) is not polled for: `until(tick)` plays these moments in order, each at its exact tick, before
-anything else looks at or changes the state.
+Automatic events at a known tick (a watchdog fires, the supply is up, the hold-off ends, the relay closes, a current
+check trips) are not polled: `until(tick)` processes them in order, each at its exact tick, before the state is read or
+changed otherwise.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ WAKING = np.uint32(~(reg.CONTROL_POWER_OFF | reg.CONTROL_AMPS_OFF) & 0xFFFFFFFF)
 AMP_HOLD = 7680 * reg.WATCHDOG_TICKS  # output stages stay off for 40 ms after the supply is good
 RELAY_TRAVEL = 5 * MILLISECOND  # to close; it falls off quicker: the original test looks after 1 ms
 RELAY_FALL = MILLISECOND // 2
-DIVIDER_PHASE = 129  # Rev 7 counts edges of a clock divided by 256, which runs on whatever happens
+DIVIDER_PHASE = 129  # Rev 7 counts edges of a free-running clock divided by 256
 DELAY_PHASE = 513  # the delay of a QLA with an expander, edges of one divided by 1024
-DOUT_TEST_TICKS = 4098  # finding out what hardware the digital outputs have
+DOUT_TEST_TICKS = 4098  # detection of the hardware behind the digital outputs
 EXPANDER_TEST_TICKS = 80  # and whether there is an I/O expander: about two transfers to it
 DELAY_POWER_UP = reg.MOTOR_CONFIG_POWER_UP >> reg.MOTOR_CONFIG_DELAY_SHIFT & 0xFF
 _DELAY_STEPS = 256  # the counter of the delay has eight bits
@@ -64,7 +64,7 @@ class BoardPower:
         self.mode: Quads = np.zeros((n, width), dtype=np.uint32)  # of control; set by `set_modes`
         self.delay = np.full((n, width), DELAY_POWER_UP, dtype=np.int64)  # of enables, where there is an expander
         self.digital = Digital(traits) if traits.digital.any() else None
-        self.when_cut: Callable[[Flags], None] = _nobody  # told which amplifiers of dRA1s went off
+        self.when_cut: Callable[[Flags], None] = _nobody  # notified of dRA1 amplifiers that went off
         self.status: Quads = np.zeros(n, dtype=np.uint32)
         self.motor_flags: Quads = np.zeros((n, width), dtype=np.uint32)  # motor status without the last command
         self.good = np.zeros(n, dtype=np.bool_)  # motor supply
@@ -120,14 +120,14 @@ class BoardPower:
         return tick + (DIVIDER_PHASE - tick) % reg.WATCHDOG_TICKS
 
     def _held_until(self) -> Ints:
-        """When the output stages come out of their hold-off."""
+        """Tick at which the hold-off of the output stages ends."""
         begin = self._good_at
         if self._old_any:
             begin = np.where(self.traits.old & (begin < NEVER), self._next_edge(begin), begin)
         return begin + AMP_HOLD
 
     def _settle(self, tick: int) -> None:
-        """Follow what changed at `tick`: latches, output stages, status words, the next event."""
+        """Process a change at `tick`: latches, output stages, status words, the next event."""
         traits, digital = self.traits, self.digital
         latched = self.safety | self.watchdog[:, None]
         self.enabled &= ~latched | traits.digital[:, None]
@@ -162,25 +162,25 @@ class BoardPower:
         if self.digital is not None:
             ahead.append(self.digital.times())
         self._next_other = _first_after(tick, np.concatenate(ahead))
-        # A watchdog time in the past belongs to a board that was just refreshed or latched; never step back.
+        # A past watchdog time means that the board was just refreshed or latched; never step back.
         self.next_event = min(self._next_other, _first_after(tick, self._watchdog_at()))
 
     def _delay(self, awake: Flags, tick: int) -> Flags:
-        """Which axes are through the delay that a QLA with an expander gives its enables."""
+        """Axes whose enable delay (QLA with an expander) is over."""
         rising = awake & ~self.awake & self.traits.expander[:, None]
         if rising.any():
             self._delayed_until[rising] = self._after(tick, self.delay)[rising]
         return (self._delayed_until <= tick) | ~self.expander_known[:, None]
 
     def _after(self, tick: int, counts: Ints) -> Ints:
-        """When so many edges of the delay's clock have passed."""
+        """Tick after this many edges of the delay's clock."""
         last = tick - (tick - DELAY_PHASE) % reg.MOTOR_CONFIG_DELAY_TICKS
         return np.where(counts > 0, last + counts * reg.MOTOR_CONFIG_DELAY_TICKS, tick)
 
-    # -- what the host does (call `until` first) -----------------------------------------------------------------------
+    # -- host accesses (call `until` first) ----------------------------------------------------------------------------
 
     def refresh(self, row: int, tick: int) -> None:
-        """A register of board `row` is written: its watchdog starts anew."""
+        """A register of board `row` is written: restarts its watchdog."""
         self.refreshed[row] = tick
 
     def refresh_all(self, tick: int) -> None:
@@ -195,9 +195,9 @@ class BoardPower:
         self._settle(tick)
 
     def enable(self, mask: Flags, value: Flags, tick: int, written: Flags | None = None) -> None:
-        """Enables in motor command words; `written` are the axes whose word it is, all of them where left out.
+        """Enables in motor command words; `written`: the axes whose word it is, default: all.
 
-        A word without the mask bit keeps an enable, but never where power or a latch forbids it. Rev 7 has none there.
+        A word without the mask bit keeps an enable, unless power or a latch forbids it. Rev 7 has no enables there.
         """
         self._ask(mask & value, tick)
         latched = (self.safety | self.watchdog[:, None]) & ~self.traits.digital[:, None]
@@ -208,7 +208,7 @@ class BoardPower:
         self._settle(tick)
 
     def _ask(self, axes: Flags, tick: int) -> None:
-        """The enabling command itself clears what had tripped, before the enable is judged."""
+        """An enabling command first clears earlier trips, before the enable is evaluated."""
         self.watchdog &= ~axes.any(axis=1)
         self.safety &= ~axes
         if self.digital is not None:
@@ -217,7 +217,7 @@ class BoardPower:
             self.currents.arm(tick)
 
     def heeds(self, words: Quads) -> bool:
-        """Whether control words would change anything: switching off what is off, as an idle host does, does not."""
+        """Whether control words would change anything: an idle host's switching off of disabled outputs does not."""
         if not np.count_nonzero(words):  # a tenth of the price of `any`
             return False
         return bool((words & WAKING).any() or self.wanted.any() or self.enabled.any())
@@ -259,7 +259,7 @@ class BoardPower:
         self._settle(tick)
 
     def set_delay(self, row: int, axis: int, counts: int, tick: int) -> None:
-        """Change the delay of an enable: the counter goes on, round its end if need be, until it has so many."""
+        """Change the delay of an enable: the counter continues up to the new value, wrapping around if necessary."""
         until, step = int(self._delayed_until[row, axis]), reg.MOTOR_CONFIG_DELAY_TICKS
         counted = int(self.delay[row, axis]) - max(-((tick - until) // step), 0)
         self.delay[row, axis] = counts
@@ -309,20 +309,20 @@ class BoardPower:
         self._good_at[row] = NEVER
         self._settle(tick)
 
-    # -- what happens to the boards ------------------------------------------------------------------------------------
+    # -- board events --------------------------------------------------------------------------------------------------
 
     def lose_supply(self, row: int, lost: bool, tick: int) -> None:
-        """Take the motor supply of a board away, or give it back."""
+        """Remove the motor supply of a board, or restore it."""
         self.supply_lost[row] = lost
         self._feed(row, tick)
 
     def open_chain(self, row: int, opened: bool, tick: int) -> None:
-        """Open the safety chain of a board, or close it: motor supply and relay feedback come and go with it."""
+        """Open the safety chain of a board, or close it: motor supply and relay feedback follow it."""
         self.chain_open[row] = opened
         self._feed(row, tick)
 
     def _feed(self, row: int, tick: int) -> None:
-        """The motor supply of a board goes, or ramps up again, with what stands in its way."""
+        """The motor supply of a board fails, or ramps up again, as its conditions allow."""
         if not self.wanted[row] or self.supply_lost[row] or self.chain_open[row]:
             self._good_at[row] = NEVER
         elif self._good_at[row] == NEVER:
@@ -330,7 +330,7 @@ class BoardPower:
         self._settle(tick)
 
     def fail_amplifier(self, row: int, axis: int, failed: bool, tick: int) -> None:
-        """Make an amplifier fail: it goes off and says so, its enable stays. Two of a dRA1 share a fault line."""
+        """Make an amplifier fail: it goes off and reports it, its enable stays. Two of a dRA1 share a fault line."""
         shared = next((pair for pair in BRIDGES if axis in pair), (axis,)) if self.traits.digital[row] else (axis,)
         self.amp_fault[row, list(shared)] = failed
         self._settle(tick)

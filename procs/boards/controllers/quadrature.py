@@ -1,7 +1,7 @@
-"""One pair of encoder lines, followed edge by edge: for lines that other lines drive instead of a motor.
+"""One pair of encoder lines, processed edge by edge: for lines driven by other lines instead of a motor.
 
-Every change of a line comes with its tick; nothing is stepped from tick to tick. The law is that of the real firmware:
-a line has to keep a new level for nine samples to be heeded, and an edge acts eleven ticks after the change.
+Every change of a line comes with its tick; nothing is stepped from tick to tick. The rule is that of the real firmware:
+a line must keep a new level for nine samples, and an edge acts eleven ticks after the change.
 `trocar.procs.boards.controllers.encoder` does the same, without that delay, for motors' smooth motions.
 """
 
@@ -13,13 +13,13 @@ from typing import Final
 from trocar.procs.document.system import Quirks
 from trocar.procs.fpga import registers as reg
 
-DELAY: Final = 11  # ticks from a change of a line to what it does
+DELAY: Final = 11  # ticks from a change of a line to its effect
 TICKS_MAX: Final = reg.VELOCITY_TICKS_MASK
-_FIRM: Final = 2  # so many ticks before it acts a change can no longer be taken back
+_FIRM: Final = 2  # this many ticks before its effect a change can no longer be undone
 _LONG_AGO: Final = -(1 << 40)
 _FAITHFUL: Final = Quirks()
 
-# The edge that must come before another one, by direction.
+# The edge that must precede another one, by direction.
 _DOWN, _UP = range(2)
 _BEFORE: Final = (
     {reg.EDGE_B_DOWN: reg.EDGE_A_UP, reg.EDGE_A_UP: reg.EDGE_B_UP, reg.EDGE_B_UP: reg.EDGE_A_DOWN,
@@ -37,7 +37,7 @@ class Filter:
     """One line: the changes that got through and have not acted yet, as (tick at which they act, level)."""
 
     def __init__(self, tick: int, level: int) -> None:
-        """The filter is low when the firmware starts at `tick`, whatever the line is."""
+        """The filter is low when the firmware starts at `tick`, for any level of the line."""
         self.level = 0
         self.coming: deque[tuple[int, int]] = deque()
         self.change(tick, level)
@@ -62,7 +62,7 @@ class Quadrature:
         self._lag, self._sticky = quirks.direction_lag, quirks.sticky_overflow
         self._a = self._b = 0  # as filtered
         self._direction = _DOWN  # latched by the newest transition
-        self._walked = self._lowest = self._highest = 0  # what counters went; its range since the last preload
+        self._walked = self._lowest = self._highest = 0  # travel of the counters; its range since the last preload
         self._offsets = [reg.ENCODER_ZERO] * counters
         self._overflows = [0] * counters
         self._newest = _LONG_AGO  # tick of the newest edge

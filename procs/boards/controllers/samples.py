@@ -1,8 +1,8 @@
 """Real-time samples of all boards of a bus, and the blocks of the wire taken from them.
 
-A canonical row has a column for everything any board has: hub header, time stamp, status, digital inputs,
-temperatures, then `width` columns each of ADC, positions, the four velocity words and motor status. What a board
-sends is a selection of its row (`Model.columns`), so one gather makes the blocks of any mix of boards.
+A canonical row has a column for everything any board has: hub header, time stamp, status, digital inputs, temperatures,
+then `width` columns each of ADC, positions, the four velocity words and motor status. A board sends a selection of its
+row (`Model.columns`), so one gather makes the blocks of any mix of boards.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ TEMPERATURES = 0x3C3E  # 30 and 31 °C
 
 
 class BoardSamples:
-    """Rows of the boards by ascending id; arrays (boards, …) named after what they hold."""
+    """Rows of the boards by ascending id; arrays (boards, …) named after their content."""
 
     def __init__(self, models: Sequence[Model], width: int) -> None:
         """Nothing sampled yet."""
@@ -35,7 +35,7 @@ class BoardSamples:
         self.temperatures[:] = TEMPERATURES
         self.adc, self.positions, *_, self.motor_status = (
             block[:, SCALARS + kind * width : SCALARS + (kind + 1) * width] for kind in range(KINDS))
-        self.first_encoder = BLOCK + SCALARS + width  # column of the positions; velocity words come after them
+        self.first_encoder = BLOCK + SCALARS + width  # first column of the positions; velocity words follow them
         self.velocities = block[:, SCALARS + 2 * width : SCALARS + 6 * width].reshape(n, 4, width)
         assert np.shares_memory(self.velocities, self.rows)
         self._passed = np.zeros(n, dtype=np.int64)
@@ -55,14 +55,14 @@ class BoardSamples:
         self.sampled.fill(tick)
 
     def power_up(self, row: int, tick: int) -> None:
-        """The FPGA of a board is configured anew: its time counts from here."""
+        """The FPGA of a board is reconfigured: its time restarts here."""
         self.sampled[row] = tick - 1
 
     def selection(self, rows: tuple[int, ...]) -> npt.NDArray[np.intp]:
-        """Where the hub blocks of boards `rows` lie, one after the other; for `take`."""
+        """Positions of the hub blocks of boards `rows`, one after the other; for `take`."""
         found = self._selections.get(rows)
         if found is None:
-            if len(self._selections) > len(self._models):  # whatever is asked for, memory stays bounded
+            if len(self._selections) > len(self._models):  # memory stays bounded for any requests
                 self._selections.clear()
             found = np.concatenate([self._places[row] for row in rows])
             self._selections[rows] = found

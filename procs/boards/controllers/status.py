@@ -22,7 +22,7 @@ class StatusWords:
     """Composes them for boards with these traits."""
 
     def __init__(self, traits: Traits) -> None:
-        """What does not change is put together here."""
+        """Assembles the constant parts."""
         self._traits = traits
         axes = traits.axes.sum(axis=1)
         self._fixed: Ints = axes << reg.STATUS_AXES_SHIFT | traits.ids << reg.STATUS_BOARD_SHIFT
@@ -64,7 +64,7 @@ class StatusWords:
         return status
 
     def motors(self, power: BoardPower, fault: Flags) -> npt.NDArray[np.uint32]:
-        """Motor status words (boards, width) without what was commanded; `fault`: should be on and is not."""
+        """Motor status words (boards, width) without the commanded values; `fault`: should be on and is not."""
         current = power.mode != reg.MODE_VOLTAGE
         current |= ~power.expander_known[:, None]
         words = power.on * reg.MOTOR_STATUS_AMP_ON | power.enabled * reg.MOTOR_STATUS_AMP_REQUESTED

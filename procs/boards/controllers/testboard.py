@@ -1,7 +1,7 @@
 """The loop-back test board of the original test programs on one QLA: its digital outputs drive its inputs.
 
 Pins: output 1 drives line A of all four encoders, output 2 line B, output 3 the index, output 4 all limit and home
-inputs. The analog inputs are at one voltage, and what current is commanded flows.
+inputs. The analog inputs are at one voltage, and the commanded current flows.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Loopback:
         self.power_up(outputs, 0)
 
     def power_up(self, outputs: BoardOutputs, tick: int) -> None:
-        """The FPGA is configured anew and has new outputs."""
+        """The FPGA is reconfigured and has new outputs."""
         self._outputs, self._at = outputs, tick
         self._levels = outputs.levels(tick)
         self._encoder = Quadrature(tick, *self._lines(self._levels), reg.AXES, self._quirks)
@@ -47,13 +47,13 @@ class Loopback:
         """Let the outputs drive the encoders up to `tick`."""
         outputs = self._outputs
         if outputs.busy_until > self._at:
-            # A table is followed whole; of outputs that switch for ever, as PWM does, the newest switchings suffice.
+            # A table is processed completely; for outputs that keep switching, such as PWM, the newest changes suffice.
             once = outputs.plays_once
             changes = outputs.changes(self._at, tick, MAX_CHANGES if once else FEW_CHANGES)
             self._drive(changes.since, changes.levels)
             for at, levels in changes.items:
                 self._drive(at, levels)
-        else:  # nothing but a write, and that came at the tick of the last call
+        else:  # only a write, and that arrived at the tick of the last call
             self._drive(self._at, outputs.levels(tick))
         self._at = tick
         self._encoder.observe(tick)
@@ -71,8 +71,8 @@ class Loopback:
     def fill(self, tick: int, positions: Quads, velocities: Quads) -> int:
         """Put the words of the four axes at `tick` into `positions` (4,) and `velocities` (4, 4: word, axis).
 
-        Returned are the bits of the digital inputs: A, B, index, limits and home. What the board itself puts there
-        (levels of the outputs, whether the waveform is played) is not among them.
+        Returns the bits of the digital inputs: A, B, index, limits and home, without those that the board itself sets
+        (levels of the outputs, whether the waveform is played).
         """
         self.until(tick)
         a, b = self._lines(self._levels)

@@ -1,4 +1,4 @@
-"""What sets the boards of a bus apart as far as power and motor commands go, as arrays to compute with."""
+"""Differences between the boards of a bus in power and motor commands, as arrays to compute with."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Traits:
     by_control: Flags  # motors with their enables in the control word
     real_time_bits: Quads  # of a control word, out of a real-time block
     considered: Quads  # in a command word's top byte: its value is taken if only the valid one of these bits is set
-    amp_mask: Quads  # the bit of a command word's top byte that says that there is an enable in it
+    amp_mask: Quads  # the bit of a command word's top byte that marks an enable
 
     @classmethod
     def of(cls, models: Sequence[Model], width: int) -> Traits:

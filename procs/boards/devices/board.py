@@ -1,8 +1,8 @@
-"""The quiet side of one board: what is asked for at start-up and by hand, never in the cycle.
+"""The quiet side of one board: accessed at start-up and by hand, never in the cycle.
 
-Registers and buffers are handed to the devices behind them. None of them has to be called as time goes by: each knows
-from the tick of an access what happened before it. While `outputs.busy_until` lies ahead the digital outputs change by
-themselves, and while `collection.collecting` the buffer wants to know the measured current.
+Accesses to registers and buffers are passed to the devices behind them. No device needs calls as time passes: each
+derives earlier events from the tick of an access. Until `outputs.busy_until` the digital outputs change by themselves,
+and while `collection.collecting` is true the buffer needs the measured current.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from trocar.procs.fpga import registers as reg
 
 _REGION_SHIFT, _OFFSET_MASK = 12, 0xFFF
 _MAIN, _FPGA_PROM, _QLA_PROM, _ETHERNET, _FIREWIRE, _DALLAS, _DATA, _TABLE = 0, 2, 3, 4, 5, 6, 7, 8
-GIT_DESCRIPTIONS = {8: 0, 9: 0x8533_01D0}  # of the releases; Rev 9 tells its commit, clean
+GIT_DESCRIPTIONS = {8: 0, 9: 0x8533_01D0}  # of the releases; Rev 9 reports its commit, clean
 _CHANNEL_BITS = 0xF0  # of a QLA PROM address; a QLA does not look at them from Rev 8 on
 
 
@@ -45,12 +45,12 @@ class Board:
         self._scratch = 0x2000  # Rev 7
 
     def power_up(self, tick: int) -> None:
-        """The FPGA is configured anew: the memories and an instrument stay."""
+        """The FPGA is reconfigured: the memories and an instrument stay."""
         self.dallas.power_up()
         self._begin(self._time(tick))
 
     def read(self, address: int, tick: int) -> int:
-        """Value of a register; 0 for what is not there."""
+        """Value of a register; 0 for a missing register."""
         return self._quads(address, 1, self._time(tick))[0]
 
     def read_block(self, address: int, size: int, tick: int) -> bytes:
@@ -59,7 +59,7 @@ class Board:
         return struct.pack(f">{count}I", *self._quads(address, count, self._time(tick)))
 
     def write(self, address: int, value: int, tick: int, relayed: bool = True) -> None:
-        """Write a register; nothing happens for what is not there or read-only. `relayed`: it came over FireWire."""
+        """Write a register; no effect on a missing or read-only one. `relayed`: it arrived over FireWire."""
         now, region, offset = self._time(tick), address >> _REGION_SHIFT, address & _OFFSET_MASK
         if region == _TABLE:
             self.digital.write_table(offset, [value], now)
@@ -77,7 +77,7 @@ class Board:
             self.network.write(address, value, now, relayed)
 
     def write_block(self, address: int, data: bytes, tick: int) -> None:
-        """Fill a buffer; what lies outside is ignored."""
+        """Fill a buffer; addresses outside are ignored."""
         now, region, offset = self._time(tick), address >> _REGION_SHIFT, address & _OFFSET_MASK
         quads = list(struct.unpack_from(f">{len(data) // 4}I", data))
         if not quads:

@@ -1,9 +1,9 @@
 """Collection of motor currents on one board: a ring of 1024 entries of commanded and measured current of one axis.
 
 Collection begins with a motor command that has its collection bit set and ends with one of the same axis that has not.
-Commands are entered as they come, measurements whenever the converter has a new one: every 416 ticks, whatever anybody
-asks. The measured current is what the caller last said it is (`measure`), so between two such calls all entries are
-known; the newest 1024 at most are written.
+Commands are entered as they arrive, measurements whenever the converter has a new one: every 416 ticks, independent of
+any access. The caller sets the measured current (`measure`), so between two such calls all entries are known; the
+newest 1024 at most are written.
 
 While `collecting` is false a board needs nothing from the caller but `command` for words with the collection bit.
 """

@@ -1,8 +1,8 @@
 """The memory chip of an instrument (DS2505) as a board reads it over one wire, behind 0x0D and 0x6000.
 
-The firmware's state machine is written as a row of steps that is only walked when somebody asks, inserts or
-removes: each step then happens at its own tick. On Rev 8 and 9 the firmware first looks for another kind of interface
-(DS2480B), which these boards do not have, and gives up on it after 6.5 ms.
+The firmware's state machine is a sequence of steps that is evaluated only on an access, insertion or removal: each step
+then happens at its own tick. On Rev 8 and 9 the firmware first looks for another kind of interface (DS2480B), which
+these boards do not have, and gives up on it after 6.5 ms.
 
 The chip answers from a reset during which it was in place until it is removed; from then on the line stays high.
 """
@@ -26,7 +26,7 @@ from trocar.procs.fpga.instrument import (
 )
 
 Step = tuple[str, int, Callable[[], None]]
-"""Name of a state, how long it lasts in ticks, what happens at its end."""
+"""Name of a state, its duration in ticks, the action at its end."""
 
 FAMILY: Final = 0x0B
 
@@ -58,7 +58,7 @@ _REV_8 = {**_COMMON, "rom start": 6, "rom": 7, "low": 8, "high": 9, "write": 10,
 
 
 def instrument_memory(name: str, model: int, version: int) -> bytes:
-    """Memory of an instrument; ValueError for what does not fit: name 28 ASCII characters, model 24 bits."""
+    """Memory of an instrument; ValueError for unsuitable data: name 28 ASCII characters, model 24 bits."""
     text = name.encode("ascii", "replace")
     room = NAME_END - NAME_AT
     if text.decode("ascii") != name or b"\0" in text or len(text) > room:
@@ -84,14 +84,14 @@ class Dallas:
         self.power_up()
 
     def power_up(self) -> None:
-        """The FPGA is configured anew: at rest, and an instrument stays in its place."""
+        """The FPGA is reconfigured: at rest, and an instrument stays in its place."""
         self.enabled = False  # it drives digital output 3
-        self._chip = b""  # what answers, until `_silent_from`
+        self._chip = b""  # the device that answers, until `_silent_from`
         self._silent_from = 0
         self._pointer = 0
         self._family, self._rise, self._reset, self._byte, self._probing = 0, 0xFF, 0, 0, False
         self._buffer = [0] * (CHUNK_BYTES // 4)
-        self._steps: deque[Step] = deque()  # still to come
+        self._steps: deque[Step] = deque()  # still to be done
         self._then: Callable[[], None] = _nothing  # at the end of the step being taken
         self._state, self._ends = 0, 0
         self._now = 0  # tick of the step being taken
@@ -130,7 +130,7 @@ class Dallas:
         return value
 
     def read(self, index: int, count: int, tick: int) -> list[int]:
-        """Quadlets of the chunk at 0x6000, as far as it has come."""
+        """Quadlets of the chunk at 0x6000 read so far."""
         self._run(tick)
         return [self._buffer[(index + k) % len(self._buffer)] for k in range(count)]
 
@@ -161,7 +161,7 @@ class Dallas:
             self._ends += ticks
 
     def _read_from(self, address: int) -> list[Step]:
-        bits = [step for k in range(8) for step in (  # serial number and CRC follow, but nobody looks at them
+        bits = [step for k in range(8) for step in (  # serial number and CRC follow, but are never read
             ("read", _READ_TICKS, partial(self._take, FAMILY)), ("rom", 1, _nothing if k else self._keep_family))]
         select = [("write", _WRITE_TICKS, _nothing), ("low", 1, _nothing), ("write", _WRITE_TICKS, _nothing),
                   ("high", 1, _nothing), ("write", _WRITE_TICKS, partial(self._point_at, address))]
@@ -219,7 +219,7 @@ class Dallas:
         self._probing, self._reset = False, 0
 
     def _finish(self) -> list[Step]:
-        """End of the transfer: meant for a DS2480B, two bytes that nobody hears."""
+        """End of the transfer: two bytes for a DS2480B, without a receiver."""
         return [("program", 1, _nothing), ("write", _WRITE_TICKS, _nothing), ("check", 1, _nothing)] * 2
 
 

@@ -1,7 +1,7 @@
 """Serial memory chips as their data sheets have them: write-enable latch, page program, erase, protection, busy times.
 
-A chip is spoken to in transfers: bytes go in, bytes come out, and what was asked for is begun when the chip is
-deselected. While it programs or erases it is deaf to everything but a read of its status.
+A chip is accessed in transfers: bytes go in, bytes come out, and the requested operation starts when the chip is
+deselected. While it programs or erases, it ignores everything except a read of its status.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ MICROSECOND: Final = reg.CLOCK_HZ / 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """What one type of chip can do; times in ticks, 0: there is no such command."""
+    """Features of one type of chip; times in ticks, 0: no such command."""
 
     size: int
     page: int
@@ -60,7 +60,7 @@ E25AA128: Final = Kind(
 
 
 class Chip:
-    """One chip and what it remembers; what was never written or is erased reads 0xFF."""
+    """One chip and its memory; bytes never written, or erased, read 0xFF."""
 
     def __init__(self, kind: Kind) -> None:
         """Erased, write-protected by its latch."""
@@ -86,7 +86,7 @@ class Chip:
         return answer[:count].ljust(count, b"\xff")
 
     def _answer(self, sent: bytes, count: int, tick: int) -> bytes:
-        """What a chip that is not busy drives; it begins what it is asked for."""
+        """Output of a chip that is not busy; starts the requested operation."""
         kind, command = self.kind, sent[0]
         if command == WAKE and kind.signature:
             self._asleep = False

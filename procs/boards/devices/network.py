@@ -1,8 +1,8 @@
-"""What a board says of its network: IP address, Ethernet status and control, PHY requests, switch and debug blocks.
+"""Network registers of a board: IP address, Ethernet status and control, PHY requests, switch and debug blocks.
 
-The firmware is a released one: built without debug data, which its debug blocks say or, on V3, read as zeros.
+The firmware is a released one: built without debug data: its debug blocks report that or, on V3, read as zeros.
 
-Nothing here happens by itself but the end of a PHY reset: until then the status shows no link (`linked`).
+The only automatic event here is the end of a PHY reset: until then the status shows no link (`linked`).
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class Network:
         """As after power-up with the link up. ValueError for other FPGAs."""
         if fpga not in (2, 3):
             raise ValueError(f"FPGA V{fpga}; allowed: 2 and 3")
-        self.errors = 0  # bits of the status register, set by whoever sees the datagrams
+        self.errors = 0  # bits of the status register, set where datagrams arrive
         self.ip = IP_UNASSIGNED
         self.phy = FirewirePhy(node)
         self._v3, self._rev_9 = fpga == 3, firmware >= 9
@@ -72,7 +72,7 @@ class Network:
         self._data = 0  # V2: last chip register read or written
 
     def read(self, address: int, tick: int) -> int:
-        """Value of one of the registers here; 0 for what is not there."""
+        """Value of one of the registers here; 0 for a missing register."""
         if address >= ETHERNET_DATA:
             return self._block(address & 0xFFF, tick) if address < FIREWIRE_DATA else 0
         return {reg.PHY_REQUEST: self.phy.requested, reg.PHY_RESPONSE: self.phy.response, reg.IP_ADDRESS: self.ip,

@@ -1,11 +1,11 @@
 """The digital outputs of one board: plain levels, one-shots and PWM per output, and the waveform table.
 
 Levels are in register polarity: 1 is a low pin. Nothing is stepped: the levels at any tick from the last write on, and
-the changes between two such ticks, follow in closed form from what was written. A write at a tick comes after whatever
-happens by itself up to and including that tick, and shows from that tick on. Whoever needs every change must therefore
-take the `changes` up to a write before it is made, and look at `levels` after it.
+the changes between two such ticks, follow in closed form from the writes. A write at a tick is applied after the
+automatic changes up to and including that tick, and is visible from that tick on. A caller that needs every change must
+therefore take the `changes` up to a write before the write, and read `levels` after it.
 
-From tick `busy_until` on nothing changes any more by itself: a board at rest (`busy_until` 0) need not be asked.
+From tick `busy_until` on nothing changes by itself: a board at rest (`busy_until` 0) needs no calls.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ _MAX = 0xFFFF  # a 16-bit counter never exceeds it
 
 
 class Timer:
-    """One output without the table: its level is held as long as the control register says, then it turns.
+    """One output without the table: its level is held as long as the control register sets, then toggles.
 
-    The counter exceeds a count of n at its (n + 2)nd tick; a count of 0 stops it and holds the level for ever.
+    The counter exceeds a count of n at its (n + 2)nd tick; a count of 0 stops it and holds the level indefinitely.
     """
 
     def __init__(self, longest_holds: bool = True) -> None:
@@ -34,17 +34,17 @@ class Timer:
         self.control = 0
         self._longest_holds = longest_holds
         self._level = 0
-        self._since = 0  # tick at which the counter stood at `_counted`
+        self._since = 0  # tick at which the counter had the value `_counted`
         self._counted = 0
         self._plan()
 
     def set(self, level: int, tick: int) -> None:
-        """The output is written: the counter starts anew."""
+        """The output is written: the counter restarts."""
         self._level, self._since, self._counted = level, tick, 0
         self._plan()
 
     def configure(self, control: int, tick: int) -> None:
-        """The control register is written: the counter goes on, but misses the tick of the write."""
+        """The control register is written: the counter continues, but misses the tick of the write."""
         level, counted = self.level(tick), self._counter(tick)
         self._level, self._counted, self._since = level, counted, max(tick, self._since) + 1
         self.control = control
@@ -99,10 +99,10 @@ class Timer:
 
 @dataclass(frozen=True, slots=True)
 class Changes:
-    """What the outputs did: levels at `since`, then (tick, levels) of every change after it.
+    """History of the outputs: levels at `since`, then (tick, levels) of every change after it.
 
-    Where there was more than one call may give, `since` lies later than asked for, and `missed` switchings up to it
-    (of single outputs, shown or not) are left out.
+    If there were more changes than one call may return, `since` is later than requested, and `missed` switchings up to
+    it (of single outputs, shown or not) are left out.
     """
 
     since: int
@@ -117,8 +117,8 @@ class BoardOutputs:
     def __init__(self, count: int = 4, *, longest_holds: bool = True, playing_hides_table: bool = True) -> None:
         """As after power-up at tick 0.
 
-        Quirks of the firmware, on by default: a PWM count of 65535 is held for ever like 0 (`longest_holds`), and while
-        the table is played every read of it gives the entry that is on (`playing_hides_table`).
+        Quirks of the firmware, on by default: a PWM count of 65535 is held indefinitely like 0 (`longest_holds`), and
+        while the table is played every read of it returns the active entry (`playing_hides_table`).
         """
         self.extra = 0  # Rev 9 on FPGA V3.1: four more inputs, read beside the outputs
         self.busy_until = 0
@@ -157,7 +157,7 @@ class BoardOutputs:
         self._foresee(tick)
 
     def read_table(self, index: int, count: int, tick: int) -> list[int]:
-        """Waveform entries from `index` on; past the last comes the first."""
+        """Waveform entries from `index` on; the first follows the last."""
         at = self._waveform.where(tick)
         if at is not None and self._hides:
             return [self._waveform.table[at[0]]] * count
@@ -225,7 +225,7 @@ class BoardOutputs:
         return max((source.busy_until for source in self._sources(of)), default=0)
 
     def _sources(self, of: int) -> list[Timer | Waveform]:
-        """What makes these outputs change."""
+        """Sources of changes of these outputs."""
         timers: list[Timer | Waveform] = [timer for k, timer in enumerate(self._timers) if of >> k & 1]
         return [*timers, self._waveform] if self._kinematic & of else timers
 

@@ -18,7 +18,7 @@ class FirewirePhy:
         """As after a bus reset that gave it this node number."""
         self.requested = 0
         self.response = 0
-        self.bus_resets = 0  # how often the host asked for one
+        self.bus_resets = 0  # number of such requests by the host
         self._values = bytearray(16)
         # node; gap count; extended register set, two ports; 400 Mbit/s; link active
         self._values[:5] = bytes((node << 2, reg.GAP_DEFAULT, 0xE2, 0x40, 0x80))
@@ -46,7 +46,7 @@ class FirewirePhy:
     def _read(self, number: int) -> int:
         if number < 8:
             return self._values[number]
-        # Page 1 names compliance (1394a) and vendor; nothing is said about ports.
+        # Page 1 names compliance (1394a) and vendor; it has no data about ports.
         identity = bytes((1, 0, 0x08, 0x00, 0x28, 0, 0, 0))
         return identity[number - 8] if self._values[7] >> 5 == 1 else 0
 
@@ -133,7 +133,7 @@ class Rtl8211:
         if chip == _GMII_CORE:
             return self._core.get(number, 0)
         if chip > 1:
-            return 0xFFFF  # nobody there
+            return 0xFFFF  # no node there
         return self._page if number == _PAGE_SELECT else self._values.get(self._place(number), 0)
 
     def _write(self, chip: int, number: int, value: int) -> None:

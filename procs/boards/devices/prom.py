@@ -1,9 +1,9 @@
 """The PROMs of one board behind their registers: the FPGA's (M25P16) and the QLA's (25AA128), and FPGA V3's stand-in.
 
 The FPGA shifts commands to the chips bit by bit; while it does, the state in the low bits of the status register is not
-0 and another command is ignored. Only a command that comes closer than a frame on the real wire takes waits for its
-turn: a host on the same machine is quicker than any wire. Results and buffers read as they will be after the transfer,
-the result as 0 during it.
+0 and another command is ignored. Only a command that follows sooner than a frame on the real wire takes is delayed: a
+host on the same machine is faster than any wire. Results and buffers already read as after the transfer, the result as
+0 during it.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Final
 from trocar.procs.boards.devices import flash
 from trocar.procs.boards.devices.flash import Chip
 
-SERIAL_AT: Final = 0x1FFF00  # serial number of the FPGA in its PROM; the QLA's lies at 0
+SERIAL_AT: Final = 0x1FFF00  # serial number of the FPGA in its PROM; the QLA's is at 0
 SERIAL_COMMAND: Final = 0x031F_FF00  # the only one FPGA V3 heeds
 PAGE_QUADS: Final = 64
 BUFFER_QUADS: Final = 16
@@ -22,7 +22,7 @@ FRAME_TICKS: Final = 330  # the shortest Ethernet frame at 100 Mbit/s
 
 _SELECT, _WRITE, _WRITE_BLOCK, _READ, _DESELECT, _DISABLE = 1, 2, 3, 4, 5, 6  # states
 
-# Bytes sent and received by command: what the FPGA takes of a command word.
+# Bytes sent and received, by command: the part of a command word that the FPGA uses.
 _FPGA_COMMANDS = {
     flash.WRITE_ENABLE: (1, 0), flash.WRITE_DISABLE: (1, 0), flash.IDENTIFY: (1, 3), flash.READ_STATUS: (1, 1),
     flash.WRITE_STATUS: (2, 0), flash.READ: (4, 4 * PAGE_QUADS), flash.ERASE_SECTOR: (4, 0), flash.ERASE_ALL: (1, 0),
@@ -38,7 +38,7 @@ _QLA_BYTE_TICKS = 128
 
 
 def serial_text(kind: str, number: str) -> bytes:
-    """Serial number as it stands in a PROM, "FPGA 1234-56"."""
+    """Serial number as stored in a PROM, "FPGA 1234-56"."""
     return f"{kind} {number or NO_SERIAL}".encode("ascii")
 
 
@@ -63,7 +63,7 @@ class Prom:
         self._buffer = [0] * quads
 
     def _begin(self, tick: int, *phases: tuple[int, int]) -> int | None:
-        """Begin a transfer: (state, ticks) of its middle part. The tick at which it will be over; None: busy."""
+        """Begin a transfer: (state, ticks) of its middle part. Returns its end tick; None: busy."""
         if self._free - tick > FRAME_TICKS:
             return None
         self._states = [(end, state) for end, state in self._states if end > tick]
@@ -79,7 +79,7 @@ class Prom:
         return next((state for end, state in self._states if tick < end), 0)
 
     def result(self, tick: int) -> int:
-        """What the last command returned, or how many quadlets it read or wrote; 0 until it is over."""
+        """Result of the last command, or the number of quadlets it read or wrote; 0 until it has ended."""
         return 0 if tick < self._free else self._result
 
     def read(self, index: int, count: int, tick: int) -> list[int]:
@@ -93,7 +93,7 @@ class FpgaProm(Prom):
     def __init__(self, serial: str) -> None:
         """With the board's serial number in it, else erased."""
         super().__init__(flash.M25P16, SERIAL_AT, serial_text("FPGA", serial), PAGE_QUADS)
-        self._buffer += [0, 0]  # the command word of a write lies there, too
+        self._buffer += [0, 0]  # the command word of a write is there too
 
     def command(self, value: int, tick: int) -> None:
         """Write of 0x08: a command word."""

@@ -1,7 +1,7 @@
-"""Playing the waveform table of a board's digital outputs: which entry is on at any tick, in closed form.
+"""Playing the waveform table of a board's digital outputs: which entry is active at any tick, in closed form.
 
-Entries follow each other, each lasts its value + 1 ticks; the first entry that is not valid ends it. A table whose
-1024 entries are all valid goes round for ever.
+Entries follow each other, each lasts its value + 1 ticks; the first entry that is not valid ends it. A table whose 1024
+entries are all valid repeats endlessly.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ class Waveform:
     def __init__(self) -> None:
         """An empty table at rest."""
         self.table = [0] * ENTRIES
-        self.end = -1  # tick at which the entry that is not valid comes up; at rest after it
-        self._index = 0  # entry the plan begins with
+        self.end = -1  # tick of the entry that is not valid; at rest after it
+        self._index = 0  # first entry of the plan
         self._elapsed = 0  # ticks of it that lay before the plan
-        self._starts: list[int] = []  # ticks at which the entries of the plan begin, one lap at most
-        self._laps_from = NEVER  # a full table: tick at which the second lap begins
+        self._starts: list[int] = []  # start ticks of the plan's entries, one lap at most
+        self._laps_from = NEVER  # a full table: start tick of the second lap
         self._offsets: list[int] = []  # and the starts within a later lap
         self._lap = 1
 
     def play(self, tick: int) -> None:
-        """Begin at entry 0."""
+        """Start at entry 0."""
         self._plan(tick, 0, 0)
 
     def stop(self) -> None:
@@ -42,7 +42,7 @@ class Waveform:
         self._laps_from = NEVER
 
     def write(self, index: int, entries: list[int], tick: int) -> None:
-        """Write entries from `index` on (past the last comes the first); a playback resumes with the new ones."""
+        """Write entries from `index` on (the first follows the last); a playback resumes with the new ones."""
         at = self.where(tick)
         for k, entry in enumerate(entries):
             self.table[(index + k) % ENTRIES] = entry
@@ -69,14 +69,14 @@ class Waveform:
         return 0 if self.end < 0 else min(self.end + 1, NEVER)
 
     def count(self, tick: int) -> int:
-        """Number of entries (the one that ends it included) that have come up by `tick` since the plan was made."""
+        """Number of entries (including the one that ends the table) started by `tick` since the plan was made."""
         if tick < self._laps_from:
             return bisect_right(self._starts, tick) + (0 <= self.end <= tick)
         laps, spent = divmod(tick - self._laps_from, self._lap)
         return len(self._starts) + laps * ENTRIES + bisect_right(self._offsets, spent)
 
     def at(self, number: int) -> int:
-        """Tick at which entry `number` (from 0, as `count` counts them) comes up."""
+        """Start tick of entry `number` (from 0, numbered as `count` does)."""
         if number < len(self._starts):
             return self._starts[number]
         if self._laps_from == NEVER:
@@ -85,14 +85,14 @@ class Waveform:
         return self._laps_from + laps * self._lap + self._offsets[k]
 
     def _plan(self, tick: int, index: int, elapsed: int) -> None:
-        """Foresee what comes when `elapsed` ticks of entry `index` have gone by at `tick`."""
+        """Plan the entries that follow `elapsed` ticks after entry `index` began, seen at `tick`."""
         self._index, self._elapsed = index, elapsed
         order = self.table[index:] + self.table[:index]
         valid = next((k for k, entry in enumerate(order) if not entry & VALID), ENTRIES)
         lengths = [(entry >> _LENGTH_SHIFT & _LENGTH_MASK) + 1 for entry in order[:valid]]
         lap = list(accumulate(lengths, initial=0))
         if valid:
-            # The counter is compared for equality: past the length it goes on until it wraps.
+            # The counter is compared for equality: past the length it continues until it wraps.
             lengths[0] = (lengths[0] - 1 - elapsed) % (_LENGTH_MASK + 1) + 1
         *self._starts, stop = accumulate(lengths, initial=tick)
         if valid < ENTRIES:

@@ -1,8 +1,8 @@
-"""One MuJoCo model of all mechanisms, built in code, and where their joints lie in it.
+"""One MuJoCo model of all mechanisms, built in code, and the positions of their joints in it.
 
-One body per axis, in the axis's own frame. Only what the arms need is switched on: no contacts, no friction (see
-friction.py), damping taken explicitly, as it is small against inertia over one period, and gravity only when something
-has weight. So a step factors M once and runs no solver unless a joint is at its stop.
+One body per axis, in the axis's own frame. Only features that the arms need are enabled: no contacts, no friction (see
+friction.py), explicit damping, as it is small against inertia over one period, and gravity only if a body has weight.
+So a step factors M once and runs no solver unless a joint is at its stop.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ def _add(spec: mujoco.MjSpec, one: Mechanism, has_weight: bool, period_s: float)
 
 
 def _map(result: Assembly, one: Mechanism, first: int) -> None:
-    """Where the joints of a robot lie; `first` is the place of its first one among all robots' joints."""
+    """Positions of a robot's joints; `first` is that of its first one among all robots' joints."""
     places = [int(result.model.joint(f"{one.robot}/{i}").dofadr[0]) for i in range(len(one.axes))]
     leaders: dict[int, tuple[int, LinkAxis]] = {}
     ties: list[Array] = []
@@ -140,7 +140,7 @@ class Tips:
         self._is_stale = True
 
     def moved(self) -> None:
-        """Bodies' poses have to be computed anew when next asked for."""
+        """Bodies' poses must be recomputed when next used."""
         self._is_stale = True
 
     def pose(self, robot: str) -> Array:
@@ -156,7 +156,7 @@ class Tips:
         return np.concatenate((turn @ (self._linear @ self._data.qvel), turn @ (self._angular @ self._data.qvel)))
 
     def add_pull(self, robot: str, wrench: Array, efforts: Array) -> None:
-        """Add to joints' efforts (nv,) what a force and torque (6,) at the tip do."""
+        """Add to joints' efforts (nv,) those due to a force and torque (6,) at the tip."""
         point, turn = self._world(robot)[:3, 3], self._bases[robot][:3, :3]
         force, torque = turn @ wrench[:3], turn @ wrench[3:]
         mujoco.mj_applyFT(self._model, self._data, force, torque, point, self._bodies[robot], efforts)

@@ -1,11 +1,11 @@
 """Rows J·q = c that hold exactly: links that follow others, and actuators that a brake holds.
 
-MuJoCo moves all joints as if they were free; afterwards the motion that breaks a row is taken out again along M⁻¹Jᵀ,
-the way the forces of rigid links and brakes would have done it. That is the motion of the system in reduced
-coordinates, to the last digit: no springs, no drift.
+MuJoCo moves all joints as if they were free; afterwards the motion that violates a row is removed along M⁻¹Jᵀ, as the
+forces of rigid links and brakes would do. The result is exactly the motion of the system in reduced coordinates: no
+springs, no drift.
 
-Robots do not touch, so the system falls into small blocks, one a robot, that are solved side by side; and M⁻¹ is asked
-for the k-th rows of all robots in one go.
+Robots do not touch, so the system falls into small blocks, one a robot, that are solved side by side; and M⁻¹ is
+evaluated for the k-th rows of all robots at once.
 """
 
 from __future__ import annotations

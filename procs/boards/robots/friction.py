@@ -1,11 +1,11 @@
 """Drives: Coulomb friction that really holds a joint at rest, and motors that move within the play of their drive.
 
-A joint at rest sits on a stiff spring with a damper, which gives way at the friction's limit and then slides along.
-Nothing creeps under a load below the limit: the joint yields by less than the last digit of an encoder and comes back.
-The spring is as stiff as a joint's own armature allows at this period. What hangs on a joint only adds inertia, so no
-posture and no coupling between joints can make it unstable.
+A joint at rest is held by a stiff spring with a damper, which yields at the friction limit and then slides along. There
+is no creep under a load below the limit: the joint yields by less than one encoder count and returns. The spring is as
+stiff as a joint's own armature allows at this period. Bodies on a joint only add inertia, so no posture and no coupling
+between joints can make it unstable.
 
-The motor of a drive with play is a mass of its own, half of what the motor and its joint are together, with half of the
+The motor of a drive with play is a mass of its own, half of the mass of motor and joint together, with half of the
 friction. At either end of the play it meets the joint on a spring as stiff as the period allows. Encoders sit on the
 motors.
 """
@@ -34,7 +34,7 @@ class Friction:
         self._force = np.zeros_like(limit)
 
     def oppose(self, velocity: Array) -> Array:
-        """What friction takes off the joints' efforts in the next period; the array changes with the next call."""
+        """Reduction of the joints' efforts by friction in the next period; the next call changes the array."""
         force, spring = self._force, self.spring
         np.multiply(velocity, self.gain, force)
         np.add(force, spring, force)
@@ -45,7 +45,7 @@ class Friction:
         return force
 
     def relax(self, joints: NDArray[np.intp]) -> None:
-        """Joints that were put somewhere rest there."""
+        """Joints set to a position are at rest there."""
         self.spring[joints] = 0.0
 
 
@@ -84,7 +84,7 @@ class Play:
         self._friction.relax(here)
 
     def transmit(self, effort: Array, velocity: Array) -> None:
-        """Motors' efforts in, in place what arrives at the joints; `velocity` is the joints' (all at the actuators)."""
+        """Motors' efforts in, efforts at the joints out, in place; `velocity` is the joints' (all at the actuators)."""
         lead, speed, own = self.lead, self._speed, effort[self._places]
         meeting = lead + self._period_s * (speed - velocity[self._places])
         meeting -= np.clip(meeting, self._lower, self._upper)
@@ -93,7 +93,7 @@ class Play:
         speed += self._kick * (own - meeting - self._friction.oppose(speed))
 
     def follow(self, position: Array, velocity: Array) -> None:
-        """After the joints' step: in place, from what the joints do to what the motors do."""
+        """After the joints' step: convert, in place, the joints' motion to the motors' motion."""
         self.lead += self._period_s * (self._speed - velocity[self._places])
         position[self._places] += self.lead
         velocity[self._places] = self._speed

@@ -1,7 +1,7 @@
-"""A virtual hand: a spring and a damper between a robot's tip and a pose that somebody commands.
+"""A virtual hand: a spring and a damper between a robot's tip and a commanded pose.
 
-It stands for the surgeon's hand at a master's gripper. Force and torque are limited, so that a pose far away pulls no
-harder than a person does; poses are targets, whoever wants a path streams them.
+It represents the surgeon's hand at a master's gripper. Force and torque are limited, so that a distant pose pulls no
+harder than a person does; poses are targets, a path is a stream of poses.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ MOST = (5000.0, 10.0, 200.0, 1.0, 100.0, 5.0)  # of each field of a grip: far fr
 
 @dataclass(frozen=True, slots=True)
 class Grip:
-    """How firmly a hand holds; the defaults are a relaxed person's at a master's gripper."""
+    """Stiffness of a hand's grip; defaults: a relaxed person's grip on a master's gripper."""
 
     stiffness: float = 200.0  # N/m
     turning_stiffness: float = 0.4  # N·m/rad
@@ -44,17 +44,17 @@ class Grip:
 
 
 class Hands:
-    """At most one hand a robot. Nothing is paid while there is none."""
+    """At most one hand per robot. No cost while there is none."""
 
     def __init__(self, plant: Plant, robots: tuple[str, ...]) -> None:
-        """No hand anywhere; `robots` have a tip to hold."""
+        """No hand on any robot; `robots` have a tip to hold."""
         self._plant, self._robots = plant, robots
         self._targets: dict[str, tuple[Array, Grip]] = {}
 
     def hold(self, robot: str, pose: Array, grip: Grip | None = None) -> None:
-        """Pull the tip of a robot to a pose (7,) in its base frame; a grip that is not given stays as it was.
+        """Pull the tip of a robot to a pose (7,) in its base frame; default grip: the previous one.
 
-        PoseError, a ValueError, when it is no pose; KeyError names the robots that have a tip.
+        PoseError, a ValueError, for an invalid pose; KeyError names the robots that have a tip.
         """
         self._look_for(robot)
         target = poses.matrix_from_pose(poses.normalised(pose))
@@ -71,7 +71,7 @@ class Hands:
             self._plant.before_step.remove(self.pull)
 
     def pull(self) -> None:
-        """Force and torque of every hand for the step that begins."""
+        """Force and torque of every hand for the next step."""
         for robot, (target, grip) in self._targets.items():
             self._plant.pull(robot, wrench(target, grip, self._plant.tip(robot), self._plant.tip_twist(robot)))
 

@@ -1,14 +1,14 @@
-"""From the document's kinematic chains to the mechanisms of the robots: which links there are and what moves them.
+"""From the document's kinematic chains to the mechanisms of the robots: their links and what drives them.
 
 Robots have one joint per actuator, as PID and coupling know them: a PSM's jaw is its seventh joint, its discs are four
 when it holds no instrument. Most joints are one axis of the mechanism. A bend of a snake instrument is two axes that
 share its motion, and an Si arm has the links of its parallelogram beside the two axes that its kinematics know; those
-are the axes that follow. Coupling is no part of this. Robots that no arm describes get plain axes that reach nothing.
+are the axes that follow. Coupling is not included. Robots without an arm description get plain axes without a tip.
 
-Inertia and friction of arms are in `trocar.procs.tables.arm_types`; here are those of what stands on boards beside
-them, and of instruments. Viscous and Coulomb friction of the wrist are from the recording of a real PSM; its inertia
-was too small to be seen there, and is as little as keeps the stock gains stable at a 1 ms hold: armature >= 2 · Kd ·
-period on every axis.
+Inertia and friction of arms are in `trocar.procs.tables.arm_types`; here are those of other robots on boards, and of
+instruments. Viscous and Coulomb friction of the wrist are from the recording of a real PSM; its inertia was too small
+to be identified there, and is the minimum that keeps the stock gains stable at a 1 ms hold: armature >= 2 · Kd · period
+on every axis.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ GRIPPER_INITIAL = 0.5
 SET_UP_SLIDE = JointInertia(30.0, 200.0, 40.0)  # the column of a setup arm; brakes and balance are in the friction
 SET_UP_HINGE = JointInertia(2.0, 10.0, 8.0)
 
-LINK_MASS = 0.05  # kg, of links whose file gives none; counter-balanced, so only a trace in the inertia
+LINK_MASS = 0.05  # kg, of links without mass in their file; counter-balanced, so only a small part of the inertia
 LINK_INERTIA = 1.0e-5  # kg·m², about every axis of such a link
 
 SET_UP_ARMS = {
@@ -68,7 +68,7 @@ def wrist_inertia(actuator_to_joint: Array) -> tuple[JointInertia, ...]:
 
 
 def arm_inertia(arm_type: str, generation: str, joints: int) -> ArmInertia | None:
-    """The row of an arm type with so many joints; None for types without one (their axes are loose).
+    """The row of an arm type with this many joints; None for types without one (their axes are loose).
 
     MTML and MTMR count as MTM; setup arms have more or fewer joints.
     """
@@ -80,7 +80,7 @@ def arm_inertia(arm_type: str, generation: str, joints: int) -> ArmInertia | Non
 
 
 DISC_RANGE = math.radians(172)
-MARGIN = 0.03  # rad: an arm's own stops lie beyond its file's limits, so that the host's limits are met first
+MARGIN = 0.03  # rad: an arm's own stops are beyond its file's limits, so that the host's limits act first
 MARGIN_SLIDE = 0.003  # m
 INSERTION = 2  # the link along the shaft of a PSM or ECM
 SNAKE = ((3, 1.0), (4, 0.5), (5, 0.5), (5, 0.5), (4, 0.5))  # the joint that moves each of its links, and its share
@@ -168,7 +168,7 @@ def _weighted(chain: Chain, place: int, mass: float) -> Chain:
 
 
 def description(arm: ArmConfig | None, actuators: int) -> ArmInertia | None:
-    """The table's row for an arm whose robot has so many actuators; None when its axes have to be loose."""
+    """The table's row for an arm whose robot has this many actuators; None if its axes must be loose."""
     row = arm_inertia(arm.type, arm.generation, len(arm.chain.links)) if arm is not None else None
     if arm is None or row is None or len(row.joints) != len(arm.chain.links) or len(row.initial) != actuators:
         return None
@@ -224,9 +224,9 @@ def _plain_axis(name: str, joint: int, parent: int, lower: float, upper: float, 
 
 
 def _tool_axes(convention: str, tool: Tool, parent: int) -> list[LinkAxis]:
-    """An instrument's links as its file has them, then the jaw on the last of them.
+    """An instrument's links as in its file, then the jaw on the last of them.
 
-    Its stops lie beyond the positions at which it is engaged, too: some files have these outside their own limits.
+    Its stops are also beyond the engage positions: in some files these are outside the file's own limits.
     """
     inertia = wrist_inertia(np.array(tool.actuator_to_joint))
     first = parent + 1
@@ -281,7 +281,7 @@ def _with_real_links(arm: ArmConfig, axes: list[LinkAxis], chain: Chain) -> list
 
 
 def _carrying(axis: LinkAxis, link: DhLink, place: Array) -> LinkAxis:
-    """An axis with the mass of a link that stands at `place` on it."""
+    """An axis with the mass of a link at `place` on it."""
     com = place @ np.array((*link.com, 1.0))
     return dataclasses.replace(axis, mass=link.mass, com=(float(com[0]), float(com[1]), float(com[2])), has_weight=True)
 
@@ -299,7 +299,7 @@ def _loose_axis(robot: str, joint: int, actuator: Actuator) -> LinkAxis:
 
 
 def is_gripper(robot: str) -> bool:
-    """Whether a robot is the gripper of a master, by the name the site's files give it."""
+    """Whether a robot is the gripper of a master, by its name in the site's files."""
     return robot.endswith("_gripper")
 
 
@@ -310,7 +310,7 @@ def has_play(like: ModelVariation) -> bool:
 
 def _like(one: Mechanism, like: ModelVariation) -> Mechanism:
     """As the robot really is."""
-    joints = 1.0 - SHARE if has_play(like) else 1.0  # what is not the motors'
+    joints = 1.0 - SHARE if has_play(like) else 1.0  # the part not due to the motors
     if (like.friction, like.inertia, like.mass, like.payload, joints) == (1.0, 1.0, 1.0, 0.0, 1.0):
         return one
     axes = []

@@ -35,7 +35,7 @@ from trocar.procs.kinematics.poses import Array
 from trocar.procs.native import library
 from trocar.procs.native.boards_fields import PLANT
 
-HEAVY, PUSHED = 1, 2  # what `apply` does beside friction
+HEAVY, PUSHED = 1, 2  # tasks of `apply` besides friction
 SCATTER = 0.02  # rad or, times 0.2, m: how far the seed may move an arm from its usual place at switch-on
 
 
@@ -58,12 +58,12 @@ class Plant:
         self._links = {arm.name: chain for arm in arms if (chain := parallelogram(arm))} | dict(links or {})
         self._tools = {name: tool for name, tool in _instruments(system).items() if name in self._by_name}
         self.slices = _slices(self._robots)
-        """Where the actuators of each robot lie in the arrays."""
+        """Positions of each robot's actuators in the arrays."""
         self._like = _model_variations(system.emulation, self._robots)
         self.axes = sum(len(robot.actuators) for robot in self._robots)
         self.position = np.zeros(self.axes)
         self.velocity = np.zeros(self.axes)
-        self.pot_position = np.zeros(self.axes)  # what the potentiometers sit on: see Robot.joint_to_actuator_position
+        self.pot_position = np.zeros(self.axes)  # inputs of the potentiometers: see Robot.joint_to_actuator_position
         self._current_effort = np.zeros(self.axes)
         self._effort_per_current = _effort_per_current(self._robots)
         self._pushed = np.zeros(self.axes)  # robots' joint space
@@ -106,7 +106,7 @@ class Plant:
         self._read()
 
     def apply(self, which: int) -> int:
-        """Efforts less friction, then what HEAVY and PUSHED robots have besides, as the model takes them."""
+        """Efforts less friction, then the additional efforts of HEAVY and PUSHED robots, as the model takes them."""
         applied = self._applied
         np.subtract(self.effort, self.friction.oppose(self._joint_velocity), applied)
         if which & HEAVY:
@@ -141,7 +141,7 @@ class Plant:
         np.copyto(self.pot_position, self.position, where=self._pots_on_motors)
         np.add(self.pot_position, self._pot_offset, self.pot_position)
 
-    # -- what a person or a test does to robots --------------------------------------------------------------------
+    # -- actions of a person or a test on robots -------------------------------------------------------------------
 
     def push(self, robot: str, joint_efforts: Array) -> None:
         """Efforts from outside (n,) on a robot's joints, N·m or N, from the next step until changed."""
@@ -154,11 +154,11 @@ class Plant:
         self._is_pulled = True
 
     def support(self, robot: str, supported: bool) -> None:
-        """Carry a robot's weight by hand, wherever it goes, or let it weigh again."""
+        """Carry a robot's weight by hand in any position, or let it act again."""
         (self._supported.add if supported else self._supported.discard)(robot)
 
     def place(self, robot: str, actuator_position: Array) -> None:
-        """Put a robot's actuators (n,) somewhere, at rest; brakes hold it there."""
+        """Set a robot's actuators (n,) to a position, at rest; brakes hold it there."""
         part, joints = self.slices[robot], self._assembly.joints[robot]
         wanted = np.where(self._is_jammed[part], self.position[part], actuator_position)
         self._joint_position[joints] = self._to_joint[joints, part] @ wanted
@@ -171,7 +171,7 @@ class Plant:
         self._read()
 
     def brake(self, robot: str, actuators: NDArray[np.bool_], engaged: bool) -> None:
-        """Engage or release the brakes of the actuators (n,) that are true; engaged, they stand still whatever pulls.
+        """Engage or release the brakes of the actuators (n,) that are true; engaged ones do not move under any effort.
 
         A new plant has all brakes released.
         """
@@ -179,7 +179,7 @@ class Plant:
         self._constrain()
 
     def jam(self, robot: str, actuator: int, jammed: bool) -> None:
-        """An actuator stands still whatever pulls, or turns again: stuck, or held by a brake that does not let go."""
+        """Lock an actuator against any effort, or free it: jammed, or held by a brake that does not release."""
         self._is_jammed[self.slices[robot].start + actuator] = jammed
         self._constrain()
 
@@ -282,7 +282,7 @@ class Plant:
         return play
 
     def _constrain(self) -> None:
-        """What follows and what is braked, from where the joints are now."""
+        """Followers and braked joints, from the current joint positions."""
         blocks = []
         for robot in self._robots:
             part, joints = self.slices[robot.name], self._assembly.joints[robot.name]
@@ -308,7 +308,7 @@ class Plant:
             self._read_pots()
 
     def _switch_on(self, emulation: EmulationConfig) -> None:
-        """Where arms stand at switch-on: the table's place, moved a little by the seed; loose axes in mid-range."""
+        """Arm positions at switch-on: those of the table, varied a little by the seed; loose axes in mid-range."""
         scatter = np.random.default_rng(emulation.seed).uniform(-SCATTER, SCATTER, self.axes)
         for robot in self._robots:
             part = self.slices[robot.name]
@@ -327,7 +327,7 @@ class Plant:
 
 
 def _model_variations(emulation: EmulationConfig, robots: tuple[Robot, ...]) -> dict[str, ModelVariation]:
-    """How every robot differs from its files; ValueError names what does not fit."""
+    """Deviations of every robot from its files; ValueError names invalid ones."""
     like = {robot.name: ModelVariation(robot.name) for robot in robots}
     counts = {robot.name: len(robot.actuators) for robot in robots}
     for one in emulation.model_variations:
@@ -364,7 +364,7 @@ def _slices(robots: tuple[Robot, ...]) -> dict[str, slice]:
 
 
 def _effort_per_current(robots: tuple[Robot, ...]) -> Array:
-    """N·m/A (or N/A) of every actuator; 0 where the file gives no motor (grippers)."""
+    """N·m/A (or N/A) of every actuator; 0 without a motor in the file (grippers)."""
     scales = np.array([a.effort_to_current for robot in robots for a in robot.actuators])
     efforts: Array = np.divide(1.0, scales, out=np.zeros_like(scales), where=scales != 0.0)
     return efforts
@@ -378,7 +378,7 @@ def _middle(robot: Robot) -> list[float]:
 
 
 def _pot_matrix(robot: Robot) -> Array:
-    """Actuator positions to what the potentiometers measure (joints, where the file gives a matrix between)."""
+    """Matrix from actuator positions to the potentiometers' quantity (joints, if the file has a matrix between)."""
     if robot.joint_to_actuator_position is None:
         return np.eye(len(robot.actuators))
     actuator_to_pot: Array = np.linalg.inv(np.array(robot.joint_to_actuator_position))

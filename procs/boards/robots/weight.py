@@ -1,7 +1,7 @@
-"""What emulated masters weigh: the efforts that their gravity files say hold them still, pulling the other way.
+"""Weight of emulated masters: the negative of the efforts that, by their gravity files, hold them still.
 
-A master has no brakes. Here it rests on whatever it was put on until its motors lift it, and again when its amplifiers
-are off. One without such a file is counter-balanced.
+A master has no brakes. Here it rests on its support until its motors lift it, and again when its amplifiers are off. A
+master without such a file is counter-balanced.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from trocar.procs.kinematics.poses import Array
 RENEWED_S: Final = 0.01  # as often as it is worked out: it changes as slowly as the arm moves
 
 
-LIFTING_A: Final = 0.02  # current of some motor that nobody asks for but to drive the arm
+LIFTING_A: Final = 0.02  # motor current that only an arm command can cause
 
 
 @dataclass(slots=True)
 class Heavy:
-    """One master: its actuators among all, its joints among the model's, and what holds it there."""
+    """One master: its actuators among all, its joints among the model's, and its support."""
 
     robot: str
     actuators: slice
@@ -39,7 +39,7 @@ class Weights:
     """`effort` on the model's joints (nv,), to be taken away from the others."""
 
     def __init__(self, heavy: list[Heavy], joints: int, period_s: float, supported: Collection[str]) -> None:
-        """`supported`: robots whose weight a hand carries, as it changes."""
+        """`supported`: robots whose weight a hand carries, updated by the caller."""
         self.effort = np.zeros(joints)
         self._supported = supported
         self._heavy = heavy
