@@ -1,4 +1,4 @@
-"""The pages that are connected: what they want, what they ask for, and who of them has control."""
+"""The connected pages: their data, their requests, and which of them has control."""
 
 from __future__ import annotations
 
@@ -28,19 +28,19 @@ from trocar.shm.ring.ring import RingError
 from trocar.shm.time.clock import monotonic_ns
 
 LATE_NS: Final = 1_000_000_000
-"""So old a wish may be when it comes, as in mailboxes."""
+"""Maximum age of a request on arrival, as in mailboxes."""
 HELD_LATE_NS: Final = 300_000_000
-"""The same of what is asked for again and again while a button is held: that much longer than without a line between
-does it last after the button was let go. Less would end it wherever a computer or a network is busy for a moment: ticks
-are 50 ms apart, and a page draws between them.
+"""The same for requests repeated while a button is held: over a slow connection the action may last that much longer
+after the release. A shorter limit would end it at every short delay of a computer or network: ticks are 50 ms apart,
+and a page draws between them.
 """
 PENDING: Final = 5
 """Ticks that a browser has not taken; then it gets the newest of all instead."""
 WAITING: Final = 256
 """Answers that a browser has not taken."""
 A_TICK_NS: Final = 10_000_000
-"""Of a tick, so long one page is listened to; what it says beyond that waits for the next one. A page of ours needs a
-tenth of it, and whoever says thousands of things holds nobody up.
+"""Part of a tick in which one page's messages are handled; the rest waits for the next tick. A page of ours needs a
+tenth of it, and a page that sends thousands of messages delays no other.
 """
 PERSON: Final = Rights(True, True, True)
 NUMBERS: Final = itertools.count(1)
@@ -48,7 +48,7 @@ NUMBERS: Final = itertools.count(1)
 
 @dataclass(frozen=True, slots=True)
 class ConsoleService:
-    """What all pages share."""
+    """Shared by all pages."""
 
     system: str
     owners: Mapping[str, CommandOwner]
@@ -56,7 +56,7 @@ class ConsoleService:
     is_over: Callable[[], bool]
     models: ArmModels
     run: str
-    """A name of this run of the server: pages of an earlier one load anew."""
+    """A name of this run of the server: pages of an earlier run reload."""
     generation: Callable[[], int]
     """How many faults the system has had."""
     ticks: Ticks = field(default_factory=Ticks)
@@ -78,7 +78,7 @@ class Browser:
         self.name = name
         self.wants: tuple[str, ...] = ()
         self.has_control = False
-        """As far as it has heard."""
+        """As last reported to the page."""
         self._served, self._held, self._socket = served, held, socket
         self._calls = served.calls()
         self._answers: deque[bytes] = deque()
@@ -94,10 +94,10 @@ class Browser:
             "preview": self._preview, "jog": self._jog}
         self._say("hello", run=served.run, name=name, system=served.system)
 
-    # what it says
+    # -- messages from the page
 
     async def listen(self, receive: Callable[[], Awaitable[str]]) -> None:
-        """Handle what comes, as far as this tick has time for it; until `receive` ends it."""
+        """Handle incoming messages within this tick's time limit; until `receive` ends it."""
         while True:
             text = await receive()
             await self._has_time.wait()
@@ -113,7 +113,7 @@ class Browser:
         self._has_time.set()
 
     def handle(self, text: str) -> None:
-        """One message; what is wrong with it is answered, and nothing else happens."""
+        """Handle one message; an error in it is answered, and has no other effect."""
         if self._is_over:
             return
         number: Any = None
@@ -164,7 +164,7 @@ class Browser:
         self._held.note(self.name, to, command, values, text)
 
     def _preview(self, asked: Message, now_ns: int) -> None:
-        """Where the links of an arm would be at these joints, or with its tip there; nothing is asked of the arm."""
+        """Link positions of an arm at these joints, or with its tip at this pose; no command is sent to the arm."""
         arm, pose = self._served.models.arm(asked.parts["arm"]), np.array(asked.parts["pose"])
         if len(pose) not in (0, POSE):
             raise WrongMessage(f"a pose has {POSE} numbers: x y z and a quaternion x y z w")
@@ -182,10 +182,10 @@ class Browser:
         self._served.counts.commands += 1
 
     def _seen(self, asked: Message, now_ns: int, late_ns: int) -> int:
-        """How many faults the person knew of who wished this; WrongMessage where it may not wish, or wished long ago.
+        """Number of faults that the person knew of at this request; WrongMessage if it is late or lacks control.
 
-        When it comes says nothing: whatever is between may keep it for seconds, and deliver it after the button was let
-        go, or after a fault.
+        The arrival time proves nothing: the network may hold a message for seconds, and deliver it after the button was
+        released, or after a fault.
         """
         if self._served.control.holder(now_ns) != self.name:
             raise WrongMessage("take control first: this page only looks")
@@ -195,7 +195,7 @@ class Browser:
                                "the way to the console is slow")
         return heard.generation
 
-    # what it hears
+    # -- messages to the page
 
     def _say(self, op: str, number: Any = None, **parts: Any) -> None:
         if len(self._answers) < WAITING:
@@ -203,12 +203,12 @@ class Browser:
             self._news.set()
 
     def look(self) -> None:
-        """Pass on what became of its commands."""
+        """Pass on the replies to its commands."""
         for call, reply in self._calls.replies():
             self._say("reply", call.id, to=call.to, command=call.command, outcome=reply.outcome, text=reply.text)
 
     def show(self, number: int, holder: str) -> None:
-        """What has changed of what it wants; all of it where it does not take what is sent."""
+        """Queue the changes of its data; all of the data if the page does not take its messages."""
         counts, parts = self._served.counts, []
         if len(self._ticks) == PENDING:
             counts.lost += PENDING
@@ -226,7 +226,7 @@ class Browser:
         self._news.set()
 
     async def deliver(self) -> None:
-        """Send what there is, as fast as it takes it; until it is cancelled."""
+        """Send all queued messages, as fast as the page takes them; until cancelled."""
         while True:
             await self._news.wait()
             self._news.clear()
@@ -236,12 +236,12 @@ class Browser:
                 await self._socket.send_text(self._ticks.popleft().decode())
 
     def forget(self, why: str) -> None:
-        """Disconnect it, and hear no more of what it says."""
+        """Disconnect it, and ignore its further messages."""
         self._is_over = True
         self._end = asyncio.ensure_future(self._socket.close(1012, why))
 
     def gone(self) -> None:
-        """It has left: control is free, nothing is wanted for it, what it held is let go. Commands under way finish."""
+        """The page has left: control and held buttons are released, subscriptions end. Commands under way finish."""
         self._served.control.drop(self.name)
         self._served.sources.leave(self.wants)
         self.wants = ()
@@ -268,7 +268,7 @@ class Browsers:
         browser.gone()
 
     def tick(self, now_ns: int) -> None:
-        """Once a cycle: one message to each page with all that it wants; each value is read once for all pages."""
+        """Once a cycle: one message to each page with all its data; each value is read once for all pages."""
         served = self.served
         holder, number = served.control.holder(now_ns), served.ticks.add(now_ns, served.generation())
         self._held.tick(holder, served.control.is_free(now_ns))
@@ -276,12 +276,12 @@ class Browsers:
         for browser in self.all:
             browser.begin()
             browser.look()
-            # A page that nobody sees hears all the same that it has control, and that it has it no more.
+            # A hidden page is also informed when it gains or loses control.
             if browser.wants or browser.name == holder or browser.has_control:
                 browser.show(number, holder)
 
     def forget(self, why: str) -> None:
-        """What they have said meanwhile is about the past: all are disconnected, nobody has control."""
+        """Messages received meanwhile are out of date: all pages are disconnected, none has control."""
         for browser in self.all:
             self.served.control.drop(browser.name)
             browser.forget(why)

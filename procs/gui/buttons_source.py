@@ -15,7 +15,7 @@ A_LOOK: Final = 64
 
 
 class ButtonsSource:
-    """`last` of each input by owner, in the order of its record: what happened, and when; empty: nothing yet."""
+    """`last` of each input by owner, in the order of its record: its last event and time; empty: no event yet."""
 
     def __init__(self, document: SystemConfig) -> None:
         self._readers: list[tuple[str, RingReader]] = []
@@ -33,7 +33,7 @@ class ButtonsSource:
                 self._take(owner, event)
 
     def read(self, now_ns: int) -> dict[str, Any]:
-        """What has happened."""
+        """The last events."""
         for owner, reader in self._readers:
             for _ in range(A_LOOK):
                 if not reader.next():

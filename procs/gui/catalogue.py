@@ -1,4 +1,4 @@
-"""The sources that pages of a system may want."""
+"""The sources that pages of a system may subscribe to."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from trocar.procs.gui.scene_source import SceneSource
 from trocar.procs.gui.sources import Maker, RecordSource, Sources
 
 KINDS: Final = frozenset({"arm", "third_party", "suj", "teleop", "console", "system", "focus", "io"})
-"""Whose state pages show."""
+"""Kinds whose state pages show."""
 MESSAGES, PROCESSES, SCENE, BUTTONS, PLOT, LOG = "messages", "processes", "scene", "buttons", "plot", "log"
 
 
 def record(instance: str, ring: str = "state") -> str:
-    """What the source of a record is called."""
+    """Name of a record's source."""
     return f"{instance}/{ring}"
 
 
 def pins(io: str) -> str:
-    """What the source of the inputs and outputs of an io is called."""
+    """Name of the source for the inputs and outputs of an io."""
     return f"{io}/pins"
 
 
 def sources_of(document: SystemConfig) -> Sources:
-    """A source for the state of everything, and those that are made of several."""
+    """A source for the state of every instance, and those composed of several."""
     makers: dict[str, Maker] = {
         record(row.name): partial(RecordSource, document.name, row.name, "state", simulated=document.clock != WALL)
         for row in document.processes if row.kind in KINDS}

@@ -1,7 +1,7 @@
-"""Who has control: one browser at a time, while it shows that it is there. Pure.
+"""Control: one browser at a time has it, while its heartbeats arrive. Pure.
 
-And when each tick was sent, and how many faults there had been: from the newest one that a page has heard follows how
-old at most is what it says, and what its person had seen. No clock is compared with another.
+Also the time and fault count of each tick sent: the newest tick that a page has received gives the maximum age of its
+requests, and the state its person had seen. No clock is compared with another.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Final
 HEARTBEAT_NS: Final = 2_000_000_000
 """Silence after which a browser has lost control."""
 KEPT: Final = 100
-"""Ticks; whoever has heard none of them says nothing that still counts."""
+"""Ticks; requests from a page that has received none of them are out of date."""
 
 
 class BrowserControl:
@@ -22,31 +22,31 @@ class BrowserControl:
         self._holder, self._heard_ns = "", 0
 
     def holder(self, now_ns: int) -> str:
-        """Who has it; empty: nobody, or nobody any more."""
+        """The browser in control; empty: none, or none any more."""
         if self._holder and now_ns - self._heard_ns > HEARTBEAT_NS:
             self._holder = ""
         return self._holder
 
     def is_free(self, now_ns: int) -> bool:
-        """Nobody has it, and nobody who had it was there for so long: who goes from page to page has it in between."""
+        """No browser has had control for a heartbeat timeout: a person who changes the page keeps control."""
         return not self.holder(now_ns) and now_ns - self._heard_ns > HEARTBEAT_NS
 
     def take(self, browser: str, now_ns: int, *, over: bool = False) -> str:
-        """Who has it after that: the browser, or another one that it is not taken `over` from."""
+        """Returns the browser then in control: this one, or another one if control is not taken `over`."""
         if over or self.holder(now_ns) in ("", browser):
             self._holder, self._heard_ns = browser, now_ns
         return self._holder
 
     def beat(self, browser: str, now_ns: int, seen_ns: int) -> None:
-        """A browser was there when what it has seen was sent: that is what counts, however late it says so.
+        """A heartbeat: a browser was there when the tick it has seen was sent; the time of its arrival is ignored.
 
-        One that was silent for too long does not get control back by that.
+        A browser that was silent for too long does not regain control by a heartbeat.
         """
         if self.holder(now_ns) == browser:
             self._heard_ns = max(self._heard_ns, seen_ns)
 
     def drop(self, browser: str) -> None:
-        """A browser has gone, or gives it back."""
+        """A browser has left, or gives up control."""
         if self._holder == browser:
             self._holder = ""
 
@@ -74,5 +74,5 @@ class Ticks:
         return self.number
 
     def heard(self, number: int) -> Tick | None:
-        """The tick that a page says it has heard; None where that was none, or is too long ago."""
+        """The tick that a page reports as received; None for an unknown or too old one."""
         return self._sent.get(number)

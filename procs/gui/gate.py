@@ -1,8 +1,8 @@
-"""Who may come in: every request and every connection of a browser passes here first.
+"""Access control: every request and every connection of a browser passes here first.
 
-A browser on this machine of the user of the system needs nothing, all others the token (or a certificate). Pages of
-others cannot use a browser's place here: names that are none of ours, origins that are not ours, and what others' pages
-fetch without one, are refused; a link from elsewhere may open a page.
+A browser on this machine, run by the system's user, needs no credentials; all others need the token (or a certificate).
+Pages of other sites cannot misuse a browser's access: foreign host names, foreign origins, and requests from foreign
+pages without an origin are refused; a link from elsewhere may open a page.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from trocar.procs.machine.access import is_ours
 
 COOKIE: Final = "trocar"
 GUESS_S: Final = 1.0
-"""That a wrong token has to wait; meanwhile nobody from that address tries another one."""
+"""Delay after a wrong token; meanwhile further tries from that address are refused."""
 GUESSING: Final = 32
-"""Addresses that wait at a time; wrong tokens of further ones are refused at once: who has it is kept out by nobody."""
+"""Addresses delayed at a time; wrong tokens from further ones are refused at once: no valid user is locked out."""
 MAX_FORM: Final = 4096
 FILES: Final = "/files/"
-"""Below it is what costs something to make: no link from elsewhere leads there."""
+"""Below this path are files that are expensive to make: links from elsewhere do not reach them."""
 HEADERS: Final = (
-    # Nothing but this server's own files is ever fetched, whatever a library would like: labs are offline.
+    # Only this server's own files are ever fetched, whatever a library requests: labs are offline.
     (b"content-security-policy", b"default-src 'self' 'unsafe-inline' 'unsafe-eval' data: blob:; "
                                  b"frame-ancestors 'none'; form-action 'self'; base-uri 'none'"),
     (b"x-frame-options", b"DENY"),
@@ -49,7 +49,7 @@ class Gate:
 
     def __init__(self, app: ASGIApp, token: bytes, has_certificates: bool, log: logging.Logger,
                  is_ours: Callable[[tuple[str, int], int], bool] = is_ours) -> None:
-        """`has_certificates`: who comes has shown one."""
+        """`has_certificates`: clients have shown a certificate."""
         self._app, self._token, self._log = app, token, log
         self._has_certificates, self._is_ours = has_certificates, is_ours
         self._guessing: set[str] = set()
@@ -63,7 +63,7 @@ class Gate:
         headers = {name.decode("latin-1"): value.decode("latin-1") for name, value in scope["headers"]}
         is_here = self._is_here(scope)
         if is_here and self._token and not _is_loopback(_name(headers)):
-            is_here = False  # may be our own name, may be somebody's that leads here: the token tells
+            is_here = False  # may be our own name, or another's that resolves to us: the token decides
         why = refusal(headers, scope, is_here)
         if why:
             self._log.warning("%s: refused: %s", scope["client"], why)
@@ -130,7 +130,7 @@ def refusal(headers: dict[str, str], scope: Scope, is_here: bool) -> str:
     """Why a request is not for us, or not from our own page; empty: it is."""
     host, origin = headers.get("host", ""), headers.get("origin")
     name = _name(headers)
-    if is_here and not _is_loopback(name):  # a name of somebody's that leads here: his page would be ours
+    if is_here and not _is_loopback(name):  # a foreign name that resolves to us would make its page count as ours
         return f"{name[:80]} is no name of this machine; take 127.0.0.1 or localhost"
     if origin is not None and origin.partition("://")[2] != host:
         return "that page is not from here"
@@ -149,7 +149,7 @@ def _opens_page(headers: dict[str, str], scope: Scope) -> bool:
 
 
 def _name(headers: dict[str, str]) -> str:
-    """Under which name the browser asked for us."""
+    """The host name that the browser requested."""
     try:
         return urlsplit(f"//{headers.get('host', '')}").hostname or ""
     except ValueError:  # [ without ]
@@ -163,7 +163,7 @@ def _address(text: str) -> IPv4Address | IPv6Address:
 
 
 def _network(scope: Scope) -> str:
-    """Whose it is: an address, of the new kind the network that one household has."""
+    """Client identity: an IPv4 address, or the IPv6 network of one household."""
     client = _address(scope["client"][0])
     return str(client) if client.version == 4 else str(client.exploded[:19])
 

@@ -22,7 +22,7 @@ LETTERS: Final = 1000
 
 
 class LogSource:
-    """The end of one file, read anew when it has changed."""
+    """The end of one file, read again when it has changed."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -61,7 +61,7 @@ class LogSource:
 
 
 def log_of(document: SystemConfig, name: str) -> Maker:
-    """What shows the log of a process; ValueError where there is no such process."""
+    """Source for the log of a process; ValueError if there is no such process."""
     known = ["supervisor", *(row.name for row in document.processes)]
     if name not in known:
         raise ValueError(none_such("process", name[:80], known))

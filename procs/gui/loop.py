@@ -1,7 +1,7 @@
 """The web console: the robot in a browser. docs/gui.md.
 
-Between two cycles it serves browsers, once a cycle it sends to each page what it wants. Held up for a second it
-disconnects all: what they asked meanwhile is about the past.
+Between two cycles it serves browsers; once a cycle it sends each page its data. After a stall of one second it
+disconnects all: their requests from the stall are out of date.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class GuiLoop(ServingLoop):
         self.events.run_until_complete(self._server.listen(self.sockets()))
 
     def cycle(self, now_ns: int, wall_ns: int) -> None:
-        """Send what pages want, show what they do."""
+        """Send the pages' data, publish their activity."""
         if late_ns := self._pauses.next(self._period_ns):
             self._browsers.forget(f"the web console was held up for {duration(late_ns)}")
             self._pauses.begin()
@@ -55,7 +55,7 @@ class GuiLoop(ServingLoop):
         self.show(now_ns)
 
     def shown(self, now_ns: int) -> dict[str, Any]:
-        """What pages do."""
+        """Activity of the pages."""
         browsers, counts = self._browsers.all, self._browsers.served.counts
         return {"browsers": len(browsers), "watching": sum(bool(browser.wants) for browser in browsers),
                 "controlling": self._browsers.served.control.holder(now_ns).encode()[:40], "sent": counts.sent,

@@ -1,4 +1,4 @@
-"""What browsers may say, see docs/gui.md: one JSON object a message. Pure."""
+"""Messages from browsers, see docs/gui.md: one JSON object a message. Pure."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def _count(value: Any) -> Any:
 
 
 TICK: Final = MessagePart("the number of a tick", _count, 0)
-"""The newest one that the page has heard; without it what it says counts as old."""
+"""The newest tick that the page has received; without it a request counts as old."""
 OPS: Final[Ops] = {
     "want": {"sources": MessagePart(f"a list of up to {MAX_SOURCES} names", _names)},
     "beat": {"tick": TICK},

@@ -1,4 +1,4 @@
-"""What processes have to say: their newest status, warnings and errors, and the remedy of each arm's last error."""
+"""Messages of processes: their newest status, warnings and errors, and the remedy of each arm's last error."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from trocar.shm.system.events import ERROR, STATUS
 
 KEPT: Final = 80
 OLDER: Final = 40
-"""Of each process, from before somebody looked."""
+"""Per process, from before the page was opened."""
 LOOK_NS: Final = 200_000_000
 A_LOOK: Final = 32
 
@@ -37,7 +37,7 @@ class MessagesSource:
         self._is_first = True
 
     def read(self, now_ns: int) -> dict[str, Any]:
-        """`rows`, looked for five times a second; `remedies` by arm, however many messages came after its error."""
+        """`rows`, read five times a second; `remedies` by arm, however many messages followed its error."""
         if now_ns < self._look_ns:
             return self._shown
         self._look_ns = now_ns + LOOK_NS
@@ -53,7 +53,7 @@ class MessagesSource:
         return self._shown
 
     def _before(self, reader: RingReader) -> list[Any]:
-        """From before somebody looked: the newest ones, and all errors that there still are."""
+        """From before the page was opened: the newest messages, and all errors still kept."""
         kept = reader.last(reader.depth)
         while reader.next():
             pass

@@ -1,4 +1,4 @@
-"""The gains in use as a PID file, to be kept by whoever looks: what `trocar pid save` makes."""
+"""The gains in use as a PID file for download: the output of `trocar pid save`."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from trocar.procs.gui.robots import IoRobot
 
 DUE_S: Final = 30.0
 WAITING: Final = 4
-"""So many may be asked for at a time, with the one that is being made."""
+"""Maximum number of requests at a time, including the one being made."""
 NOTES: Final = 400
 """Letters of them that fit beside a file."""
 
 
 class PidFiles:
-    """Makes them one at a time, each by a process of its own: reading and checking files holds nobody up."""
+    """Makes them one at a time, each in a process of its own: reading and checking files delays no page."""
 
     def __init__(self, system: str) -> None:
         self._system, self._one, self._asked = system, asyncio.Lock(), 0

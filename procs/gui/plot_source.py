@@ -22,7 +22,7 @@ from trocar.shm.topics import IO_STATE
 
 PLOTTED_NS: Final = 60_000_000_000
 TRACED_NS: Final = 1_000_000_000
-"""Of what was before somebody looked, as far as the ring goes back."""
+"""For history from before the page was opened, as far as the ring goes back."""
 SIGNALS: Final = ("position", "setpoint_position", "velocity", "setpoint_velocity", "effort", "setpoint_effort",
                   "disturbance", "position_error")
 CLOSEST_S: Final = 0.002
@@ -49,16 +49,16 @@ class SampleSource(WantedRing, ABC):
 
     @abstractmethod
     def _shown(self, rows: NDArray[Any]) -> dict[str, Any]:
-        """What is sent of these records."""
+        """The data sent for these records."""
 
 
 class PlotSource(SampleSource):
-    """One number of a topic; no number where its robot, or what measures it, is away."""
+    """One number of a topic; no number while its robot, or the board that measures it, is absent."""
 
     before_ns = PLOTTED_NS
 
     def __init__(self, document: SystemConfig, entry: TopicEntry, path: FieldPath) -> None:
-        """Attach, and want it with the group of the field; SegmentError or ValueError when there is none such."""
+        """Attach, and subscribe with the group of the field; SegmentError or ValueError if it does not exist."""
         reader = directory.reader(document.name, entry.instance, entry.ring, often=False)
         try:
             self._cells = checked(document, entry.instance, entry.ring, _number(reader, entry, path), reader.dtype)
@@ -73,12 +73,12 @@ class PlotSource(SampleSource):
 
 
 class TraceSource(SampleSource):
-    """What the joint controller of one axis of a robot did: in `v` a list for each of `SIGNALS`."""
+    """Trace of the joint controller of one axis of a robot: in `v` a list for each of `SIGNALS`."""
 
     before_ns = TRACED_NS
 
     def __init__(self, system: str, robot: IoRobot, axis: int) -> None:
-        """Attach, and want it; SegmentError when it cannot be read."""
+        """Attach and subscribe; SegmentError if it cannot be read."""
         super().__init__(system, robot.io.name, IO_STATE.name)
         self._axis, self._robot = robot.axes.start + axis, robot.place
         self._each = max(1, round(CLOSEST_S / robot.io.period_s))
@@ -96,13 +96,13 @@ def _number(reader: RingReader, entry: TopicEntry, path: FieldPath) -> FieldCell
     cells = cells_of(entry, path, np.frombuffer(reader.record, reader.dtype))
     if cells.is_text or len(cells.labels) != 1:
         raise ValueError(f"{path.text} is not one number")
-    if cells.labels[0] != path.text:  # one name for one number: pages share what is read
+    if cells.labels[0] != path.text:  # one name for one number: pages share the source
         raise ValueError(f"{path.text} is called {cells.labels[0]}")
     return cells
 
 
 def plot_of(document: SystemConfig, name: str) -> Maker:
-    """What makes the source of a field path; ValueError when that is none, or not one number."""
+    """Factory for the source of a field path; ValueError if the path is invalid, or not one number."""
     path = parse_path(name)
     try:
         entry = find(document.name, path.topic)

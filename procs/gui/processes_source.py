@@ -1,4 +1,4 @@
-"""How the processes are doing: their control pages, what the supervisor says of them, and what they use."""
+"""State of the processes: their control pages, the supervisor's records about them, and their resource use."""
 
 from __future__ import annotations
 

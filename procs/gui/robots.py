@@ -36,7 +36,7 @@ class IoRobot:
 
     @property
     def source(self) -> str:
-        """What of the io's state is its own."""
+        """Part of the io's state about this robot."""
         return f"{self.io.name}/robot{self.place}"
 
     @property
@@ -60,7 +60,7 @@ class IoRobot:
         return [names[i] if i < len(names) else f"actuator {i}" for i in range(len(self.robot.actuators))]
 
     def cuts(self, rows: tuple[Any, ...]) -> dict[str, Place]:
-        """Where in the fields of a topic its own values are; of what is not about a robot nothing."""
+        """Positions of its own values in the fields of a topic; none for values not about a robot."""
         drives = np.concatenate([np.arange(self.axes.start, self.axes.stop),
                                  np.arange(self.brakes.start, self.brakes.stop)])
         places: dict[str, Place] = {"(axes,)": self.axes, "(drives,)": drives, "(robots,)": self.place}
@@ -118,7 +118,7 @@ class RobotSource(RecordSource):
 
 
 class PinsSource(RecordSource):
-    """Inputs and outputs of an io, as old as the oldest sample of a board: whoever shows them cannot tell which."""
+    """Inputs and outputs of an io, as old as its oldest board sample: pages cannot tell which board that is."""
 
     def __init__(self, system: str, io: str, *, simulated: bool) -> None:
         """Attach; SegmentError when it cannot be read."""
@@ -132,7 +132,7 @@ class PinsSource(RecordSource):
 
 
 def _as_old_as(found: dict[str, Any], field: str) -> None:
-    """Boards that are away do not keep an io from publishing; what it shows of them is the last that was good."""
+    """While boards are absent, an io still publishes; it shows their last valid values."""
     if found["age"] is not None:
         sampled_s = round(float(found.pop(field)) * 1e-9, 1)
         found["age"] = max(found["age"], sampled_s) if sampled_s < NEVER_S else None

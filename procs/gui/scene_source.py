@@ -24,14 +24,14 @@ from trocar.shm.system import directory
 Array = NDArray[np.float64]
 LATE_NS: Final = 500_000_000
 NEAR: Final = 0.03
-"""Share of its range that a joint may come near to a limit without notice."""
+"""Fraction of its range to which a joint may approach a limit without notice."""
 SLACK: Final = 1e-6
 DAMPING: Final = 1e-5
 """Where a chain is singular its joints do not race."""
 
 
 class SceneArm:
-    """One arm: the frames of its links in the frame that its poses are told in."""
+    """One arm: the frames of its links in the frame in which its poses are given."""
 
     def __init__(self, document: SystemConfig, arm: ArmConfig) -> None:
         """Attach; SegmentError when its record cannot be read."""
@@ -89,7 +89,7 @@ class SceneArm:
         return {"frames": frames_of(self.kinematics, q, self._base), "beyond": self.near(q, -SLACK).tolist()}
 
     def reaching(self, pose: Array) -> dict[str, Any]:
-        """The same for a pose (7,) of its tip in the frame of its poses; ValueError says why it cannot be reached."""
+        """The same for a pose (7,) of its tip in the frame of its poses; ValueError: out of reach, with the reason."""
         cells, name = self._cells, self._arm.name
         if not cells["reference_valid"]:
             raise ValueError(f"{name}: its tip is not known")
@@ -143,7 +143,7 @@ class SceneCart:
     def _frames(self, place: int, arm: CartArm, kinematics: Kinematics) -> list[float]:
         position = np.nan_to_num(self._positions[place, :arm.joints])
         key, before = position.tobytes(), self._shown.get(arm.name)
-        if before is None or before[0] != key:  # setup arms stand nearly all the time
+        if before is None or before[0] != key:  # setup arms are at rest nearly all the time
             before = self._shown[arm.name] = key, setup_frames(arm, kinematics, position)
         return before[1]
 
@@ -153,14 +153,14 @@ class SceneCart:
 
 
 def setup_frames(arm: CartArm, kinematics: Kinematics, position: Array) -> list[float]:
-    """Poses of base, joints and carried base, 7 numbers each; joints without potentiometers stand at 0."""
+    """Poses of base, joints and carried base, 7 numbers each; joints without potentiometers are at 0."""
     q = np.zeros(kinematics.n)
     q[:len(position)] = position
     return frames_of(kinematics, q, np.array(arm.world), np.array(arm.tip))
 
 
 def frames_of(kinematics: Kinematics, q: Array, base: Array, carried: Array | None = None) -> list[float]:
-    """Poses of base, joints and tip, or what is `carried` there, 7 numbers each, of an arm whose base is there."""
+    """Poses of base, joints and tip, or of the `carried` part there, 7 numbers each, of an arm with this base."""
     poses = [pose_from_matrix(base)]
     matrix = np.eye(4)
     for frame in kinematics.links.frames(q.tolist()):
@@ -179,9 +179,10 @@ def slowed(velocity: Array, most: Sequence[float]) -> Array:
 
 
 def joint_velocity(kinematics: Kinematics, q: Array, twist: Array, base: Array | None) -> Array:
-    """Joint velocities that move the tip so; in its own axes, or in those in which its base is turned like `base`.
+    """Joint velocities for this tip motion; in the tip's axes, or in axes oriented like `base`.
 
-    Chains with less than six joints carry out turns as near as they come, and shifts whatever turns that makes.
+    Chains with fewer than six joints realize rotations as closely as possible, and translations with any resulting
+    rotation.
     """
     kinematics.update(q)
     if base is not None:
@@ -220,7 +221,7 @@ class SceneSource:
 
 
 class ArmModels:
-    """What pages ask of arms without asking the arms: a preview of a move, joint velocities for a motion of the tip."""
+    """Computations for pages, without commands to arms: a preview of a move, joint velocities for a tip motion."""
 
     def __init__(self, document: SystemConfig) -> None:
         self._document = document

@@ -30,7 +30,7 @@ class _Server(uvicorn.Server):
 
 
 class WebServer:
-    """It serves the pages of an application, and `/live` to them, to whom the gate lets in."""
+    """It serves the pages of an application, and `/live` for them, to clients that the gate admits."""
 
     def __init__(self, pages: FastAPI, console: WebConsole, token: bytes, browsers: Browsers,
                  log: logging.Logger) -> None:
@@ -47,7 +47,7 @@ class WebServer:
         self._task: asyncio.Task[None] | None = None
 
     async def listen(self, sockets: Sequence[socket.socket]) -> None:
-        """Serve those who come to these; returns when it does."""
+        """Serve clients at these sockets; returns when listening."""
         self._task = asyncio.create_task(self._server.serve(list(sockets)))
         while not self._server.started:
             if self._task.done():

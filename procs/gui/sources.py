@@ -1,4 +1,4 @@
-"""What pages want to see: records of instances and what is made of them, read once a tick for all pages."""
+"""Data for pages: records of instances and values derived from them, read once a tick for all pages."""
 
 from __future__ import annotations
 
@@ -18,29 +18,29 @@ OPTIONS: Final = orjson.OPT_SERIALIZE_NUMPY
 UNSEEN: Final = frozenset({"stamp_ns", "jacobian", "spatial_jacobian", "bias_generation", "pid_generation"})
 """Fields of records that no page shows."""
 AGAIN_NS: Final = 500_000_000
-"""Between two attempts to attach to what cannot be read."""
+"""Between two attempts to attach to an unreadable source."""
 
 MADE: Final = 16
-"""Sources of families, as plots, that one page may want: each costs the console and the robot what it reads."""
+"""Sources of families, such as plots, that one page may open: each costs the console and the robot computing time."""
 OPENED: Final = 2
-"""Of those that are opened in a tick: a plot begins with all that its ring remembers."""
+"""Of sources opened in a tick: a plot begins with the whole history of its ring."""
 
 
 class Source(Protocol):
     """Something that pages show; it is open while one does."""
 
     def read(self, now_ns: int) -> dict[str, Any]:
-        """What it is now; `age` is that of what it is made of, s."""
+        """Its current value; `age` is that of its data, s."""
 
     def close(self) -> None:
-        """Nobody wants it any more."""
+        """No page uses it any more."""
 
 
 class WantedRing:
     """A ring that is read, and wanted as long as it is open."""
 
     def __init__(self, system: str, instance: str, ring: str, *groups: str) -> None:
-        """Attach, and want it with these groups of fields; SegmentError when it cannot be read."""
+        """Attach, and subscribe with these groups of fields; SegmentError if it cannot be read."""
         self._reader = directory.reader(system, instance, ring, often=False)
         self._subscriber: Subscriber | None = None
         try:
@@ -51,7 +51,7 @@ class WantedRing:
             raise
 
     def close(self) -> None:
-        """Unmap, want it no more."""
+        """Unmap and unsubscribe."""
         self._reader.close()
         if self._subscriber is not None:
             self._subscriber.close()
@@ -62,9 +62,9 @@ class RecordSource(WantedRing):
 
     def __init__(self, system: str, instance: str, ring: str, *, simulated: bool,
                  cuts: Mapping[str, Any] | None = None, ages: bool = True) -> None:
-        """Attach, and want it; SegmentError when it cannot be read.
+        """Attach and subscribe; SegmentError if it cannot be read.
 
-        `cuts`: only these fields, and of each what is at this index. `ages`: not what is written by change only.
+        `cuts`: only these fields, and of each the value at this index. `ages`: not for records written on change only.
         """
         super().__init__(system, instance, ring)
         names = [name for name in self._reader.dtype.names or () if name not in UNSEEN]
@@ -78,7 +78,7 @@ class RecordSource(WantedRing):
             return {"age": None}
         if self._reader.sequence != self._sequence:
             is_first, self._sequence = not self._sequence, self._reader.sequence
-            # Of simulated time nobody can tell how old a record is: by when it changed.
+            # In simulated time the age of a record is unknown: use the time of its last change.
             self._seen_ns = self._reader.stamp_ns if is_first and not self._simulated else now_ns
         age_s = max(0.0, (now_ns - self._seen_ns) * 1e-9) if self._ages else 0.0
         found: dict[str, Any] = {"age": round(age_s, 1), "gone": bool(self._reader.gone)}
@@ -88,7 +88,7 @@ class RecordSource(WantedRing):
 
 
 def _encoder(cell: np.ndarray[Any, Any], cut: Any = None) -> Callable[[], Any]:
-    """How a field, or what of it is at `cut`, becomes JSON: what is not finite null, bytes as text."""
+    """JSON conversion of a field, or of its part at `cut`: non-finite numbers become null, bytes become text."""
     if isinstance(cut, np.ndarray):
         return lambda: cell[cut]
     if cut is not None:
@@ -104,11 +104,11 @@ Maker = Callable[[], Source]
 
 
 class Sources:
-    """All that pages may want, by name; open is what one of them does."""
+    """All sources for pages, by name; those in use by a page are open."""
 
     def __init__(self, makers: Mapping[str, Maker],
                  families: Mapping[str, Callable[[str], Maker]] | None = None) -> None:
-        """`families`: what makes those whose names begin with `FAMILY:`, by the rest of the name, or a ValueError."""
+        """`families`: factories for names beginning with `FAMILY:`, given the rest of the name; may raise ValueError."""
         self._makers, self._families = dict(makers), dict(families or {})
         self._made: dict[str, Maker] = {}
         self._open: dict[str, Source | None] = {}
@@ -119,8 +119,7 @@ class Sources:
         self._now_ns = self._opened = 0
 
     def change(self, before: Sequence[str], after: Sequence[str]) -> None:
-        """A page that wanted those wants these, each once; ValueError, and nothing changes, where one of them is none.
-        """
+        """A page replaces its sources by these, each once; ValueError, and no change, if one of them does not exist."""
         makes = [name for name in after if ":" in name]
         if len(makes) > MADE:
             raise ValueError(f"{len(makes)} plots and logs on one page; allowed are {MADE}")
@@ -135,7 +134,7 @@ class Sources:
         self.leave(before)
 
     def leave(self, names: Sequence[str]) -> None:
-        """One page less wants them; what nobody wants is forgotten: names of families have no end."""
+        """One page less uses them; unused ones are deleted, as family names are unlimited."""
         for name in names:
             self._users[name] -= 1
             if self._users[name]:
@@ -148,7 +147,7 @@ class Sources:
                 source.close()
 
     def _take(self, name: str) -> None:
-        """One page more wants it; ValueError unless there is such a source."""
+        """One page more uses it; ValueError if there is no such source."""
         family, _, rest = name.partition(":")
         if name not in self._users and family in self._families:
             self._made[name] = self._families[family](rest)
@@ -157,12 +156,12 @@ class Sources:
         self._users[name] = self._users.get(name, 0) + 1
 
     def begin(self, now_ns: int) -> None:
-        """A new tick: what is asked for from now on is read anew."""
+        """A new tick: sources used from now on are read again."""
         self._now_ns, self._opened = now_ns, 0
         self._encoded.clear()
 
     def part(self, name: str) -> bytes:
-        """A source as a part of a JSON object: `"name":{…}`; what cannot be read says why in `problem`."""
+        """A source as a part of a JSON object: `"name":{…}`; an unreadable one gives the reason in `problem`."""
         encoded = self._encoded.get(name)
         if encoded is None:
             encoded = self._encoded[name] = orjson.dumps(name) + b":" + orjson.dumps(self._read(name), option=OPTIONS)

@@ -1,6 +1,6 @@
-"""Which numbers of records may be shown: those whose flag is true.
+"""Validity of numbers in records: those whose flag is true may be shown.
 
-A record goes on while what it is about is away, with the last good values or zeros.
+A record is still published while its subject is absent, with the last valid values or zeros.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ ALONE: Final = -1
 ALWAYS: Final = ("", ALONE)
 FROM_BOARDS: Final = frozenset({"powered", "amps_on", "watchdog", "power_fault", "relay", "brakes_released",
                                 "board_period"})
-"""Of a robot as a whole, what its boards say; the rest io knows itself, as that they are away."""
+"""For a robot as a whole, reported by its boards; io itself knows the rest, for example that boards are absent."""
 PINS: Final = frozenset({"input", "output"})
 """Of no robot in particular: known while all boards are there."""
 
@@ -36,7 +36,7 @@ def flags_of(kind: str, ring: str) -> dict[str, str]:
 
 
 def checked(document: SystemConfig, instance: str, ring: str, cells: FieldCells, dtype: np.dtype[Any]) -> FieldCells:
-    """One number of the records of a ring, with the flag that says whether it may be shown."""
+    """One number of the records of a ring, with the flag that marks it as valid."""
     kind = next((row.kind for row in document.processes if row.name == instance), "")
     place = int(cells.flat[0])
     if kind == "io":
@@ -50,7 +50,7 @@ def checked(document: SystemConfig, instance: str, ring: str, cells: FieldCells,
 
 
 def _of_robot(robots: list[IoRobot], field: str, place: int) -> tuple[str, int]:
-    """Whether the boards of the robot whose number it is are there."""
+    """Whether the boards of the robot with this number are present."""
     if field in PINS:
         return "valid", ALONE
     for robot in robots:

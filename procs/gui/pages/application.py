@@ -28,7 +28,7 @@ from trocar.procs.gui.pid_file import PidFiles
 from trocar.procs.gui.robots import robots_of, with_actuators, with_gains
 
 MadePage = tuple[str, tuple[str, ...], Callable[[], None]]
-"""Path, sources that it wants, and what makes its content."""
+"""Path, sources, and function that makes its content."""
 
 
 def pages_of_system(document: SystemConfig) -> list[MadePage]:

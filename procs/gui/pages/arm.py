@@ -172,7 +172,7 @@ def _tip(arm: ArmConfig, state: str) -> None:
 
 
 def _poses(state: str) -> None:
-    """Rows of a table of x, y, z: those in its base are known where its base stands or not."""
+    """Rows of a table of x, y, z: poses in the base frame are valid even if the base pose is unknown."""
     known, in_base = f"{state}.reference_valid", f"{state}.cartesian_valid"
     for text, field, valid in (("measured", "measured_cp", known), ("setpoint", "setpoint_cp", known),
                                ("in its base", "local_measured_cp", in_base),
@@ -196,7 +196,7 @@ def _inputs(what: str, pose: str, place: str) -> None:
 
 
 def _base(arm: ArmConfig, state: str) -> None:
-    """Where its base stands in the frame that its poses are told in."""
+    """Pose of the base in the frame in which its poses are given."""
     with box("card seldom", data_source=state):
         with head("h2", "", "Base frame", has_age=False):
             Part("span", "quiet", "in")

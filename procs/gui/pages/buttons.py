@@ -45,7 +45,7 @@ def has_buttons(document: SystemConfig) -> bool:
 
 
 def _uses(document: SystemConfig) -> dict[tuple[str, str], str]:
-    """What an input of an io is for."""
+    """Purpose of an io's input."""
     found: dict[tuple[str, str], list[str]] = {}
     for console in document.consoles:
         for use, wired in (("clutch", console.clutch), ("camera", console.camera),

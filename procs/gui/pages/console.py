@@ -1,4 +1,4 @@
-"""The page Console: where the operator sits: pedals and head sensors, what is selected, the scale of all."""
+"""The page Console, for the operator's place: pedals and head sensors, selection, common scale."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from trocar.procs.gui.pages.parts import Part, box, button, head, live
 
 PEDALS: Final = (("operator", "operator_present", "emulate_operator_present"), ("clutch", "clutch", "emulate_clutch"),
                  ("camera", "camera", "emulate_camera"))
-"""What is shown, its field in the record of a console, and the command that acts as if."""
+"""Label, its field in the record of a console, and the command that emulates the input."""
 RELEASED: Final = {"clutch": "Act as if the clutch were released? Slaves follow again.",
                    "camera": "Act as if the camera pedal were released? Masters may move to align."}
-"""Asked before something moves by it; an operator who is gone stops all."""
+"""Confirmation before the command causes motion; an absent operator stops all."""
 SCALES: Final = (0.1, 0.2, 0.3, 0.5, 1.0)
 
 
@@ -26,7 +26,7 @@ def console_page(document: SystemConfig) -> None:
 
 
 def teleop_buttons(name: str) -> None:
-    """Start and stop what a console teleoperates."""
+    """Start and stop the teleoperations of a console."""
     button("Start teleoperation", [[(name, "teleop_enable", [1], "")]], id=f"start-{name}",
            confirm="Start teleoperation? Masters move to align.")
     button("Stop", [[(name, "teleop_enable", [0], "")]], "quiet")

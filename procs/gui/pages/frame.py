@@ -1,4 +1,4 @@
-"""What all pages have: the bar with navigation, control and Power off, dialogs, style and script."""
+"""Common parts of all pages: the bar with navigation, control and Power off, dialogs, style and script."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def home(document: SystemConfig) -> list[list[Call]]:
 
 
 def power_buttons(document: SystemConfig, **attributes: Any) -> None:
-    """Power on and home everything: what Ctrl + P and Ctrl + H press."""
+    """Power on and home everything: the buttons that Ctrl + P and Ctrl + H press."""
     button("Power on", power_on(document), "primary", id="power-on", title="Ctrl + P",
            confirm="Power on all arms? Amplifiers go on.", **attributes)
     button("Home", home(document), "primary", id="home", title="Ctrl + H",
@@ -72,7 +72,7 @@ def pages_of(document: SystemConfig) -> list[tuple[str, str]]:
 
 @contextmanager
 def page(document: SystemConfig, here: str, wants: Sequence[str] = ()) -> Iterator[None]:
-    """A page of this path; what is made inside is its content."""
+    """A page at this path; elements made inside are its content."""
     style("style.css")
     script("live.js")
     with Part("header", "bar"):

@@ -1,10 +1,10 @@
 """Parts of pages: elements that show live data, and buttons that command, by attributes that `live.js` understands.
 
-`data-live`: what is shown, `SOURCE.field.index`, `data-format`: how. `data-show`, `data-on`: shown, or lit, while that
-holds (`PSM1/state.state=FAULT`, `!…`, `…>3`). `data-source`: grey, with its age in `.age`, while that source is old.
-`data-valid`: numbers in it are shown while that is true.
-`data-steps`: commands of a button, steps one after the other; `data-free`: without control, `data-confirm`: asks first.
-With `forms.js` on the page: switches and forms.
+`data-live`: the value to show, `SOURCE.field.index`, `data-format`: its format. `data-show`, `data-on`: shown, or lit,
+while the condition is true (`PSM1/state.state=FAULT`, `!…`, `…>3`). `data-source`: grey, with its age in `.age`, while
+that source is old. `data-valid`: numbers in it are shown while that field is true. `data-steps`: commands of a button,
+steps one after the other; `data-free`: allowed without control, `data-confirm`: confirm first. With `forms.js` on the
+page: switches and forms.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Call = tuple[str, str, Sequence[float], str]
 
 
 class Part(TextElement):
-    """One HTML element with classes, text and attributes; a context manager for what is in it."""
+    """One HTML element with classes, text and attributes; a context manager for its content."""
 
     def __init__(self, tag: str, classes: str = "", text: str = "", **attributes: Any) -> None:
         """`data_live="…"` is the attribute data-live."""
@@ -43,7 +43,7 @@ def live(path: str, form: str = "text", classes: str = "", tag: str = "span", **
 
 
 def head(tag: str, classes: str, title: str, *, kind: str = "", has_age: bool = True, **attributes: Any) -> Part:
-    """The head of a card; what is made in it stands at its right end. `kind`: what the title names."""
+    """The head of a card; elements made in it are placed at its right end. `kind`: the kind of thing in the title."""
     row = box("row head")
     with row:
         Part(tag, classes, title, **attributes)
@@ -63,7 +63,7 @@ def columns(titles: Sequence[str]) -> None:
 
 
 def choice(options: Iterable[tuple[str, str]], **attributes: Any) -> None:
-    """One of several: what each of them stands for, and its text."""
+    """One of several options: value and text of each."""
     with Part("select", **attributes):
         for value, text in options:
             Part("option", "", text, value=value)
@@ -75,7 +75,7 @@ def units() -> None:
 
 
 def reason(arm: str, state: str) -> None:
-    """Why an arm is as it is; after a fault with what to do."""
+    """Reason for an arm's state; after a fault with the remedy."""
     with box("fault", data_show=f"{state}.state=FAULT"):
         live(f"{state}.reason", tag="p")
         Part("p", "remedy", data_remedy=arm)
@@ -85,7 +85,7 @@ def reason(arm: str, state: str) -> None:
 
 def button(text: str, steps: Sequence[Sequence[Call]], classes: str = "", *, confirm: str = "",
            **attributes: Any) -> Part:
-    """One that commands; what only stops something, from every page, without control."""
+    """A command button; buttons that only stop something work from every page, without control."""
     is_free = all(can_stop(command, text, values) for step in steps for _, command, values, text in step)
     if is_free:
         attributes["data_free"] = ""
@@ -97,7 +97,7 @@ def button(text: str, steps: Sequence[Sequence[Call]], classes: str = "", *, con
 
 def switch(text: str, path: str, on: Sequence[Sequence[Call]], off: Sequence[Sequence[Call]], *, confirm: str = "",
            confirm_off: str = "", **attributes: Any) -> Part:
-    """A button that shows whether something is on, and commands the other; `confirm` asks before it goes on."""
+    """A button that shows whether something is on, and commands the opposite; `confirm`: text before switching on."""
     return Part("button", "switch commands", text, type="button", data_on=path, data_switch=path,
                 data_steps_on=json.dumps(on), data_steps_off=json.dumps(off), data_confirm_on=confirm,
                 data_confirm_off=confirm_off, **attributes)
@@ -109,11 +109,11 @@ def form(to: str, command: str, text: str, classes: str = "", **attributes: Any)
 
 
 def arg(tag: str, kind: str, **attributes: Any) -> Part:
-    """A value of a form: "choice" of a select, "num", "deg", "mm", of a joint that slides ("joint-p") or turns
-    ("joint-r"), or "joint": as what is chosen moves.
+    """A value of a form: "choice" of a select, "num", "deg", "mm", of a prismatic ("joint-p") or revolute ("joint-r")
+    joint, or "joint": by the type of the chosen one.
 
-    `data_now`: what *Read* (`data-reads`) takes, with `data_valid` while that is true. `data_low`, `data_high`: what is
-    allowed, as it is typed.
+    `data_now`: the value that *Read* (`data-reads`) takes, with `data_valid` while that field is true. `data_low`,
+    `data_high`: the allowed range, in units as typed.
     """
     return Part(tag, "", data_arg=kind, **attributes)
 

@@ -26,7 +26,7 @@ ALWAYS: Final = ("p_gain", "d_gain", "i_gain")
 ROWS: Final = (("measured", "position", "joint", ""), ("setpoint", "setpoint_position", "joint", ""),
                ("error", "position_error", "joint", ""), ("effort", "effort", "num:3", "N·m | N"),
                ("effort asked", "setpoint_effort", "num:3", "N·m | N"))
-"""What is shown of an axis, its field, how, and its unit; that of joints stands at their names."""
+"""Label of an axis value, its field, format and unit; a joint's unit is shown at its name."""
 TRACES: Final = dict(zip(SIGNALS, ("position", "setpoint", "velocity", "velocity setpoint", "effort",
                                    "effort asked", "disturbance", "error"), strict=True))
 SHOWN_FIRST: Final = ("position", "setpoint_position", "effort", "setpoint_effort")

@@ -43,7 +43,7 @@ def plots_page(document: SystemConfig) -> None:
 
 
 def topics_of(system: str) -> dict[str, list[list[Any]]]:
-    """Records with their numbers: name, unit, the indices of each as a field path has them, what it is."""
+    """Records with their numbers: name, unit, the indices of each as in a field path, description."""
     found: dict[str, list[list[Any]]] = {}
     for entry in catalogue(system):
         if entry.kind != RECORD or entry.ring in HIDDEN or entry.problem or not entry.rate_hz:

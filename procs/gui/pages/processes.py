@@ -1,4 +1,4 @@
-"""The page Processes: who runs, how often, how much they use, how they last ended, and what they write."""
+"""The page Processes: running processes, rates, resource use, last end, and logs."""
 
 from __future__ import annotations
 

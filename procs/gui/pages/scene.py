@@ -1,4 +1,4 @@
-"""The page 3D: all arms, as they stand and move."""
+"""The page 3D: all arms in their current poses."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from trocar.procs.gui.catalogue import SCENE
 from trocar.procs.gui.pages.parts import Part, box
 
 THREE: Final = Path(nicegui.__file__).parent / "elements" / "scene" / "dist"
-"""three.js, as it comes with NiceGUI."""
+"""three.js, as shipped with NiceGUI."""
 STAGE: Final = Path(__file__).resolve().parent.parent / "static" / "stage.js"
 VIEWS: Final = (("all", "All"), ("operator", "Operator's view"), ("front", "Front"), ("side", "Side"), ("top", "Top"))
 
@@ -30,7 +30,7 @@ class ArmScene(ui.element, component=STAGE, esm={"nicegui-scene": str(THREE)}):
 
 
 def _drawn(document: SystemConfig, arm: ArmConfig) -> dict[str, Any]:
-    """What a page has to know of an arm to draw it, and of its emulated robot to pull at it."""
+    """Data that a page needs to draw an arm, and to pull on its emulated robot."""
     return {"type": arm.type, "robot": _emulated(document, arm)}
 
 

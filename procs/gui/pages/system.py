@@ -1,4 +1,4 @@
-"""The page System: all arms, power and homing, teleoperations, and what processes have to say."""
+"""The page System: all arms, power and homing, teleoperations, and messages of processes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from trocar.procs.gui.pages.frame import moving, power_buttons
 from trocar.procs.gui.pages.parts import Part, box, button, choice, head, live, reason
 
 SAID_ALREADY: Final = "HOMED|DISABLED|ENABLED|FAULT"
-"""Sub-states that chip and light say as well."""
+"""Sub-states that chip and light show too."""
 
 
 VOLUMES: Final = (0.0, 0.25, 0.5, 1.0)
@@ -36,7 +36,7 @@ def system_page(document: SystemConfig) -> None:
 
 
 def arm_card(arm: ArmConfig) -> None:
-    """One arm: what it is, what it waits for, what is wrong with it, and its buttons."""
+    """One arm: its type, pending conditions, problem, and buttons."""
     state = record(arm.name)
     with box("card", data_source=state, id=f"arm-{arm.name}"):
         with head("a", "title", arm.name, kind=f"{arm.type} {arm.generation}", href=f"/arm/{arm.name}"):
@@ -70,7 +70,7 @@ def cart_card(name: str) -> None:
 
 
 def _first_steps(document: SystemConfig) -> None:
-    """What to do first, done steps in green; gone once a slave follows, or when it is closed."""
+    """First steps, completed ones in green; hidden once a slave follows, or when closed."""
     arms = [record(name) for name in moving(document)]
     steps = [("Take control, top right", "first-control", []),
              ("Power on all arms", "", [f"{arm}.state=ENABLED" for arm in arms]),
@@ -129,7 +129,7 @@ def _console(name: str, teleops: list[str]) -> None:
 
 
 def teleop_row(name: str) -> None:
-    """One teleoperation in a line, and what it waits for below."""
+    """One teleoperation in a line, with its pending conditions below."""
     state = record(name)
     with box("teleop", data_source=state):
         with box("row"):

@@ -1,4 +1,4 @@
-"""The page Teleoperation: what each of them waits for, its scale and locks."""
+"""The page Teleoperation: pending conditions of each teleoperation, its scale and locks."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ ALIGNS: Final = "The master may move to align."
 LOCKS: Final = (("Lock rotation", "Rotation locked", "rotation_locked", "lock_rotation", "", f"Unlock it? {ALIGNS}"),
                 ("Lock translation", "Translation locked", "translation_locked", "lock_translation", "", ""),
                 ("Align master", "Aligns master", "align_mtm", "set_align_MTM", f"Align? {ALIGNS}", ""))
-"""What a button does, and has done; the field that says whether, the command, what is asked before on and off."""
+"""Label of a button when off and on; its status field, the command, confirmations before on and off."""
 
 
 def teleop_page(document: SystemConfig) -> None:
@@ -29,7 +29,7 @@ def teleop_page(document: SystemConfig) -> None:
 
 
 def _enabling(name: str) -> None:
-    """A console in a line: whether its teleoperations are wanted, and who sits there."""
+    """A console in a line: whether its teleoperations are enabled, and its operator's presence."""
     state = record(name)
     with box("card", data_source=state), box("row"):
         Part("a", "title", name, href="/console")
@@ -92,7 +92,7 @@ def _frames(state: str) -> None:
 
 
 def _arms_of(row: TeleopEcmConfig) -> None:
-    """Of an ECM teleoperation, as its arms tell them."""
+    """For an ECM teleoperation, as its arms report them."""
     with box("numbers"):
         axes()
     for name, field in ((row.mtml, "measured_cp"), (row.mtmr, "measured_cp"), (row.ecm, "setpoint_cp")):
