@@ -1,4 +1,4 @@
-"""One client's connection: bytes in, messages to its session; what it sends goes out as fast as the client reads."""
+"""One client's connection: bytes in, messages to its session; messages to the client are sent as fast as it reads."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SLICE: Final = 16
 HIGH: Final = 1 << 18
 """Bytes that a client has not read: from here on it gets no records."""
 LAST_S: Final = 5.0
-"""So long who says no more still hears the answers."""
+"""Time in which a client that has closed its sending side still gets answers."""
 LOOK_S: Final = 0.02
 MOST: Final = 1 << 22
 """Bytes, then it is disconnected."""
@@ -29,7 +29,7 @@ class Connection(asyncio.Protocol):
     """A client that is connected."""
 
     def __init__(self, door: SocketServer, address: str) -> None:
-        """`address`: the one of `listen` that it came to."""
+        """`address`: the entry of `listen` to which it connected."""
         self.address = address
         self.on_end: Callable[[], None] = lambda: None
         self._door = door
@@ -50,11 +50,11 @@ class Connection(asyncio.Protocol):
 
     @property
     def local_port(self) -> int:
-        """The port it came to."""
+        """The port to which it connected."""
         return int(self._transport.get_extra_info("sockname")[1]) if self._transport else 0
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Somebody has come."""
+        """A client has connected."""
         self._transport = cast(asyncio.Transport, transport)
         self._listener = self._door.admit(self)
 
@@ -90,7 +90,7 @@ class Connection(asyncio.Protocol):
             self._loop.call_soon(self._work)
 
     def eof_received(self) -> bool:
-        """It says no more, as `echo … | nc`: answers under way still go out, nothing else does."""
+        """The client sends no more, as with `echo … | nc`: answers under way are still sent, nothing else is."""
         if self._transport is None or self._transport.get_extra_info("sslcontext") is not None:
             return False
         self._finish(self._loop.time() + LAST_S)
@@ -105,11 +105,11 @@ class Connection(asyncio.Protocol):
 
     @property
     def is_slow(self) -> bool:
-        """It does not read what it was sent."""
+        """The client does not read its data."""
         return self._transport is None or self._transport.get_write_buffer_size() > HIGH
 
     def send(self, message: bytes) -> None:
-        """Tell it something; what is sent in one turn of the loop goes out together."""
+        """Send it a message; messages of one turn of the loop are sent together."""
         if self._framing is not None and not self._is_ended:
             self._pass(self._framing.frame(message))
 
@@ -125,10 +125,10 @@ class Connection(asyncio.Protocol):
             return
         self._transport.write(out)
         if self._transport.get_write_buffer_size() > MOST:
-            self._transport.abort()  # it asks, and does not read what it is answered
+            self._transport.abort()  # the client sends requests but does not read the answers
 
     def end(self, why: str = "") -> None:
-        """Disconnect it, and say why."""
+        """Disconnect it, with the reason."""
         if self._is_ended or self._transport is None:
             return
         if why:

@@ -1,4 +1,4 @@
-"""What a client gets without asking again: subscriptions, and reads that wait for their value."""
+"""Data sent without further requests: subscriptions, and reads that wait for their value."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from trocar.procs.socket_bridge.connection import Connection
 from trocar.procs.socket_bridge.topics import SharedTopic, Topics, age_of, comes_each, ended, message_of
 
 EACH_NS: Final = 5_000_000
-"""Between two looks at what comes now and then."""
+"""Between two checks of occasional topics."""
 BURST: Final = 32
 """Of those at a time."""
 READ_NS: Final = 2_000_000_000
@@ -27,17 +27,17 @@ class Feed(Protocol):
     """When that is."""
 
     def serve(self, link: Connection, now_ns: int, turn: int) -> tuple[int, int]:
-        """Send what there is; how many records that was, and how many were lost."""
+        """Send the available records; returns the number sent and the number lost."""
 
     def close(self) -> None:
-        """The client wants it no more."""
+        """The client ends the feed."""
 
 
 class Periodic:
     """The newest record of a topic, at a rate."""
 
     def __init__(self, topics: Topics, source: SharedTopic, rate_hz: float) -> None:
-        """`source` is shared, and given back."""
+        """`source` is shared, and released at the end."""
         self._topics, self._source, self._period_ns = topics, source, round(1e9 / rate_hz)
         self.due_ns = self._seen = self._lost = 0
 
@@ -56,12 +56,12 @@ class Periodic:
         return 1, 0
 
     def close(self) -> None:
-        """Give the topic back."""
+        """Release the topic."""
         self._topics.leave(self._source)
 
 
 class Each:
-    """Every record of a topic, the last one of before first. What a client does not read waits in the ring."""
+    """Every record of a topic, the last earlier one first. Records that a client does not read wait in the ring."""
 
     def __init__(self, topics: Topics, source: SharedTopic, wants_last: bool) -> None:
         """`source` is the shared one, held so that the topic is wanted."""
@@ -93,7 +93,7 @@ class Each:
         return 1
 
     def close(self) -> None:
-        """Give the topic back."""
+        """Release the topic."""
         self._topic.close()
         self._topics.leave(self._source)
 
@@ -120,7 +120,7 @@ class Reading:
         return 1, 0
 
     def close(self) -> None:
-        """Give the topic back."""
+        """Release the topic."""
         self._topics.leave(self._source)
 
 

@@ -17,7 +17,7 @@ TOO_LONG: Final = f"a message has {MAX_BYTES} bytes at most"
 
 
 class Ended(Exception):
-    """The stream ends here; the text says why, as far as the client has not been told."""
+    """The stream ends here; the text gives the reason, unless the client already has it."""
 
 
 class Framing(Protocol):
@@ -30,7 +30,7 @@ class Framing(Protocol):
         """A message as it goes out; empty when nothing can any more."""
 
     def waiting(self) -> bytes:
-        """What has to go out besides messages."""
+        """Bytes to be sent besides messages."""
 
 
 class LineFraming:
@@ -83,7 +83,7 @@ class WebSocketFraming:
         return found
 
     def frame(self, message: bytes) -> bytes:
-        """A text frame, with what waits before it."""
+        """A text frame, preceded by the waiting bytes."""
         if self._protocol.state is not State.OPEN:
             return b""
         try:
@@ -98,7 +98,7 @@ class WebSocketFraming:
 
 
 def framing_of(begin: bytes) -> Framing | None:
-    """What a stream that begins so is; None: that cannot be told yet."""
+    """Framing of a stream with this beginning; None: not known yet."""
     if begin.startswith(HTTP):
         return WebSocketFraming()
     return None if HTTP.startswith(begin) else LineFraming()

@@ -1,7 +1,7 @@
-"""The socket bridge: what is in shared memory for programs elsewhere, as JSON over TCP and WebSocket. docs/socket.md.
+"""The socket bridge: shared memory for programs on other machines, as JSON over TCP and WebSocket. docs/socket.md.
 
-Between two cycles it serves its clients. Held up for 0.3 s it restarts, and all of them are disconnected: what they
-asked meanwhile is about the past.
+Between two cycles it serves its clients. After a stall of 0.3 s it restarts, and all clients are disconnected: their
+requests from the stall are out of date.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ class SocketLoop(ServingLoop):
         self.events.run_until_complete(self._server.listen(self.sockets()))
 
     def cycle(self, now_ns: int, wall_ns: int) -> None:
-        """Show what clients do."""
+        """Publish the clients' activity."""
         self.show(now_ns)
 
     def shown(self, now_ns: int) -> dict[str, Any]:
-        """What clients do."""
+        """The clients' activity."""
         sessions, counts = self._server.sessions, self._server.served.counts
         return {"clients": len(sessions), "subscriptions": sum(len(session.streams) for session in sessions),
                 "received": counts.received, "refused": counts.refused, "sent": counts.sent, "lost": counts.lost,

@@ -1,4 +1,4 @@
-"""What clients may say: one JSON object a message, see docs/socket.md. Pure: same bytes, same result."""
+"""Messages from clients: one JSON object a message, see docs/socket.md. Pure: same bytes, same result."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""All clients: lets them in, and sends what is due."""
+"""All clients: accepts them, and sends due data."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ QUICKEST_S: Final = 0.001
 
 
 class SocketServer:
-    """One system's bridge, in an event loop of somebody else."""
+    """One system's bridge, in the caller's event loop."""
 
     def __init__(self, document: SystemConfig, is_over: Callable[[], bool], log: logging.Logger) -> None:
         """AccessError when its token or certificate cannot be used. `is_over`: see `Admission`."""
@@ -40,14 +40,14 @@ class SocketServer:
         self._at, self._turn = 0.0, 0
 
     async def listen(self, sockets: Sequence[socket.socket]) -> None:
-        """Let clients in that come to these, one for each address of the bridge."""
+        """Accept clients at these addresses, one for each address of the bridge."""
         for address, listening in zip(self._bridge.listen, sockets, strict=True):
             made = partial(Connection, self, address)
             self._servers.append(await self._loop.create_server(
                 made, sock=listening, ssl=self._tls, ssl_handshake_timeout=HELLO_S if self._tls else None))
 
     def is_over(self) -> bool:
-        """We were held up: what comes in is about the past."""
+        """We were stalled: incoming messages are out of date."""
         return self.served.is_over()
 
     def admit(self, connection: Connection) -> Session | None:
@@ -80,7 +80,7 @@ class SocketServer:
         self._log.info("%s has left; clients: %d", who, len(self.sessions))
 
     def _wake(self) -> None:
-        """Somebody has asked for something: look soon."""
+        """A client has sent a request: look soon."""
         self._look_in(QUICKEST_S)
 
     def _look_in(self, seconds: float) -> None:
@@ -104,7 +104,7 @@ class SocketServer:
             self._look_in(next_s)
 
     def close(self) -> None:
-        """Everybody is disconnected, and everything given back."""
+        """Disconnect all clients, and release everything."""
         if self._timer is not None:
             self._timer.cancel()
         for server in self._servers:
@@ -116,6 +116,6 @@ class SocketServer:
 
 
 def instances_of(document: SystemConfig) -> dict[str, str]:
-    """What each instance is: the type of an arm, else the kind of its process."""
+    """Type of each instance: that of the arm, else the kind of its process."""
     types = {arm.name: arm.type for arm in document.arms}
     return {row.name: types.get(row.name, row.kind) for row in document.processes}

@@ -1,4 +1,4 @@
-"""One client: who it is, what it may do, what it has subscribed to, and the answers to what it says."""
+"""One client: identity, rights, subscriptions, and the answers to its messages."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ MANY_WRONG: Final = 20
 
 @dataclass(frozen=True, slots=True)
 class ClientService:
-    """What all sessions share."""
+    """Shared by all sessions."""
 
     system: str
     clock: str
@@ -45,10 +45,10 @@ class ClientService:
 
 
 class Session:
-    """What a client says, and what comes of it."""
+    """Messages of a client and their effects."""
 
     def __init__(self, served: ClientService, link: Connection, rights: Rights, is_known: bool) -> None:
-        """Who is not known has to show the token first."""
+        """An unidentified client must first send the token."""
         self.link, self.rights, self.is_known = link, rights, is_known
         self.streams: dict[str, Feed] = {}
         self.reads: list[Reading] = []
@@ -62,7 +62,7 @@ class Session:
             "call": self._call, "get": self._get, "set": self._set}
 
     def handle(self, message: bytes) -> None:
-        """One message; what is wrong with it is answered, and nothing else happens."""
+        """Handle one message; an error in it is answered, and has no other effect."""
         self._counts.received += 1
         number: Any = None
         try:
@@ -75,7 +75,7 @@ class Session:
             self._refuse(None, str(error))
             self._wrong += 1
             if self._is_first or self._wrong > MANY_WRONG:
-                self.link.end()  # perhaps a web page makes a browser say this
+                self.link.end()  # a web page may make a browser send this
             return
         except WrongMessage as error:
             self._refuse(error.id if number is None else number, str(error))
@@ -169,11 +169,11 @@ class Session:
 
     @property
     def is_waiting(self) -> bool:
-        """Something that was asked is not answered yet."""
+        """A request is not answered yet."""
         return bool(self.reads) or self.calls.are_under_way
 
     def serve(self, now_ns: int, turn: int) -> float:
-        """Send what is due; how many s until something is again."""
+        """Send due data; returns the time until the next data is due, s."""
         counts, link, next_ns = self._counts, self.link, now_ns + 1_000_000_000
         for stream in (*self.streams.values(), *self.reads):
             if stream.due_ns <= now_ns:
@@ -191,7 +191,7 @@ class Session:
         return min((next_ns - now_ns) * 1e-9, self.calls.wait_s(now_ns))
 
     def gone(self) -> None:
-        """The client has left: nothing is wanted for it any more, and what it holds down is let go.
+        """The client has left: its subscriptions end, and buttons it holds down are released.
 
         Commands under way finish.
         """

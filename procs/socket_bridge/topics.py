@@ -17,7 +17,7 @@ _INF: Final = float("inf")
 
 
 class SharedTopic:
-    """One topic, its newest record as a message: made once for all who want it."""
+    """One topic, its newest record as a message: made once for all subscribers."""
 
     def __init__(self, system: str, entry: TopicEntry) -> None:
         """Attach; SegmentError when its ring cannot be read."""
@@ -46,7 +46,7 @@ def age_of(topic: OpenTopic) -> float | None:
 
 
 def message_of(topic: OpenTopic, row: dict[str, Any]) -> str:
-    """A record as the begin of a message, which `ended` ends."""
+    """A record as the beginning of a message, which `ended` completes."""
     known = {"op": "record", "topic": topic.entry.name, **row, "age_s": age_of(topic)}
     return json.dumps(known, allow_nan=False, separators=(",", ":"))[:-1]
 
@@ -94,18 +94,18 @@ class Topics:
             source.topic.close()
 
     def each(self, entry: TopicEntry) -> OpenTopic:
-        """A topic of whose records one client gets each, in order."""
+        """A topic of which one client gets each record, in order."""
         reader = directory.reader(self.system, entry.instance, entry.ring, often=False)
         return OpenTopic(self.system, entry, reader)
 
     def last_state(self, entry: TopicEntry) -> dict[str, Any] | None:
-        """Of an arm that has not emitted any operating_state yet: the one that its record says."""
+        """For an arm that has not emitted any operating_state yet: the one in its record."""
         state = self.entries.get(f"{entry.instance}/state")
         found = state_as_event(self.system, state) if entry.event == "operating_state" and state is not None else None
         return found and {key: found[key] for key in STATE}
 
     def close(self) -> None:
-        """Give all back."""
+        """Release everything."""
         self._wanted.close()
         for source in self._open.values():
             source.topic.close()
@@ -113,5 +113,5 @@ class Topics:
 
 
 def comes_each(entry: TopicEntry) -> bool:
-    """Whether its records come now and then, so that each counts."""
+    """Whether its records are occasional, so that each counts."""
     return entry.kind == EVENT or (entry.kind == RECORD and not entry.rate_hz)
