@@ -1,7 +1,7 @@
-"""What came from ROS, carried out: each message becomes a command of a person, like those of `trocar send`.
+"""Execution of ROS messages: each becomes a command of a person, like those of `trocar send`.
 
-The owner of the command checks it as it does any other: sizes, limits, jumps of streams, dead-men. Here only
-`may_power` is looked at: where people on the network may not power or home, the bridge refuses what can cause that.
+The owner of the command checks it like any other: sizes, limits, jumps of streams, dead-man switches. Only `may_power`
+is checked here: if people on the network may not power or home, the bridge refuses commands that can cause either.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ from trocar.shm.memory.segment import SegmentError
 
 MAY_NOT: Final = "the ROS bridge may not power, home or release anything (trocar: {ros: {may_power: …}})"
 MAX_PEERS: Final = 256
-"""Participants that are told apart, and handles that are kept."""
+"""Maximum number of participants distinguished, and of handles kept."""
 
 
 @dataclass(frozen=True, slots=True)
 class Addressee:
-    """An instance that can be asked, with what is said of it where topics differ."""
+    """An instance that accepts commands, with its properties if topics depend on them."""
 
     name: str
     kind: str
@@ -54,14 +54,14 @@ class AskedTopic:
 
 
 class PendingCommand(NamedTuple):
-    """What somebody asked over ROS, not carried out yet."""
+    """A command received over ROS, not executed yet."""
 
     is_of_stream: bool
     carry_out: Callable[[], None]
 
 
 class Commands:
-    """All that ROS may ask of a system."""
+    """All commands that ROS may give to a system."""
 
     def __init__(self, participant: Participant, system: str, addressees: Iterable[Addressee], *, may_power: bool,
                  refusals: Refusals) -> None:
@@ -73,7 +73,7 @@ class Commands:
         """Of whom an answer is awaited, and to which commands."""
         self._asked: list[AskedTopic] = []
         self._held: dict[Held, tuple[TopicReader[Any], int]] = {}
-        """What releases what ROS nodes hold down, and the handles of their publishers."""
+        """Releases for commands that ROS nodes hold down, with the readers and handles of their publishers."""
         for to in addressees:
             self._clients[to.name, 0] = Client(system, to.name, "ros_bridge")
             for row, topic, text in topics_of(to):
@@ -82,12 +82,12 @@ class Commands:
                 self._asked.append(AskedTopic(reader, row, to.name, text))
 
     def take(self) -> list[PendingCommand]:
-        """All that came."""
+        """All received commands."""
         return [PendingCommand(asked.row.depth == STREAM, partial(self._carry_out, asked, message))
                 for asked in self._asked for message in asked.reader.take(self._say)]
 
     def hear(self) -> None:
-        """What became of what was asked; and what nodes held down that are gone is released."""
+        """Collect the outcomes; release commands held down by nodes that have left."""
         for held, (reader, handle) in list(self._held.items()):
             if reader.writer(handle) is None:
                 to, command, values, text = held
@@ -141,13 +141,13 @@ class Commands:
         return client
 
     def close(self) -> None:
-        """Give the places in mailboxes back."""
+        """Release the places in mailboxes."""
         for client in self._clients.values():
             client.close()
 
 
 def topics_of(to: Addressee) -> list[tuple[CommandTopic, str, str]]:
-    """What an instance can be asked: row, topic, and the text that is always the same."""
+    """Commands of an instance: row, topic, and the text that is always the same."""
     found = []
     for row in COMMAND_TOPICS:
         if row.kind != to.kind or (row.row.types and to.type not in row.row.types):

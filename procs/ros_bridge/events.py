@@ -1,4 +1,4 @@
-"""What the events of an instance become in ROS, in the order in which they came."""
+"""ROS messages from the events of an instance, in order of occurrence."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ NOBODY: Final[tuple[None, list[TopicWriter[Any]]]] = (None, [])
 LEVELS: Final = {STATUS: 20, WARNING: 30, ERROR: 40}
 """Of /rosout."""
 REPEAT_NS: Final = 100_000_000
-"""Between two messages of an operating state: who comes late has to hear it."""
+"""Between two messages of an operating state: late subscribers must receive it too."""
 
 
 @dataclass(slots=True)
 class ToldState:
-    """The operating state told last; its stamps increase strictly, as clients compare them."""
+    """The operating state last published; its stamps increase strictly, as clients compare them."""
 
     writers: list[TopicWriter[OperatingState]]
     message: OperatingState
@@ -37,11 +37,11 @@ class ToldState:
 
     @property
     def is_read(self) -> bool:
-        """Somebody hears it."""
+        """It has a subscriber."""
         return any(writer.is_read for writer in self.writers)
 
     def tell(self, ros_ns: int, now_ns: int) -> None:
-        """Once more, or anew. The time of day may be set back: stamps are not, nor does anybody wait for it."""
+        """Publish again, or a new state. If the time of day is set back, stamps still increase, without a wait."""
         self.stamp_ns = max(ros_ns, self.stamp_ns + 1)
         self.due_ns = now_ns + REPEAT_NS
         self.message.header.stamp = time_of(self.stamp_ns)
@@ -50,7 +50,7 @@ class ToldState:
 
 
 class EventTopics:
-    """The events of one instance, in the order in which they came."""
+    """The events of one instance, in order of occurrence."""
 
     def __init__(self, participant: Participant, instance: str, shown: ShownTopics, ring: RingReader,
                  names: Iterable[str], rosout: Callable[[Log], None]) -> None:
@@ -77,7 +77,7 @@ class EventTopics:
             self.state.message = OperatingState(state=state, is_homed=is_homed, is_busy=is_busy)
 
     def step(self, stamps: Stamps, now_ns: int) -> None:
-        """All that came since the last call; none is left out or put together with the next."""
+        """All events since the last call; none is left out or merged with the next."""
         fields, ring = self._fields, self._ring
         while ring.next():
             event = {name: cell[()] for name, cell in fields.items()}

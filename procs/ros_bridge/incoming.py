@@ -1,7 +1,7 @@
-"""What ROS may ask: the topics that the command table (shm/commands.py, column `ros`) names, and their messages.
+"""Commands accepted from ROS: the topics in the command table (shm/commands.py, column `ros`), and their messages.
 
-`MESSAGES` says how numbers and text are taken from each kind of message. The owner of the command checks the numbers;
-here a message is only taken apart.
+`MESSAGES` defines how numbers and text are taken from each kind of message. The owner of the command checks the
+numbers; here a message is only unpacked.
 """
 
 from __future__ import annotations
@@ -130,7 +130,7 @@ MESSAGES: Final = {
         *_within("force_position", XYZ), *_within("force_orientation", XYZW), *_within("torque_orientation", XYZW),
         *_side("positive"), *_side("negative"))),
 }
-"""What the column `ros` of the command table can name."""
+"""Possible entries of the column `ros` of the command table."""
 
 COMMAND_TOPICS: Final = tuple(
     CommandTopic(row.ros.kind or kind, topic, row, MESSAGES[row.ros.message])

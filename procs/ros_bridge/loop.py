@@ -1,8 +1,8 @@
-"""The ROS bridge: every arm, console and teleoperation as nodes of ROS 2 know them. It drives nothing.
+"""The ROS bridge: every arm, console and teleoperation as ROS 2 nodes. It drives no arm itself.
 
-What ROS asks becomes a person's command, see carrying_out.py; what it hears is in outgoing.py, what it may ask in
-incoming.py and services.py. It is a process like a user's own: ordinary priority, real time, and its death or hang
-changes nothing else but that what it streamed ends.
+A request from ROS becomes a person's command, see carrying_out.py; outgoing.py lists published data, incoming.py and
+services.py the accepted requests. It runs like a user's own process: ordinary priority, real time; if it crashes or
+hangs, only its own streams end.
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ IDLE_NS: Final = 100_000_000
 FRAMES_NS: Final = 20_000_000
 STATISTICS_NS: Final = 200_000_000
 STREAM_NS: Final = 100_000_000
-"""What came so long ago is of no stream any more."""
+"""An older goal is no longer part of a stream."""
 DEAF_NS: Final = 100_000_000
 
 
 def addressees(system: SystemConfig) -> list[Addressee]:
-    """Whoever can be asked something."""
+    """All instances that accept commands."""
     ros = system.ros
     robots = [(io.name, tuple((robot.name, robot.name) for robot in io.robots)) for io in system.ios
               if ros is not None and ros.io == READ_WRITE]
@@ -67,8 +67,8 @@ class RosLoop(UserNode):
     """See above."""
 
     def setup(self) -> None:
-        """Join the domain, and make everything that ROS looks for when it asks who is there."""
-        ACTING.origin = None  # who sends commands over ROS is a person, as at the command line
+        """Join the domain, and create all endpoints that ROS discovery looks for."""
+        ACTING.origin = None  # commands over ROS count as a person's, as at the command line
         document = self.own.document
         row = document.ros
         if row is None:
@@ -100,7 +100,7 @@ class RosLoop(UserNode):
         participant.announce()
 
     def _reads(self, instance: str, ring: str) -> RingReader:
-        """Given back with our place; that we look makes nobody start who runs on demand."""
+        """Released with our place; reading does not subscribe, so on-demand processes do not start."""
         return self.own.hold(directory.reader(self.system, instance, ring))
 
     def _publish_all(self, shown: ShownTopics) -> None:
@@ -141,9 +141,9 @@ class RosLoop(UserNode):
         self.own.events.report(codes.ROS_REFUSED, text, self.name)
 
     def _rest(self, left_ns: int, looks: bool) -> None:
-        """Carry out at once what comes from ROS.
+        """Execute ROS requests at once.
 
-        Whether we were held up is asked after taking and before each: what came meanwhile may be among what was taken.
+        A stall is checked after taking the messages and before each one: some may have arrived during the stall.
         """
         came = self.participant.wait(min(left_ns, round(self.own.row.period_s * 1e9)))
         for wish in [*self._incoming.take(), *self._questions.take()] if came else ():
@@ -154,9 +154,9 @@ class RosLoop(UserNode):
         self._questions.hear()
 
     def _leaves_out(self, is_of_stream: bool) -> bool:
-        """Held up, we leave out what has come meanwhile: goals of streams soon, all else when we were silent.
+        """After a stall, drop messages received meanwhile: stream goals after a short one, all after a long one.
 
-        DDS has to bring it from the network first: for a moment we leave out whatever comes.
+        DDS must first deliver them from the network: for a moment all messages are dropped.
         """
         now, before, self._awake_ns = boottime_ns(), self._awake_ns, boottime_ns()
         if now - before > STREAM_NS:
@@ -172,9 +172,9 @@ class RosLoop(UserNode):
         return is_of_stream or self._forgets_all
 
     def update(self) -> None:
-        """All that ROS hears. While nobody reads anything, only what late comers are to get, and less often.
+        """Publish everything. Without readers, publish only the data for late subscribers, and less often.
 
-        Who has just come hears of it in the same period: clients ask for values as soon as they are connected.
+        A new reader is served in the same period: clients request values as soon as they are connected.
         """
         now, stamps = self.time.now_ns(), self._stamps
         if self.participant.look():

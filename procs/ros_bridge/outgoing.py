@@ -1,8 +1,7 @@
-"""THE TABLE of what ROS hears: which message an event or a field becomes, and how it is filled.
+"""THE TABLE of published ROS data: the message for each event or field, and its contents.
 
-Views (PSM1/measured_js, procs/ros_messages/view_messages.py) go out every period while somebody reads them, with a
-stamp of 0 where they are not valid.
-Events and fields that change go out at once; who comes late gets the last one.
+Views (PSM1/measured_js, procs/ros_messages/view_messages.py) are published every period while they have a reader, with
+a stamp of 0 if invalid. Events and changed fields are published at once; late subscribers get the last one.
 """
 
 from __future__ import annotations
@@ -83,9 +82,9 @@ EVENT_MESSAGES: Final[Mapping[str, type[IdlStruct]]] = {
 
 @dataclass(frozen=True, slots=True)
 class FieldTopic:
-    """A field of the state of a kind (of teleoperations of these types), told when it changes.
+    """A field of the state of a kind (of teleoperations of these types), published when it changes.
 
-    `topic` is behind the name of the instance; one of io has the name of an arm in it, and is the field of its robot.
+    `topic` follows the name of the instance; one of io contains the name of an arm, and is the field of its robot.
     """
 
     kind: str

@@ -1,4 +1,4 @@
-"""What goes out from time to time: tips for tf, what arms look like for RViz, and how all loops keep time."""
+"""Periodic messages: tips for tf, arm descriptions for RViz, and timing of all loops."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ from trocar.shm.time.control_page import ControlPage
 
 FIGURES: Final = ("avg", "std", "min", "max")
 Reads = Callable[[str, str], RingReader]
-"""Gives the reading end of a ring of an instance."""
+"""Returns the reading end of a ring of an instance."""
 
 
 @dataclass(slots=True)
 class Throttle:
-    """What is done once in so many ns of the system's time."""
+    """An action repeated at this interval, ns of the system's time."""
 
     period_ns: int
     do: Callable[[int], None]
@@ -48,7 +48,7 @@ class Throttle:
 
 
 class Descriptions:
-    """The `robot_description` of each arm, told anew when it gets another instrument."""
+    """The `robot_description` of each arm, published again when its instrument changes."""
 
     def __init__(self, participant: Participant, arms: Iterable[ArmConfig], reads: Reads) -> None:
         self._arms = []
@@ -91,7 +91,7 @@ class TipFrames:
 
 
 class LoopStatistics:
-    """What the loops of all processes did in their last second, from their control pages: a topic for each."""
+    """Statistics of all processes' loops in their last second, from their control pages: a topic for each."""
 
     def __init__(self, participant: Participant, pages: Mapping[str, ControlPage], stamps: Stamps) -> None:
         self._stamps = stamps
@@ -99,7 +99,7 @@ class LoopStatistics:
                       for name, page in pages.items()]
 
     def step(self, now_ns: int) -> None:
-        """To whoever reads it."""
+        """Publish, for topics with readers."""
         for writer, page in self._rows:
             if not writer.is_read:
                 continue

@@ -1,4 +1,4 @@
-"""What the records of an instance become in ROS: its views, and fields that are told when they change."""
+"""ROS messages from the records of an instance: its views, and fields that are published when they change."""
 
 from __future__ import annotations
 
@@ -27,24 +27,24 @@ def ros_topic(name: str) -> str:
 
 
 class PublishedView:
-    """One view while somebody reads it."""
+    """One view while it has readers."""
 
     def __init__(self, source: OpenTopic, writer: TopicWriter[Any], frame: Callable[[], str]) -> None:
         self.source, self.writer, self.is_wanted = source, writer, False
         self._packed = PackedView(source, frame)
 
     def publish(self, stamps: Stamps) -> None:
-        """The record last read; a stamp of 0 says that it is not valid."""
+        """The record last read; a stamp of 0 marks it as invalid."""
         self._packed.pack(stamps.ns(self.source.stamp_ns))
         self.writer.write(self._packed.carrier)
 
 
 class RecordTopics:
-    """The views and told fields of one ring."""
+    """The views and published fields of one ring."""
 
     def __init__(self, participant: Participant, demand: Wanted, instance: str, ring: RingReader,
                  views: Iterable[tuple[TopicEntry, str]], told: Iterable[tuple[FieldTopic, str, int]]) -> None:
-        """Views with their topics; what is told when it changes, with its topic and place (see shown.py)."""
+        """Views with their topics; fields published on change, with topic and index (see shown.py)."""
         self._demand, self._ring = demand, ring
         self.views = [self._view(participant, entry, name) for entry, name in views]
         self._wanted: list[PublishedView] = []
@@ -58,7 +58,7 @@ class RecordTopics:
         return PublishedView(OpenTopic(self._demand.system, entry, self._ring), writer, frame_name(entry, self._ring))
 
     def look(self) -> None:
-        """Ask for what somebody reads now, and for nothing else."""
+        """Subscribe to the data with readers now, and to nothing else."""
         for view in self.views:
             if view.writer.is_read is not view.is_wanted:
                 view.is_wanted = view.writer.is_read
@@ -66,7 +66,7 @@ class RecordTopics:
                 (self._demand.take if view.is_wanted else self._demand.leave)(view.source)
 
     def step(self, stamps: Stamps) -> None:
-        """The newest record to whoever reads it; what was told before only where it has changed."""
+        """The newest record to its readers; fields published on change only if they have changed."""
         if not self._wanted and not self._told:
             return
         is_there = self._ring.newest()
@@ -87,7 +87,7 @@ def _cell(ring: RingReader, name: str, place: int) -> NDArray[Any]:
 
 
 class Selections:
-    """Which teleoperations a console has selected: each by its name, when that changes; late comers hear of all."""
+    """Teleoperations selected by a console: each by its name, on change; late subscribers get all."""
 
     def __init__(self, participant: Participant, prefix: str, ring: RingReader) -> None:
         """`ring` is the console's, read by its `RecordTopics`."""

@@ -1,4 +1,4 @@
-"""What the bridge refuses, told in words: the same once a second, streams have many."""
+"""The bridge's refusals in words: the same text at most once a second, as streams cause many."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ Say = Callable[[str], None]
 
 
 class Refusals:
-    """Told to `warn`."""
+    """Reported to `warn`."""
 
     def __init__(self, warn: Say, now_ns: Callable[[], int]) -> None:
         self._warn, self._now_ns = warn, now_ns
         self._silent_until: dict[str, int] = {}
 
     def say(self, text: str) -> None:
-        """Unless it was said just now."""
+        """Report it, unless it was just reported."""
         now = self._now_ns()
         if now >= self._silent_until.get(text, 0):
             if len(self._silent_until) >= KEPT:

@@ -1,7 +1,7 @@
-"""Services: questions that ROS clients ask an arm, each answered by one of its commands.
+"""Services: requests of ROS clients to an arm, each answered by one of its commands.
 
-ROS 2 does not say how a reply finds its question. rmw_cyclonedds puts an id in front of both, which comes back with the
-reply. rmw_fastrtps uses a way that Cyclone DDS does not have: its questions are recognised, and left; clients with
+ROS 2 does not define how a reply is matched to its request. rmw_cyclonedds puts an id in front of both, which the reply
+returns. rmw_fastrtps uses a method that Cyclone DDS lacks: its requests are recognised and not answered; clients with
 RMW_IMPLEMENTATION=rmw_cyclonedds_cpp are answered.
 """
 
@@ -43,16 +43,16 @@ from trocar.shm.mailbox.client import Client, MailboxFull
 from trocar.shm.memory.segment import SegmentError
 
 CYCLONE: Final = b"\x01\x10"
-"""How the keys of its participants begin."""
+"""Prefix of its participants' keys."""
 WAIT_NS: Final = 1_000_000_000
 DEPTH: Final = 10
 STRANGERS: Final = 1000
-"""Who cannot be answered and is remembered; with more, it is said to them once more."""
+"""Number of unanswerable clients remembered; with more, they are notified once more."""
 
 
 @dataclass(frozen=True, slots=True)
 class Service:
-    """One question: the command that answers it, its numbers, and what to say to the text of its reply.
+    """One question: the command that answers it, its numbers, and the conversion of its reply's text.
 
     Without a command it is answered at once, from the operating state.
     """
@@ -129,7 +129,7 @@ class Server:
         self._writer: TopicWriter[Any] = participant.write_as(f"rr/{full}Reply", self._reply, service.response, told)
 
     def reply(self, guid: int, seq: int, answer: Any) -> None:
-        """To whoever asked."""
+        """Reply to the client."""
         self._writer.write(self._reply(guid=guid, seq=seq, **vars(answer)))
 
 
@@ -152,12 +152,12 @@ class Services:
                               for row in SERVICES]
 
     def take(self) -> list[PendingCommand]:
-        """All questions that came."""
+        """All received requests."""
         return [PendingCommand(False, partial(self._pass_on, server, client, request))
                 for server, client in self._servers for request in server.reader.take(self._say)]
 
     def hear(self) -> None:
-        """Give the answers that came."""
+        """Send the answers received."""
         if not self._waiting:
             return
         for client in {client for client, _ in self._waiting}:
@@ -173,7 +173,7 @@ class Services:
             self._ask(server, client, request)
 
     def _can_be_answered(self, server: Server, writer: int) -> bool:
-        """Whether it is one of Cyclone's; what the others ask would be read as garbage."""
+        """Whether it is a Cyclone request; others would be read as garbage."""
         if writer in self._strangers:
             return False
         found = server.reader.writer(writer)
@@ -208,6 +208,6 @@ class Services:
         waiting.server.reply(waiting.guid, waiting.seq, answer)
 
     def close(self) -> None:
-        """Give the places in mailboxes back."""
+        """Release the places in mailboxes."""
         for client in self._clients:
             client.close()

@@ -1,4 +1,4 @@
-"""Which topics ROS hears of a system, and what they are called: as dVRK's bridge calls them."""
+"""Topics of a system that are published to ROS, and their names: as in dVRK's bridge."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from trocar.procs.ros_bridge.outgoing import FIELD_TOPICS, FieldTopic
 OFF: Final = "off"
 READ_WRITE: Final = "rw"
 SHOWN: Final = ("arm", "suj", "teleop", "console", "focus", "system", "third_party")
-"""Kinds whose views ROS hears; io's only where it is asked for."""
+"""Kinds whose views are published; io's only on request."""
 NOT_OF_ARMS: Final = frozenset(("setpoint_cv",))
 """Views that dVRK's bridge does not have."""
 PID_VIEWS: Final = frozenset(("measured_js", "setpoint_js", "error_state/measured_js"))
@@ -63,7 +63,7 @@ class ShownTopics:
             yield f"PID/{self._pids[entry.instance, entry.robot]}/{view}"
 
     def fields(self, instance: str) -> list[tuple[FieldTopic, str, int]]:
-        """What of its record is told when it changes: row, topic, and the place in the field; -1: all of it."""
+        """Fields of its record published on change: row, topic, and the index in the field; -1: all of it."""
         kind = self.kinds.get(instance, "")
         if kind == "io":
             arms = [(self._pids.get((instance, robot), ""), place)
