@@ -44,7 +44,7 @@ SWITCH_ON_WINDOWS = 200  # until the amplifiers are on
 BLOCK, WARM_UP = 40, 8  # windows of one kind in a row; the first of them do not count
 PERCENTILES = {"p10": 10, "p50": 50, "p99": 99}
 
-Sent = list[tuple[int, bytes]]  # start time, ns, and kind
+Sent = list[tuple[int, bytes]]  # time, ns, and datagram
 _BIG_QUAD = np.dtype(">u4")
 _AMPS_ON = 0xF << reg.STATUS_AMP_ON_SHIFT
 

@@ -16,7 +16,7 @@ KEPT: Final = 100
 
 
 class BrowserControl:
-    """The browser that may command. Browsers are told apart by their names."""
+    """The browser that may command. Names identify browsers."""
 
     def __init__(self) -> None:
         self._holder, self._heard_ns = "", 0

@@ -108,7 +108,7 @@ class Sources:
 
     def __init__(self, makers: Mapping[str, Maker],
                  families: Mapping[str, Callable[[str], Maker]] | None = None) -> None:
-        """`families`: factories for names beginning with `FAMILY:`, given the rest of the name; may raise ValueError."""
+        """`families`: factories for names beginning with `FAMILY:`, given the rest of the name, or a ValueError."""
         self._makers, self._families = dict(makers), dict(families or {})
         self._made: dict[str, Maker] = {}
         self._open: dict[str, Source | None] = {}

@@ -49,7 +49,7 @@ class HubMemory:
         self._queried = self.sequence = self.mask = 0
         self.withheld = [0] * firmware.count  # how many blocks of a board will be missing
         self.absent: frozenset[int] = frozenset()  # rows of boards that are away
-        self.spoiled = [0] * firmware.count  # number of boards that will report another sequence number
+        self.spoiled = [0] * firmware.count  # replies that will carry a wrong sequence number, by board
         self._bits = {1 << board: row for row, board in enumerate(firmware.ids)}
         self._whole = sum(self._bits)
         self._time_mask = min(model.layout.time_mask for model in models)
