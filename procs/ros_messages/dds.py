@@ -1,7 +1,7 @@
-"""One DDS participant that ROS 2 takes for a node: its writers and readers, and what ROS wants to know of them.
+"""One DDS participant that ROS 2 takes for a node: its writers and readers, and its ROS discovery data.
 
-Names, encoding and settings are those that rmw_cyclonedds and rmw_fastrtps understand: topics `rt/…`, services
-`rq/…Request` and `rr/…Reply`, plain XCDR1 without keys, and hashes of types in the user data of each endpoint.
+Names, encoding and settings are compatible with rmw_cyclonedds and rmw_fastrtps: topics `rt/…`, services `rq/…Request`
+and `rr/…Reply`, plain XCDR1 without keys, and hashes of types in the user data of each endpoint.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from trocar.procs.ros_messages.hashes import type_hash
 from trocar.procs.ros_messages.messages import Gid, NodeEntitiesInfo, ParticipantEntitiesInfo
 
 LOOPBACK: Final = "127.0.0.1"
-DEPTH: Final = 10  # what ROS clients have unless they say otherwise
+DEPTH: Final = 10  # the default of ROS clients
 LATCHED: Final = 1
 EVENT_DEPTH: Final = 100
 BLOCKING_NS: Final = 100_000_000
@@ -54,11 +54,11 @@ def settings(interface: str) -> str:
 
 
 class DdsError(RuntimeError):
-    """What DDS refuses, in words."""
+    """A refusal by DDS, in words."""
 
 
 class TopicWriter(Generic[Message]):
-    """Publishes one topic. `is_read`: somebody subscribes to it, as of the last `Participant.look`."""
+    """Publishes one topic. `is_read`: it had a subscriber at the last `Participant.look`."""
 
     def __init__(self, writer: DataWriter[Any], name: str) -> None:
         self._writer, self.name, self.is_read = writer, name, False
@@ -68,12 +68,12 @@ class TopicWriter(Generic[Message]):
         self._writer.write(message)
 
     def look(self) -> None:
-        """Whether anybody reads it."""
+        """Update `is_read`: whether it has a subscriber."""
         self.is_read = self._writer.get_publication_matched_status().current_count > 0  # type: ignore[no-untyped-call]
 
     @property
     def gid(self) -> Gid:
-        """What DDS calls it."""
+        """Its DDS identifier."""
         return _gid(self._writer)
 
 
@@ -84,10 +84,11 @@ class TopicReader(Generic[Message]):
         self._reader, self.name, self._depth = reader, name, depth
 
     def take(self, tell: Callable[[str], None] | None = None) -> list[Message]:
-        """What came since the last call, oldest first; what says only that a writer has gone is left out.
+        """Messages since the last call, oldest first; those that only report a departed writer are left out.
 
-        So is what cannot be read: anybody may write anything under our names, text that is no UTF-8 at least. `tell` is
-        told of it in words. One after the other, for the library throws away all that it took together with that.
+        Unreadable ones are left out too: any program may write any data under our names, for example text that is not
+        UTF-8. `tell` receives a description. One at a time, because the library drops all messages taken together with
+        an unreadable one.
         """
         found: list[Message] = []
         for _ in range(self._depth):
@@ -106,11 +107,11 @@ class TopicReader(Generic[Message]):
 
     @property
     def gid(self) -> Gid:
-        """What DDS calls it."""
+        """Its DDS identifier."""
         return _gid(self._reader)
 
     def writer(self, handle: int) -> Any:
-        """What DDS knows of a writer, by the handle that its messages have; None: it has gone."""
+        """DDS data of a writer, by the handle in its messages; None: it has left."""
         return self._reader.get_matched_publication_data(handle)
 
     @property
@@ -145,7 +146,7 @@ class Participant:
             raise DdsError(f"ROS domain {domain} on interface {interface}: {why}") from error
         self._waitset, self._matches = WaitSet(self._participant), WaitSet(self._participant)
         self.is_read = False
-        """Somebody reads one of our topics."""
+        """One of our topics has a subscriber."""
         self.writers: list[TopicWriter[Any]] = []
         self.readers: list[TopicReader[Any]] = []
         self._graph: TopicWriter[ParticipantEntitiesInfo] = self._writer(
@@ -156,23 +157,23 @@ class Participant:
         return f"{self.namespace}/{name}".strip("/") if not name.startswith("/") else name[1:]
 
     def writer(self, topic: str, message: type[Message], latched: int = 0) -> TopicWriter[Message]:
-        """A topic of ours; `latched`: who comes late gets so many of the last messages."""
+        """A topic of ours; `latched`: late subscribers get this many of the last messages."""
         qos = _latched(latched) if latched else (Policy.Durability.Volatile, Policy.History.KeepLast(EVENT_DEPTH))
         made = self._writer(f"rt/{self.full_name(topic)}", message, qos)
         self.writers.append(made)
         return made
 
     def reader(self, topic: str, message: type[Message], depth: int = DEPTH) -> TopicReader[Message]:
-        """A topic of others. Never what was latched before we came: old commands are not for us."""
+        """A topic of others. Never messages latched before we joined: old commands are not for us."""
         return self.read_as(f"rt/{self.full_name(topic)}", message, depth)
 
     def read_latched(self, topic: str, message: type[Message], depth: int) -> TopicReader[Message]:
-        """A topic of others, with what they latched: what is so, not what was asked."""
+        """A topic of others, with latched messages: for states, not for commands."""
         return self.read_as(f"rt/{self.full_name(topic)}", message, depth, latched=True)
 
     def read_as(self, name: str, message: type[IdlStruct], depth: int, hashed: type[IdlStruct] | None = None,
                 user_data: str = "", *, latched: bool = False) -> TopicReader[Any]:
-        """Read what DDS knows by `name`; `hashed`: the message whose hash is told, if not this one."""
+        """Read the DDS topic `name`; `hashed`: the message whose hash is published, if not this one."""
         durability = Policy.Durability.TransientLocal if latched else Policy.Durability.Volatile
         qos = self._qos((durability, Policy.History.KeepLast(depth)), hashed or message, user_data)
         entity = DataReader(self._participant, Topic(self._participant, name, message), qos)
@@ -192,7 +193,7 @@ class Participant:
 
     def write_as(self, name: str, message: type[IdlStruct], hashed: type[IdlStruct],
                  user_data: str) -> TopicWriter[Any]:
-        """Write what DDS knows by `name`; see `read_as`."""
+        """Write the DDS topic `name`; see `read_as`."""
         policies = Policy.Durability.Volatile, Policy.History.KeepLast(DEPTH)
         made = self._writer(name, message, policies, hashed, user_data)
         self.writers.append(made)
@@ -204,11 +205,11 @@ class Participant:
         return Qos(Policy.Reliability.Reliable(BLOCKING_NS), *policies, Policy.Userdata(told))
 
     def wait(self, timeout_ns: int) -> bool:
-        """Until something has come, for so long at most; whether it has."""
+        """Wait for data, at most this long; returns whether there is any."""
         return bool(self._waitset.wait(max(0, timeout_ns)))
 
     def look(self) -> bool:
-        """See who reads what, for `TopicWriter.is_read`; whether that has changed. Only then each writer is asked."""
+        """Update `TopicWriter.is_read` of all writers; returns whether any subscribers changed."""
         if not self._matches.wait(0):
             return False
         for writer in (self._graph, *self.writers):
@@ -217,7 +218,7 @@ class Participant:
         return True
 
     def announce(self) -> None:
-        """Tell ROS which node has which endpoints; once all are there."""
+        """Publish to ROS which node has which endpoints; once all exist."""
         node = NodeEntitiesInfo(self.namespace, self.name, [reader.gid for reader in self.readers],
                                 [writer.gid for writer in self.writers])
         self._graph.write(ParticipantEntitiesInfo(Gid(self._participant.get_guid().bytes), [node]))

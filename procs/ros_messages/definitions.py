@@ -1,4 +1,4 @@
-"""Message definitions as ROS 2 writes them (.msg), with all that a message is made of: schemas of recordings."""
+"""Message definitions in ROS 2 format (.msg), with all messages they contain: schemas of recordings."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ WORDS: Final = {number: word for word, number in TYPE_IDS.items()} | {BOOLEAN: "
 
 
 def definition(message: type[IdlStruct]) -> str:
-    """The text of a message and of all that it is made of, as MCAP and rosbag2 want them: one behind the other."""
+    """The text of a message and of all messages it contains, one after the other, as MCAP and rosbag2 require."""
     own, parts = described(message)
     texts = [_fields(own)]
     texts += [f"{SEPARATOR}\nMSG: {_short(name)}\n{_fields(parts[name])}" for name in sorted(parts)]

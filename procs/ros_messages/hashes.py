@@ -12,7 +12,7 @@ NESTED: Final = 1
 TYPE_IDS: Final = {"uint8": 3, "int32": 6, "uint32": 7, "int64": 8, "float32": 10, "float64": 11}
 BOOLEAN, STRING, BOUNDED_STRING = 15, 17, 21
 ARRAY, SEQUENCE = 48, 144
-"""Added to the number of what there are many of."""
+"""Added to the type number for arrays and sequences."""
 
 
 def ros_name(message: type[IdlStruct]) -> str:
@@ -27,14 +27,14 @@ def dds_name(message: type[IdlStruct]) -> str:
 
 
 def type_hash(message: type[IdlStruct]) -> str:
-    """RIHS01 of a message: the hash of its description and of all that it is made of."""
+    """RIHS01 of a message: the hash of its description and of all types it contains."""
     own, parts = described(message)
     text = {"type_description": own, "referenced_type_descriptions": [parts[name] for name in sorted(parts)]}
     return "RIHS01_" + hashlib.sha256(json.dumps(text).encode()).hexdigest()
 
 
 def described(message: type[IdlStruct]) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
-    """The description of a message, and those of all that it is made of by their names."""
+    """The description of a message, and those of all types it contains, by name."""
     parts: dict[str, dict[str, Any]] = {}
     return _description(message, parts), parts
 
@@ -45,7 +45,7 @@ def _description(message: type[IdlStruct], parts: dict[str, dict[str, Any]]) -> 
 
 
 def _type(annotation: Any, parts: dict[str, dict[str, Any]]) -> dict[str, Any]:
-    """The description of a field's type; what it is made of is added to `parts`."""
+    """The description of a field's type; the types it contains are added to `parts`."""
     kind = annotation.__metadata__[0] if hasattr(annotation, "__metadata__") else annotation
     if hasattr(kind, "subtype"):
         found = _type(kind.subtype, parts)

@@ -1,7 +1,7 @@
-"""ROS 2 messages as DDS sees them: plain structures without keys, in the order and with the names of their packages.
+"""ROS 2 messages as plain DDS structures without keys, in the order and with the names of their packages.
 
-Only what the bridge uses. `ros_name` and `type_hash` (hashes.py) are made from these classes, so a message is written
-down once.
+Only those used by the bridge. `ros_name` and `type_hash` (hashes.py) are derived from these classes, so that a message
+is defined once.
 """
 
 from dataclasses import dataclass, field
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from cyclonedds.idl import IdlStruct
 from cyclonedds.idl.types import float32, float64, int32, int64, uint8, uint32
 
-# No postponed annotations: cyclonedds looks at the types when a class is made. It describes what is a list to us.
+# No postponed annotations: cyclonedds evaluates the types when a class is made. Its descriptions are lists for us.
 if TYPE_CHECKING:
     sequence = list
     Octets = bytes
@@ -31,7 +31,7 @@ class Time(IdlStruct, typename="builtin_interfaces.msg.dds_.Time_"):
 
 @dataclass
 class MessageHeader(IdlStruct, typename="std_msgs.msg.dds_.Header_"):
-    """When and in which frame; a stamp of 0 says that the rest is not valid."""
+    """Time and frame; a stamp of 0 marks the rest as invalid."""
 
     stamp: Time = field(default_factory=Time)
     frame_id: str = ""
@@ -84,7 +84,7 @@ class Float64MultiArray(IdlStruct, typename="std_msgs.msg.dds_.Float64MultiArray
 
 @dataclass
 class Vector3(IdlStruct, typename="geometry_msgs.msg.dds_.Vector3_"):
-    """A vector, in the units of what it is part of."""
+    """A vector, in the units of its message."""
 
     x: float64 = 0.0
     y: float64 = 0.0
@@ -158,7 +158,7 @@ class QuaternionStamped(IdlStruct, typename="geometry_msgs.msg.dds_.QuaternionSt
 
 @dataclass
 class Transform(IdlStruct, typename="geometry_msgs.msg.dds_.Transform_"):
-    """Where a frame is in another one."""
+    """Pose of a frame in another one."""
 
     translation: Vector3 = field(default_factory=Vector3)
     rotation: Quaternion = field(default_factory=Quaternion)
@@ -265,7 +265,7 @@ class CartesianImpedance(IdlStruct, typename="crtk_msgs.msg.dds_.CartesianImpeda
 
 @dataclass
 class IntervalStatistics(IdlStruct, typename="cisst_msgs.msg.dds_.IntervalStatistics_"):
-    """What a loop did in an interval; times in s."""
+    """Statistics of a loop in an interval; times in s."""
 
     header: MessageHeader = field(default_factory=MessageHeader)
     period_avg: float64 = 0.0
@@ -283,7 +283,7 @@ class IntervalStatistics(IdlStruct, typename="cisst_msgs.msg.dds_.IntervalStatis
 
 @dataclass
 class Gid(IdlStruct, typename="rmw_dds_common.msg.dds_.Gid_"):
-    """What DDS calls an endpoint: 16 bytes."""
+    """DDS identifier of an endpoint: 16 bytes."""
 
     data: Octets = bytes(16)
 
@@ -345,7 +345,7 @@ class QueryForwardKinematicsResponse(IdlStruct, typename="crtk_msgs.srv.dds_.Que
 
 @dataclass
 class QueryInverseKinematicsRequest(IdlStruct, typename="crtk_msgs.srv.dds_.QueryInverseKinematics_Request_"):
-    """A pose, and joints to begin the search at."""
+    """A pose, and start joints of the search."""
 
     cp: Pose = field(default_factory=Pose)
     jp: sequence[float64] = field(default_factory=list)
@@ -366,6 +366,6 @@ class ConvertFloat64ArrayRequest(IdlStruct, typename="cisst_msgs.srv.dds_.Conver
 
 @dataclass
 class ConvertFloat64ArrayResponse(IdlStruct, typename="cisst_msgs.srv.dds_.ConvertFloat64Array_Response_"):
-    """What they are converted to."""
+    """The converted values."""
 
     output: sequence[float64] = field(default_factory=list)

@@ -19,7 +19,7 @@ class PackedView:
     """One view; `carrier` is its message for a writer of DDS, `data` the message packed."""
 
     def __init__(self, source: OpenTopic, frame: Callable[[], str]) -> None:
-        """`source` is read by whoever calls `pack`; `frame` says in which frame it is then."""
+        """The caller of `pack` reads `source`; `frame` returns the frame at that time."""
         row = VIEW_MESSAGES[source.entry.kind]
         self._source, self._parts, self._frame = source, row.parts, frame
         self._packed = PackedMessage(row.message, row.put)
@@ -28,7 +28,7 @@ class PackedView:
         self.carrier: Any = self._packed.carrier
 
     def pack(self, stamp_ns: int) -> None:
-        """The record last read, which has this stamp; what is not valid gets a stamp of 0."""
+        """The record last read, with this stamp; an invalid one gets a stamp of 0."""
         source, packed = self._source, self._packed
         texts = source.part("name").tobytes() if self._has_joints else b"", self._frame()
         if texts != self._texts:
@@ -39,7 +39,7 @@ class PackedView:
 
     @property
     def data(self) -> bytes:
-        """What was packed last."""
+        """The last packed message."""
         return bytes(self._packed.data)
 
     def _name(self, message: Any) -> None:

@@ -1,6 +1,6 @@
-"""Messages whose numbers change and whose texts and sizes seldom do: packed once by cyclonedds, then only the numbers.
+"""Messages with changing numbers but mostly constant texts and sizes: packed once by cyclonedds, then only the numbers.
 
-cyclonedds writes a message part by part in Python, 15 to 25 µs each; putting new numbers into what it wrote takes 2.
+cyclonedds writes a message part by part in Python, 15 to 25 µs each; putting new numbers into its output takes 2.
 """
 
 from __future__ import annotations
@@ -17,28 +17,28 @@ Numbers = Sequence[NDArray[np.float64]]
 Put = Callable[[Any, list[list[float]]], None]
 
 STAMP: Final = struct.Struct("<iI")
-STAMP_AT: Final = 4  # behind the encapsulation header: every stamped message begins with it
+STAMP_AT: Final = 4  # after the encapsulation header: the beginning of every stamped message
 MARKS: Final = np.frombuffer(b"".join(b"Trocar%02d" % k for k in range(64)), dtype=np.float64)
-"""Numbers that no robot has: where they are in what was packed, numbers are."""
+"""Numbers that no robot has: they mark the positions of numbers in a packed message."""
 
 
 class PackedMessage:
-    """One message of a kind; `carrier` is what a writer writes."""
+    """One message of a kind; `carrier` is the object that a writer writes."""
 
     def __init__(self, kind: type[IdlStruct], put: Put) -> None:
-        """`put` puts blocks of numbers into a message, each of which comes to lie in one piece."""
+        """`put` puts blocks of numbers into a message; each block is contiguous in it."""
         self.message: Any = kind()
         self._put, self._is_stamped = put, hasattr(self.message, "header")
         self._shape: tuple[Any, ...] = ()
         self.data, self._places = bytearray(), list[slice]()
-        """What was packed last."""
+        """The last packed message."""
         self.carrier: Any = type(kind.__name__, (kind,), {"serialize": self._packed})()
 
     def _packed(self, *_: Any, **__: Any) -> bytes:
         return bytes(self.data)
 
     def pack(self, texts: tuple[Any, ...], blocks: Numbers, stamp: tuple[int, int]) -> None:
-        """New numbers; `texts` is what else the message was made of, to be packed anew where that has changed."""
+        """New numbers; `texts` are the other parts of the message, packed again if they have changed."""
         shape = (*texts, *map(len, blocks))
         if shape != self._shape:
             self._begin(blocks)

@@ -63,7 +63,7 @@ def _matrix(message: Float64MultiArray, blocks: Blocks) -> None:
 
 @dataclass(frozen=True, slots=True)
 class ViewMessage:
-    """What a kind of view becomes; `put` puts the numbers of these parts of the view into a message."""
+    """Message for a kind of view; `put` puts the numbers of these parts of the view into a message."""
 
     message: type[IdlStruct]
     parts: tuple[str, ...]
