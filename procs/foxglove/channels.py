@@ -1,4 +1,4 @@
-"""What the topics of an instance become in Foxglove: joints, poses and messages as its panels know them, else JSON."""
+"""Foxglove channels for the topics of an instance: joints, poses and messages in its panels' formats, else JSON."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def rotation_of(turn: list[float]) -> Quaternion:
 
 
 def schema_of(entry: TopicEntry) -> dict[str, Any]:
-    """The JSON schema of what `OpenTopic.as_dict` says of a topic."""
+    """The JSON schema of the output of `OpenTopic.as_dict` for a topic."""
     known: dict[str, Any] = dict(STAMPED)
     if entry.kind == RECORD:
         known |= {field.name: _type_of(field.dtype) for field in entry.fields}
@@ -71,7 +71,7 @@ def _type_of(dtype: str) -> dict[str, Any]:
 
 
 class ShownTopic:
-    """One topic, and the channel it goes to. What is not valid is not told, but by JSON, which says so."""
+    """One topic and its channel. Invalid values are not published, except as JSON, which marks them."""
 
     def __init__(self, source: OpenTopic, frame: Callable[[], str]) -> None:
         entry = source.entry
@@ -122,7 +122,7 @@ class ShownTopic:
 
 
 class ShownRecords:
-    """The topics of one ring: each is told while somebody listens, and only then."""
+    """The topics of one ring: each is published only while it has a subscriber."""
 
     def __init__(self, demand: Wanted, ring: RingReader, entries: Iterable[TopicEntry]) -> None:
         self._demand, self._ring = demand, ring
@@ -130,7 +130,7 @@ class ShownRecords:
         self._sequence = 0
 
     def look(self) -> None:
-        """Ask for what somebody listens to now, and for nothing else."""
+        """Subscribe to the topics with subscribers now, and to nothing else."""
         for topic in self.topics:
             if topic.channel.has_sinks() is not topic.is_wanted:
                 topic.is_wanted, self._sequence = not topic.is_wanted, 0
@@ -146,7 +146,7 @@ class ShownRecords:
 
 
 class ShownEvents:
-    """The events of one instance: each is told; who begins to listen hears the last one of before."""
+    """The events of one instance: each is published; a new subscriber gets the last earlier one."""
 
     def __init__(self, system: str, ring: RingReader, entries: Iterable[TopicEntry]) -> None:
         self._ring, self._event = ring, ring.field("event")
@@ -155,14 +155,14 @@ class ShownEvents:
         self._begun = {f"/{topic.source.entry.name}": topic for topic in shown}
 
     def listens(self, name: str, stamps: Stamps) -> bool:
-        """Somebody has begun to listen to a channel; whether it is one of these."""
+        """A channel has a new subscriber; returns whether it is one of these."""
         topic = self._begun.get(name)
         if topic is not None and topic.source.newest():
             topic.tell(stamps)
         return topic is not None
 
     def step(self, stamps: Stamps) -> None:
-        """All that came since the last call."""
+        """All events since the last call."""
         while self._ring.next():
             topic = self._topics.get(self._event.item())
             if topic is not None and topic.channel.has_sinks():

@@ -1,6 +1,6 @@
 """Topics and the robot in 3D for Foxglove and Lichtblick, over their WebSocket protocol. docs/foxglove.md.
 
-It only shows. A process like a user's own: ordinary priority, and its death or hang changes nothing.
+It is read-only, and runs like a user's own process, at ordinary priority: a crash or hang has no effect on the system.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class FoxgloveLoop(UserNode):
         self.log.info("Foxglove: %s://%s", "wss" if row.certificate else "ws", row.listen)
 
     def update(self) -> None:
-        """What somebody listens to."""
+        """Publish the topics with subscribers."""
         if self._server is not None:
             self._server.step(self.time.now_ns())
 

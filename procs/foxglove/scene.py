@@ -64,7 +64,7 @@ class DrawnArm:
         self.look()
 
     def look(self) -> bool:
-        """Whether it carries something else than before, and has to be drawn anew."""
+        """Whether the carried instrument has changed, so that the arm must be drawn again."""
         carried = str(plain(self._tool.item())) if self._ring.newest() else ""
         if carried == self._carried:
             return False
@@ -77,7 +77,7 @@ class DrawnArm:
         return True
 
     def frames(self, stamps: Stamps) -> list[FrameTransform]:
-        """Those that are known now; of a joint of an instrument that cannot be seen, where it stands at 0."""
+        """The frames known now; an unmeasured instrument joint is shown at 0."""
         if not self._ring.newest() or not bool(self._valid):
             return []
         name, ns = self.arm.name, stamps.ns(self._ring.stamp_ns)
@@ -135,19 +135,19 @@ class RobotScene:
     """All arms."""
 
     def __init__(self, arms: Iterable[ArmConfig], reads: Callable[[str, str], RingReader]) -> None:
-        """`reads(instance, topic)` gives the reading end of a ring."""
+        """`reads(instance, topic)` returns the reading end of a ring."""
         self._frames, self._scene = FrameTransformsChannel(FRAMES), SceneUpdateChannel(SCENE)
         self._arms = [DrawnArm(arm, reads(arm.name, "state"), COLOURS[place % len(COLOURS)])
                       for place, arm in enumerate(arms)]
         self._is_drawn = False
 
     def listens(self, name: str) -> None:
-        """Somebody has begun to listen to a channel."""
+        """A channel has a new subscriber."""
         if name == SCENE:
             self._is_drawn = False
 
     def look(self, now_ns: int) -> None:
-        """Draw what has changed; `now_ns` is the time of that, as others call it."""
+        """Draw the changes; `now_ns` is the time of the drawing, as clients name it."""
         if not self._scene.has_sinks():
             self._is_drawn = False
             return

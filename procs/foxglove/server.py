@@ -24,7 +24,7 @@ LOOK_NS: Final = 100_000_000
 
 
 class Listeners(ServerListener):
-    """Who begins to listen to what; threads of the server say so."""
+    """New subscribers and their channels, reported by the server's threads."""
 
     def __init__(self) -> None:
         self.begun: deque[str] = deque(maxlen=10_000)
@@ -35,10 +35,10 @@ class Listeners(ServerListener):
 
 
 class TopicServer:
-    """Decides what is told, and when: what somebody listens to, and nothing else."""
+    """Decides when to publish which data: only topics with subscribers."""
 
     def __init__(self, own: NodeMemory, row: FoxgloveServer) -> None:
-        """Begin to listen; RuntimeError where the address is taken (by whom) or a certificate cannot be used."""
+        """Start listening; RuntimeError if the address is taken (by whom) or a certificate cannot be used."""
         document, simulated = own.document, own.simulated
         self._stamps, self._looked_ns, self._simulated = Stamps(simulated), 0, simulated
         self._records: list[ShownRecords] = []
@@ -67,7 +67,7 @@ class TopicServer:
             raise RuntimeError(f"cannot listen at {row.listen}: {others or error}") from None
 
     def step(self, now_ns: int) -> None:
-        """What somebody listens to, at this time of the system."""
+        """Publish the topics with subscribers, at this time of the system."""
         stamps = self._stamps
         stamps.look()
         if now_ns - self._looked_ns >= LOOK_NS:
@@ -82,7 +82,7 @@ class TopicServer:
             self._server.broadcast_time(now_ns)
 
     def _look(self, now_ns: int) -> None:
-        """See who has begun to listen, and to what."""
+        """Collect the new subscribers and their topics."""
         for records in self._records:
             records.look()
         begun = set()
