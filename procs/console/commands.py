@@ -1,4 +1,4 @@
-"""What a console does when asked; refusals say why."""
+"""Execution of a console's commands; refusals give the reason."""
 
 from __future__ import annotations
 
@@ -11,18 +11,17 @@ from trocar.procs.node.requests import ANSWERED, CommandRefused, Handler, Reques
 
 STAY: Final = "stay"
 KINDS: Final = {0.0: RELEASED, 1.0: PRESSED, 2.0: CLICKED}
-LET_GO_NS: Final = 1_000_000_000  # for another console to unselect what is in the way
+LET_GO_NS: Final = 1_000_000_000  # time for another console to unselect the conflicting teleoperation
 
 
 class ConsoleCommands:
     """One method per row of the `console` command table."""
 
     def __init__(self, logic: Logic, *, has_operator_input: bool = False) -> None:
-        """What `logic` decides is done. `has_operator_input`: a pedal or a head sensor shows whether somebody is there.
-        """
+        """Executes the decisions of `logic`. `has_operator_input`: a pedal or a head sensor detects the operator."""
         self._logic, self._has_operator_input = logic, has_operator_input
         self._emulator: tuple[Request, int] | None = None
-        """Whose program emulates the operator, for as long as it runs."""
+        """Program that emulates the operator, while it runs."""
         self._now_ns = 0
         self._waiting: tuple[Request, str, int] | None = None
         self._table: dict[str, Handler] = {
@@ -34,7 +33,7 @@ class ConsoleCommands:
         }
 
     def execute(self, requests: Iterable[Request], now_ns: int) -> None:
-        """Carry out what came in, and answer who has waited for another console."""
+        """Execute received commands, and answer those that waited for another console."""
         self._now_ns = now_ns
         if self._emulator is not None and has_left(*self._emulator):
             self._emulator = None
@@ -86,7 +85,7 @@ class ConsoleCommands:
         self._logic.press(button, KINDS[float(request.values[0])])
 
     def _emulate_operator(self, request: Request) -> str:
-        """An operator who is emulated goes with the program that does it, unless nothing else can show one."""
+        """An emulated operator leaves with the emulating program, unless no other input can detect one."""
         on, stays = bool(request.values[0]), request.text == STAY
         if request.text and not stays:
             raise CommandRefused(f"{request.text!r}: allowed is {STAY}, or nothing")

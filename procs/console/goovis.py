@@ -31,7 +31,7 @@ class Goovis:
 
     def __init__(self, sensor: HidSensor, emit: Callable[[str], None],
                  search: Callable[[HidSensor], Path | None] = find) -> None:
-        """`emit` is given a sentence whenever it comes or goes."""
+        """`emit` gets a sentence whenever the device connects or disconnects."""
         self._sensor, self._report, self._search = sensor, emit, search
         self._file = -1
         self._worn = False
@@ -77,7 +77,7 @@ class Goovis:
             self._report(text)
 
     def close(self) -> None:
-        """Give it back."""
+        """Release it."""
         self._worn = False
         if self._file >= 0:
             os.close(self._file)

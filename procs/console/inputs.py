@@ -31,7 +31,7 @@ class InputLine:
 
 
 class Inputs:
-    """All inputs of a console. What a console that began anew finds pressed must be seen released first."""
+    """All inputs of a console. An input that is pressed when a console restarts must be released first."""
 
     def __init__(self, row: Console, system: SystemConfig, reads: Callable[[str, str], RingReader],
                  head: Goovis | None, *,
@@ -62,17 +62,17 @@ class Inputs:
 
     @property
     def has_news(self) -> bool:
-        """An io has told something since the last `poll`; it tells of every input that changes."""
+        """An io has published since the last `poll`; it publishes every input that changes."""
         return any(events.head != events.sequence for events, _ in self._clicks)
 
     def poll(self, now_ns: int) -> list[tuple[str, int]]:
-        """Buttons with PRESSED, RELEASED or CLICKED since the last call; who leaves comes first."""
+        """Buttons with PRESSED, RELEASED or CLICKED since the last call; releases first."""
         found: list[tuple[str, int]] = []
         self.valid = True
         for button, level in ((OPERATOR, self._operator(now_ns)), *self._pedals(now_ns)):
             if level is None:
                 self.valid = False
-                if button == CLUTCH:  # who knows; it stays as it was
+                if button == CLUTCH:  # unknown; keep the last value
                     continue
                 self._unproved.add(button)
             elif not level:

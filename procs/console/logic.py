@@ -1,9 +1,9 @@
-"""What a console decides: from pedals, presence and selection to what each of its teleoperations is asked for.
+"""Decisions of a console: from pedals, presence and selection to the command for each of its teleoperations.
 
-A teleoperation runs when it is wanted, selected and its turn: those of the endoscope while the camera pedal is
-pressed, the others while it is not. Its turn and the operator there (not needed for the endoscope): `enable`; its turn
-and nobody there: `align_MTM`; in all other cases `disable`. Nothing here knows of shared memory, or of time but what
-it is told.
+A teleoperation runs when it is enabled, selected and has its turn: those of the endoscope while the camera pedal is
+pressed, the others while it is not. In its turn with the operator present (not needed for the endoscope): `enable`; in
+its turn without an operator: `align_MTM`; in all other cases `disable`. Nothing here uses shared memory or reads a
+clock.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ BEEPS: Final = {  # s, Hz, how often
     (CAMERA, PRESSED): (0.1, 1000.0, 1), (CAMERA, RELEASED): (0.1, 1000.0, 1), (CAMERA, CLICKED): (0.05, 2500.0, 2),
     (OPERATOR, PRESSED): (0.3, 1500.0, 1), (OPERATOR, RELEASED): (0.3, 1200.0, 1),
 }
-REFUSED_NS: Final = 500_000_000  # until what was refused is asked for again
+REFUSED_NS: Final = 500_000_000  # delay before a refused request is repeated
 
 
 class Logic:
     """One console; `members` are the teleoperations of all consoles, in the order of the document."""
 
     def __init__(self, name: str, members: Sequence[Selectable], desk: Mailboxes, scale: float) -> None:
-        """Nobody there, no pedal pressed, teleoperation not wanted, selected what can be side by side."""
+        """No operator, no pedal pressed, teleoperation not enabled, compatible teleoperations selected."""
         self.name, self.scale = name, scale
         self.mine = tuple(member for member in members if member.console == name)
         self._members, self._desk = tuple(members), desk
@@ -43,16 +43,16 @@ class Logic:
         self.selected = at_load(members) & set(self._by_name)
         self.elsewhere: set[str] = set()  # selected in other consoles, as these show it
         self.asked = dict.fromkeys(self._by_name, "")
-        self.lapsed: set[str] = set()  # they, or we, began anew: until presence is shown again they don't run
-        self.fallen: set[str] = set()  # they stopped by themselves; asked again when a person does something
+        self.lapsed: set[str] = set()  # they, or we, have restarted: they do not run until presence is shown again
+        self.fallen: set[str] = set()  # they stopped by themselves; requested again when a person acts
         self.operator = self.clutch = self.camera = self.wanted = False
         self.origin: Origin = NOBODY
         """The person's command by which teleoperation is wanted."""
         self._again_ns = dict.fromkeys(self._by_name, 0)
-        self._unreported: dict[str, float] = {}  # what has become of the clutch, for who could not be told
+        self._unreported: dict[str, float] = {}  # clutch states that could not be delivered yet
         self._awaiting = ""  # to be selected as soon as other consoles have let go
 
-    # -- what happens --------------------------------------------------------------------------------------------------
+    # -- events --------------------------------------------------------------------------------------------------------
 
     def press(self, button: str, kind: int) -> None:
         """A button was pressed, released or clicked; the operator's presence counts as one."""
@@ -65,9 +65,9 @@ class Logic:
         if kind == PRESSED and button != CLUTCH:
             self._pick_up()
         self._desk.button(button, kind)
-        self.update()  # teleoperations are stopped before anything else is told
+        self.update()  # teleoperations are stopped before other messages
         if button == CLUTCH:
-            # those at rest first: what they have a master do that others share must not undo what these want of it
+            # those at rest first: their effect on a shared master must not undo the command of the running ones
             for member in sorted(self.mine, key=lambda member: self.asked[member.name] in (ENABLE, ALIGN)):
                 if kind == CLICKED:
                     self._desk.ask(member.name, "clutch", (PAYLOADS[kind],))
@@ -92,7 +92,7 @@ class Logic:
             self.enable(False)
 
     def enable(self, on: bool, origin: Origin = NOBODY) -> None:
-        """Teleoperation is wanted, by whom, or not; being asked for is a sign of presence, too."""
+        """Teleoperation is enabled, by whom, or disabled; the request is a sign of presence, too."""
         self.wanted, self.origin = on, origin
         if on:
             self.lapsed.clear()
@@ -102,7 +102,7 @@ class Logic:
         self.update()
 
     def set_scale(self, scale: float, origin: Origin) -> None:
-        """One scale for all teleoperations of the console, asked for by a person."""
+        """One scale for all teleoperations of the console, set by a person."""
         self.scale = scale
         for member in self.mine:
             if not self._desk.ask(member.name, "set_scale", (scale,), origin=origin):
@@ -110,7 +110,9 @@ class Logic:
         self._desk.emit("scale", component=self.name, value=scale)
 
     def select(self, teleop: str) -> bool:
-        """Select it and unselect what shares an arm with it, elsewhere too; true: it is, false: others must let go."""
+        """Select it and unselect those that share an arm, elsewhere too; true: done, false: others must release
+        first.
+        """
         member = self._by_name[teleop]
         for other in conflicts(member, self._members):
             if other.name in self.selected:
@@ -147,21 +149,21 @@ class Logic:
         self._awaiting = "" if self._awaiting == teleop else self._awaiting
 
     def began_anew(self, teleop: str) -> None:
-        """Its process was started again: it is told how things are and runs when presence is shown again."""
+        """Its process has restarted: it gets the current states and runs when presence is shown again."""
         self.lapsed.add(teleop)
-        # one that had stopped by itself is not asked again by this
+        # one that had stopped by itself is not requested again by this
         self.asked[teleop] = self.word(self._by_name[teleop]) if teleop in self.fallen else ""
         self._unreported.pop(teleop, None)
         if self.clutch:
             self._report_clutch(teleop, PAYLOADS[PRESSED])
 
     def refused(self, teleop: str, now_ns: int) -> None:
-        """It would not do what it was asked for; it is asked again in a while."""
+        """It refused the request; the request is repeated after a delay."""
         self.asked[teleop] = ""
         self._again_ns[teleop] = now_ns + REFUSED_NS
 
     def shows(self, teleop: str, desired: str) -> None:
-        """The desired state that a teleoperation shows; DISABLED although asked to run: an error has stopped it."""
+        """The desired state in a teleoperation's record; DISABLED although requested: an error has stopped it."""
         if desired == DISABLED and self.asked[teleop] in (ENABLE, ALIGN):
             self.fallen.add(teleop)
         else:
@@ -171,10 +173,10 @@ class Logic:
         self.asked.update(dict.fromkeys(self.fallen, ""))
         self.fallen.clear()
 
-    # -- what follows --------------------------------------------------------------------------------------------------
+    # -- consequences --------------------------------------------------------------------------------------------------
 
     def word(self, member: Selectable) -> str:
-        """What a teleoperation is to be asked for now."""
+        """The command that a teleoperation should have now."""
         turn = self.camera if member.kind == ECM else not self.camera
         if not (turn and self.wanted and member.name in self.selected):
             return DISABLE
@@ -183,7 +185,7 @@ class Logic:
         return ENABLE if self.operator and member.name not in self.lapsed else ALIGN
 
     def update(self, now_ns: int | None = None) -> None:
-        """Ask for what is not asked for yet; whoever is to stop is told first. None: what was refused, too."""
+        """Send the commands that are due; those that stop first. None: refused ones, too."""
         self._yield()
         words = [(self.word(member), member.name) for member in self.mine]
         for word, name in sorted(words, key=lambda row: row[0] != DISABLE):
@@ -192,7 +194,7 @@ class Logic:
                 self.asked[name] = word
 
     def step(self, now_ns: int) -> None:
-        """Once a cycle: what could not be done before."""
+        """Once a cycle: complete pending actions."""
         if self._awaiting:
             self.select(self._awaiting)
         self.update(now_ns)
@@ -206,7 +208,7 @@ class Logic:
             self._unreported[teleop] = value
 
     def _yield(self) -> None:
-        """Two consoles selected at once what shares an arm: the one that stands first keeps it."""
+        """Two consoles selected teleoperations that share an arm: the first one in the document keeps its own."""
         for member in self.mine:
             if member.name not in self.selected:
                 continue

@@ -18,7 +18,7 @@ from trocar.shm.mailbox.generations import Watched
 
 
 def first_scale(system: SystemConfig, console: str) -> float:
-    """The scale its teleoperations begin with: that of its first PSM one."""
+    """Initial scale of its teleoperations: that of its first PSM one."""
     rows = [system.teleop(name) for name in system.console(console).teleops]
     return next((row.scale for row in sorted(rows, key=lambda row: not isinstance(row, TeleopPsmConfig))), 0.2)
 
@@ -71,7 +71,7 @@ class ConsoleLoop(runtime.Loop):
 
 
 def main() -> None:
-    """Run one console until asked to stop; its teleoperations then stop following by themselves."""
+    """Run one console until stopped; its teleoperations then stop following by themselves."""
     runtime.run("console", ConsoleLoop)
 
 

@@ -38,11 +38,11 @@ class Mailboxes:
         self._under_way: dict[tuple[str, int], str] = {}
         self._reported: dict[str, str] = {}
 
-    # -- what the logic asks for ---------------------------------------------------------------------------------------
+    # -- requests of the logic -----------------------------------------------------------------------------------------
 
     def ask(self, teleop: str, command: str, values: Sequence[float] = (), text: str = "",
             origin: Origin = NOBODY) -> bool:
-        """Ask a teleoperation for something, on behalf of a person; false: it could not be told."""
+        """Send a command to a teleoperation, on behalf of a person; false: not delivered."""
         client = self._teleops.get(teleop)
         if client is not None:
             client.on_behalf(origin)
@@ -52,7 +52,7 @@ class Mailboxes:
         return bool(number)
 
     def free(self, teleop: str) -> None:
-        """Ask another console to unselect a teleoperation of its own."""
+        """Request that another console unselects a teleoperation of its own."""
         _send(self._consoles.get(self._homes.get(teleop, "")), "unselect_teleop", (), teleop)
 
     def emit(self, event: str, text: str = "", component: str = "", value: float = 0.0) -> None:
@@ -75,10 +75,10 @@ class Mailboxes:
         """A sound, at the system's volume."""
         _send(self._system, "beep", (duration_s, frequency_hz), "")
 
-    # -- what comes back -----------------------------------------------------------------------------------------------
+    # -- replies -------------------------------------------------------------------------------------------------------
 
     def listen(self, logic: Logic, now_ns: int) -> None:
-        """Refusals, teleoperations that were started again, and what other consoles have selected."""
+        """Refusals, restarted teleoperations, and the selections of other consoles."""
         for teleop, client in self._teleops.items():
             for reply in client.poll():
                 word = self._under_way.pop((teleop, reply.id), "")
@@ -106,7 +106,7 @@ class Mailboxes:
 
 
 def _send(client: LoopClient | None, command: str, values: Sequence[float], text: str) -> int:
-    """The number of the command; 0 when nobody takes it."""
+    """The number of the command; 0 if it is not accepted."""
     return client.send(command, values, text) if client is not None else 0
 
 

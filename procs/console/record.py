@@ -1,4 +1,4 @@
-"""A console's record: filled every cycle, and where a console that was started again goes on."""
+"""A console's record: filled every cycle, and the state from which a restarted console resumes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class ConsoleRecord:
     """Views on the fields of our own record."""
 
     def __init__(self, field: Callable[[str], Any], row: Console, logic: Logic) -> None:
-        """What never changes is filled in here."""
+        """Fills in the constant fields."""
         self._logic = logic
         self._names = [member.name for member in logic.mine]
         changing = ("valid", "operator_present", "clutch", "camera", "teleop_enabled", "origin", "generation",
@@ -41,9 +41,9 @@ class ConsoleRecord:
 
 
 def go_on(last: RingReader, logic: Logic) -> bool:
-    """Take over what an earlier console of this name was asked for; false: there was none.
+    """Take over the requests to an earlier console of this name; false: there was none.
 
-    Nobody is there and no pedal is pressed until that is seen anew.
+    The operator counts as absent and pedals as released until they are detected again.
     """
     if not last.newest():
         return False

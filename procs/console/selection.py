@@ -1,4 +1,4 @@
-"""Which teleoperations may run side by side: two of one type never share an arm, in whatever console they are."""
+"""Teleoperations that may run side by side: two of one type never share an arm, in any consoles."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PAIR: Final = 2
 
 @dataclass(frozen=True, slots=True)
 class Selectable:
-    """A teleoperation: the masters stand first among its arms."""
+    """A teleoperation: its masters are first among its arms."""
 
     name: str
     console: str
@@ -44,7 +44,7 @@ def shared_arm(member: Selectable, other: Selectable) -> str:
 
 
 def at_load(members: Sequence[Selectable]) -> set[str]:
-    """What is selected at first: each that shares no arm with one before it."""
+    """Initial selection: each that shares no arm with one before it."""
     chosen: list[Selectable] = []
     for member in members:
         if not conflicts(member, chosen):
@@ -53,7 +53,7 @@ def at_load(members: Sequence[Selectable]) -> set[str]:
 
 
 def tapped(members: Sequence[Selectable], selected: Collection[str]) -> str:
-    """What a quick tap selects: of the first MTM by name with exactly two PSM teleoperations the other one, or ""."""
+    """Selection by a quick tap: for the first MTM by name with exactly two PSM teleoperations the other one, or ""."""
     by_master: dict[str, list[Selectable]] = defaultdict(list)
     for member in members:
         if member.kind == PSM:
