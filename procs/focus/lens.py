@@ -1,6 +1,6 @@
-"""What moves the lens of an endoscope: two outputs that focus in and out while their pins are low, two pedals, a lock.
+"""Motion of an endoscope's lens: two outputs that focus in and out while their pins are low, two pedals, a lock.
 
-Nothing here knows of shared memory; time is what it is given.
+Nothing here uses shared memory; the caller supplies the time.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 IN, OUT = 0, 1
 NAMES: Final = ("in", "out")
-COMMANDED_NS: Final = 10_000_000_000  # nobody's foot is on a pedal: then it ends by itself
+COMMANDED_NS: Final = 10_000_000_000  # without a pressed pedal, focusing ends after this time
 AGAIN_NS: Final = 100_000_000  # until a pin that is not as it should be is written again
 
 
@@ -39,7 +39,7 @@ class Lens:
         self._desk.report("locked", on)
 
     def ask(self, way: int, on: bool, until_ns: int = 0) -> str:
-        """Begin to focus, until then at most (0: for as long as it takes), or end that; why not, "": it does."""
+        """Start to focus, at most until then (0: no limit), or stop; returns the reason of a refusal, "": accepted."""
         if not on:
             if self.focusing[way]:
                 self._set(way, False)
@@ -59,7 +59,7 @@ class Lens:
             self.ask(way, False)
 
     def step(self, now_ns: int, pedals: Sequence[bool], pins: Sequence[bool] | None) -> None:
-        """Once a cycle: `pedals` that are pressed, and whether the pins are high, None: nobody knows."""
+        """Once a cycle: the pressed `pedals`, and whether the pins are high, None: unknown."""
         for way, pressed in enumerate(pedals):
             if pressed is not self._pedals[way]:
                 self._pedals[way] = pressed

@@ -33,11 +33,11 @@ class Wires:
         return wired.io, self._ios[wired.io].field("input")[place, ...]
 
     def pedals(self) -> list[bool]:
-        """Those of the two that are pressed; one that nobody hears from is not."""
+        """Those of the two that are pressed; one without data counts as released."""
         return [self._is_fresh(io) and bool(cell) for io, cell in self._pedals]
 
     def pins(self) -> list[bool] | None:
-        """Whether the two outputs are high; None: nobody knows."""
+        """Whether the two outputs are high; None: unknown."""
         self._client.poll()
         return [bool(pin) for pin in self._pins] if self._is_fresh(self._row.io) else None
 
@@ -91,7 +91,7 @@ class FocusLoop(runtime.Loop):
 
 
 def main() -> None:
-    """Run until asked to stop; the lens then rests."""
+    """Run until stopped; the lens then rests."""
     runtime.run("focus", FocusLoop)
 
 
