@@ -1,7 +1,7 @@
 """The robot of an environment as a running system: a real one, emulated boards or KINEMATIC arms, on any clock.
 
-It asks for motions of arms that a person has powered and homed, and for nothing else: it never enables, homes, resumes
-or clears. All that it asks is one command of the person who made it: nothing of it is carried out after a fault.
+It commands motions of arms that a person has powered and homed, and nothing else: it never enables, homes, resumes or
+clears. All its commands are one command of the person who made it: none is executed after a fault.
 """
 
 from __future__ import annotations
@@ -32,27 +32,28 @@ from trocar.tools.systems.find import chosen_system
 Pair = tuple[float, float]
 
 GAP_NS: Final = 100_000_000
-"""Setpoints that come so much later than they should belong to no stream any more; the arm has the same limit."""
+"""Setpoints later than this are no longer part of a stream; the arm has the same limit."""
 STANDS_S: Final = 10.0
-"""Of a system's time that does not go on."""
+"""Maximum time for which a system's time may be stopped."""
 MOVE_S: Final = 12.0
 """A move at full speed takes less, one at a tenth of it less than ten times as much."""
 POLL_S: Final = 0.01
 SHOWN, SHOWN_S = 50, 0.1
-"""So many looks at a record until it shows what an arm has said, so far apart where the system's time stands."""
+"""Number of looks at a record until it shows a change, and their interval while the system's time is stopped."""
 RATIOS: Final = ("trajectory_j/set_ratio_v", "trajectory_j/set_ratio_a")
 FRESH_NS: Final = 200_000_000
 BASE_M, BASE_RAD = 0.001, 0.01
-"""The base of an arm that stands on setup joints trembles so much; one that moves further is being moved."""
+"""Tremble of an arm's base on setup joints; a base that moves further is being moved."""
 SLOWEST_RATIO, FASTEST_RATIO = 0.01, 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class RunningSystem:
-    """Which running system an environment is to command. It can be pickled.
+    """The running system that an environment commands. It can be pickled.
 
-    `system`: default that of TROCAR_SYSTEM, else the only one up. `arms`: names of the arms, default those of the task.
-    `reset_ratio`: speed and acceleration of the moves to where episodes begin, of what the arms may do (0.01 to 0.5).
+    `system`: default that of TROCAR_SYSTEM, else the only running one. `arms`: names of the arms, default those of the
+    task. `reset_ratio`: speed and acceleration of the moves to start poses, as a fraction of the arms' limits (0.01 to
+    0.5).
     """
 
     system: str = ""
@@ -101,7 +102,7 @@ class AttachedRobot(RobotBackend):
         self._due_ns: int | None = None
         """When the next setpoint is due, on the clock that shows gaps; None: no stream is under way."""
         self._is_asking, self._asked = False, 0
-        """Something is under way whose end has not been heard; its number, 0 while it is being sent."""
+        """A command without a final reply is under way; its number, 0 while it is being sent."""
 
     def _attached(self, name: str, stack: contextlib.ExitStack) -> ArmLink:
         reader = stack.enter_context(contextlib.closing(directory.reader(self._system, name, "state")))
@@ -122,8 +123,7 @@ class AttachedRobot(RobotBackend):
     def look(self, number: int) -> str:
         """See RobotBackend.
 
-        Of an arm that shows nothing any more, that others command or move, or whose base has moved, nothing is to be
-        asked.
+        An arm gets no commands if its state is not updated, others command or move it, or its base has moved.
         """
         link, model = self.links[number], self.models[number]
         link.look()
@@ -144,7 +144,7 @@ class AttachedRobot(RobotBackend):
         return f"poses of {link.name} are told in {link.frame}, not {self.frame}" if link.frame != self.frame else ""
 
     def _otherwise(self, number: int) -> str:
-        """What has been done with an arm that we did not ask for; its clutch, say, leaves nothing in the audit."""
+        """Changes to an arm that we did not command; its clutch, for example, leaves no trace in the audit."""
         link, model, way = self.links[number], self.models[number], self._ways[number]
         if link.carried != model.carried:
             return f"{link.name} carries {link.carried or 'nothing'}, not {model.carried} any more"
@@ -181,7 +181,7 @@ class AttachedRobot(RobotBackend):
         self._due_ns = None  # a learner may take its time before the first step
 
     def _slowly(self, number: int, start: StartPose, has_jaw: bool) -> None:
-        """Whatever ends it, no move of ours goes on, and none gets faster; who has set the arm slower finds it so."""
+        """However it ends, no move of ours continues, and none gets faster; a person's slower setting is restored."""
         link = self.links[number]
         before = link.ratios
         pace = min(self._ratio, before[0]), min(self._ratio, before[1])
@@ -200,7 +200,8 @@ class AttachedRobot(RobotBackend):
                 self._give_back(number, before, pace)
 
     def _give_back(self, number: int, before: Pair, pace: Pair) -> None:
-        """The ratios of before, where they are still ours; wait, as the next reset takes what it finds for a person's.
+        """Restore earlier ratios unless changed since; wait, as the next reset takes the current ones for a
+        person's.
         """
         link, asked = self.links[number], 0
 
@@ -215,7 +216,7 @@ class AttachedRobot(RobotBackend):
             self.stop(f"{link.name} does not get its trajectory ratio of {before[0]:g} back")
 
     def _stands(self, number: int) -> None:
-        """Its record shows where our move has brought it: from there it goes on, or nothing does."""
+        """The record shows the end of our move: the arm continues from there, or not at all."""
         link, model = self.links[number], self.models[number]
         if not self._shown(number, lambda: not link.is_busy):
             self._give_up(f"{link.name} is {link.doing}, which we did not ask for")
@@ -232,7 +233,7 @@ class AttachedRobot(RobotBackend):
         return False
 
     def _done(self, arm: int, command: str, values: tuple[float, ...], pace: Pair) -> None:
-        """Ask, and wait for the end; RobotStopped where it is no good one, or ratios become larger than `pace`."""
+        """Send, and wait for the end; RobotStopped if it fails, or if ratios become larger than `pace`."""
         link = self.links[arm]
         self._keeps_slow(arm, pace)
         link.forget()
@@ -261,7 +262,7 @@ class AttachedRobot(RobotBackend):
             self._give_up(f"somebody else set the trajectory ratio of {link.name} to {max(link.ratios):g} in our move")
 
     def wait_until(self, deadline_ns: int) -> None:
-        """See RobotBackend. RobotStopped where we, or the system's time, were held up."""
+        """See RobotBackend. RobotStopped if we, or the system's time, were stalled."""
         self.check()
         try:
             self._time.pause_until(deadline_ns, STANDS_S)
@@ -272,7 +273,7 @@ class AttachedRobot(RobotBackend):
             self._give_up(f"the system's time has stood still for {STANDS_S:g} s")
 
     def keeps_pace(self, period_ns: int) -> None:
-        """See RobotBackend. Each time all arms are looked at: who knows of another base within 20 ms makes no jump."""
+        """See RobotBackend. Checks all arms each time: a moved base is known within 20 ms, without a jump."""
         self.check()
         for number in range(len(self.links)):
             if why := self.look(number):
@@ -299,7 +300,7 @@ class AttachedRobot(RobotBackend):
         raise RobotStopped(self._stopped)
 
     def _hold(self) -> None:
-        """All arms that can stay where they are asked to be, unless somebody else commands them now."""
+        """Hold all arms that can hold, unless others command them now."""
         for link, others in zip(self.links, self._others, strict=True):
             if not link.is_ready or others.look():
                 continue

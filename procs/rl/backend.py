@@ -1,4 +1,4 @@
-"""What plays the robot of an environment: a host in this process, or a running system."""
+"""Backends for the robot of an environment: a host in this process, or a running system."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ BACKENDS: Final = (KINEMATIC, BOARDS, ATTACHED)
 
 
 class RobotStopped(RuntimeError):
-    """The robot of an environment stands, and a person has to look at it: nothing here switches it on again.
+    """The robot of an environment has stopped, and a person must check it: nothing here enables it again.
 
-    A fault, a hold-up or a refused move has ended what the environment may do; the text says which. Once the robot is
-    as it should be (`trocar status`, `trocar home`), make a new environment: that is the command to go on.
+    A fault, a stall or a refused move has ended the environment's permission; the text gives the reason. Once the robot
+    is in order (`trocar status`, `trocar home`), make a new environment: that is the command to continue.
     """
 
 
 class WrongAction(ValueError):
-    """What was given as an action is none of this environment."""
+    """The given action is not valid in this environment."""
 
 
 class RobotBackend(Protocol):
-    """The arms of one environment, in its order. Methods with a body here do nothing where nobody else has the arms."""
+    """The arms of one environment, in its order. Methods with a body suit backends that share the arms with no one."""
 
     models: Sequence[ArmModel]
     links: Sequence[ArmLink]
     frame: str
-    """In which poses are told."""
+    """Frame of the poses."""
 
     def now_ns(self) -> int:
         """The system's time."""
@@ -40,9 +40,10 @@ class RobotBackend(Protocol):
         """Take the newest record of an arm; why it cannot be commanded, empty: it can."""
 
     def begin(self, number: int, starts: Sequence[StartPose], seed: int) -> None:
-        """An episode begins: bring all arms to their starts, number `number` of them. RobotStopped says why not.
+        """Start an episode: move all arms to their start poses number `number`. RobotStopped gives the reason for a
+        failure.
 
-        `seed`: of the noise of emulated sensors.
+        `seed`: for the noise of emulated sensors.
         """
 
     def heads_for(self, number: int, joints: Array, jaw: float) -> None:
@@ -50,18 +51,18 @@ class RobotBackend(Protocol):
         return
 
     def wait_until(self, deadline_ns: int) -> None:
-        """Let the system's time come; RobotStopped where it came so late that nothing may go on."""
+        """Wait for this time of the system; RobotStopped if it comes too late to continue."""
 
     def keeps_pace(self, period_ns: int) -> None:
         """Setpoints are sent now, the next ones a period later; RobotStopped where nothing may be sent."""
         return
 
     def check(self) -> None:
-        """RobotStopped where nothing more is asked of it; see `stop`."""
+        """RobotStopped if no further commands are allowed; see `stop`."""
         return
 
     def stop(self, why: str) -> None:
-        """The episode has failed: where a person has to look at the robot, nothing more is asked of it."""
+        """The episode has failed: if a person must check the robot, it gets no further commands."""
         return
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""What `trocar.rl` gives: the environments, and how one is attached to a running system."""
+"""Contents of `trocar.rl`: the environments, and the attachment of one to a running system."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What all environments have in common: an episode on a robot, whatever plays it, and the words of Gymnasium."""
+"""Common parts of all environments: an episode on a robot, with any backend, in the terms of Gymnasium."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ DENSE, SPARSE = "dense", "sparse"
 POLICY_HZ: Final = (10, 50)
 STREAM_HZ: Final = (100, 200)
 FURTHEST, QUICKEST = 10.0, 100.0
-"""Bounds of what is observed: m and rad, m/s and rad/s."""
+"""Bounds of the observations: m and rad, m/s and rad/s."""
 NS: Final = 1_000_000_000
 REFUSED_NS: Final = 100_000_000
 """An arm that follows nothing for so long is not ours; shorter, its base trembles."""
@@ -39,7 +39,7 @@ OPTIONS: Final = ("start", "goal")
 
 
 class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
-    """A task for arms of the real stack; those below say which. Pickled, it is made anew of what it was made of."""
+    """A task for arms of the real stack; subclasses define it. Pickled, it is made again from its arguments."""
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012  # as in Gymnasium
     FILES: ClassVar[Mapping[str, str]] = {}
@@ -47,19 +47,19 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
     TYPE: ClassVar[str] = "PSM"
     ARMS: ClassVar[tuple[str, ...]] = ()
     JAWS: ClassVar[tuple[float, ...]] = ()
-    """In which each arm begins, rad."""
+    """Start position of each arm, rad."""
     GOAL: ClassVar[int] = 3
     """Numbers of a goal."""
     FLOOR_M: ClassVar[float] = 0.05
     VIEW_M: ClassVar[float] = 0.12
     """Pictures show so much below and above where the tips are at the centre of the starts; below is the floor."""
     EXTRA: ClassVar[tuple[str, ...]] = ()
-    """What the task adds to the observation."""
+    """The task's additions to the observation."""
     IS_GIVEN: ClassVar[bool] = True
-    """A goal may be given to `reset`; False: it moves in its own way."""
+    """`reset` accepts a goal; False: the goal moves by itself."""
 
     def __new__(cls, *args: Any, **options: Any) -> Self:
-        """What it is made of is kept here, with all that classes below RobotEnv take."""
+        """Stores the arguments, including those of subclasses."""
         env = super().__new__(cls)
         EzPickle.__init__(env, *args, **options)
         return env
@@ -69,10 +69,10 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
                  tolerance_m: float = 0.005, noise_m: float = 0.0, starts: int = STARTS, period_s: float = PERIOD_S,
                  physics_s: float = PERIOD_S, render_mode: str | None = None, width: int = 480,
                  height: int = 360) -> None:
-        """ValueError names what is not allowed. `backend`: "kinematic", "boards", "attached" or a `RunningSystem`.
+        """ValueError names invalid arguments. `backend`: "kinematic", "boards", "attached" or a `RunningSystem`.
 
-        `horizon`: steps of an episode; `speed`: share of the arm's own velocity limits; `noise_m`: standard deviation
-        of what is added to observed places; `starts`: in so many poses episodes begin.
+        `horizon`: steps of an episode; `speed`: fraction of the arm's own velocity limits; `noise_m`: standard
+        deviation of the noise on observed positions; `starts`: number of start poses.
         """
         _one_of("control", control, CONTROLS)
         _one_of("reward", reward, (DENSE, SPARSE))
@@ -96,7 +96,7 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
         self._parts = stream_hz // policy_hz
         self._starts = [model.starts() for model in models]
         self.contents = self._named()
-        """What the numbers of `observation` are, with units."""
+        """Meanings of the numbers in `observation`, with units."""
         self._actions = sum(each.size for each in self._steering)
         self._most = np.array([QUICKEST if "/s" in name else FURTHEST for name in self.contents])
         goals = np.full(self.GOAL, FURTHEST)
@@ -138,9 +138,9 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
     # episodes
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
-        """Begin an episode. `options`: "start", number of a start pose; "goal", the goal (GOAL,).
+        """Start an episode. `options`: "start", number of a start pose; "goal", the goal (GOAL,).
 
-        Attached, the arms move there slowly; RobotStopped when a person has to look at them first.
+        Attached, the arms move there slowly; RobotStopped if a person must check them first.
         """
         self._check_open()
         super().reset(seed=seed)
@@ -218,7 +218,7 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
         return given
 
     def _stream(self) -> None:
-        """Send setpoints at equal times; a step begins where the one before ended, unless we are late."""
+        """Send setpoints at equal times; a step begins at the end of the previous one, unless we are late."""
         robot, tick_ns = self.robot, self._tick_ns
         now_ns = robot.now_ns()
         start_ns = self._grid_ns if now_ns - self._grid_ns < tick_ns else now_ns
@@ -237,7 +237,7 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
         self._grid_ns = start_ns + self._parts * tick_ns
 
     def _look(self) -> None:
-        """See all arms; of one that has failed what was seen last stays."""
+        """Read all arms; a failed one keeps its last values."""
         noise = self.np_random.normal(0.0, self.noise_m, self.tips.shape) if self.noise_m else np.zeros(self.tips.shape)
         for number, (link, model, seen) in enumerate(zip(self.robot.links, self.robot.models, self._seen, strict=True)):
             if why := self.robot.look(number):
@@ -281,14 +281,14 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
     # the task
 
     def begin_task(self, random: np.random.Generator) -> None:
-        """An episode begins, and the arms have been seen: draw `goal`, of this generator alone."""
+        """An episode begins, and the arms have been read: draw `goal`, from this generator alone."""
         raise NotImplementedError
 
     def go_on(self) -> None:
-        """A step has passed, and the arms have been seen: goals and objects go on."""
+        """A step has passed, and the arms have been read: update goals and objects."""
 
     def achieved(self) -> Array:
-        """What is achieved (GOAL,), as it is seen."""
+        """The achieved goal (GOAL,), as observed."""
         return np.array(self.tips[0])
 
     def truly_achieved(self) -> Array:
@@ -296,7 +296,7 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
         return np.array(self.seen_pose(0)[:3])
 
     def extra(self) -> Array:
-        """What EXTRA names."""
+        """The values that EXTRA names."""
         return np.zeros(0)
 
     def seen_pose(self, number: int) -> Array:
@@ -323,7 +323,7 @@ class RobotEnv(gymnasium.Env[Observation, Array], EzPickle):
         return self._picture.draw(scene_of(arms, self.things()), middle, floor_m, 2.4 * (self.VIEW_M + self.FLOOR_M))
 
     def things(self) -> list[Drawn]:
-        """What is to be seen beside the arms."""
+        """Objects to draw beside the arms."""
         return []
 
     def close(self) -> None:

@@ -1,7 +1,7 @@
-"""Two PSMs of one system: the first holds a peg, the second takes it over and brings it to a place.
+"""Two PSMs of one system: the first holds a peg, the second takes it over and brings it to a goal position.
 
-What jaws hold is decided by rules, not by physics: jaws that close with the peg between them have it, it goes with
-whoever had it first, and what nobody has lies on the table at once.
+Rules, not physics, decide which jaws hold the peg: jaws that close around it hold it, it moves with its first holder,
+and without a holder it is on the table at once.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ FIRST, SECOND = 0, 1
 OPEN_RAD, CLOSED_RAD = 0.35, 0.15
 """Jaws wider than this have let go, narrower than that they hold."""
 BETWEEN_M: Final = 0.006
-"""From a tip, which is the hinge of its jaws, to what they hold."""
+"""From a tip, which is the hinge of its jaws, to the held object."""
 CLOSE_M: Final = 0.006
 """The peg's middle may be so far from there when jaws take it."""
 HAND_M: Final = 0.1
@@ -43,7 +43,7 @@ class Peg:
         self._was_open = [False] * arms
 
     def give(self, arm: int, grips: list[Array], jaws: list[float]) -> None:
-        """An episode begins: the peg lies across the jaws of this arm."""
+        """An episode begins: the peg is across the jaws of this arm."""
         self.holders, self._was_open = [arm], [jaw > OPEN_RAD for jaw in jaws]
         self._held_at = np.eye(4)
         self._held_at[:3, :3] = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
@@ -69,9 +69,9 @@ class Peg:
 
 
 class PsmHandOver(RobotEnv):
-    """Hand a peg from the first PSM to the second, which brings it to a place.
+    """Hand a peg from the first PSM to the second, which brings it to a goal position.
 
-    Goals (4,): the place of the peg, m, then 1 where the second arm alone holds it, else 0.
+    Goals (4,): the position of the peg, m, then 1 if the second arm alone holds it, else 0.
     """
 
     FILES: ClassVar[Mapping[str, str]] = {KINEMATIC: "kinematic-hand-over.yaml", BOARDS: "demo-hand-over.yaml"}

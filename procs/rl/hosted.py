@@ -26,7 +26,7 @@ from trocar.shm.commands import became
 Values = Array | tuple[float, ...]
 
 PERIOD_S: Final = 0.002
-"""Of io, arms and the physics of emulated robots, unless something else is asked for."""
+"""For io, arms and the physics of emulated robots, default."""
 COARSEST_S: Final = 0.002
 """Of the physics of arms on boards: with longer steps the light joints of a wrist ring, and trip."""
 FINEST_S: Final = 0.0005
@@ -65,13 +65,13 @@ POLL_S: Final = 0.02
 LIMIT_S: Final = 120.0
 """A homing or move that takes longer has failed."""
 REST_S: Final = 0.25
-"""After a move, until the robot stands."""
+"""After a move, until the robot is at rest."""
 
 
 class HostedRobot(RobotBackend):
-    """Arms of a system that lives in this process from the first episode on.
+    """Arms of a system that is in this process from the first episode on.
 
-    Time passes in steps only and waits for us, nobody else is here, and a snapshot mends what has failed.
+    Time passes in steps only and waits for us, no other program has access, and a snapshot repairs failures.
     """
 
     def __init__(self, document: SystemConfig, arms: Sequence[str], jaws: Sequence[float]) -> None:
@@ -101,7 +101,7 @@ class HostedRobot(RobotBackend):
 
     def _home(self, host: Host) -> None:
         """Home all arms."""
-        for name in host.loops:  # what they warn of is in `info`; who wants their log sets logging up
+        for name in host.loops:  # their warnings are in `info`; their log needs logging to be configured
             if not logging.getLogger(name).handlers:
                 logging.getLogger(name).addHandler(logging.NullHandler())
         self.links = [ArmLink(model.name, host.reader(model.name), host.client(model.name)) for model in self.models]
@@ -119,7 +119,7 @@ class HostedRobot(RobotBackend):
         return self.links[number].problem
 
     def begin(self, number: int, starts: Sequence[StartPose], seed: int) -> None:
-        """See RobotBackend: back to a snapshot, which is made when this start is asked for the first time."""
+        """See RobotBackend: restore a snapshot, which is made at the first use of this start."""
         host = self._open()
         if number not in self._snapshots:
             host.restore(self._snapshots[-1])
@@ -131,7 +131,7 @@ class HostedRobot(RobotBackend):
         host.restore(self._snapshots[number], seed)
 
     def _all(self, host: Host, command: str, values: Sequence[Values | None], text: str = "") -> None:
-        """Ask all arms at once, but those for which there is None, and let time pass until it is done."""
+        """Command all arms at once, except those with None, and let time pass until done."""
         asked = [(link, link.send(command, each, text))
                  for link, each in zip(self.links, values, strict=True) if each is not None]
         end_ns = host.now_ns + round(LIMIT_S * 1e9)
@@ -155,6 +155,6 @@ class HostedRobot(RobotBackend):
 
 
 def _model(arm: ArmConfig, jaw: float) -> ArmModel:
-    """Of an arm that carries what its file says."""
+    """For an arm that carries the tool in its file."""
     base = np.eye(4) if arm.base_frame is None else np.array(arm.base_frame)
     return ArmModel(arm, arm.endoscope or (arm.tool.name if arm.tool is not None else ""), base, jaw)

@@ -15,7 +15,7 @@ class ArmLink:
     """The newest state record of an arm, after each `look`, and its mailbox."""
 
     def __init__(self, name: str, reader: RingReader, client: Client) -> None:
-        """Both are closed by who made them."""
+        """The caller closes both."""
         self.name, self._reader, self._client = name, reader, client
         self._valid, self._posed = reader.field("valid"), reader.field("reference_valid")
         self._position, self._velocity = reader.field("position"), reader.field("velocity")
@@ -32,7 +32,7 @@ class ArmLink:
         self.refusal = ""
         """Why a command of ours was refused since `forget`; empty: none was."""
         self.refusals = 0
-        """So many times in a row something was refused that was heard of."""
+        """Number of consecutive refusals received."""
 
     def look(self) -> bool:
         """Take the newest record; False: there is none."""
@@ -53,7 +53,7 @@ class ArmLink:
 
     @property
     def doing(self) -> str:
-        """Why it is busy: its internal state, MANUAL where a hand has it; "moving" where it is homed."""
+        """Why it is busy: its internal state, MANUAL if moved by hand; "moving" if it is homed."""
         doing = str(plain(self._sub_state.item()))
         return "moving" if doing == HOMED else doing
 
@@ -75,12 +75,12 @@ class ArmLink:
 
     @property
     def reason(self) -> str:
-        """Why it is in FAULT, or what it waits for."""
+        """Why it is in FAULT, or the condition it waits for."""
         return str(plain(self._reason.item()))
 
     @property
     def frame(self) -> str:
-        """In which poses are told."""
+        """Frame of its poses."""
         return str(plain(self._frame.item()))
 
     @property
@@ -100,7 +100,7 @@ class ArmLink:
 
     @property
     def base(self) -> Array:
-        """Pose (7,) of its base where poses are told."""
+        """Pose (7,) of its base in that frame."""
         return self._base.copy()
 
     def joints(self, count: int) -> tuple[Array, Array, float]:
@@ -108,7 +108,7 @@ class ArmLink:
         return self._position[:count], self._velocity[:count], float(self._jaw[()])
 
     def setpoint(self, count: int) -> tuple[Array, float]:
-        """Where joints (count,) and jaw are asked to be now."""
+        """Current setpoints of joints (count,) and jaw."""
         return self._setpoint[:count].copy(), float(self._jaw_setpoint[()])
 
     def pose(self) -> Array:
@@ -116,11 +116,11 @@ class ArmLink:
         return self._pose
 
     def send(self, command: str, values: Array | tuple[float, ...] = (), text: str = "") -> int:
-        """Ask for something; its number. MailboxFull or SegmentError where nobody takes it."""
+        """Send a command; returns its number. MailboxFull or SegmentError if it is not accepted."""
         return self._client.send(command, values, text)
 
     def forget(self) -> None:
-        """A step begins: what was refused before is no news."""
+        """A step begins: earlier refusals no longer count."""
         self.refusal = ""
 
     def hear(self, number: int = 0) -> str:

@@ -1,4 +1,4 @@
-"""What an environment knows of an arm beforehand: chain and limits, where episodes begin, how far its tip may go."""
+"""An environment's prior knowledge of an arm: chain and limits, start poses, workspace of its tip."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from trocar.procs.tables.arm_types import ARM_TYPES
 ROOM_M: Final = 0.05
 """The goal of a tip stays so near to where the tip is at the centre: no policy leads it further."""
 STARTS: Final = 8
-"""Poses in which episodes begin; the first is the centre."""
+"""Start poses of episodes; the first is the centre."""
 SPREAD: Final = (0.15, 0.15, 0.015, 0.3)
 """How far from the centre they are at most: yaw, pitch (rad), insertion (m), every further joint (rad)."""
 INSERTION: Final = 2
@@ -25,19 +25,19 @@ SEED: Final = 23  # of the starts, which are the same in every environment
 
 @dataclass(frozen=True, slots=True)
 class StartPose:
-    """Where an arm begins: joints (count,) in rad and m, its jaw in rad (0 where it has none)."""
+    """Start pose of an arm: joints (count,) in rad and m, its jaw in rad (0 without a jaw)."""
 
     joints: Array
     jaw: float
 
 
 class ArmModel:
-    """One arm with what it carries. Poses here are (4, 4), seen from `base`'s frame unless they are called local."""
+    """One arm with its tool. Poses here are (4, 4), in the frame of `base` unless they are called local."""
 
     def __init__(self, arm: ArmConfig, carried: str, base: Array, jaw: float = 0.0) -> None:
-        """`carried` is its instrument or endoscope, `base` (4, 4) its base in the frame that poses are told in.
+        """`carried` is its instrument or endoscope, `base` (4, 4) its base in the frame of its poses.
 
-        `jaw`: that of all starts, rad. ValueError where it carries nothing that has a tip.
+        `jaw`: that of all starts, rad. ValueError if its tool has no tip.
         """
         self.name, self.type = arm.name, arm.type
         if ARM_TYPES[arm.type].has_endoscope:
@@ -72,7 +72,7 @@ class ArmModel:
         return self.kinematics.fk(at, np.eye(4))
 
     def starts(self, count: int = STARTS) -> list[StartPose]:
-        """Poses to begin in, the centre first; the same at every call."""
+        """Start poses, the centre first; the same at every call."""
         rng, spread = np.random.default_rng(SEED), np.full(self.count, SPREAD[-1])
         spread[: len(SPREAD) - 1] = SPREAD[:-1]
         offsets = rng.uniform(-1.0, 1.0, (count, self.count)) * spread

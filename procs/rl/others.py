@@ -1,6 +1,6 @@
-"""What others do with an arm while an environment has it: what they ask of it, and where they move it by hand.
+"""Actions of others on an arm while an environment has it: their commands, and motion by hand.
 
-Whoever does takes the arm over, and the environment ends.
+Such an action takes the arm over, and the environment ends.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ BENT: Final = 0.2
 
 
 class OtherCommands:
-    """Reads who asked an arm for what, from its audit ring."""
+    """Reads the commands of others to an arm, from its audit ring."""
 
     def __init__(self, audit: RingReader, own: int) -> None:
-        """`own`: number of the person's command that all we ask belongs to; who made the reader closes it."""
+        """`own`: number of the person's command behind all our commands; the caller closes the reader."""
         self._audit, self._own, self._asked = audit, own, ""
         self._command, self._text, self._outcome = audit.field("command"), audit.field("text"), audit.field("outcome")
         self._origin, self._program = audit.field("origin"), audit.field("program")
@@ -40,12 +40,12 @@ class OtherCommands:
         audit.rewind(0)
 
     def begin(self) -> None:
-        """What moved it until now does not count; what stopped it does, since we were made."""
+        """Earlier motion commands do not count; stops do, since we were made."""
         while self.look() and not self._is_stop:
             self._asked = ""
 
     def look(self) -> str:
-        """What moves or stops it, was asked by others, and counts, and by whom; empty: nothing was."""
+        """The first relevant motion or stop commanded by others, with the program; empty: none."""
         while not self._asked and self._audit.next():
             command = str(plain(self._command.item()))
             row = ROWS.get(command)
@@ -61,7 +61,7 @@ class OtherCommands:
 
 
 class Way:
-    """The joints, with the jaw, between the goals that were given lately."""
+    """The joints, with the jaw, between the latest goals."""
 
     def __init__(self, model: ArmModel) -> None:
         self._space = space = model.space
@@ -70,7 +70,7 @@ class Way:
 
     @property
     def has_begun(self) -> bool:
-        """The arm is ours, and goes where we ask it to."""
+        """We command the arm, and it follows."""
         return bool(self._goals)
 
     def forget(self) -> None:
@@ -78,7 +78,7 @@ class Way:
         self._goals.clear()
 
     def begin(self, here: Array) -> None:
-        """It stands at `here` (size,)."""
+        """The arm is at `here` (size,)."""
         self._goals = deque([(0, here)])
 
     def add(self, goal: Array, now_ns: int) -> None:

@@ -35,13 +35,13 @@ AZIMUTH, ELEVATION = 125.0, -24.0
 
 
 class PictureError(RuntimeError):
-    """No picture can be drawn here; says what is to be installed."""
+    """No picture can be drawn here; names the package to install."""
 
 
 def _context(width: int, height: int) -> Any:
-    """A place to draw in; MUJOCO_GL may name the way, else it is the first whose library is there.
+    """A drawing context; MUJOCO_GL may choose the method, else the first with an installed library.
 
-    A process can have one way only: PyOpenGL keeps to the first that it was loaded for.
+    A process can have one method only: PyOpenGL keeps the first one for which it was loaded.
     """
     wanted = os.environ.get("MUJOCO_GL", "").lower()
     ways = [way for way in ((wanted,) if wanted in WAYS else WAYS) if _is_there(WAYS[way])]
@@ -107,7 +107,7 @@ class Picture:
         return np.ascontiguousarray(self._pixels[::-1])
 
     def close(self) -> None:
-        """Give back what it drew with; in a forked child that is the parent's."""
+        """Release the context; in a forked child that is the parent's."""
         if os.getpid() != self._pid:
             return
         self._gl.make_current()

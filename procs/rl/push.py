@@ -1,7 +1,7 @@
-"""Push a block on a table to a place, with closed jaws: a task with contact, friction and weight.
+"""Push a block on a table to a goal position, with closed jaws: a task with contact, friction and weight.
 
-Blocks and table are a small MuJoCo scene beside the arms. Instruments are where they were measured, and no block holds
-them up. From the same place the same motion gives the same, to the last bit.
+Blocks and table are a small MuJoCo scene beside the arms. Instruments are at their measured positions, and no block can
+stop them. The same motion from the same position gives the same result, to the last bit.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from trocar.procs.rl.tasks import PsmReach
 
 STEP_S: Final = 0.001
 STIFF_S: Final = 0.004
-"""Time constant of contacts: a block that is pushed at 40 mm/s gives way by 0.3 mm."""
+"""Time constant of contacts: a block pushed at 40 mm/s yields by 0.3 mm."""
 HARD_S: Final = 0.002
 """The same of the table: jaws that press a block down, with any force, do not press it into the table."""
 SETTLE_S: Final = 0.05
-"""Until blocks that were put down lie still."""
+"""Until blocks that were put down are at rest."""
 FRICTION: Final = (0.6, 0.002, 0.0001)
 """Sliding, turning (m), rolling (m)."""
 
@@ -61,7 +61,7 @@ class Objects:
         self._run(SETTLE_S)
 
     def follow(self, parts: Sequence[Drawn], seconds: float) -> None:
-        """Instruments have moved to `parts` within so many seconds."""
+        """Instruments have moved to `parts` within this many seconds."""
         self._from_place[...], self._from_turn[...] = self._to_place, self._to_turn
         self._take(parts)
         self._run(seconds)
@@ -120,7 +120,7 @@ def _numbers(values: Sequence[float]) -> str:
 
 BLOCK: Final = PushedBlock((0.006, 0.006, 0.005), 0.004, (0.93, 0.62, 0.12, 1.0))
 NEAR_M: Final = 0.012
-"""The block begins so near to below the middle."""
+"""Maximum start distance of the block from the point below the middle."""
 PUSH_M: Final = (0.010, 0.022)
 """So far it is to be pushed."""
 

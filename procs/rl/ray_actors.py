@@ -1,4 +1,4 @@
-"""Episodes on Ray: each actor has an environment of its own and is asked for whole episodes, not for steps."""
+"""Episodes on Ray: each actor has its own environment and runs whole episodes, not steps, per call."""
 
 from __future__ import annotations
 
@@ -27,23 +27,23 @@ LOOPBACK: Final = "127.0.0.2"
 STORE_BYTES: Final = 200_000_000
 """Of Ray's object store where we start it: results are small."""
 ROUNDS: Final = 4
-"""So many shares of the episodes go to an actor, one after the other."""
+"""Number of shares of the episodes that an actor gets, one after the other."""
 LARGEST: Final = 16
 """Episodes of a share at most."""
 CONNECT_S: Final = 5.0
-"""A cluster that takes longer to answer is not there; Ray itself would ask for minutes."""
+"""A cluster that takes longer to answer counts as absent; Ray itself would retry for minutes."""
 CLEAR_S: Final = 5.0
 
 
 class RolloutError(RuntimeError):
-    """Rollouts that cannot go on, and why."""
+    """Rollouts that cannot continue, with the reason."""
 
 
 @contextlib.contextmanager
 def running_ray(actors: int, address: str = "") -> Iterator[Any]:
-    """Ray's module, with room for so many actors: that of a cluster at `address`, or one of our own.
+    """Ray's module, with room for this many actors: from a cluster at `address`, or one of our own.
 
-    Our own keeps its files in a temporary folder, and nothing is left of it. RolloutError: no Ray, or no cluster.
+    Our own keeps its files in a temporary folder, which is removed. RolloutError: no Ray, or no cluster.
     """
     os.environ.update({key: value for key, value in QUIET.items() if key not in os.environ})
     try:
@@ -73,7 +73,7 @@ def _of_our_own(held: contextlib.ExitStack, actors: int) -> dict[str, Any]:
 
 
 def _put_back(token: str | None) -> None:
-    """What whoever called us had, for a cluster of theirs."""
+    """Restore the caller's token, for a cluster of theirs."""
     os.environ.pop(TOKEN, None)
     if token is not None:
         os.environ[TOKEN] = token
@@ -109,16 +109,16 @@ class EpisodeActor:
         self._runner: EpisodeRunner | None = None
 
     def episodes(self, seeds: Sequence[int]) -> list[Episode]:
-        """So many episodes; one remote call for all of them. What is wrong with a task is raised by the first."""
+        """This many episodes; one remote call for all of them. The first one raises errors of the task."""
         if self._runner is None:
             self._runner = EpisodeRunner(self._task)
         return [self._runner.run(seed) for seed in seeds]
 
 
 def run(task: RolloutTask, seeds: Sequence[int], actors: int, address: str = "") -> Iterator[Episode]:
-    """All episodes on so many actors of a CPU each, as they end: in no order. An actor that dies is replaced once.
+    """All episodes on this many actors of a CPU each, in order of completion. An actor that crashes is replaced once.
 
-    NoPolicy and gymnasium's errors, before anything is started; RolloutError: no Ray, or what went wrong in an actor.
+    NoPolicy and gymnasium's errors, before any start; RolloutError: no Ray, or an actor's failure.
     """
     check(task)
     with running_ray(actors, address) as ray:
@@ -126,7 +126,7 @@ def run(task: RolloutTask, seeds: Sequence[int], actors: int, address: str = "")
 
 
 def actors_of(ray: Any, task: RolloutTask, count: int) -> list[Any]:
-    """So many actors, a CPU each."""
+    """This many actors, a CPU each."""
     remote = ray.remote(num_cpus=1, max_restarts=1, max_task_retries=1)(EpisodeActor)
     return [remote.remote(task) for _ in range(count)]
 

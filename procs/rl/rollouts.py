@@ -1,4 +1,4 @@
-"""Episodes of a policy in an environment, one after the other, and what came out of each."""
+"""Episodes of a policy in an environment, one after the other, and their results."""
 
 from __future__ import annotations
 
@@ -36,23 +36,23 @@ class NoPolicy(ValueError):
 
 
 class PolicyFailed(RuntimeError):
-    """A policy that raised an error when it was asked for an action: which, and where."""
+    """A policy that raised an error when called for an action: which, and where."""
 
 
 @dataclass(frozen=True, slots=True)
 class RolloutTask:
-    """What is to be run: an environment with its options, and a policy as `policy_of` takes it."""
+    """The run: an environment with its options, and a policy as `policy_of` takes it."""
 
     environment: str
     options: Mapping[str, Any]
     policy: str = RANDOM
     keeps: bool = False
-    """Also keep what was observed and done."""
+    """Also keep observations and actions."""
 
 
 @dataclass(frozen=True, slots=True)
 class Episode:
-    """What came out of one episode. Its hash covers every observation and reward, bit by bit."""
+    """Result of one episode. Its hash covers every observation and reward, bit by bit."""
 
     seed: int
     steps: int
@@ -70,7 +70,7 @@ class Episode:
 
 
 def check(task: RolloutTask) -> None:
-    """NoPolicy, or gymnasium's error for an environment that is not known: what can be told without making it."""
+    """NoPolicy, or gymnasium's error for an unknown environment: errors known without making it."""
     policy_of(task.policy)
     with _near(task.environment):
         gymnasium.spec(task.environment)
@@ -78,7 +78,7 @@ def check(task: RolloutTask) -> None:
 
 @contextlib.contextmanager
 def _near(environment: str) -> Iterator[None]:
-    """Gymnasium's error for an environment that is not known, with those of ours whose names are near."""
+    """Gymnasium's error for an unknown environment, with those of ours that have similar names."""
     try:
         yield
     except gymnasium.error.UnregisteredEnv:
@@ -90,7 +90,7 @@ class EpisodeRunner:
     """An environment and a policy that are made once, for any number of episodes."""
 
     def __init__(self, task: RolloutTask) -> None:
-        """NoPolicy; what gymnasium.make raises for environments that are not known, and theirs for wrong options."""
+        """NoPolicy; gymnasium.make's errors for unknown environments, and their own for wrong options."""
         self._policy, self._named = policy_of(task.policy), task.policy
         self._keeps = task.keeps
         self._environment: gymnasium.Env[Any, Any]
@@ -178,7 +178,7 @@ def _not_taken(task: RolloutTask) -> str:
             given = list(inspect.signature(vars(each)["__init__"]).parameters.values())[1:]
             names += [row.name for row in given if row.kind in (row.KEYWORD_ONLY, row.POSITIONAL_OR_KEYWORD)]
             if not any(row.kind is row.VAR_KEYWORD for row in given):
-                break  # classes behind it are given nothing of it
+                break  # subclasses receive none of it
     unknown = [name for name in task.options if name not in {*names, *inspect.signature(gymnasium.make).parameters}]
     return f"{task.environment} has no option {unknown[0]}; allowed: {', '.join(names)}" if unknown and names else ""
 
@@ -186,7 +186,7 @@ def _not_taken(task: RolloutTask) -> str:
 def policy_of(text: str) -> Policy | None:
     """A policy by its text: `random` (None), or FILE.py:NAME or MODULE:NAME of a function that takes an observation.
 
-    A class is called first, without arguments: its object is the policy, loaded once. NoPolicy says what is wrong.
+    A class is called first, without arguments: its object is the policy, loaded once. NoPolicy describes the error.
     """
     if text == RANDOM:
         return None

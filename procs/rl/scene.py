@@ -1,4 +1,4 @@
-"""What is to be seen of a robot and its task: balls, rods and boxes, from the chains of the arms. Pure numbers."""
+"""Drawing of a robot and its task: balls, rods and boxes, from the chains of the arms. Pure numbers."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def rod(start: Array, end: Array, radius: float, colour: Colour, *, flat: bool =
 
 
 def _along(z: Array) -> Array:
-    """Axes (3, 3) whose last one is this unit vector."""
+    """Axes (3, 3) with this unit vector as the last one."""
     other = np.array((1.0, 0.0, 0.0)) if abs(z[0]) < 0.9 else np.array((0.0, 1.0, 0.0))
     x = np.cross(other, z)
     x /= np.linalg.norm(x)
@@ -65,7 +65,7 @@ def _along(z: Array) -> Array:
 
 
 def scene_of(arms: Iterable[tuple[ArmModel, Array, float]], things: Sequence[Drawn]) -> list[Drawn]:
-    """Arms, each with its joints (count,) and jaw, and what lies beside them."""
+    """Arms, each with its joints (count,) and jaw, and objects beside them."""
     found: list[Drawn] = []
     for number, (model, at, jaw) in enumerate(arms):
         draw = _endoscope if ARM_TYPES[model.type].has_endoscope else _instrument
@@ -74,7 +74,7 @@ def scene_of(arms: Iterable[tuple[ArmModel, Array, float]], things: Sequence[Dra
 
 
 def _outside(model: ArmModel, end: Array, radius: float, colour: Colour) -> list[Drawn]:
-    """The shaft from the remote centre's far side to `end` (3,), its cannula and what drives it."""
+    """The shaft from the remote centre's far side to `end` (3,), its cannula and its drive."""
     centre = model.base[:3, 3]
     along = end - centre
     along = along / max(float(np.linalg.norm(along)), 1e-9)
@@ -98,7 +98,7 @@ def _wrist(model: ArmModel, at: Array) -> Array:
 
 
 def touching(model: ArmModel, at: Array, jaw: float) -> list[Drawn]:
-    """What of a PSM touches things: rods that stay as large as they are, its wrist and two fingers."""
+    """Parts of a PSM that touch objects: rods of constant size, its wrist and two fingers."""
     wrist, last, tip = _wrist(model, at), model.base @ model.kinematics.fk_to(at, model.kinematics.n), model.tip(at)
     found = [rod(wrist, last[:3, 3], WRIST_M, STEEL)]
     hinge, forward, axis = last[:3, 3], tip[:3, 2], last[:3, 2]

@@ -1,4 +1,4 @@
-"""From actions to goals: increments bounded by what the arm's joints may do in the time, within its limits and room."""
+"""From actions to goals: increments bounded by the joints' velocity limits, within position limits and workspace."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from trocar.procs.rl.model import INSERTION, ROOM_M, ArmModel
 JOINT, CARTESIAN = "joint", "cartesian"
 CONTROLS: Final = (JOINT, CARTESIAN)
 LESS: Final = 0.98
-"""Of what a joint may do, where it would have to do more: joints are not quite in proportion to the way of the tip."""
+"""Fraction of a joint's limit used where it would be exceeded: joints are not quite proportional to the tip's path."""
 FASTEST_TURN: Final = 2.0 * math.pi
 """Of the tip in Cartesian control, rad/s at speed 1, where the last joint is as quick as that."""
 
 
 class Steering:
-    """The goal of one arm. An action (size,) is its change, each number from −1 to 1 of the most that is allowed.
+    """The goal of one arm. An action (size,) changes it, each number from −1 to 1 of the allowed maximum.
 
-    Joint control: a number for each joint. Cartesian control: the tip's shift along x y z and its turn about them, axes
-    of the frame in which poses are told. Then, where there is one, the jaw.
+    Joint control: a number for each joint. Cartesian control: the tip's translation along x y z and its rotation about
+    them, in axes of the frame of its poses. Then, if there is one, the jaw.
     """
 
     def __init__(self, model: ArmModel, control: str, speed: float, period_s: float) -> None:
@@ -46,11 +46,11 @@ class Steering:
         self.tip = self.model.local_tip(self.joints)
 
     def pose(self) -> Array:
-        """The goal of the tip (4, 4) where poses are told."""
+        """The goal of the tip (4, 4) in the frame of its poses."""
         return self.model.base @ self.tip
 
     def take(self, action: Array) -> None:
-        """Change the goal; what would leave the room around the centre is not done, but for the jaw."""
+        """Change the goal; only the jaw's part of a change that would leave the workspace around the centre is made."""
         bounded = np.clip(action, -1.0, 1.0)
         if self.model.has_jaw:
             space = self.model.space
@@ -69,7 +69,7 @@ class Steering:
         return self._kept(joints)
 
     def _by_tip(self, action: Array) -> tuple[Array, Array] | None:
-        """As much of it as limits and velocities allow: less in the same direction, else as near as one can come."""
+        """Apply as much as limits and velocities allow: less in the same direction, else as close as possible."""
         if not action[:6].any():
             return None
         solver, goal = self.model.inverse, self._shifted(action, 1.0)
@@ -107,7 +107,7 @@ class Interpolator:
     """
 
     def __init__(self, steering: Steering, parts: int) -> None:
-        """`parts`: so many setpoints for each goal, the last of them the goal itself."""
+        """`parts`: this many setpoints for each goal, the last of them the goal itself."""
         self._steering, self._parts = steering, parts
         self._is_joint, self._has_jaw = steering.control == JOINT, steering.model.has_jaw
         self.begin()

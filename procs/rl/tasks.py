@@ -20,7 +20,7 @@ TRACK_MIDDLE_M, TRACK_SIZE_M = 0.015, (0.008, 0.015)
 TRACK_HZ: Final = (0.1, 0.2)
 SIGHT_COLOUR: Final = (0.95, 0.75, 0.10, 1.0)
 SIGHT_M: Final = 0.10
-"""From the tip of an endoscope to what it looks at."""
+"""From the tip of an endoscope to its target."""
 
 
 def in_ball(random: np.random.Generator, radius: float) -> Array:
@@ -44,7 +44,7 @@ class PsmReach(RobotEnv):
 
 
 class PsmTrack(PsmReach):
-    """Follow a place that moves on a smooth closed way with the tip of a PSM. Goals as in PsmReach; none is given."""
+    """Follow a target on a smooth closed path with the tip of a PSM. Goals as in PsmReach; they cannot be given."""
 
     IS_GIVEN: ClassVar[bool] = False
     EXTRA: ClassVar[tuple[str, ...]] = tuple(f"goal velocity {axis} [m/s]" for axis in "xyz")
