@@ -1,7 +1,7 @@
-"""THE TABLE of what a person can ask: one row per verb. `trocar VERB` and `python -m trocar VERB` are the same.
+"""THE TABLE of the command line: one row per verb. `trocar VERB` and `python -m trocar VERB` are the same.
 
-A verb's module is imported when the verb is used, so that help and completion are quick. Looking never changes the
-robot; the rows marked `moves` are those that may start, stop, power or move something.
+A verb's module is imported when the verb is used, so that help and completion are quick. Read-only verbs never change
+the robot; the rows marked `moves` may start, stop, power or move something.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ FINE, WRONG, MISUSED, INTERRUPTED = 0, 1, 2, 130
 
 @dataclass(frozen=True, slots=True)
 class Verb:
-    """One verb: `door` is module:function in tools/, `moves` marks those after which the robot may be another."""
+    """One verb: `door` is module:function in tools/, `moves` marks verbs that may change the robot's state."""
 
     name: str
     door: str
     text: str
     moves: bool = False
     raw: bool = False  # arguments that look like options are taken as they are (negative numbers)
-    parts: tuple[Verb, ...] = ()  # a verb that has verbs of its own, and no door
+    parts: tuple[Verb, ...] = ()  # a verb with sub-verbs and no function of its own
 
 
 VERBS: tuple[Verb, ...] = (
@@ -100,7 +100,7 @@ PANELS = {True: "Verbs that may change the robot", False: "Verbs that only look"
 
 
 def build(only: str | None = None) -> typer.Typer:
-    """The command line. With `only`, that verb's module is imported and the others stand as names in the help."""
+    """The command line. With `only`, that verb's module is imported and the others appear as names in the help."""
     app = typer.Typer(
         name="trocar", help="Drive and inspect da Vinci research robots.", no_args_is_help=True,
         pretty_exceptions_enable=False, context_settings={"help_option_names": ["-h", "--help"]},
@@ -116,7 +116,7 @@ def _add(app: typer.Typer, verb: Verb, *, stub: bool) -> None:
     """A verb, or a group of them, under its name."""
     panel = PANELS[verb.moves]
     if verb.parts and not stub:
-        examples = examples_of(verb)  # the shortest to read: what begins with our own name
+        examples = examples_of(verb)  # the shortest to read: lines that begin with our own name
         example = f"Example: {next((text for text in examples if text.startswith('trocar')), examples[0])}"
         group = typer.Typer(name=verb.name, help=verb.text, epilog=example, no_args_is_help=True)
         for part in verb.parts:
@@ -149,7 +149,7 @@ def _nothing(
 
 
 def _stub() -> None:
-    """Stands for a verb that was not asked for."""
+    """Placeholder for a verb that is not called."""
 
 
 def loaded(door: str) -> Callable[..., Any]:
@@ -160,7 +160,7 @@ def loaded(door: str) -> Callable[..., Any]:
 
 
 def examples_of(verb: Verb) -> list[str]:
-    """How a verb, or the verbs in it, are used, as help says it."""
+    """Usage examples of a verb, or of its sub-verbs, from the help."""
     if verb.parts:
         return [example for part in verb.parts for example in examples_of(part)]
     texts = (loaded(verb.door).__doc__ or "").split("Example: ")[1:]
@@ -203,7 +203,7 @@ def _readers_may_leave() -> Iterator[None]:
 
 
 def _something_wrong() -> tuple[type[Exception], ...]:
-    """What may be wrong with a robot or this machine; not every verb loads what these come from."""
+    """Exceptions from a robot or this machine; not every verb loads the modules that define them."""
     from trocar.shm.mailbox.client import MailboxFull
     from trocar.shm.memory.segment import SegmentError
     from trocar.shm.ring.ring import RingError

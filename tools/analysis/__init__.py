@@ -1,1 +1,1 @@
-"""What people do with recordings: choose of them, compare, export, show and drive again what is in them."""
+"""Work with recordings: select parts, compare, export, plot and replay them."""

@@ -1,4 +1,4 @@
-"""A recording as a system that has died, in memory of this process alone: what looks at rings looks at recordings."""
+"""A recording as a crashed system, in memory private to this process: tools that read rings can read recordings."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ RecordingOption = Annotated[Path | None, typer.Option(
 
 @dataclass(frozen=True, slots=True)
 class LookedAt:
-    """What of a recording is looked at: `--from` and `--to`, s after its start."""
+    """The part of a recording to read: `--from` and `--to`, s after its start."""
 
     from_s: float = 0.0
     to_s: float | None = None
@@ -45,11 +45,11 @@ class LookedAt:
 @contextlib.contextmanager
 def recording_as_system(file: Path, wanted: Callable[[RecordedTopic], bool] = lambda topic: True,
                         part: LookedAt = LookedAt()) -> Iterator[str]:
-    """The name of a system with the rings of a recording that are `wanted`; Problem where it is none, or open already.
+    """The name of a system with the rings of a recording that are `wanted`; Problem if it is none, or already open.
 
-    Their records are counted anew: what the recording has not is told, and leaves no gap. Stamps are those of the
-    system that was recorded. Rings have at most MOST records: of what has more the last stretch is looked at, and
-    that is told.
+    Their records are renumbered: records missing in the recording are reported, and leave no gap. Stamps are those of
+    the recorded system. Rings have at most MOST records: of longer topics only the last stretch is read, which is
+    reported.
     """
     name = re.sub(r"[^A-Za-z0-9_-]", "_", f"{NAME}-{file.stem}")[:64]
     with opened(file) as recording, contextlib.ExitStack() as held:
@@ -72,7 +72,7 @@ def recording_as_system(file: Path, wanted: Callable[[RecordedTopic], bool] = la
 
 
 class NewestRecords:
-    """Of a topic the newest that a ring can hold, whatever its recording has."""
+    """The newest records of a topic, as many as a ring can hold."""
 
     def __init__(self, topic: RecordedTopic, dtype: np.dtype[np.void]) -> None:
         self.topic, self._dtype = topic, dtype
@@ -83,11 +83,11 @@ class NewestRecords:
 
     @property
     def is_steady(self) -> bool:
-        """What is not is written seldom, and is how things are until it is written again."""
+        """Other topics are written seldom, and stay valid until they are written again."""
         return bool(self.topic.rate_hz) or self.topic.ring in ("events", "audit")
 
     def add(self, piece: Records) -> None:
-        """What a chunk has of it."""
+        """Its records in a chunk."""
         self._pieces.append(piece)
         self._count += len(piece.rows)
         if self._count > MOST + MOST // 4:
@@ -104,7 +104,7 @@ class NewestRecords:
 
 
 def _newest(recording: RecordingReader, topics: Sequence[RecordedTopic], part: Stretch) -> list[NewestRecords]:
-    """What of `part` rings can hold; of what is written seldom also from before it. The file is gone through once."""
+    """The part of `part` that rings can hold; for topics written seldom also from before it. Reads the file once."""
     kept = {topic.name: NewestRecords(topic, topic.dtype) for topic in topics if topic.dtype is not None}
     for name, piece in recording.pieces(list(kept), stamps=(-END_NS, part.end_ns)):
         found = part.of(piece) if kept[name].is_steady else piece
@@ -114,9 +114,9 @@ def _newest(recording: RecordingReader, topics: Sequence[RecordedTopic], part: S
 
 
 def _fill(system: str, kept: NewestRecords, begin_ns: int) -> tuple[int, int]:
-    """Its newest stamp, and the time of day at that moment; 0 where it has no record.
+    """Its newest stamp, and the time of day at that moment; 0 if it has no record.
 
-    What is steady begins at `begin_ns`, where all of it is there.
+    Steady topics begin at `begin_ns`, from which all of them are present.
     """
     topic, found = kept.topic, kept.records()
     found = Stretch(begin_ns).of(found) if kept.is_steady and begin_ns > -END_NS else found
@@ -142,7 +142,7 @@ def _put(segment: Segment, stride: int, number: int, rows: NDArray[Any]) -> None
 
 
 def _tell_time(system: str, now_ns: int, local_ns: int) -> None:
-    """A clock page that stands at the end of what is looked at: stamps are in time of its own."""
+    """A clock page that is stopped at the end of the part read: stamps are in a time of their own."""
     create_clock(system, Table(()), create)
     with Segment(segment_name(system, "supervisor", "clock"), write=True) as page:
         words, first = page.words(), page.header.first

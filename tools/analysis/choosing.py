@@ -1,4 +1,4 @@
-"""Recordings as a person names them, and what of one is meant: topics by name or pattern, a stretch of its time."""
+"""Recordings by name, and the selected part of one: topics by name or pattern, a stretch of its time."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from trocar.tools.output.errors import Misuse, Problem
 END_NS: Final = 1 << 62
 FAST_HZ: Final = 10.0
 APART_NS: Final = 3_000_000_000
-"""A topic that ended so long before the others began is not of their run."""
+"""A topic that ended this long before the others began is not part of their run."""
 TIMED: Final = IN_TIME - {"supervisor"}
 """Kinds of processes that do the same in the same simulated time."""
 
@@ -47,7 +47,7 @@ class Stretch:
         return self.begin_ns, self.end_ns
 
     def of(self, records: Records) -> Records:
-        """What lies in it."""
+        """Records in this stretch."""
         stamps = records.rows["stamp_ns"]
         chosen = (stamps >= self.begin_ns) & (stamps < self.end_ns)
         return Records(records.rows[chosen], records.local_ns[chosen], records.epoch[chosen])
@@ -66,7 +66,7 @@ def opened(path: Path) -> RecordingReader:
 
 
 def chosen_topics(known: Iterable[str], wanted: Sequence[str] | None) -> list[str]:
-    """Those of `known` that are meant, in their order; all where none is named. Problem for what matches nothing."""
+    """The selected topics of `known`, in their order; all without a selection. Problem if a pattern matches nothing."""
     names = list(known)
     for pattern in wanted or ():
         if not any(fnmatchcase(name, pattern) for name in names):
@@ -81,10 +81,10 @@ def start_ns(recording: RecordingReader) -> int:
 
 
 def run_begin_ns(extents: Mapping[str, tuple[int, int]], rates: Mapping[str, float]) -> int:
-    """When the run itself begins, of the first and last stamps of its topics: what is older was only kept in a ring.
+    """Begin of the run itself, from the first and last stamps of its topics: older records were only kept in a ring.
 
-    What comes by command (gains) or once a second lies in rings for minutes to hours, and the last records of a
-    process that was stopped as long as the system is up. So it is the first record of the topics with a high rate,
+    Records written by command (gains) or once a second stay in rings for minutes to hours, and the last records of a
+    stopped process as long as the system is up. So the run begins with the first record of the topics with a high rate,
     without those that ended before the others began. 0: there is no record.
     """
     chosen = _of_the_run({name: rates[name] for name in extents})
@@ -115,7 +115,7 @@ def spans(recording: RecordingReader, topics: Sequence[str], part: Stretch = Str
 
 
 def stretch(recording: RecordingReader, from_s: float = 0.0, to_s: float | None = None) -> Stretch:
-    """What `--from` and `--to` mean in it; without both all of it."""
+    """The stretch given by `--from` and `--to`; without both all of it."""
     if to_s is not None and to_s <= from_s:
         raise Misuse(f"--to {to_s:g} is not after --from {from_s:g}")
     if not from_s and to_s is None:
@@ -126,7 +126,7 @@ def stretch(recording: RecordingReader, from_s: float = 0.0, to_s: float | None 
 
 
 def no_records(recording: RecordingReader, topics: Sequence[str]) -> Problem:
-    """What is to be reported where a stretch has no record of these topics: of which time there are some."""
+    """Report for a stretch without records of these topics: the times for which there are some."""
     found, start = spans(recording, topics).values(), start_ns(recording)
     if not found:
         return Problem(f"{recording.path.name} has no record of {', '.join(topics)}")

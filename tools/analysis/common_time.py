@@ -1,6 +1,6 @@
-"""The time that two recordings have in common: one stretch of each, the same for all topics with a rate.
+"""The common time of two recordings: one stretch of each, the same for all topics with a rate.
 
-A topic that ended in one of them alone, since its process died, is not in common: it is told.
+A topic that ended in only one of them, because its process crashed, is not in common: this is reported.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from trocar.tools.analysis.differences import SEQUENCE, START, in_common
 from trocar.tools.output.errors import Problem
 
 SLACK_NS: Final = 3_000_000_000
-"""Rings are as deep as that, and are dumped one after the other: within it topics of one recording begin and end."""
+"""Depth of rings, which are dumped one after the other: within it topics of one recording begin and end."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,9 +31,9 @@ class CommonTime:
     """Which it is, in words."""
 
     def of(self, a: Records, b: Records, is_steady: bool) -> tuple[Records, Records]:
-        """Records of one topic in it.
+        """Records of one topic in the common time.
 
-        What comes on events is older than that in many rings: it is compared as far back as both have it.
+        Event-driven topics are older in many rings: they are compared as far back as both recordings have them.
         """
         if self.how == SEQUENCE:
             return in_common(a, b)
@@ -63,7 +63,7 @@ def common_time(a: RecordingReader, b: RecordingReader, parts: tuple[Stretch, St
 
 
 def _extent(recording: RecordingReader, part: Stretch) -> tuple[int, int]:
-    """From when to when all topics with a rate are there, but for those that began or ended apart from the others."""
+    """Time in which all topics with a rate are present, except those that began or ended apart from the others."""
     found = spans(recording, recording.record_topics, part)
     steady = [each for name, each in found.items() if recording.topics[name].rate_hz] or list(found.values())
     if not steady:

@@ -1,4 +1,4 @@
-"""Two recordings side by side: what is different, topic by topic, and what is left out since it is real time."""
+"""Two recordings side by side: differences topic by topic, and the data left out because it is real time."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from trocar.tools.output.printing import Say
 
 REAL_TIME: Final = ("monotonic_ns", "local_ns", "write_ns", "since_ns", "pid", "place", "id", "origin",
                     "desired_origin")
-"""Fields that are the clock on the wall's, or name a process and what it sent: no two runs have the same."""
+"""Fields with wall-clock times, or names of a process and its commands: they differ between any two runs."""
 EQUAL, WITHIN, DIFFERENT = "equal", "within", "different"
 
 
 @dataclass(frozen=True, slots=True)
 class RecordingDifference:
-    """All topics that were compared, those that only one recording has, and what was left out, in words."""
+    """All compared topics, those that only one recording has, and the omissions, in words."""
 
     topics: tuple[TopicDifference, ...]
     only_a: tuple[str, ...]
@@ -57,7 +57,7 @@ class Comparing:
     common: bool = False
     """Only the time that both have."""
     as_a: bool = False
-    """Only what A has recorded: B is the same run, recorded whole."""
+    """Only A's topics: B is the same run, recorded completely."""
 
     def of(self, a: RecordingReader, b: RecordingReader, stretches: tuple[Stretch, Stretch] = (Stretch(), Stretch()),
            say: Say = lambda text, fraction: None) -> RecordingDifference:
@@ -97,24 +97,24 @@ def units(topic: RecordedTopic) -> dict[str, str]:
 
 
 def on_demand(topic: RecordedTopic) -> list[str]:
-    """Fields that are computed while somebody wants them."""
+    """Fields that are computed only while subscribed."""
     return [str(row["name"]) for row in json.loads(topic.schema)["fields"] if row.get("group")] if topic.schema else []
 
 
 def _lacks(records: Records, field: str) -> bool:
-    """Whether a number was not computed somewhere."""
+    """Whether a number is missing in either recording."""
     known = field in (records.rows.dtype.names or ()) and records.rows[field].dtype.kind == "f"
     return known and bool(np.isnan(records.rows[field]).any())
 
 
 def _in_time(a: RecordingReader, b: RecordingReader, name: str) -> bool:
-    """A process that simulated time waits for, or one whose kind nobody knows."""
+    """A process that simulated time waits for, or one of unknown kind."""
     topic = a.topics.get(name) or b.topics[name]
     return topic.kind in TIMED or not topic.kind
 
 
 def _not_recorded(a: RecordingReader, wanted: Sequence[str]) -> list[str]:
-    """Topics that are named in it and were not chosen; that nothing was said or asked for is known of all."""
+    """Named but unselected topics; for all topics it is known that no events or commands occurred."""
     found = spans(a, a.record_topics)
     return [name for name in wanted if name not in found
             and (name not in a.topics or a.topics[name].ring not in ("events", "audit"))]
@@ -122,7 +122,7 @@ def _not_recorded(a: RecordingReader, wanted: Sequence[str]) -> list[str]:
 
 def _left_out(both: Sequence[str], real: Sequence[str], unwanted: Sequence[str], absent: Sequence[str],
               a: RecordingReader, shared: CommonTime | None) -> tuple[str, ...]:
-    """What was not compared, in words."""
+    """The data that was not compared, in words."""
     there = sorted({field for name in both for field in (_names(a, name)) if field in REAL_TIME}, key=REAL_TIME.index)
     said = [f"fields that are real time by nature, or name a process: {', '.join(there)}"] if there else []
     said += [f"time that not both have; compared are {shared.text}"] if shared is not None else []

@@ -1,4 +1,4 @@
-"""What two recordings of one topic differ in: which records stand beside which, and field by field by how much."""
+"""Differences between two recordings of one topic: the paired records, and the difference of each field."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Array = NDArray[Any]
 
 @dataclass(frozen=True, slots=True)
 class Pairs:
-    """Records that stand beside each other: their places in A and in B, and those that are alone."""
+    """Paired records: their indices in A and in B, and the unpaired ones."""
 
     a: NDArray[np.intp]
     b: NDArray[np.intp]
@@ -37,9 +37,9 @@ class Pairs:
 
 @dataclass(frozen=True, slots=True)
 class FieldDifference:
-    """One field that is not the same everywhere. Of texts and flags `most` and `rms` are NaN.
+    """One field with differences. For texts and flags `most` and `rms` are NaN.
 
-    `count`: records that differ. `first` and `worst` say where: stamp (of A), number (of A), element, both values.
+    `count`: records that differ. `first` and `worst` locate them: stamp (of A), number (of A), element, both values.
     `beyond`: records that differ by more than the tolerance.
     """
 
@@ -56,7 +56,7 @@ class FieldDifference:
 
 @dataclass(frozen=True, slots=True)
 class TopicDifference:
-    """One topic: how many records stand beside each other, how many are alone, and what is different in those."""
+    """One topic: numbers of paired and unpaired records, and the differences in the pairs."""
 
     name: str
     compared: int
@@ -75,12 +75,12 @@ class TopicDifference:
 
     @property
     def is_within(self) -> bool:
-        """No field is beyond its tolerance, and nobody is alone."""
+        """No field is beyond its tolerance, and no record is unpaired."""
         return not (self.only_a or self.only_b or self.unknown or any(field.beyond for field in self.fields))
 
 
 def paired(a: Records, b: Records, how: str) -> Pairs:
-    """Who stands beside whom: of the same key, else the nearest not further away than half of what is usual."""
+    """Pairs of records: those with the same key, else the nearest ones within half of the usual spacing."""
     key_a, key_b = keys(a, how), keys(b, how)
     if not len(key_a) or not len(key_b):
         return Pairs(np.arange(0), np.arange(0), np.arange(len(key_a)), np.arange(len(key_b)))
@@ -100,7 +100,7 @@ def paired(a: Records, b: Records, how: str) -> Pairs:
 
 
 def keys(records: Records, how: str) -> NDArray[np.int64]:
-    """What records are found by."""
+    """Keys by which records are paired."""
     stamps = records.rows["stamp_ns"].astype(np.int64)
     if how == SEQUENCE:
         return records.rows["sequence"].astype(np.int64)
@@ -123,7 +123,7 @@ def _part(records: Records, chosen: NDArray[np.bool_]) -> Records:
 def compared(name: str, a: Records, b: Records, how: str, left_out: Sequence[str] = (),
              units: dict[str, str] | None = None, tolerance: Callable[[str, str], float] = lambda field, unit: 0.0
              ) -> TopicDifference:
-    """What is different in two recordings of a topic; `tolerance` is asked for a field with its unit."""
+    """Differences between two recordings of a topic; `tolerance` is called for a field with its unit."""
     pairs, known = paired(a, b, how), units or {}
     rows_a, rows_b = a.rows[pairs.a], b.rows[pairs.b]
     fields, unknown = [], []

@@ -69,9 +69,9 @@ def _plain(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def element_names(topic: RecordedTopic, rows: NDArray[Any]) -> dict[int, tuple[str, ...]]:
-    """What elements of arrays are called, by their number: joints of an arm, axes of the robots of an io.
+    """Names of array elements, by their number: joints of an arm, axes of the robots of an io.
 
-    An arm's arrays have more room than it has joints: those behind are called by their place.
+    An arm's arrays have more elements than it has joints: the extra ones are named by their index.
     """
     found: dict[int, tuple[str, ...]] = {}
     if "names" in (rows.dtype.names or ()) and len(rows) and rows["names"].ndim == 2:
@@ -97,7 +97,7 @@ def _unique(names: Sequence[str]) -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True)
 class RecordingTables:
-    """What is written: these topics of a recording, this stretch of it."""
+    """The data to write: these topics of a recording, this stretch of it."""
 
     recording: RecordingReader
     topics: Sequence[str]
@@ -116,7 +116,7 @@ class RecordingTables:
                 yield name, (columns(topic, records, named) for records in parts)
 
     def _look(self, name: str, part: Stretch) -> tuple[bool, NDArray[Any]]:
-        """Whether records lie in the order of their numbers, and the last row, where there is one."""
+        """Whether records are in the order of their numbers, and the last row, if there is one."""
         before, in_order, last = -1, True, joined([], self.recording.dtype(name)).rows
         for _, piece in self.recording.pieces([name], stamps=part.stamps):
             numbers = piece.rows["sequence"]
@@ -125,7 +125,7 @@ class RecordingTables:
         return in_order, last
 
     def _parts(self, name: str, in_order: bool) -> Iterator[Records]:
-        """All records in their order; what is not recorded so, as after a fault, is sorted as a whole."""
+        """All records in their order; a topic recorded out of order, e.g. after a fault, is sorted as a whole."""
         if not in_order:
             yield self.recording.records(name, stamps=self.part.stamps)
             return
@@ -168,7 +168,7 @@ class RecordingTables:
 
 
 def arrow() -> tuple[Any, Any]:
-    """What writes Parquet, and what makes tables; Problem where it is not installed."""
+    """The Parquet writer, and the table maker; Problem if they are not installed."""
     try:
         from pyarrow import parquet, table
     except ImportError:

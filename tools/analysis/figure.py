@@ -1,4 +1,4 @@
-"""A picture of differences: each field in both recordings, and below it what is between them."""
+"""A picture of differences: each field in both recordings, and below it their difference."""
 
 from __future__ import annotations
 

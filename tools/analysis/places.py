@@ -13,7 +13,7 @@ from trocar.shm.system import directory
 
 def folder_of(system: str) -> Path:
     """In the folder that its configuration names, as long as that is in memory, else beside its logs."""
-    from trocar.procs.document.system import from_json  # only who keeps or lists recordings pays for it
+    from trocar.procs.document.system import from_json  # imported only where recordings are kept or listed
 
     with contextlib.suppress(SegmentError, ValueError):
         row = from_json(directory.document(system)).recorder

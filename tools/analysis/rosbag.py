@@ -1,6 +1,6 @@
-"""A recording as a bag of ROS 2: a folder with the recording and the `metadata.yaml` that rosbag2 asks for.
+"""A recording as a bag of ROS 2: a folder with the recording and the `metadata.yaml` that rosbag2 requires.
 
-The recording is such a bag's file already (MCAP, profile ros2); it is copied, or made anew where a part is wanted.
+The recording is already such a bag's file (MCAP, profile ros2); it is copied, or rewritten for a part.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def _part_of(recording: RecordingReader, file: Path, topics: Sequence[str], part
 
 
 def _metadata(file: Path) -> dict[str, Any]:
-    """What rosbag2 wants to know of a bag."""
+    """Metadata of a bag for rosbag2."""
     with file.open("rb") as stream:
         summary = make_reader(stream).get_summary()
     if summary is None or summary.statistics is None:

@@ -19,7 +19,7 @@ SCALES: Final = {
     "A": ("A", 1.0), "mA": ("A", 1e-3), "V": ("V", 1.0), "mV": ("V", 1e-3), "s": ("s", 1.0),
     "ns": ("ns", 1.0), "us": ("ns", 1e3), "µs": ("ns", 1e3), "ms": ("ns", 1e6),
 }
-"""By name: the unit of fields that is meant, and what one of it is in that."""
+"""By name: the unit of the fields concerned, and the value of one in that unit."""
 FORM: Final = re.compile(r"(?:(?P<field>[^=]+)=)?(?P<number>[0-9.+\-eE]+)\s*(?P<unit>\S*)")
 
 
@@ -41,7 +41,7 @@ class AllowedDifference:
 
 
 def parsed(text: str) -> AllowedDifference:
-    """One as a person writes it; Misuse says what is allowed."""
+    """One tolerance as typed; Misuse names the allowed forms."""
     found = FORM.fullmatch(text.strip())
     try:
         value = float(found["number"]) if found is not None else math.nan
@@ -56,9 +56,9 @@ def parsed(text: str) -> AllowedDifference:
 
 
 def tolerance_of(tolerances: Sequence[AllowedDifference], topic: str, field: str, unit: str) -> float:
-    """What is allowed for a field: named ones count before units, those before all; of several the smallest.
+    """Tolerance of a field: named ones precede units, those precede general ones; of several the smallest.
 
-    A field of `rad|m` has both: who gives only one of them means it for all of its elements.
+    A field of `rad|m` has both: a tolerance given for only one of them applies to all of its elements.
     """
     units = [part.strip() for part in re.split(r"[|,]", unit)]
     concerned = [each for each in tolerances if each.concerns(topic, field, units)]

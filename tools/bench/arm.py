@@ -1,9 +1,9 @@
 """`trocar bench arm`: the CPU time that an arm's cycle and its kinematics take.
 
 KINEMATIC arms with their io, both in this process, on rings and mailboxes of a system of their own and on a clock that
-is stepped. What is timed (thread CPU time) is all that an arm does in a cycle: io's record and the commands in, the
-setpoints and the arm's state out. A PSM with a large needle driver; MTM and ECM beside it. All of it is measured with
-the native library and then without, arm by arm; keys that end in _numpy are without.
+is stepped. The timed part (thread CPU time) is an arm's whole cycle: io's record and the commands in, the setpoints and
+the arm's state out. A PSM with a large needle driver; MTM and ECM beside it. All of it is measured with the native
+library and then without, arm by arm; keys that end in _numpy are without.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 
 CYCLES = 20_000
 POSES = 20_000
-SLOWER = 4  # without the native library so many times fewer
+SLOWER = 4  # this many times fewer without the native library
 STEPS = 40_000  # of the clock until homed
 FILES = {"": "kinematic", "_ecm": "kinematic-ecm", "_mtm": "kinematic-mtm"}
 AMPLITUDE = 0.3  # rad, and a tenth of it in m
@@ -64,7 +64,7 @@ def _figures(file: str, suffix: str, cycles: int, poses: int) -> dict[str, float
 
 @contextlib.contextmanager
 def arm_bench(file: str) -> Iterator[SteppedArm]:
-    """The arm of a system file, and the io that plays its robot; nothing is left of them, whatever ends us."""
+    """The arm of a system file, and the io that plays its robot; both are removed at any end."""
     name = f"bench-arm-{os.getpid()}"
     loaded = load_system(PROJECT_CONFIGS / "systems" / f"{file}.yaml", name=name, sets=["clock=wall"])
     if loaded.errors or loaded.system is None:

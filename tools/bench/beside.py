@@ -1,4 +1,4 @@
-"""What benchmarks of processes beside the robot share: a robot at work, CPU time, io's period with and without one."""
+"""Common parts of benchmarks for processes beside the robot: a working robot, CPU time, effect on io's period."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class MovingArms:
 
 @dataclass(frozen=True, slots=True)
 class RobotAtWork:
-    """A system, and what is done often while it is measured."""
+    """A system, and its frequent actions during the measurement."""
 
     system: str
     meanwhile: Callable[[], object]

@@ -109,7 +109,7 @@ def run(rounds: int = ROUNDS, turn_s: float = TURN_S) -> dict[str, Any]:
 
 @contextlib.contextmanager
 def _team(boards: int) -> Iterator[Team]:
-    """The process that measures so many boards; what is made for it is gone at the end."""
+    """The process that measures this many boards; its files are removed at the end."""
     environment = ("env", f"{SWITCH}=0") if boards == NUMPY else ()
     boards = abs(boards)
     name = f"bench{os.getpid()}-{next(COUNTER)}"

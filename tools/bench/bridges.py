@@ -1,8 +1,8 @@
-"""`trocar bench bridges`: what bridges to ROS and to sockets cost, and how soon a command of a socket is carried out.
+"""`trocar bench bridges`: cost of the ROS and socket bridges, and latency of a socket command.
 
-The full KINEMATIC system on the wall clock, homed. `ros_cpu_percent_unsubscribed` is the ROS bridge while nobody reads,
+The full KINEMATIC system on the wall clock, homed. `ros_cpu_percent_unsubscribed` is the ROS bridge without readers,
 `ros_cpu_percent_30_topics` while a client in this process reads 30 topics, 100 times a second each (100 % is one core);
-`ros_messages_per_s` came here. `socket_command_ms_p50` is from sending `hold` over TCP to hearing that it is done.
+`ros_messages_per_s` are received here. `socket_command_ms_p50` is from sending `hold` over TCP to its final reply.
 `io_period_p99_ratio` is io's period (99 %) with both bridges at work to that without, median of pairs by turns.
 """
 
@@ -33,19 +33,19 @@ SETTLE_S: Final = 2.0
 
 
 class RosReaders:
-    """Our readers of ROS topics, and how many messages came."""
+    """Our readers of ROS topics, and the number of received messages."""
 
     def __init__(self) -> None:
         self.readers: list[TopicReader[Any]] = []
         self.count = 0
 
     def take(self) -> None:
-        """Read what has come."""
+        """Read all available messages."""
         self.count += sum(len(reader.take()) for reader in self.readers)
 
     @contextmanager
     def all_read(self) -> Iterator[None]:
-        """Begin when a message of every topic has come; Problem where none comes."""
+        """Begin when a message of every topic has arrived; Problem if one has none."""
         missing = list(self.readers)
 
         def have_come() -> bool:
@@ -77,7 +77,7 @@ def run(seconds: float = 30.0, pairs: int = PAIRS) -> dict[str, Any]:
 
 
 def _command_ms(port: int) -> float:
-    """Median of so many commands, one after the other."""
+    """Median of this many commands, one after the other."""
     took = []
     with socket.create_connection(("127.0.0.1", port), PATIENCE_S) as connection, connection.makefile("rw") as stream:
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

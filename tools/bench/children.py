@@ -1,8 +1,8 @@
-"""The children of a bench: started once, each on its core, asleep until told to measure for so many seconds.
+"""The children of a bench: started once, each on its core, asleep until ordered to measure for some seconds.
 
-A child says `{}` when it is ready. Then, for each line `seconds` it reads, it measures and says one line: for every
-measurement its percentiles in ns. Children that live long make it cheap to measure many things in turn, and in turn is
-what a machine asks for whose cores are near each other in one second and far apart in the next.
+A child prints `{}` when it is ready. Then, for each line `seconds` it reads, it measures and prints one line: for every
+measurement its percentiles in ns. Long-lived children make it cheap to measure many things in turn, which is necessary
+on a machine whose cores are near each other in one second and far apart in the next.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from trocar.tools.output.errors import Problem
 PATIENCE_S = 30.0  # with a line
 FAREWELL_S = 3.0
 LOOK_S = 0.2
-CPU_S = 120  # of a child in all: one that polls for somebody who has died ends
+CPU_S = 120  # of a child in all: one that polls for a crashed partner ends
 WARM_UP = 200  # first times of each turn that do not count
 KEPT = 1_000_000  # times a child keeps
 
@@ -41,7 +41,7 @@ Turn = Callable[[float], Times]
 Percentiles = Mapping[str, int]
 Report = Mapping[str, Percentiles]
 Figure = tuple[str, str, float]
-"""What was measured, its percentile, how many ns the unit has."""
+"""Measurement, its percentile, number of ns in the unit."""
 
 
 def summary(times: list[int]) -> dict[str, int]:
@@ -54,7 +54,7 @@ def summary(times: list[int]) -> dict[str, int]:
 
 
 def pin(core: int) -> None:
-    """To this core, without the garbage collector, and not for ever."""
+    """To this core, without the garbage collector, and with a CPU time limit."""
     psutil.Process().cpu_affinity([core])
     gc.disable()
     hard = resource.getrlimit(resource.RLIMIT_CPU)[1]
@@ -63,7 +63,7 @@ def pin(core: int) -> None:
 
 
 def run_child(words: Sequence[str], roles: Mapping[str, Callable[..., Turn]], count: int) -> int:
-    """The life of a child that is started with a role, `count` words about it and its core; returns its exit code."""
+    """Main function of a child, started with a role, `count` words about it and its core; returns its exit code."""
     if len(words) != count + 2 or words[0] not in roles:
         print("started by: trocar bench ring", file=sys.stderr)
         return 2
@@ -86,7 +86,7 @@ def serve(turn: Turn) -> None:
 
 @dataclass
 class Turns:
-    """What turns gave, by what was measured, and ratios of turns side by side, by their names."""
+    """Results of turns, by measurement, and ratios of adjacent turns, by their names."""
 
     turns: dict[str, list[Percentiles]] = field(default_factory=dict)
     ratios: dict[str, list[float]] = field(default_factory=dict)
@@ -115,7 +115,7 @@ class Team(Closable):
     """The processes of one measurement, by role; those in front wait for the last, which measures."""
 
     def __init__(self, name: str, commands: Mapping[str, Sequence[str]]) -> None:
-        """Start them; `wait` says when they are ready."""
+        """Start them; `wait` returns when they are ready."""
         self.name = name
         self._children: dict[str, subprocess.Popen[bytes]] = {}
         self._errors: dict[str, IO[bytes]] = {}
@@ -133,16 +133,16 @@ class Team(Closable):
         self._hear(PATIENCE_S)
 
     def measure(self, seconds: float) -> dict[str, dict[str, int]]:
-        """One turn of all; the percentiles of what they measured."""
+        """One turn of all; the percentiles of their measurements."""
         for child in self._children.values():
             assert child.stdin is not None
-            with contextlib.suppress(BrokenPipeError):  # it has died: `_hear` tells what it said
+            with contextlib.suppress(BrokenPipeError):  # it has ended: `_hear` reports its output
                 child.stdin.write(b"%f\n" % seconds)
                 child.stdin.flush()
         return self._hear(PATIENCE_S + seconds)
 
     def _hear(self, patience_s: float) -> dict[str, dict[str, int]]:
-        """One line of each; the first that ends without one is reported, for it is the cause of whatever comes next."""
+        """One line of each; the first that ends without one is reported, as it causes later failures."""
         end = monotonic_ns() + int(patience_s * 1e9)
         texts = dict.fromkeys(self._children, b"")
         while waiting := {role: out for role, out in self._outs().items() if not texts[role].endswith(b"\n")}:
@@ -170,7 +170,7 @@ class Team(Closable):
         return f"with {self._children[role].returncode}: {lines[-1] if lines else 'no word'}"
 
     def close(self) -> None:
-        """Let them end; whoever does not is killed, with what it started."""
+        """Let them end; a child that does not end is killed, with all processes it started."""
         for child in self._children.values():
             if child.stdin is not None:
                 with contextlib.suppress(BrokenPipeError):
@@ -203,7 +203,7 @@ def _end(child: subprocess.Popen[bytes]) -> None:
 
 
 def _gone(process: psutil.Process) -> bool:
-    """Whether it ends within FAREWELL_S; one that nobody buries has gone, too."""
+    """Whether it ends within FAREWELL_S; a zombie counts as ended."""
     end = monotonic_ns() + int(FAREWELL_S * 1e9)
     with contextlib.suppress(psutil.NoSuchProcess):
         while process.status() != psutil.STATUS_ZOMBIE:

@@ -1,11 +1,12 @@
-"""`trocar bench deaths`: every row of "Who may die" (docs/architecture.md) killed and stopped, and how long it takes.
+"""`trocar bench deaths`: every row of "Who may die" (docs/architecture.md) killed and stopped, and the times of the
+effects.
 
 Three systems on the wall clock, one after the other: an arm and a lens on emulated boards; a master, a slave on setup
 joints, a console and a user's process without boards, following; and a master that is a third-party program. `kill` is
-SIGKILL, `stop` SIGSTOP. `…_noticed_ms` is from the signal to the first record of somebody who lives in which the effect
-shows, `…_back_s` until another process runs in its place; of the supervisor `…_ended_s` until nobody runs any more.
-Medians of some tries, each of a process that has run for a while (after quick deaths the wait is longer); what has no
-effect on others has no `noticed`, what is not ours to start has no `back`.
+SIGKILL, `stop` SIGSTOP. `…_noticed_ms` is from the signal to the first record of another process that shows the effect,
+`…_back_s` until another process runs in its place; for the supervisor `…_ended_s` until no process runs any more.
+Medians of some tries, each of a process that has run for a while (after quick crashes the wait is longer); a process
+without effect on others has no `noticed`, one that we do not start has no `back`.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ from trocar.tools.systems.supervising import StartRequest, up_meanwhile
 STOP: Final = 19
 SIGNALS: Final = {"kill": KILL, "stop": STOP}
 TRIES, EFFORT = 3, 3
-REST_NS: Final = 10_500_000_000  # then the next death counts as the first (procs/supervisor/children.py)
+REST_NS: Final = 10_500_000_000  # then the next crash counts as the first (procs/supervisor/children.py)
 CONFIGS: Final = PROJECT_CONFIGS
 OUTPUTS: Final = ("endoscope_focus_in", "endoscope_focus_out")
 TELEOP: Final = "MTMR_PSM1"
@@ -62,7 +63,7 @@ Shows = Callable[[Records], Any]
 
 @dataclass(frozen=True, slots=True)
 class DeathEffect:
-    """What others do when somebody dies, and the record that shows it from when on."""
+    """Effect of a crash on other processes, and the record that shows it from then on."""
 
     words: str
     instance: str
@@ -83,7 +84,7 @@ class DeathEffect:
 
 @dataclass(frozen=True, slots=True)
 class Death:
-    """A row: who dies, what that does; `ready` brings the system to where it matters."""
+    """A row: the process, the effect of its crash; `ready` brings the system to the relevant state."""
 
     who: str
     instance: str
@@ -93,7 +94,7 @@ class Death:
 
 @dataclass(frozen=True, slots=True)
 class Timed:
-    """One death: seconds until it showed, and until it was over; None: it does not, or is not."""
+    """One crash: seconds until it showed, and until it was over; None: it does not, or is not."""
 
     who: str
     how: str
@@ -253,7 +254,7 @@ def _boards_request(folder: Path) -> StartRequest:
 
 
 def _each(system: str, deaths: tuple[Death, ...]) -> Iterator[Timed]:
-    """All of them by turns; nobody is struck who has just come back."""
+    """All of them by turns; a process that has just restarted is left alone."""
     rested = dict.fromkeys((death.instance for death in deaths), monotonic_ns() + REST_NS)
     for how in SIGNALS:
         for death in deaths * TRIES:
@@ -280,7 +281,7 @@ def _home(system: str) -> None:
 
 
 def _follow(system: str) -> None:
-    """The operator leaves and comes back, and the teleoperation follows."""
+    """The operator leaves and returns, and the teleoperation follows."""
     with Remote(system, "console") as console:
         console.answered("teleop_enable", (1.0,))
         console.answered("emulate_operator_present", (0.0,))

@@ -1,13 +1,13 @@
-"""`trocar bench gui`: what the web console costs, and whether io notices it.
+"""`trocar bench gui`: cost of the web console, and its effect on io.
 
-The full KINEMATIC system on the wall clock, homed, all arms moving all the time. The pages are scripted: they take what
-a browser would be sent, twenty times a second, and draw nothing. `gui_cpu_percent_system` is the console's process with
-one page System open, `gui_cpu_percent_3d` with one page 3D, `gui_cpu_percent_no_browser` while it runs without any
-(100 % is one core); usually there is no process then. `io_period_p99_ratio` is io's period (99 %) with both pages open
-to that without the process, median of pairs by turns.
+The full KINEMATIC system on the wall clock, homed, all arms moving all the time. The pages are scripted: they receive a
+browser's messages, twenty times a second, and draw nothing. `gui_cpu_percent_system` is the console's process with one
+page System open, `gui_cpu_percent_3d` with one page 3D, `gui_cpu_percent_no_browser` while it runs without any (100 %
+is one core); usually there is no process then. `io_period_p99_ratio` is io's period (99 %) with both pages open to that
+without the process, median of pairs by turns.
 
 `--browser`: the same with Chromium in the place of the scripted pages, which draws as far as this machine can; figures
-are apart (`browser_…`), `browser_cpu_percent_…` is what it takes itself.
+are apart (`browser_…`), `browser_cpu_percent_…` is the CPU time of the browser itself.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def run(seconds: float = 30.0, pairs: int = PAIRS, browser: bool = False) -> dic
 
 
 class ScriptedPage:
-    """A page that takes what it is sent, and comes again where it was disconnected."""
+    """A page that receives its messages, and reconnects after a disconnection."""
 
     def __init__(self, port: int, sources: tuple[str, ...]) -> None:
         self.received, self._is_over = 0, False
@@ -84,7 +84,7 @@ class ScriptedPage:
                 pause(TAKE_S)
 
     def wait(self) -> None:
-        """Until something has come; Problem where nothing comes."""
+        """Wait for a message; Problem if there is none."""
         wait_until(lambda: self.received, "something from the web console")
 
     def close(self) -> None:
@@ -94,7 +94,7 @@ class ScriptedPage:
 
 
 class RealBrowser:
-    """Chromium without a window, with pages open; it ends with us, however that comes."""
+    """Chromium without a window, with pages open; it ends with us in any case."""
 
     def __init__(self, folder: Path, *addresses: str) -> None:
         home = tempfile.mkdtemp(dir=folder)

@@ -1,6 +1,6 @@
-"""Arms of a system in a host: homed, moved by a policy of 50 Hz, taken back; and the hash of all that they write.
+"""Arms of a system in a host: homed, moved by a policy of 50 Hz, restored; and the hash of all their output.
 
-`python -m trocar.tools.bench.host_run boards` prints that hash, for who compares it with that of another process.
+`python -m trocar.tools.bench.host_run boards` prints that hash, for comparison with that of another process.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ AMPLITUDE: Final = (0.1, 0.1, 0.01, 0.2, 0.2, 0.2)
 STEPS_A_TURN: Final = 100
 HASHED_S: Final = 2.0
 DIGITS: Final = 16
-OURS: Final = ("desired_origin", "desired_program")  # by which process of which program a goal was given
+OURS: Final = ("desired_origin", "desired_program")  # process and program that gave a goal
 _numbers: Final = itertools.count()
 
 
@@ -52,7 +52,7 @@ def document(kind: str) -> SystemConfig:
 
 
 class HostRun(Closable):
-    """A host whose arms are homed and at START; a context manager."""
+    """A host with homed arms at START; a context manager."""
 
     def __init__(self, kind: str) -> None:
         """Problem: an arm could not be homed."""
@@ -69,7 +69,7 @@ class HostRun(Closable):
             self._all("move_jp", START, "")
             host.run(REST_S)
             for ring in self._rings:
-                ring.rewind(0)  # what is hashed begins here
+                ring.rewind(0)  # hashed data begins here
             begin = time.thread_time_ns()
             self._snapshot = host.snapshot()
             self.snapshot_ms = (time.thread_time_ns() - begin) * 1e-6
@@ -101,7 +101,7 @@ class HostRun(Closable):
         self._host.restore(self._snapshot)
 
     def play(self, seconds: float, digest: hashlib._Hash | None = None) -> None:
-        """Goals at 50 Hz, of which what the arms say is read each time; `digest` gets all that is written."""
+        """Goals at 50 Hz; the arms' records are read each time; `digest` gets all output."""
         for step in range(round(seconds / POLICY_S)):
             turn = math.sin(2.0 * math.pi * step / STEPS_A_TURN)
             goal = [middle + width * turn for middle, width in zip(START, AMPLITUDE, strict=True)]
@@ -127,7 +127,7 @@ class HostRun(Closable):
                 raise Problem(f"{arm} is in {shown}: {bytes(state.field('reason')[()]).decode()}")
 
     def hash(self) -> str:
-        """Of what is written in some seconds from the beginning."""
+        """Hash of the output in some seconds from the beginning."""
         self.restore()
         digest = hashlib.sha256()
         self.play(HASHED_S, digest)

@@ -1,15 +1,15 @@
 """`trocar bench io`: the I/O loop on emulated boards: latency, period, datagrams, and the rate it can keep.
 
 One to five PSMs (2 to 10 boards) in one io process, powered, homed and holding; everything as `trocar up` starts it.
-Where there are two cores io has the first one, the emulator and the arm processes share the second; of more, arms run
-on any. The figures without a number are of four PSMs: 8 boards, 28 axes.
+With two cores io has the first one, the emulator and the arm processes share the second; with more, arms run on any.
+The figures without a number are for four PSMs: 8 boards, 28 axes.
 
 By turns: native and numpy (`numpy_…`; `native_ratio` is numpy / native from reply to write), the largest and the
 smallest robot (`ratio_10_vs_2`, also from reply to write), and the same datagrams between two C programs (`baseline_…`,
-tools/bench/baseline.c), which is what this machine allows. In turns, io sleeps while it waits for the reply; a write
-then wakes the emulator, which is most of the time. (Where io spins, a robot of two boards writes before the emulator
-sleeps, one of ten does not.) A rate counts as kept when at most half a point more of its deadlines is missed than the C
-programs miss.
+tools/bench/baseline.c), the limit of this machine. In turns, io sleeps while it waits for the reply; a write then wakes
+the emulator, which is most of the time. (Where io spins, a robot of two boards writes before the emulator sleeps, one
+of ten does not.) A rate counts as kept when at most half a point more of its deadlines is missed than the C programs
+miss.
 """
 
 from __future__ import annotations
@@ -51,11 +51,11 @@ NAMED_HZ = {1500: "1k5", 3000: "3k", 4500: "4k5", 6000: "6k"}
 TURNS = 3  # of native and numpy
 ARMS_ON_TWO = "arm.period_s=0.005"  # where there are two cores arms share one with the boards, also those on numpy
 SLOW_ARMS = "arm.period_s=0.005"  # they hold; the rate to find is that of io
-FIRST_BOARD = 6  # of the demo's PSM; copies begin at board 0
+FIRST_BOARD = 6  # boards of the demo's PSM; copies begin at board 0
 SOURCE = PROJECT_CONFIGS
 LOOPBACK = Path("/proc/net/dev")
 CPU = "cpu_us_without_wait"
-WAIT_US = 50.0  # from query to read, without sleeping; what eight boards get by the rule
+WAIT_US = 50.0  # from query to read, without sleeping; the wait for eight boards by the rule
 BASELINE = Path(__file__).with_name("baseline.c")
 REPLY_BYTES, WRITE_BYTES = 1092, 218  # of eight QLA1 of Rev 8
 WAIT_NS, SPIN_NS = 50_000, 50_000
@@ -124,7 +124,7 @@ class BaselineRun:
 
 
 class Baseline:
-    """The compiled program; `why_not` says why there is none."""
+    """The compiled program; `why_not` gives the reason if it is missing."""
 
     def __init__(self, folder: Path) -> None:
         """Compiles into `folder`."""
@@ -147,7 +147,7 @@ class Baseline:
 
 
 def _by_turns(file: Path, seconds: float, *placed: str) -> dict[str, float]:
-    """Medians of native and of numpy, and what io costs but for waiting."""
+    """Medians of native and of numpy, and io's cost without waiting."""
     def measure() -> dict[str, float]:
         return _measure(file, seconds, *AWAKE, *placed)
 
@@ -162,7 +162,7 @@ def _by_turns(file: Path, seconds: float, *placed: str) -> dict[str, float]:
 
 
 def _of_sizes(folder: Path, sizes: tuple[int, ...], seconds: float, *placed: str) -> dict[str, float]:
-    """What the largest robot takes from reply to write, of what the smallest does."""
+    """Time of the largest robot from reply to write, relative to the smallest."""
     largest, smallest = max(sizes), min(sizes)
 
     def measure(psms: int) -> dict[str, float]:
@@ -195,7 +195,7 @@ def part_missed(measure: Callable[[], float]) -> tuple[float, str]:
 
 
 def write_system(folder: Path, psms: int) -> Path:
-    """A system file with so many copies of the demo's PSM, each on two boards of its own."""
+    """A system file with this many copies of the demo's PSM, each on two boards of its own."""
     robot = yaml.safe_load((SOURCE / "io" / "PSM1-demo.yaml").read_text())
     arms = []
     for i in range(psms):

@@ -1,12 +1,12 @@
-"""`trocar bench lifecycle`: how long processes take to come and go.
+"""`trocar bench lifecycle`: start and stop times of processes.
 
 A PSM on emulated boards, and beside it a process that runs on demand. `up_s` is until every process has passed its
 setup, `up_to_homed_s` until the arm is homed as well; both count from before the supervisor is started. Medians of some
-tries: `first_subscription_to_running_s` is from a subscription to the first record of the process that was started for
-it, `last_left_to_stopped_s` from the end of that until there is no process (it does not linger); `restart_s` is the
-arm's. `down_s` is from homed, powered, to nothing left. `full_up_s` and `full_down_s` are those of the full KINEMATIC
-robot, and `full_pss_mb` is its memory, what processes share counted once. All seconds are of real time; the systems'
-own are paced.
+tries: `first_subscription_to_running_s` is from a subscription to the first record of the process started for it,
+`last_left_to_stopped_s` from the end of the subscription until the process has ended (without lingering); `restart_s`
+is the arm's. `down_s` is from homed, powered, to complete removal. `full_up_s` and `full_down_s` are those of the full
+KINEMATIC robot, and `full_pss_mb` is its memory, with shared parts counted once. All seconds are of real time; the
+systems' own are paced.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ def _on_demand(system: str) -> dict[str, float]:
 
 
 def _restart(system: str) -> dict[str, float]:
-    """Restart the arm, which goes on from shared memory."""
+    """Restart the arm, which resumes from shared memory."""
     with Remote(system, "supervisor") as remote:
         begin = monotonic_ns()
         ask(remote, "restart", ARM)

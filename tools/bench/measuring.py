@@ -1,4 +1,4 @@
-"""What benchmarks share: facts about this machine, medians by turns, CPU time, waiting, homing, numpy instead of C."""
+"""Common parts of benchmarks: facts about this machine, medians by turns, CPU time, waiting, homing, numpy for C."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ FULL: Final = PROJECT_CONFIGS / "systems" / "kinematic-full.yaml"
 PATIENCE_S: Final = 40.0
 POLL_S: Final = 0.001
 HOMING_TRIES, AGAIN_S = 3, 1.0
-WHOLE_PROCESS: Final = 2  # CPUCLOCK_SCHED: what the scheduler gave all of its threads
+WHOLE_PROCESS: Final = 2  # CPUCLOCK_SCHED: CPU time of all of its threads
 Found = TypeVar("Found")
 
 
@@ -108,7 +108,7 @@ def cpu_s(pid: int) -> float:
 
 @contextmanager
 def without_native() -> Iterator[None]:
-    """numpy does the work of what is made or started meanwhile."""
+    """numpy does the work of objects made or started meanwhile."""
     before = os.environ.get(SWITCH)
     os.environ[SWITCH] = "0"
     native.cache_clear()

@@ -1,8 +1,8 @@
 """The roles of `trocar bench ring` that use our own shared memory; each is made once and then measures in turns.
 
 Started as `python -m trocar.tools.bench.parts ROLE SYSTEM CORE` (see tools/bench/children.py). Polling loops have no
-bound of their own, which would be paid at every poll: a child whose partner has died is killed, or ends when its CPU
-time does.
+bound of their own, which would cost time at every poll: a child with a crashed partner is killed, or ends with its CPU
+time limit.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from trocar.shm.topics import PROBE, PROBE_4K, Topic
 from trocar.tools.bench.children import KEPT, Times, Turn, run_child
 from trocar.tools.output.errors import Problem
 
-BATCH = 50  # of what is too short for the clock; fewer than the ring keeps
+BATCH = 50  # for operations too short for the clock; fewer than the ring keeps
 LAST = -1.0  # in the first number of a payload: this was the last one of this turn
 POLLERS, LOOKERS = 2, 6
 LOOK_S = 0.005
@@ -34,7 +34,7 @@ RINGS = (("ping", PROBE), ("pong", PROBE), ("ping", PROBE_4K), ("pong", PROBE_4K
 
 
 def make_segments(system: str) -> None:
-    """All segments of the benchmark; whoever calls removes them."""
+    """All segments of the benchmark; the caller removes them."""
     for instance, topic in RINGS:
         create_ring(system, instance, topic, {}, {})
     create_mailbox(system, "owner", "arm", COMMANDS["arm"])
@@ -50,7 +50,7 @@ def _reader(system: str, instance: str, topic: Topic = PROBE) -> RingReader:
 
 
 def ping(system: str, topic: Topic = PROBE, what: str = "trip") -> Turn:
-    """Round trips: publish, poll until the answer is here, copied into our record, and read whose answer it is."""
+    """Round trips: publish, poll until the answer is here, copied into our record, and read its sender."""
     writer, answers = _writer(system, "ping", topic), _reader(system, "pong", topic)
     publish, payload = writer.publish, writer.field("payload")
     arrived, stamp = answers.next, answers.field("stamp_ns").item
@@ -98,7 +98,7 @@ def pong(system: str, topic: Topic = PROBE) -> Turn:
 
 
 def local(system: str) -> Turn:
-    """Single calls in one process that nobody disturbs, each time the mean of a batch."""
+    """Single calls in one undisturbed process, each time the mean of a batch."""
     writer, reader, large = _writer(system, "local"), _reader(system, "local"), _writer(system, "local", PROBE_4K)
     publish, newest, following, publish_4k = writer.publish, reader.newest, reader.next, large.publish
     names = ("publish", "newest", "next", "publish_4k")
@@ -192,7 +192,7 @@ def _look_until_last(reader: RingReader, look: Callable[[], bool]) -> Turn:
 
 
 def owner(system: str) -> Turn:
-    """Times from just before a client's send to the command in the polling owner's hands, its numbers read."""
+    """Times from just before a client's send to the command's arrival at the polling owner, its numbers read."""
     box = Mailbox(system, "owner", COMMANDS["arm"])
 
     def turn(seconds: float) -> Times:
@@ -247,7 +247,7 @@ def sleeper(system: str) -> Turn:
         patience = monotonic_ns() + int(seconds * 1e9) + PATIENCE_NS
         while monotonic_ns() < patience:
             if not wakeup.sleep(news, 1_000_000_000):
-                continue  # a wake-up may come late, for news already seen
+                continue  # a wake-up may be late, for news already seen
             now = monotonic_ns()
             seen, sent = int(sent_out), int(stamp)
             heard[...] = seen
@@ -260,7 +260,7 @@ def sleeper(system: str) -> Turn:
 
 
 def waker(system: str) -> Turn:
-    """Rouse the sleeper when it has heard the last news and gone to sleep."""
+    """Wake the sleeper when it has received the last news and gone to sleep."""
     page = ControlPage(system, "sleeper", write=True)
     wakeup, sent_out = page.wakeup(), page.field("cycles")
     stamp, heard = page.field("heartbeat_ns"), page.field("missed")

@@ -1,12 +1,12 @@
-"""The peers of `trocar bench ring`: what others offer for the same job, each at its best.
+"""The peers of `trocar bench ring`: other libraries for the same job, each in its best setting.
 
 Started as `python -m trocar.tools.bench.peers ROLE PLACE OTHER CORE` (see tools/bench/children.py); PLACE is a folder
-of the bench, OTHER the core of the partner. All send 216 bytes to and fro and poll for them. Those that carry bytes
-send the same bytes back without looking into them; with iceoryx2 both sides read a number of the record, as with ours.
+of the bench, OTHER the core of the partner. All send 216 bytes back and forth and poll for them. Byte transports return
+the same bytes without reading them; with iceoryx2 both sides read a number of the record, as with ours.
 
 iceoryx2 comes twice: with the calls of its own Python examples, and tuned like its own benchmark in Rust: the next
 sample is borrowed while the other side is at work, the payload written and read at its bare address. The two measuring
-loops are written out, alike as they are: a call of ours in their midst would be counted as the peer's time.
+loops are written out, although similar: a call of ours inside them would count as the peer's time.
 """
 
 from __future__ import annotations
@@ -43,9 +43,9 @@ MODULES = {"iceoryx2": "iceoryx2", "iceoryx2_tuned": "iceoryx2", "pyzmq": "zmq"}
 
 
 class PeerRecord(ctypes.Structure):
-    """What iceoryx2 sends: a number and what else makes 216 bytes."""
+    """Payload of iceoryx2: a number and further values, 216 bytes."""
 
-    _fields_ = [("number", ctypes.c_int64), ("values", ctypes.c_double * 26)]  # ctypes asks for a list
+    _fields_ = [("number", ctypes.c_int64), ("values", ctypes.c_double * 26)]  # ctypes requires a list
 
 
 def iceoryx2_prefix(place: str) -> str:
@@ -61,7 +61,7 @@ def _iceoryx2(place: str, way: str, first: bool) -> tuple[Any, Any]:
     config = iox2.config.default()
     config.global_cfg.root_path = iox2.Path.new(str(Path(place) / "iceoryx2"))
     config.global_cfg.prefix = iox2.FileName.new(iceoryx2_prefix(place))
-    config.global_cfg.creation_timeout = iox2.Duration.from_secs(int(PATIENCE_S))  # of whoever came second
+    config.global_cfg.creation_timeout = iox2.Duration.from_secs(int(PATIENCE_S))  # for the second to attach
     node = iox2.NodeBuilder.new().config(config).create(iox2.ServiceType.Ipc)
     questions, answers = (
         node.service_builder(iox2.ServiceName.new(f"{way}/{which}")).publish_subscribe(PeerRecord)
@@ -119,7 +119,7 @@ def iceoryx2_pong(place: str) -> Turn:
 
 
 def iceoryx2_tuned_ping(place: str) -> Turn:
-    """Round trips with whatever can be done earlier or later done so."""
+    """Round trips with all possible work moved before or after the measurement."""
     publisher, subscriber = _iceoryx2(place, "tuned", True)
     loan, receive, record = publisher.loan_uninit, subscriber.receive, PeerRecord()
     copy, source, number_at = ctypes.memmove, ctypes.addressof(record), ctypes.c_int64.from_address
@@ -195,7 +195,7 @@ def _ask(send: Send, receive: Receive) -> Turn:
 
 
 def _answer(send: Send, receive: Receive) -> Turn:
-    """Send back what comes."""
+    """Return all received data."""
 
     def turn(seconds: float) -> Times:
         while (question := receive()) != END:

@@ -1,8 +1,8 @@
-"""`trocar bench recorder`: what the recorder costs, and whether io notices it.
+"""`trocar bench recorder`: cost of the recorder, and its effect on io.
 
 The full KINEMATIC system on the wall clock, homed, all arms moving all the time. `recorder_cpu_percent` (100 is one
-core) and `mb_per_minute` (on the disk, compressed) are those of the black box alone; `named_…` come on top while
-every record of PSM1 and its io is recorded as well. `sequence_gaps` are records of that which are missing in the file.
+core) and `mb_per_minute` (on the disk, compressed) are those of the black box alone; `named_…` are the additional cost
+of recording every record of PSM1 and its io. `sequence_gaps` are the records of these missing in the file.
 `io_period_p99_ratio` is io's period (99 %) with the black box to that without a recorder, median of pairs by turns.
 """
 

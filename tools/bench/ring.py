@@ -1,8 +1,8 @@
-"""`trocar bench ring`: how long shared memory takes, and how long others take for the same, on the same two cores.
+"""`trocar bench ring`: latency of shared memory, and of other libraries for the same job, on the same two cores.
 
 Everything is measured in short turns, round after round: a turn of ours, a turn of a peer, a turn of ours, and so on.
 On a virtual machine the two cores may be near each other in one second and far apart in the next, which doubles every
-time; so ratios are formed of turns that lie side by side, and what is printed is the median over all rounds.
+time; so ratios are formed from adjacent turns, and the median over all rounds is printed.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ Commands = dict[str, list[str]]  # of a team: role and command line
 
 
 class RingTurns(Turns):
-    """What the turns gave; the ratios are of a peer's time and ours, with C of ours and C's."""
+    """Results of the turns; the ratios are of a peer's time and ours, with C of ours and C's."""
 
     def keep_peer(self, name: str, before: Report, theirs: Report, after: Report) -> None:
         """Add a turn of a peer, between two of ours."""
@@ -206,7 +206,7 @@ def _machine(cores: tuple[int, int]) -> dict[str, Any]:
 
 
 def _settings() -> dict[str, Any]:
-    """What was measured how, in words."""
+    """The settings of the measurements, in words."""
     return {
         "payload_bytes": schema_of(PROBE).dtype.itemsize - 16,
         "payload_4k_bytes": schema_of(PROBE_4K).dtype.itemsize - 16,

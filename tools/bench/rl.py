@@ -1,15 +1,15 @@
-"""`trocar bench rl`: how fast whole systems run in one process, how long it takes to go back, whether all is the same.
+"""`trocar bench rl`: speed of whole systems in one process, time to restore a snapshot, reproducibility.
 
 Hosts (procs/host) of a KINEMATIC PSM, a PSM on emulated boards, and four PSMs on eight boards, each with io, arms and
 physics at 500 Hz and goals at 50 Hz. Ratios are seconds of the system's time a second: real (`…_realtime_ratio`) and of
-CPU (`…_per_cpu_s`), medians (and p05) of windows of some seconds; of four PSMs the arms' seconds are added up. Times to
-go back are CPU time of one PSM on boards. Hashes are of every record of io, boards and arms: twice in this process, in
+CPU (`…_per_cpu_s`), medians (and p05) of windows of some seconds; for four PSMs the arms' seconds are added up. Restore
+times are CPU time of one PSM on boards. Hashes are of every record of io, boards and arms: twice in this process, in
 another host, in another process; and a homing in processes in lock-step is compared with a host, record by record.
 
-Where Ray is installed, episodes of PsmReach on boards run on actors of it, and do the same there. `ray_scaling_4` is
-the steps a second of four actors by four times those of one, the median of some rounds, each with both; None where the
+If Ray is installed, episodes of PsmReach on boards run on its actors too, with the same results. `ray_scaling_4` is the
+steps a second of four actors by four times those of one, the median of some rounds, each with both; None where the
 machine has fewer than five cores free, as the driver and Ray need one. `ray_cpu_scaling_4` is the same of simulated
-seconds a second of CPU time: what cores lose by sharing memory and caches, without what others do on them.
+seconds a second of CPU time: the loss of cores by sharing memory and caches, without the load of other processes.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""The same run twice: what an arm of a system in lock-step wrote, asked for from outside, and what a host makes of it.
+"""The same run twice: output of an arm in a lock-step system, commanded from outside, and its repetition in a host.
 
-Commands come to processes when they come; the audits say in which cycles. In the host each is sent so that it comes in
-that cycle, too, and then every record of the arm has to be the same, bit by bit.
+Commands arrive in any cycle; the audits show in which. In the host each is sent so that it arrives in that cycle, too,
+and then every record of the arm must be the same, bit by bit.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ HISTORY, SECOND_NS = 4096, 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class AskedFor:
-    """A command, and the cycle of its owner in which it came."""
+    """A command, and the owner's cycle in which it arrived."""
 
     stamp_ns: int
     instance: str
@@ -45,10 +45,10 @@ class AskedFor:
 
 
 class LockstepRun(Closable):
-    """A running system in lock-step and one of its arms: it is asked for something, and all that it writes is kept."""
+    """A running system in lock-step and one of its arms: it gets commands, and all its output is kept."""
 
     def __init__(self, system: str, arm: str, others: Sequence[str] = ()) -> None:
-        """`others` are instances besides the arm that are asked for something."""
+        """`others` are further instances that get commands."""
         self.document: SystemConfig = from_json(directory.document(system))
         self._arm, self._held = arm, contextlib.ExitStack()
         self._ring = self._held.enter_context(contextlib.closing(directory.reader(system, arm, "state")))
@@ -60,13 +60,13 @@ class LockstepRun(Closable):
         self._replies: dict[tuple[str, int], tuple[str, str]] = {}
 
     def send(self, instance: str, command: str, values: Sequence[float] = (), text: str = "") -> int:
-        """Ask for something; its number."""
+        """Send a command; returns its number."""
         return self._clients[instance].send(command, values, text)
 
     def ask(self, instance: str, command: str, values: Sequence[float] = (), text: str = "") -> None:
-        """Ask for something, and wait until it is done; Problem: it was not.
+        """Send a command, and wait until it is done; Problem: it was not.
 
-        What is refused is asked for a few times: a busy machine holds up us, while the system's time goes on.
+        A refused command is repeated a few times: a busy machine stalls us, while the system's time advances.
         """
         said = ""
         for _ in range(ATTEMPTS):
@@ -81,7 +81,7 @@ class LockstepRun(Closable):
         raise Problem(f"{instance}: {command} {text} {became(outcome)}: {said}")
 
     def wait(self, has_come: Callable[[], bool], what: str) -> None:
-        """Keep what is written until something has come; Problem: it does not come."""
+        """Keep the output until a condition holds; Problem: it never does."""
         end_ns = monotonic_ns() + round(PATIENCE_S * 1e9)
         while not has_come():
             if monotonic_ns() > end_ns:
@@ -90,7 +90,7 @@ class LockstepRun(Closable):
             self.look()
 
     def look(self) -> None:
-        """Take what is there."""
+        """Take the new records."""
         while self._ring.next():
             self._rows.append(bytes(self._ring.record))
         for name, client in self._clients.items():
@@ -102,12 +102,12 @@ class LockstepRun(Closable):
 
     @property
     def asked_for(self) -> list[AskedFor]:
-        """All that has been asked for and was not refused, in order."""
+        """All commands that were not refused, in order."""
         found: dict[tuple[str, int, int], AskedFor] = {}
         for name, audit in self._audits.items():
             for row in audit.last(AUDITED):
                 key = name, int(row["place"]), int(row["id"])
-                if row["outcome"] in TAKEN and key not in found:  # else it is what became of it later
+                if row["outcome"] in TAKEN and key not in found:  # else it is a later outcome
                     found[key] = AskedFor(int(row["stamp_ns"]), name, row["command"].decode(),
                                           tuple(map(float, row["values"][: int(row["count"])])), row["text"].decode())
         return sorted(found.values(), key=lambda one: one.stamp_ns)
@@ -135,7 +135,7 @@ class LockstepRun(Closable):
 
 
 def hosted(document: SystemConfig, arm: str, asked_for: Sequence[AskedFor], end_ns: int) -> NDArray[Any]:
-    """All records of the arm in a host in which the same commands come in the same cycles."""
+    """All records of the arm in a host that gets the same commands in the same cycles."""
     rows: list[bytes] = []
     with Host(document, history=HISTORY) as host:
         ring = host.reader(arm)

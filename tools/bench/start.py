@@ -1,9 +1,9 @@
-"""`trocar bench start`: how long a person waits for a verb, and for a system to be up.
+"""`trocar bench start`: waiting time for a verb, and for a system to be up.
 
-Each figure is the median of some tries, by turns; `_cpu_s` is what the processors did for it, which a busy machine
-stretches less. `python_s` is an interpreter that does nothing, `numpy_s` one that loads numpy as verbs do: what lies
-between that and a verb is ours. `up_s` is `trocar up` of the whole robot (two masters, setup joints, ECM, three
-PSMs, four teleoperations, all KINEMATIC), `status_s` looks at it, `idle_status_s` finds that no such system is up.
+Each figure is the median of some tries, by turns; `_cpu_s` is its CPU time, which depends less on other load.
+`python_s` is an interpreter that does nothing, `numpy_s` one that loads numpy as verbs do: the difference to a verb is
+ours. `up_s` is `trocar up` of the whole robot (two masters, setup joints, ECM, three PSMs, four teleoperations, all
+KINEMATIC), `status_s` looks at it, `idle_status_s` finds that no such system is up.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def run() -> dict[str, Any]:
 
 
 def _once(what: str, *words: str) -> dict[str, float]:
-    """Seconds, and processor seconds, of a fresh interpreter; what it says and its exit code do not matter."""
+    """Wall seconds, and CPU seconds, of a fresh interpreter; its output and exit code do not matter."""
     environ = {**environment(), "OPENBLAS_NUM_THREADS": "1"}
     begin, used = monotonic_ns(), _children_s()
     subprocess.run([sys.executable, *words], cwd=ROOT, env=environ, stdout=subprocess.DEVNULL,

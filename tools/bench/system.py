@@ -1,14 +1,14 @@
 """`trocar bench system [SYSTEM]`: a whole system at work: rates, missed deadlines and CPU time of every process.
 
 The system is started as `trocar up` does it, all arms are homed, an operator is emulated at every console. Each
-teleoperation has to follow for once; then, for `--seconds`, those that are selected follow while their masters move
-all the time. Masters without a robot (KINEMATIC) are moved by joint setpoints of ours, 200 a second; our own CPU time
-is `bench` among the processes and no part of the total.
+teleoperation must follow once; then, for `--seconds`, the selected ones follow while their masters move all the time.
+Masters without a robot (KINEMATIC) are moved by joint setpoints of ours, 200 a second; our own CPU time is `bench`
+among the processes and no part of the total.
 
-`cpu_percent_boards` is that of emulated boards, which a real robot does without. `io_rate_hz` and `io_missed_percent`
-are those of the io that does worst; missed are deadlines that passed without a cycle, of all deadlines. CPU time is
-what the kernel counted for a process in the window; 100 % is one core. `locked_mb` is what all processes have locked
-(VmLck); what they share is the supervisor's, which locks it.
+`cpu_percent_boards` is that of emulated boards, which a real robot does not need. `io_rate_hz` and `io_missed_percent`
+are those of the worst io; missed are deadlines that passed without a cycle, of all deadlines. CPU time is the kernel's
+count for a process in the window; 100 % is one core. `locked_mb` is the locked memory of all processes (VmLck); shared
+memory counts for the supervisor, which locks it.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ class SystemReport:
         self._since = self._ring.head
 
     def count(self, severity: int) -> tuple[int, list[str]]:
-        """How many came, and the newest different texts."""
+        """Number of events, and the newest different texts."""
         kept = self._ring.last(REPORTED)
         texts = [str(plain(bytes(text))) for text in
                  kept["text"][(kept["sequence"] > self._since) & (kept["severity"] == severity)]]
@@ -133,7 +133,7 @@ def _measure(system: str, taken: list[OperatorSim], seconds: float) -> dict[str,
 
 
 def swing(sways: Sequence[Sway], seconds: float) -> list[tuple[str, int]]:
-    """Move masters for so long; who did not take goals, and how many: a master that is held up ends no measurement."""
+    """Move masters for this long; returns those that refused goals, with counts: a stalled master does not end it."""
     untaken = dict.fromkeys((sway.name for sway in sways), 0)
     for k in beats(MOVES_HZ, round(seconds * MOVES_HZ), [0]):
         for sway in sways:
@@ -158,7 +158,7 @@ def marks(system: str) -> dict[str, Mark]:
 
 
 def row(name: str, before: Mark, after: Mark) -> dict[str, Any]:
-    """What one process did in a window; one that was started anew meanwhile counts as if it had then begun."""
+    """Figures of one process in a window; one that restarted meanwhile counts as if started at its begin."""
     if before.pid != after.pid:
         before = Mark(before.beat_ns, before.look_ns, after.kind, after.pid, 0, 0, 0, 0.0, after.scheduling)
     beats_s, passed_s = (max(1, then - was) * 1e-9 for was, then in
@@ -190,7 +190,7 @@ def figures(rows: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def show(result: dict[str, Any]) -> None:
-    """For eyes, what is more than figures and conditions."""
+    """Further results for people."""
     rows = [(each["name"], number(each.get("rate_hz")), number(each.get("missed_percent"), ".2f"),
              str(each.get("overruns", "–")), number(each["cpu_percent"]), number(each.get("locked_mb")),
              each.get("scheduling", ""))

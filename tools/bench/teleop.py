@@ -1,10 +1,9 @@
-"""`trocar bench teleop`: how long it takes from an edge of a master's encoder to the slave's setpoint.
+"""`trocar bench teleop`: latency from an edge of a master's encoder to the slave's setpoint.
 
-The system of `trocar demo` on emulated boards, but at the usual periods, following; the master weighs nothing and
-nobody touches it. At random moments, about twenty a second, its first actuator is put NUDGE_RAD further, or back: its
-encoder runs there within one physics step (1 ms), which the boards' record has with its time. What is looked for is the
-first setpoint of the slave that has gone PART of the way that this nudge makes it go, and the edge that is PART of the
-way is where time begins.
+The system of `trocar demo` on emulated boards, but at the usual periods, following; the master has no weight and no
+hand on it. At random moments, about twenty a second, its first actuator is displaced by NUDGE_RAD, or back: its encoder
+runs there within one physics step (1 ms), which the boards' record shows with its time. The end is the first setpoint
+of the slave at PART of the resulting way; the start is the edge at PART of the encoder's way.
 
 - `master_to_slave_ms`: to the slave's setpoint as io has taken it (`PSM1/setpoint_js` shows it): the time is when the
   boards' reply was in (`recv_ns`), after which io takes setpoints.
@@ -58,7 +57,7 @@ Stamps = NDArray[np.int64]
 
 
 def run(seconds: float = SECONDS, sets: tuple[str, ...] = ()) -> dict[str, Any]:
-    """Measure, at the usual periods where `sets` give no others."""
+    """Measure, at the usual periods unless `sets` changes them."""
     name, sets = f"bench-teleop-{os.getpid()}", (*SETS, *sets)
     with up_meanwhile(StartRequest(SYSTEM, name, "emulated", sets=(*sets, "clock=wall"))):
         home_all(name)
@@ -141,7 +140,7 @@ def _nudge(hand: Hand, teleop: SimTeleop, seconds: float, place: Array, columns:
 
 
 def edges(times: Stamps, positions: Array) -> Stamps:
-    """ns at which PART of each nudge's edges had come; (n,) positions of the nudged actuator at steps' begins."""
+    """ns at which PART of each nudge's edges had occurred; (n,) positions of the nudged actuator at steps' begins."""
     moved = np.flatnonzero(np.abs(np.diff(positions)) > 0.6 * NUDGE_RAD) + 1
     found: Stamps = times[moved] + round(PART * STEP_NS)
     return found
@@ -170,7 +169,7 @@ def fault_handler(nudges: Stamps, stamps: Stamps, setpoints: Array) -> Stamps:
 
 
 def _axes(system: str, instance: str, robot: str) -> slice:
-    """Where a robot's actuators lie in a state record."""
+    """Positions of a robot's actuators in a state record."""
     with contextlib.closing(directory.reader(system, instance, "state")) as reader:
         row = reader.info["robots"][robot]
     return slice(row["first"], row["first"] + row["count"])

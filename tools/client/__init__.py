@@ -1,1 +1,1 @@
-"""What scripts see of a running system; `trocar` gives it."""
+"""Script interface to a running system; `trocar` provides it."""

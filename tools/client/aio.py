@@ -1,4 +1,4 @@
-"""The words of arms, consoles and systems as coroutines, so that other coroutines go on meanwhile."""
+"""The methods of arms, consoles and systems as coroutines, so that other coroutines run meanwhile."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class AwaitedWord:
         return AwaitedWord(self._carry_out, (*self._path, name))
 
     async def __call__(self, *given: Any, **named: Any) -> Any:
-        """Carry it out; a move is over at its goal. Cancelled, a move goes on, and so does what has begun."""
+        """Execute it; a move ends at its goal. After a cancellation, a move and other started actions continue."""
         return await self._carry_out(self._path, given, named)
 
 
@@ -99,14 +99,14 @@ class Aio:
             thread.shutdown(wait=False)
 
     async def close(self) -> None:
-        """Detach, when what is under way has ended; moves need not be at their goals."""
+        """Detach after calls under way have ended; moves need not be at their goals."""
         self._is_over.set()
         await asyncio.get_running_loop().run_in_executor(None, self._threads.shutdown)
         for made in self._made:
             made.close()
 
     async def __aenter__(self) -> Self:
-        """Attached from here on; what cannot be attached raises as it does without `aio`."""
+        """Attached from here on; failures to attach raise as without `aio`."""
         await asyncio.get_running_loop().run_in_executor(self._threads, self._object)
         return self
 

@@ -1,4 +1,4 @@
-"""One arm of a running system, with what every kind of arm has."""
+"""One arm of a running system, with the methods common to all kinds of arms."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from trocar.tools.client.ways import Ways
 from trocar.tools.output.errors import Clipped
 
 LIMITED: Final = ("at its limit: ", CLIPPED)
-"""The answer to a goal that cannot be reached begins with one of these."""
+"""The answer to an unreachable goal begins with one of these."""
 
 
 class Arm(Instance, Joints):
@@ -62,7 +62,7 @@ class Arm(Instance, Joints):
         return move(self._waits, self._remote, "move_cr", pose_numbers(change))
 
     def servo_cp(self, pose: ArrayLike, twist: ArrayLike | None = None) -> None:
-        """Follow a tip pose (4, 4) now, with its twist (6,) where given."""
+        """Follow a tip pose (4, 4) now, with its optional twist (6,)."""
         values = pose_numbers(pose)
         if twist is not None:
             values = np.concatenate((values, six_numbers(twist, "a twist")))
@@ -74,7 +74,7 @@ class Arm(Instance, Joints):
 
     def servo_cs(self, pose: ArrayLike | None = None, twist: ArrayLike | None = None,
                  wrench: ArrayLike | None = None) -> None:
-        """Follow a pose (4, 4), with twist (6,) and wrench (6,) where given; without a pose: apply the wrench."""
+        """Follow a pose (4, 4), with optional twist (6,) and wrench (6,); without a pose: apply the wrench."""
         values = np.zeros(7 + 6 + 6 + 3)
         if pose is not None:
             values[:7] = pose_numbers(pose)
@@ -104,7 +104,7 @@ class Arm(Instance, Joints):
         return move(self._waits, self._remote, "move_jr", increment)
 
     def servo_jp(self, position: ArrayLike, velocity: ArrayLike | None = None) -> None:
-        """Follow joint positions (n,) now, with their velocities (n,) where given."""
+        """Follow joint positions (n,) now, with their optional velocities (n,)."""
         values = numbers(position)
         self._follow("servo_jp", values if velocity is None else np.concatenate((values, numbers(velocity))))
 
@@ -133,7 +133,7 @@ class Arm(Instance, Joints):
         self._remote.ask("hold")
 
     def free(self) -> None:
-        """Zero efforts but for the arm's weight; it can be moved by hand."""
+        """Zero efforts except for the arm's weight; it can be moved by hand."""
         self._remote.ask("free")
 
     def pause(self, timeout: float = 10.0) -> None:
@@ -142,7 +142,7 @@ class Arm(Instance, Joints):
         self.wait_for_operating_state("PAUSED", timeout)
 
     def resume(self, timeout: float = 10.0) -> None:
-        """Go on after a pause and wait until it is ENABLED."""
+        """Resume after a pause and wait until it is ENABLED."""
         self.state_command("resume")
         self.wait_for_operating_state("ENABLED", timeout)
 
@@ -176,7 +176,7 @@ class Arm(Instance, Joints):
         return self._record.look().number(field)
 
     def use_gravity_compensation(self, on: bool = True) -> None:
-        """Bear the arm's own weight, or don't; Refused where no model of it is known."""
+        """Compensate the arm's own weight, or not; Refused without a model of it."""
         self._remote.ask("use_gravity_compensation", (float(on),))
 
     def set_base_frame(self, pose: ArrayLike | None, frame: str = "") -> None:
@@ -184,7 +184,7 @@ class Arm(Instance, Joints):
         self._remote.ask("set_base_frame", () if pose is None else pose_numbers(pose), frame)
 
     def reference_frame(self) -> str:
-        """Name of the frame that poses are given in."""
+        """Name of the frame of its poses."""
         return self._record.look().text("reference_frame")
 
     # questions; nothing moves

@@ -28,7 +28,7 @@ from trocar.tools.output.printing import Say
 from trocar.tools.systems.find import is_simulated, orphaned
 
 POLL_S = 0.02
-PATIENCE_NS = 1_000_000_000  # what is waited for for a shorter time is no news
+PATIENCE_NS = 1_000_000_000  # a shorter wait is not reported
 Report = Callable[[str], None]
 
 
@@ -55,13 +55,13 @@ class ArmBringUp:
     _since_ns: int = 0
 
     def step(self) -> None:
-        """Look, and ask for the next thing once."""
+        """Look, and send the next command once."""
         if not self.watch.look():
             self._check_time(self.watch.problem() or "it has not shown its state")
             return
         state, busy = self.watch.state, self.watch.busy
         if reached(WORDS[self.goal], state, self.watch.homed, busy):
-            problem = self.watch.problem()  # the record of a process that died or hangs stands for ever
+            problem = self.watch.problem()  # the record of a crashed or hanging process stays unchanged
             problem = problem or (self.amplifiers.why_not_off() if self.goal == DISABLED else "")
             if problem:
                 self._check_time(problem)
@@ -112,7 +112,7 @@ class ArmBringUp:
 
     @property
     def waits(self) -> str:
-        """What the arm waits for, in its own words; empty: for nothing."""
+        """The condition the arm waits for, in its own words; empty: none."""
         return "" if self.watch.state == "FAULT" else self.watch.text("reason")
 
     def line(self) -> str:
@@ -120,7 +120,7 @@ class ArmBringUp:
         return f"{self.watch.name} {self.watch.text('sub_state') or self.watch.state}"
 
     def news(self, now_ns: int) -> str:
-        """What a person is told: what it has waited for for a second by now; empty: nothing new."""
+        """Report for a person: the condition it has waited for for a second by now; empty: nothing new."""
         waits = "" if self.over else self.waits
         if waits != self._waits:
             self._waits, self._since_ns = waits, now_ns
@@ -132,9 +132,9 @@ class ArmBringUp:
 
 def bring(system: str, names: Sequence[str], goal: str, limit_s: float, say: Say,
           report: Report = silent) -> dict[str, str]:
-    """Bring arms to `goal` (enabled, homed, disabled) at the same time; what is wrong with each, empty: it is there.
+    """Bring arms to `goal` (enabled, homed, disabled) at the same time; returns the problem of each, empty: done.
 
-    All that it asks of them is one command: no step of it is carried out after a fault. `report` is given what an arm
+    All its steps are one command: no step is carried out after a fault. `report` receives the condition that an arm
     waits for, once it has waited for a second.
     """
     simulated, whole = is_simulated(system), begin(system)
@@ -158,7 +158,7 @@ def bring(system: str, names: Sequence[str], goal: str, limit_s: float, say: Say
 
 
 def bring_all(system: str, names: Sequence[str], goal: str, timeout: float = 0.0, say: Say = silent) -> None:
-    """The same (none named: all); Problem says which are not there and why. `timeout` (s): of each step, 0: usual."""
+    """The same (default: all); Problem names the failed ones with reasons. `timeout` (s): for each step, 0: usual."""
     problems = bring(system, powered_names(system, names), goal, timeout, say)
     reported = [f"{name}: {problem}" for name, problem in problems.items() if problem]
     if reported:

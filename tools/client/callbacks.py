@@ -22,7 +22,7 @@ class Callbacks:
     """Those of one object. They run in calls of its thread: `run`, and the object's waits."""
 
     def __init__(self, events: EventWay, row: Callable[[], Event] | None = None) -> None:
-        """`row`: a state record whose fields are told, too, when they have changed."""
+        """`row`: a state record whose fields are reported, too, when they have changed."""
         self._events, self._row = events, row
         self._functions: dict[str, Callback] = {}
         self._fields: dict[str, Any] = {}
@@ -46,7 +46,7 @@ class Callbacks:
         self._functions[event] = function
 
     def run(self, timeout: float = 0.0) -> int:
-        """Call the functions for what has happened; how many calls. Waits up to `timeout` s for a first one."""
+        """Call the functions for new events; returns the number of calls. Waits up to `timeout` s for a first one."""
         count, end = self._run(), monotonic_ns() + round(timeout * 1e9)
         while not count and monotonic_ns() < end:
             pause(POLL_S)
@@ -86,7 +86,7 @@ class Callbacks:
 
 
 class Reporting(Closable):
-    """What has events: arms, setup joints, consoles, teleoperations, systems; a context manager."""
+    """Instances with events: arms, setup joints, consoles, teleoperations, systems; a context manager."""
 
     _callbacks: Callbacks
 
@@ -98,5 +98,5 @@ class Reporting(Closable):
         self._callbacks.set(event, callback)
 
     def process_events(self, timeout: float = 0.0) -> int:
-        """Run the callbacks for what has happened; how many calls. Waits up to `timeout` s for a first one."""
+        """Run the callbacks for new events; returns the number of calls. Waits up to `timeout` s for a first one."""
         return self._callbacks.run(timeout)

@@ -17,7 +17,7 @@ from trocar.tools.output.errors import Disconnected, Problem, closed
 
 PORT: Final = 7380
 KEPT: Final = 1000
-"""Answers that nobody asks for, and events that nobody takes."""
+"""Maximum number of kept answers and events that are not collected."""
 
 
 class BridgeConnection:
@@ -25,7 +25,7 @@ class BridgeConnection:
 
     def __init__(self, at: str, token: str | Path = "", tls: ssl.SSLContext | None = None,
                  timeout: float = 5.0) -> None:
-        """`at`: HOST:PORT. `token`: the token itself, or the Path of a file that has it. OSError: nobody is there."""
+        """`at`: HOST:PORT. `token`: the token itself, or the Path of a file with it. OSError: no bridge there."""
         host, _, port = at.rpartition(":") if at.rpartition(":")[2].isdecimal() else (at, "", str(PORT))
         words = token.read_text().strip() if isinstance(token, Path) else token
         bare = socket.create_connection((host.strip("[]"), int(port)), timeout)
@@ -52,7 +52,7 @@ class BridgeConnection:
         return self._count
 
     def hear(self, timeout: float) -> bool:
-        """Take in what has come, at least one message; False when there is none in time."""
+        """Receive messages, at least one; False if there is none in time."""
         end = monotonic_ns() + round(timeout * 1e9)
         while b"\n" not in self._rest:
             try:
@@ -86,19 +86,19 @@ class BridgeConnection:
             raise Problem(f"{self.at}: {message['error']}")
 
     def records(self, topic: str) -> list[Mapping[str, Any]]:
-        """What has come of a subscription since the last call."""
+        """Records of a subscription since the last call."""
         while self.hear(0.0):
             pass
         return list(self._records.pop(topic, ()))
 
     def heard(self, number: int) -> list[dict[str, Any]]:
-        """What has come about one message, and was not asked for yet."""
+        """Answers about one message that were not collected yet."""
         while self.hear(0.0):
             pass
         return self._heard.pop(number, [])
 
     def first(self, number: int, timeout: float, outcomes: tuple[str, ...] = ()) -> dict[str, Any] | None:
-        """The next answer about a message, of these outcomes if any are given; None when there is none in time."""
+        """The next answer about a message, of these outcomes if any are given; None if there is none in time."""
         end = monotonic_ns() + round(timeout * 1e9)
         while True:
             known = self._heard.get(number, [])

@@ -67,7 +67,7 @@ class ConsoleHandle(Operated):
         self._ask("set_scale", (scale,))
 
     def teleop_get_scale(self) -> float:
-        """The scale last asked for."""
+        """The scale last requested."""
         return float(self._row()["scale"])
 
     def operator_present(self) -> bool:
@@ -83,7 +83,7 @@ class ConsoleHandle(Operated):
         return bool(self._row()["camera"])
 
     def emulate_operator_present(self, present: bool = True) -> None:
-        """As if the operator came or went."""
+        """Emulate that the operator comes or goes."""
         self._ask("emulate_operator_present", (float(present),))
 
     def emulate_clutch(self, pressed: bool = True) -> None:
@@ -103,7 +103,7 @@ class TeleopHandle(Operated):
         return str(self._row()["state"])
 
     def desired_state(self) -> str:
-        """The state asked for."""
+        """The requested state."""
         return str(self._row()["desired_state"])
 
     def following(self) -> bool:
@@ -111,7 +111,7 @@ class TeleopHandle(Operated):
         return bool(self._row()["following"])
 
     def reason(self) -> str:
-        """What it waits for, or why it does not follow; empty: nothing."""
+        """The condition it waits for, or the reason why it does not follow; empty: none."""
         return str(self._row()["reason"])
 
     def state_command(self, word: str) -> None:
@@ -119,7 +119,7 @@ class TeleopHandle(Operated):
         self._ask("state_command", text=word)
 
     def enable(self, timeout: float = 60.0) -> None:
-        """Ask for it and wait until it is ENABLED: its arms are homed and aligned, and the operator is there."""
+        """Request it and wait until it is ENABLED: its arms are homed and aligned, and the operator is present."""
         self.state_command("enable")
         self.wait_for_state("ENABLED", timeout)
 

@@ -12,7 +12,7 @@ LOOK_NS: Final = 20_000_000
 
 
 class Deadline:
-    """Over when so much has passed of our time and of the robot's; one whose time stands for 5 s holds nobody up."""
+    """Over after this time of ours and of the robot's; a robot time that is stopped for 5 s no longer counts."""
 
     def __init__(self, seconds: float, robot_ns: Callable[[], int] | None = None,
                  now_ns: Callable[[], int] = monotonic_ns) -> None:

@@ -21,7 +21,7 @@ from trocar.tools.output.errors import Disconnected, NotThere, Problem, Refused
 
 EVENT: Final = "event"
 AROUND: Final = ("op", "topic", "age_s")
-"""Of a record as it comes: what an event does not have."""
+"""Fields of a received record that an event does not have."""
 STEP_S: Final = 0.2
 STEPS: Final = {"disabled": ("disable",), "enabled": ("enable",), "homed": ("enable", "home")}
 PARTS: Final = {"pose": ("position", "orientation"), "twist": ("linear", "angular"), "wrench": ("force", "torque")}
@@ -38,7 +38,7 @@ class DistantRemote:
     """Commands to one instance."""
 
     def __init__(self, connection: BridgeConnection, instance: str) -> None:
-        """Nothing is asked yet."""
+        """Sends nothing yet."""
         self.instance, self._connection = instance, connection
 
     @property
@@ -63,7 +63,7 @@ class DistantRemote:
         return reply
 
     def settled(self, command: str, values: ArrayLike = (), text: str = "", timeout: float = 60.0) -> Reply:
-        """Send and wait for the end: refused, done or failed; Problem when it does not come in time."""
+        """Send and wait for the end: refused, done or failed; Problem if it does not arrive in time."""
         number = self._sent(command, values, text)
         limit = self._connection.deadline(self.instance, timeout)
         while (found := self._connection.first(number, STEP_S, ENDINGS)) is None:
@@ -72,7 +72,7 @@ class DistantRemote:
         return _reply(number, found)
 
     def replies_to(self, number: int) -> list[Reply]:
-        """Answers to one command, that came and were not asked for yet."""
+        """Answers to one command that were not collected yet."""
         return [_reply(number, found) for found in self._connection.heard(number)]
 
     def close(self) -> None:
@@ -81,7 +81,7 @@ class DistantRemote:
 
 @dataclass(frozen=True, slots=True)
 class DistantShown:
-    """A state record as it came."""
+    """A state record as received."""
 
     row: Mapping[str, Any]
 
@@ -115,7 +115,7 @@ class DistantShown:
 
 
 class DistantRecord:
-    """All that one instance shows; every read asks for the newest record."""
+    """The records of one instance; every read requests the newest record."""
 
     def __init__(self, connection: BridgeConnection, name: str) -> None:
         """Problem when there is no such record."""
@@ -167,7 +167,7 @@ class DistantRecord:
         return matrix_from_pose(pose), stamp_ns
 
     def joint_state(self, view: str) -> tuple[JointState, int]:
-        """What a view shows of joints."""
+        """Joint values of a view."""
         row = self._valid(view)
         return JointState(*(_array(row[name]) for name in JointState._fields)), int(row["stamp_ns"])
 
@@ -176,7 +176,7 @@ class DistantRecord:
         return [str(name) for name in self._valid(view)["name"]]
 
     def reported(self, event: str) -> bool:
-        """The flag that an event of this name told last; False when there was none."""
+        """The last flag of an event of this name; False if there was none."""
         try:
             return bool(self._connection.ask("read", topic=f"{self._name}/{event}")[FLAGS[event]])
         except Disconnected:
@@ -195,10 +195,10 @@ class DistantRecord:
 
 
 class DistantEvents:
-    """What one instance reports now and then."""
+    """Events of one instance."""
 
     def __init__(self, connection: BridgeConnection, name: str) -> None:
-        """Nothing is asked yet."""
+        """Sends nothing yet."""
         self._connection, self._name = connection, name
         self._followed: set[str] = set()
 
@@ -220,7 +220,7 @@ class DistantEvents:
             self._connection.ask("unsubscribe", topic=f"{self._name}/{event}")
 
     def taken(self) -> list[tuple[str, Mapping[str, Any]]]:
-        """Those that came since the last call, with their names, in order; `lost`: so many before one were not sent."""
+        """Those since the last call, with their names, in order; `lost`: number of unsent ones before an event."""
         came = [(event, {key: row[key] for key in row if key not in AROUND})
                 for event in self._followed for row in self._connection.records(f"{self._name}/{event}")]
         return sorted(came, key=lambda found: int(found[1]["sequence"]))
@@ -237,7 +237,7 @@ class DistantWays:
         self.connection, self.name = connection, str(connection.hello["system"])
         self.is_simulated = connection.is_simulated
         self.instances: dict[str, str] = dict(connection.hello["instances"])
-        """What each is: the type of an arm, else the kind of its process."""
+        """Type of each: that of the arm, else the kind of its process."""
 
     def checked(self, kind: str, name: str) -> Self:
         """Ourselves; NotThere unless there is one of this kind and name."""
@@ -247,11 +247,11 @@ class DistantWays:
         return self
 
     def record(self, name: str) -> DistantRecord:
-        """What an instance shows; Problem when it is not there (yet)."""
+        """Records of an instance; Problem if it is not there (yet)."""
         return DistantRecord(self.connection, name)
 
     def remote(self, name: str) -> DistantRemote:
-        """What it is asked."""
+        """Commands to it."""
         return DistantRemote(self.connection, name)
 
     def rows(self, name: str) -> DistantRecord:
@@ -259,7 +259,7 @@ class DistantWays:
         return DistantRecord(self.connection, name)
 
     def events(self, name: str) -> DistantEvents:
-        """What an instance reports."""
+        """Events of an instance."""
         return DistantEvents(self.connection, name)
 
     def type_of(self, name: str) -> str:
@@ -268,7 +268,7 @@ class DistantWays:
         return found if found in ARM_TYPES else ""
 
     def bring(self, name: str, goal: str, timeout: float) -> None:
-        """Enable, home or disable an instance and wait for it; Problem says why it is not so."""
+        """Enable, home or disable an instance and wait for it; Problem gives the reason for a failure."""
         record, remote = DistantRecord(self.connection, name), self.remote(name)
         now = record.look()
         steps = (("disable",) if now.state == "FAULT" and goal != "disabled" else ()) + STEPS[goal]
@@ -284,7 +284,7 @@ class DistantWays:
         raise Problem(f"{name}: trocar status on the robot's machine tells that")
 
     def gripper_zero(self, name: str) -> float:
-        """Not known here: what the master reports counts."""
+        """Unknown here: the master's report counts."""
         return math.inf
 
 
@@ -293,5 +293,5 @@ def _number(value: Any) -> float:
 
 
 def _array(value: Any) -> Array:
-    """A list as it came, null as NaN."""
+    """A received list, null as NaN."""
     return np.array(value if value is not None else [], dtype=np.float64)

@@ -21,10 +21,10 @@ from trocar.tools.output.errors import Problem
 from trocar.tools.output.printing import note, plain
 
 APPROACH_S = 60.0
-MAX_GAP_S = 0.1  # from there on the arm, too, takes what comes next of a stream for another one
+MAX_GAP_S = 0.1  # from there on the arm, too, takes further goals for a new stream
 SLICE_S = 0.005  # between two looks while we wait
-MOVED = 1e-3  # rad, m: so far from where it was left an arm has been moved by somebody else
-STANDS_S = 10.0  # longer than it takes to start again who held it up
+MOVED = 1e-3  # rad, m: a larger displacement means that another program has moved the arm
+STANDS_S = 10.0  # longer than the restart of a stalled process
 STANDS = f"the system's time has stood still for {STANDS_S:g} s; see trocar status"
 ENABLED = b"ENABLED"
 Array = NDArray[np.float64]
@@ -64,7 +64,7 @@ class Follower:
         self.refused = 0
         self.refusal = ""
         self.clipped_by_arm = 0
-        while watch.reader.next():  # what lies behind us is not compared
+        while watch.reader.next():  # earlier records are not compared
             pass
 
     def send(self, position: Array, velocity: Array | None, jaw: float | None) -> None:
@@ -82,7 +82,7 @@ class Follower:
         self._now_ns = self._time.now_ns()
 
     def collect(self) -> None:
-        """Take in what was measured and answered since; Problem as `look` has it."""
+        """Read measurements and answers since; Problem as in `look`."""
         self.look()
         for reply in self.remote.replies():
             if reply.outcome in ("refused", "failed"):
@@ -92,9 +92,9 @@ class Follower:
                 self.clipped_by_arm += 1
 
     def look(self) -> None:
-        """Take in what was measured since; Problem when the arm was not ENABLED or homed meanwhile, or shows nothing.
+        """Read measurements since; Problem if the arm was not ENABLED or homed meanwhile, or its record is silent.
 
-        Whoever was paused and resumed between two looks has left ENABLED, too.
+        An arm that was paused and resumed between two looks has left ENABLED, too.
         """
         reader, name = self._watch.reader, self._watch.name
         fresh = False
@@ -136,9 +136,9 @@ class Follower:
         return Tracking(self.names, rms, self._most.copy(), self._samples)
 
     def approach(self, position: Array, jaw: float | None, others: Sequence[Follower] = ()) -> None:
-        """Move to where a stream begins, as slowly as moves are, while the `others` are looked at, too.
+        """Move slowly to the start of a stream, while the `others` are checked, too.
 
-        Problem where the arm does not get there, HeldUp where we were held up meanwhile.
+        Problem if the arm does not get there, HeldUp if we were stalled meanwhile.
         """
         moves = [("move_jp", position)] + ([("jaw/move_jp", np.array([jaw]))] if jaw is not None else [])
         for command, values in moves:
@@ -150,7 +150,7 @@ class Follower:
         self._arrived = self._asked()
 
     def must_be_there(self) -> None:
-        """Problem where the arm is no more asked to be where `approach` has left it."""
+        """Problem if the arm's setpoint is no longer where `approach` has left it."""
         self.look()
         self._watch.look()
         off = np.abs(self._asked() - self._arrived)
@@ -159,14 +159,14 @@ class Follower:
             raise Problem(f"{self._watch.name}: somebody else has moved it from where it begins ({joint})")
 
     def _asked(self) -> Array:
-        """Where it is asked to be, the jaw last."""
+        """Its setpoint, the jaw last."""
         asked = self._watch.joints("setpoint_position")
         return np.append(asked, self._watch.number("jaw_setpoint_position")) if self._has_jaw else asked
 
 
 @contextlib.contextmanager
 def holding_at_end(remotes: Sequence[Remote], what: str) -> Iterator[None]:
-    """However `what` ends, all arms are asked to hold, each whatever becomes of the others. HeldUp says so."""
+    """At any end of `what` all arms get a hold, each independent of the others. HeldUp is reported."""
     with contextlib.ExitStack() as ends:
         for remote in remotes:
             ends.callback(_hold, remote)
@@ -185,9 +185,9 @@ def _hold(remote: Remote) -> None:
 
 
 def waited(until: Callable[[], bool], arms: Sequence[Follower], time: SystemTime) -> None:
-    """Wait until something is so, in short slices in which all `arms` are looked at; it is asked first.
+    """Wait for a condition, in short slices in which all `arms` are checked; the condition is checked first.
 
-    Problem where one of them is not ENABLED any more, or the system's time stands still; HeldUp where we were held up.
+    Problem if one of them is not ENABLED any more, or the system's time is stopped; HeldUp if we were stalled.
     """
     looked_ns, at_ns = boottime_ns(), time.now_ns()
     moved_ns = looked_ns
@@ -222,15 +222,15 @@ def first_reply(remote: Remote, number: int, wanted: Sequence[str], seconds: flo
 
 
 class HeldUp(Problem):
-    """This program was held up for so long that it must not go on as if no time had passed."""
+    """This program was stalled for so long that it must not continue as if no time had passed."""
 
 
 def beats(rate_hz: float, count: int | None, skipped: list[int], longest_s: float = math.inf,
           time: SystemTime | None = None) -> Iterator[int]:
     """Numbers of the periods as they begin, up to `count`, on absolute deadlines; late ones add to `skipped[0]`.
 
-    HeldUp where one begins more than `longest_s` later than it should after the last one. They are those of the
-    system's `time`, None: real time; Problem where that stands still.
+    HeldUp if one begins more than `longest_s` too late after the last one. They are periods of the system's `time`,
+    None: real time; Problem if that is stopped.
     """
     simulated = time is not None and time.simulated
     now_ns, gap_ns = (time.now_ns, time.now_ns) if time is not None and simulated else (monotonic_ns, boottime_ns)

@@ -1,4 +1,4 @@
-"""What needs the robot's own machine: its systems by name, arms by shared memory, places for programs of one's own."""
+"""Functions that need the robot's own machine: systems by name, arms by shared memory, places for user programs."""
 
 from __future__ import annotations
 
@@ -58,10 +58,10 @@ def provide(name: str | UserNode, system: str | None = None, timeout: float = 5.
             commands: Mapping[str, Handler] | None = None, program: str = "") -> Provider:
     """Be the arm `name` of a _GENERIC type, or the buttons of a console, in a running system; see Provider.
 
-    A process that the system file declares by this name is given instead of it, in its `setup`.
+    If the system file declares a process by this name, that process provides it, in its `setup`.
 
-    `rate`: records a second that `tick` keeps to. `commands`: what it carries out, by name. `program`: its name.
-    TimeoutError after `timeout` s when there is no such place; Problem at once when another program has it.
+    `rate`: records a second, kept by `tick`. `commands`: its command handlers, by name. `program`: its name.
+    TimeoutError after `timeout` s if there is no such place; Problem at once if another program has it.
     """
     if isinstance(name, UserNode):
         return Provider(name, commands, program)
@@ -91,7 +91,7 @@ def _attached(kind: str, make: Callable[[Ways, str], A], system: str, name: str)
 
 
 def connected(attach: Callable[[], T], timeout: float, what: str) -> T:
-    """What `attach` gives, once it does; TimeoutError with the last problem after `timeout` s; NotThere, PlaceTaken."""
+    """The result of `attach`, once it succeeds; TimeoutError (last problem) after `timeout` s; NotThere, PlaceTaken."""
     ctrl_c_in_a_line()
     end = monotonic_ns() + round(timeout * 1e9)
     while True:

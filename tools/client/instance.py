@@ -1,4 +1,4 @@
-"""What arms and setup joints have in common: an operating state, and commands that change it."""
+"""Common parts of arms and setup joints: an operating state, and commands that change it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def known_state(state: str, states: Iterable[str] = STATES) -> None:
 
 
 class InstanceHandle(Reporting):
-    """What a script holds of one instance of a running system. Each thread has to make its own."""
+    """A script's handle for one instance of a running system. Each thread must make its own."""
 
     def __init__(self, ways: Ways, name: str, shown: RecordWay | RowWay,
                  row: Callable[[], Event] | None = None) -> None:
@@ -52,7 +52,7 @@ class InstanceHandle(Reporting):
         self._waits.until(self.connected, timeout, f"{self.name} is not connected")
 
     def close(self) -> None:
-        """Detach; it resumes with what it does."""
+        """Detach; the instance continues its work."""
         self._open.close()
 
 
@@ -65,7 +65,7 @@ class Instance(InstanceHandle):
         self._record = ways.record(name)
         super().__init__(ways, name, self._record)
 
-    if not TYPE_CHECKING:  # for what is not known before it runs
+    if not TYPE_CHECKING:  # for names that are unknown before runtime
 
         def __getattr__(self, name: str) -> Callable[..., str]:
             """A command without a method of its own, by its name with _ for /: arrays and numbers, then its text.
@@ -96,7 +96,7 @@ class Instance(InstanceHandle):
         return watch.state, watch.stamp_ns
 
     def desired_state(self) -> tuple[str, int]:
-        """The state that was asked for."""
+        """The requested state."""
         watch = self._record.look()
         return watch.text("desired_state"), watch.stamp_ns
 
@@ -131,7 +131,7 @@ class Instance(InstanceHandle):
         self._remote.ask("state_command", text=word)
 
     def enable(self, timeout: float = 10.0) -> None:
-        """Power on and wait until it is; Problem says why it is not."""
+        """Power on and wait until done; Problem gives the reason for a failure."""
         self._ways.bring(self.name, ENABLED, timeout)
 
     def disable(self, timeout: float = 10.0) -> None:

@@ -1,4 +1,4 @@
-"""What only a PSM, an ECM, an MTM or the setup joints of a patient cart have."""
+"""Methods that only a PSM, an ECM, an MTM or the setup joints of a patient cart have."""
 
 from __future__ import annotations
 
@@ -43,11 +43,11 @@ class Jaw(Joints):
         return move(self._waits, self._remote, "jaw/move_jp", position)
 
     def open(self, angle: float = JAW_OPEN) -> MoveHandle:
-        """Open, to 60° unless told otherwise."""
+        """Open, by default to 60°."""
         return self.move_jp(angle)
 
     def close(self, angle: float = JAW_CLOSED) -> MoveHandle:
-        """Close, to −20° unless told otherwise: the instrument grips."""
+        """Close, by default to −20°: the instrument grips."""
         return self.move_jp(angle)
 
 
@@ -76,7 +76,7 @@ class Psm(Arm):
         return watch.text("tool"), watch.stamp_ns
 
     def set_tool_type(self, name: str) -> None:
-        """Say which instrument is on, NAME:MODEL."""
+        """Set the type of the inserted instrument, NAME:MODEL."""
         self._remote.ask("set_tool_type", text=name)
 
     def emulate_tool_present(self, present: bool = True) -> None:
@@ -101,7 +101,7 @@ class Ecm(Arm):
         return watch.text("tool"), watch.stamp_ns
 
     def set_endoscope_type(self, name: str) -> None:
-        """Say which endoscope it carries; Refused names those there are."""
+        """Set the type of its endoscope; Refused names the known ones."""
         self._remote.ask("set_endoscope_type", text=name)
 
 
@@ -114,8 +114,8 @@ class Gripper(Measured):
         self._zero = zero
 
     def closed(self) -> bool:
-        """Whether it is closed, and has been for the time that its file gives."""
-        position, _ = self.measured_jp()  # an arm that was restarted meanwhile does not tell that it finds it open
+        """Whether it is closed, and has been for the time given in its file."""
+        position, _ = self.measured_jp()  # an arm that was restarted meanwhile does not report that it finds it open
         return self._record.reported("gripper/closed") and bool(position[0] <= self._zero)
 
 
@@ -203,7 +203,7 @@ class Suj(Instance):
         return list(self._arms)
 
     def arm(self, name: str) -> SetupArm:
-        """One of them; Problem says which there are."""
+        """One of them; Problem names the existing ones."""
         found = self._arms.get(name)
         if found is None:
             raise Problem(none_such("setup arm", name, self._arms))
@@ -216,11 +216,11 @@ class Suj(Instance):
         return arms[name]
 
     def reference_arm(self) -> str:
-        """The setup arm in the tip of whose arm base frames are given."""
+        """The setup arm whose arm's tip is the reference of the base frames."""
         return self._record.look().text("reference_arm")
 
     def set_reference_arm(self, name: str) -> None:
-        """Give base frames in the tip of the arm on this one from now on."""
+        """Refer base frames to the tip of the arm on this one from now on."""
         self._remote.ask("set_reference_arm", text=name)
 
     def set_lift_velocity(self, velocity: float) -> None:

@@ -32,7 +32,7 @@ class Waits:
         self._robot_ns, self._callbacks = robot_ns, callbacks
 
     def until(self, done: Callable[[], bool], timeout: float, what: str) -> None:
-        """Wait for a condition; TimeoutError says `what` is not so after `timeout` s, of our time and the robot's."""
+        """Wait for a condition; TimeoutError after `timeout` s, of our time and the robot's: `what` is not so."""
         if done():
             return
         limit = Deadline(timeout, self._robot_ns)
@@ -53,7 +53,7 @@ class MoveHandle:
         self._end = first if first.outcome in ENDINGS else None
         self._accepted = first.text
         self.clipped = first.text.removeprefix(CLIPPED) if first.text.startswith(CLIPPED) else ""
-        """Joints whose goals lay beyond their limits, from where to where: insertion 5.000 → 0.240 m. Else empty."""
+        """Joints with goals beyond their limits, with both values: insertion 5.000 → 0.240 m. Else empty."""
         self.short = ""
         """Once it is over: joints that are not where they were sent, and by how much: 17.2° short (pitch). Else empty.
         """
@@ -72,16 +72,16 @@ class MoveHandle:
         return self._end is None
 
     def wait(self, timeout: float = 30.0, *, is_busy: bool = False) -> None:
-        """Until it is over; TimeoutError after `timeout` s, Refused when the move ended before its goal.
+        """Wait for its end; TimeoutError after `timeout` s, Refused if the move ended before its goal.
 
-        `is_busy`: until it has begun, as in dvrk_python; it has when there is a handle.
+        `is_busy`: wait for its begin, as in dvrk_python; with a handle it has begun.
         """
         if is_busy:
             return
         self._waits.until(lambda: not self.is_busy(), timeout, f"{self._what} is not done")
 
     def __await__(self) -> Generator[Any, None, None]:
-        """`await arm.move_jp(q)`: until it is over, while other coroutines go on; Refused as in `wait`."""
+        """`await arm.move_jp(q)`: wait for its end, while other coroutines run; Refused as in `wait`."""
         return self._awaited().__await__()
 
     async def _awaited(self) -> None:

@@ -41,14 +41,14 @@ class Measured:
 
 
 class Setpoint:
-    """What the joint controller was last given."""
+    """The last setpoint of the joint controller."""
 
     def __init__(self, record: RecordWay, prefix: str) -> None:
         """`prefix` of the names of their views."""
         self._record, self._prefix = record, prefix
 
     def setpoint_js(self) -> tuple[JointState, int]:
-        """Positions, velocities and efforts that it was given."""
+        """Its positions, velocities and efforts."""
         return self._record.joint_state(f"{self._prefix}setpoint_js")
 
     def setpoint_jp(self) -> Stamped:
@@ -92,7 +92,7 @@ class Body(Frame):
     """Seen from the tip."""
 
     def set_cf_orientation_absolute(self, absolute: bool = True) -> None:
-        """Give wrenches of the tip in axes of the reference frame from now on, or in the tip's again."""
+        """Interpret wrenches of the tip in axes of the reference frame from now on, or in the tip's again."""
         self._remote.ask("body/set_cf_orientation_absolute", (float(absolute),))
 
 

@@ -1,4 +1,4 @@
-"""The place of a program of yours in a running system: what it shows, and what it is asked for."""
+"""The place of a user program in a running system: its records, and the commands to it."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ SLOWEST, FASTEST = 50.0, 2000.0  # records a second: none for 30 ms counts as go
 NOWHERE: Final = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 Handler = Callable[[Array, str], object]
-"""Carries out a command, given its numbers and its text; raises Refused or ValueError with the reason when it won't."""
+"""Executes a command, given its numbers and its text; raises Refused or ValueError with the reason for a refusal."""
 
 
 class Provider(Closable):
     """One arm of a `_GENERIC` type, or the buttons of a console; a context manager, for one thread. Made by `provide`.
 
-    A record goes out with every `write`; what is not written again stays as it was, but the pose. The place in the
-    system is `process`: claims, commands, periods and pauses are those of every process of a user's.
+    Every `write` publishes a record; values that are not written again stay unchanged, except the pose. The place in
+    the system is `process`: claims, commands, periods and pauses are those of any user process.
     """
 
     def __init__(self, process: UserNode, commands: Mapping[str, Handler] | None = None, program: str = "") -> None:
@@ -56,9 +56,9 @@ class Provider(Closable):
         self._place, self._handlers = _places(document, name)[name], _checked(name, commands or {})
         process.carries_out = self._carry_out
         self._leader: SenderId | None = None
-        """Whose command was carried out last."""
+        """Sender of the last executed command."""
         self._consoles = [process.own.waker_for(row.name) for row in document.consoles if row.is_wired_to(name)]
-        self._unreported: list[tuple[str, str, float]] = []  # what became of buttons since the last record
+        self._unreported: list[tuple[str, str, float]] = []  # button events since the last record
         self._base = np.array(self._place.base_frame) if self._place.base_frame is not None else None
         for cells in self._fields.values():
             cells[...] = np.zeros((), cells.dtype)
@@ -70,7 +70,7 @@ class Provider(Closable):
         if not process.is_ours:
             process.begin()
         self.now_ns = monotonic_ns()
-        """When this cycle began, monotonic."""
+        """Start of this cycle, monotonic."""
         process.status(f"{name} is now {program} (pid {os.getpid()})")
 
     @property
@@ -79,19 +79,19 @@ class Provider(Closable):
 
     @property
     def held_up_s(self) -> float:
-        """How long the program was held up before the last `tick` or `write`, s; 0: not for too long, see there."""
+        """Stall before the last `tick` or `write`, s; 0: none that matters, see there."""
         return self.process.held_up_s
 
-    # what it says
+    # -- output --
 
     def write(self, pose: ArrayLike | None = None, twist: ArrayLike | None = None, *, gripper: float | None = None,
               setpoint: ArrayLike | None = None, jaw: float | None = None, joints: ArrayLike | None = None) -> None:
-        """Show where the tip is, and answer what came in meanwhile.
+        """Publish the tip pose, and answer commands received meanwhile.
 
         `pose`: 4×4 or x y z qx qy qz qw in its own base (m); None: not known now. `twist`: linear (m/s), angular
-        (rad/s), in axes of the base. `gripper` (rad) of a master. Of a slave: `setpoint`, the pose it goes to (without
-        it: where it is), `jaw` (rad) and `joints`, setpoints. ValueError when they are none; then nothing is shown.
-        After a pause since the last `write` or `tick` the pose is taken for unknown, see `held_up_s`.
+        (rad/s), in axes of the base. `gripper` (rad) of a master. For a slave: `setpoint`, its goal pose (default: its
+        present pose), `jaw` (rad) and `joints`, setpoints. ValueError for invalid values; then nothing is published.
+        After a pause since the last `write` or `tick` the pose counts as unknown, see `held_up_s`.
         """
         values: dict[str, Any] = {"reference_valid": pose is not None}
         if pose is not None:
@@ -136,16 +136,16 @@ class Provider(Closable):
             self._unreported.append((button, *PRESSED[pressed]))
 
     def click(self, button: str) -> None:
-        """A button was tapped: too short to count as pressed; told with the next record."""
+        """A button was tapped: too short to count as pressed; reported with the next record."""
         self._button(button)
         self._unreported.append((button, *CLICKED))
 
     def status(self, text: str) -> None:
-        """Tell people something."""
+        """Report a status to people."""
         self.process.status(text)
 
     def error(self, text: str) -> None:
-        """Something failed: teleoperations that use it stop until a person asks for them again."""
+        """A failure: teleoperations that use this stop until a person requests them again."""
         self.process.own.events.report(codes.THIRD_PARTY_ERROR, text, self.name)
 
     def _button(self, button: str) -> int:
@@ -154,7 +154,7 @@ class Provider(Closable):
         return self._place.inputs.index(button)
 
     def _report_buttons(self) -> None:
-        """Events come after the record, and consoles look at both at once."""
+        """Events follow the record, and consoles read both at once."""
         for button, kind, value in self._unreported:
             self.process.own.events.emit("button", kind, code=kind, component=button, value=value)
         self._unreported.clear()
@@ -175,17 +175,17 @@ class Provider(Closable):
     def _turned(self, twist: Array) -> Array:
         return twist if self._base is None else (self._base[:3, :3] @ twist.reshape(2, 3).T).T.reshape(6)
 
-    # what it is asked for
+    # -- commands --
 
     def serve(self) -> None:
-        """Answer what came in: carry out what there is a handler for, refuse the rest in plain words."""
+        """Answer received commands: execute those with a handler, refuse the rest in plain words."""
         self.process.process_messages(COMMANDS_DEPTH)  # a teleoperation sends several a millisecond: take all there is
 
     def _carry_out(self, command: Received) -> None:
         name, is_own = command.name, command.sender == self._leader
         if name == END and name not in self._handlers:
             if not is_own or HOLD not in self._handlers:
-                return  # it is about what another program does now, or there is nothing to end
+                return  # it is about another program's present action, or there is nothing to end
             name = HOLD
         handler = self._handlers.get(name)
         try:
@@ -205,7 +205,7 @@ class Provider(Closable):
         raise Refused(f"{self.name} is {self._fields['program'].item().decode(errors='replace')}, a program that does "
                       f"not carry out {what}")
 
-    # its life
+    # -- lifetime --
 
     def tick(self) -> bool:
         """End this cycle and wait for the next one, `rate` times a second; False: the system ends."""
@@ -214,7 +214,7 @@ class Provider(Closable):
         return self.alive()
 
     def alive(self) -> bool:
-        """Whether the system is there, and wants the program."""
+        """Whether the system is up, and needs the program."""
         own = self.process.own
         if self.process.stop_reason or own.lost_s():
             return False

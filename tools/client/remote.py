@@ -1,7 +1,7 @@
-"""Commands to one component, and what became of them.
+"""Commands to one component, and their outcomes.
 
-An answer is waited for in the system's time and in ours: whoever has no core on a busy machine, or waits for somebody
-who has none, may answer late in simulated time.
+Waits for an answer are limited in the system's time and in ours: on a busy machine a process that lacks a core, or
+waits for one that does, may answer late in simulated time.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ class Remote(Client, Closable):
         self._kept: dict[int, list[Reply]] = {}
 
     def wait_until_it_runs(self) -> None:
-        """Wait while it starts, because it refuses what was sent before it ran.
+        """Wait while it starts, because it refuses commands sent before it ran.
 
-        Problem when it has been stopped, has failed, or is dead and has no supervisor to start it again.
+        Problem if it has been stopped, has failed, or has crashed and has no supervisor to restart it.
         """
         deadline = Deadline(START_S)
         while (state := self._page.state) in STARTING and not deadline.is_over():
@@ -53,9 +53,9 @@ class Remote(Client, Closable):
                           "starts it")
 
     def _check_supervisor(self, is_dead: bool = False) -> None:
-        """Problem when the process is dead, and no supervisor starts it again.
+        """Problem if the process has crashed, and no supervisor restarts it.
 
-        The kernel is asked only where it has been silent, not for each goal of a stream.
+        Makes system calls only after a silence, not for each goal of a stream.
         """
         silent_ns = monotonic_ns() - int(self._page.get("heartbeat_ns"))
         is_dead = is_dead or (silent_ns > SILENT_NS and not alive(self._page.segment.identity()))
@@ -63,14 +63,14 @@ class Remote(Client, Closable):
             raise Problem(lost)
 
     def replies(self) -> list[Reply]:
-        """Answers to whatever was sent, that came and were not asked for yet."""
+        """Answers to all commands that were not collected yet."""
         self._fetch()
         found = [reply for replies in self._kept.values() for reply in replies]
         self._kept.clear()
         return found
 
     def replies_to(self, number: int) -> list[Reply]:
-        """Answers to one command, that came and were not asked for yet."""
+        """Answers to one command that were not collected yet."""
         self._fetch()
         return self._kept.pop(number, [])
 
@@ -78,15 +78,15 @@ class Remote(Client, Closable):
         for reply in self.poll():
             whole = replace(reply, text=in_full(self._system, self.instance, reply.text))
             self._kept.setdefault(reply.id, []).append(whole)
-        while len(self._kept) > KEPT:  # answers nobody asks for
+        while len(self._kept) > KEPT:  # answers that are never collected
             del self._kept[next(iter(self._kept))]
 
     def answered(self, command: str, values: Any = (), text: str = "", timeout: float = 2.0) -> Reply:
-        """Send and wait for the first answer: accepted, refused, done or failed; Problem when none comes."""
+        """Send and wait for the first answer: accepted, refused, done or failed; Problem if there is none."""
         return self._reply_to(self._posted(command, values, text), command, timeout, ())
 
     def settled(self, command: str, values: Any = (), text: str = "", timeout: float = 60.0) -> Reply:
-        """Send and wait for the end: refused, done or failed; Problem when it does not come in time."""
+        """Send and wait for the end: refused, done or failed; Problem if it does not arrive in time."""
         return self._reply_to(self._posted(command, values, text), command, timeout, ENDINGS)
 
     def ask(self, command: str, values: Any = (), text: str = "", timeout: float = 2.0) -> Reply:
@@ -110,7 +110,7 @@ class Remote(Client, Closable):
         last: Reply | None = None
         is_over = False
         while not is_over:
-            is_over = deadline.is_over()  # before the look: who was held up looks once more
+            is_over = deadline.is_over()  # before the look: after a stall, look once more
             replies = self.replies_to(number)
             for i, reply in enumerate(replies):
                 last = reply

@@ -1,6 +1,6 @@
-"""What `import trocar` gives scripts: arms, setup joints and systems by name, and places for programs of one's own.
+"""Contents of `import trocar` for scripts: arms, setup joints and systems by name, and places for user programs.
 
-On a machine without shared memory of ours (Windows, macOS) it has arms and setup joints `at` another machine, no more.
+On a machine without our shared memory (Windows, macOS) it has only arms and setup joints `at` another machine.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ from trocar.tools.output.errors import Clipped, Disconnected, NotThere, Problem,
 
 
 class OnlyHere:
-    """Takes the place of what needs the robot's own machine; Problem where that is used."""
+    """Placeholder for functions that need the robot's own machine; their use raises Problem."""
 
     def __init__(self, *given: Any, **named: Any) -> None:
-        """Problem says what there is instead."""
+        """Problem names the alternative."""
         raise Problem('this needs the robot\'s own machine (Linux, posix_ipc); from here: '
                       'trocar.arm(NAME, at="HOST:PORT")')
 
@@ -111,11 +111,11 @@ def arm(name: str, system: str | None = None, timeout: float = 5.0, *, at: str =
         tls: ssl.SSLContext | None = None) -> Arm:
     """The arm `name`, a Psm, Ecm or Mtm, once it is connected; TimeoutError after `timeout` s.
 
-    A wrong name is a Problem at once where the system is up.
+    A wrong name is a Problem at once if the system is up.
 
-    `system`: default the one of the environment variable TROCAR_SYSTEM, else the only one up. `at`: HOST:PORT of the
-    socket bridge of a system on another machine, with its `token` (or the Path of a file that has it), and for `tls`
-    what ssl.create_default_context() gives.
+    `system`: default: environment variable TROCAR_SYSTEM, else the only one up. `at`: HOST:PORT of the socket bridge of
+    a system on another machine, with its `token` (or the Path of a file that has it), and for `tls` the result of
+    ssl.create_default_context().
     """
     return _found("arm", _arm, name, system, timeout, (at, token, tls))
 
@@ -168,7 +168,7 @@ def system(name: str | None = None, timeout: float = 5.0, *, at: str = "", token
 
 
 def aio(make: Callable[..., Any], *given: Any, **named: Any) -> Aio:
-    """What `make(*given, **named)` gives, its words coroutines: `async with trocar.aio(trocar.psm, "PSM1") as psm`."""
+    """`make(*given, **named)` with coroutine methods: `async with trocar.aio(trocar.psm, "PSM1") as psm`."""
     from trocar.tools.client.aio import Aio  # most scripts do without asyncio, and it takes a while
 
     return Aio(lambda: make(*given, **named))
@@ -179,14 +179,14 @@ def _arm(ways: Ways, name: str) -> Arm:
 
 
 def _found(kind: str, make: Callable[[Ways, str], F], name: str, system: str | None, timeout: float, where: Where) -> F:
-    """An instance of this machine, or `at` another one."""
+    """An instance on this machine, or `at` another one."""
     if not where[0]:
         return here.found_here(kind, make, name, system, timeout)
     return _at(where, timeout, lambda ways: make(ways.checked(kind, name), name))
 
 
 def _at(where: Where, timeout: float, made: Callable[[DistantWays], T]) -> T:
-    """What `made` makes of a connection, tried until it is there."""
+    """The result of `made` for a connection, tried until it succeeds."""
     ctrl_c_in_a_line()
     at, token, tls = where
     end = monotonic_ns() + round(timeout * 1e9)

@@ -1,4 +1,4 @@
-"""What instances of this machine show and report, and the ways to them: shared memory."""
+"""Records and events of instances on this machine, and commands to them: shared memory."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class InstanceRecord:
         self.watch = Watch(system, instance)
         self._system, self._name = system, instance
         self._demand = OnDemand(system, instance)
-        self._events: dict[str, OpenTopic] = {}  # opened when asked for
+        self._events: dict[str, OpenTopic] = {}  # opened on first use
         try:
             entries = [entry for entry in catalogue(system) if entry.instance == instance]
             self._views = {entry.name: OpenTopic(system, entry, self.watch.reader) for entry in entries if entry.view}
@@ -51,9 +51,9 @@ class InstanceRecord:
         return self.watch.stamp_ns if self.watch.look() else 0
 
     def part(self, view: str, name: str) -> Stamped:
-        """A part of a view; TimeoutError when it is too old, not valid now, or not computed in time.
+        """A part of a view; TimeoutError if it is too old, not valid now, or not computed in time.
 
-        What is computed on demand is wanted from the first call until `close`.
+        Values computed on demand are subscribed from the first call until `close`.
         """
         source = self._newest(view)
         value: Array = source.part(name)
@@ -65,7 +65,7 @@ class InstanceRecord:
         return matrix_from_pose(pose), stamp_ns
 
     def joint_state(self, view: str) -> tuple[JointState, int]:
-        """What a view shows of joints."""
+        """Joint values of a view."""
         source = self._newest(view)
         parts: list[Any] = [source.part(name) for name in JointState._fields]
         return JointState(*parts), source.stamp_ns
@@ -75,7 +75,7 @@ class InstanceRecord:
         return self._newest(view).labels()
 
     def reported(self, event: str) -> bool:
-        """The flag that an event of this name told last; False when there was none."""
+        """The last flag of an event of this name; False if there was none."""
         source = self._events.get(event)
         if source is None:
             entry = self._flags.get(f"{self._name}/{event}")
@@ -105,7 +105,7 @@ class InstanceRecord:
         return source
 
     def close(self) -> None:
-        """Unmap, and want nothing more."""
+        """Unmap, and end all subscriptions."""
         self._demand.close()
         self.watch.close()
         self.watch = closed(self._name)
@@ -145,7 +145,7 @@ class SharedRows:
 
 
 class SharedEvents:
-    """The events of one instance that somebody follows."""
+    """The events of one instance that a script follows."""
 
     def __init__(self, system: str, name: str) -> None:
         """Nothing is opened yet."""
@@ -171,7 +171,7 @@ class SharedEvents:
             self._open.pop(event).close()
 
     def taken(self) -> list[tuple[str, Mapping[str, Any]]]:
-        """Those that came since the last call, with their names, in order; `lost`: so many before one were not seen."""
+        """Those since the last call, with their names, in order; `lost`: number of missed ones before an event."""
         found: list[tuple[str, Mapping[str, Any]]] = []
         for event, topic in self._open.items():
             lost = topic.lost
@@ -195,11 +195,11 @@ class SharedWays:
         self.name, self.is_simulated = system, is_simulated(system)
 
     def record(self, name: str) -> InstanceRecord:
-        """What an instance shows; Problem or SegmentError when it is not there (yet)."""
+        """Records of an instance; Problem or SegmentError if it is not there (yet)."""
         return InstanceRecord(self.name, name)
 
     def remote(self, name: str) -> Remote:
-        """What it is asked; the same."""
+        """Commands to it; the same errors."""
         return Remote(self.name, name)
 
     def rows(self, name: str) -> SharedRows:
@@ -207,7 +207,7 @@ class SharedWays:
         return SharedRows(self.name, name)
 
     def events(self, name: str) -> SharedEvents:
-        """What an instance reports."""
+        """Events of an instance."""
         return SharedEvents(self.name, name)
 
     def type_of(self, name: str) -> str:
@@ -215,7 +215,7 @@ class SharedWays:
         return arm_type(self.name, name)
 
     def bring(self, name: str, goal: str, timeout: float) -> None:
-        """Enable, home or disable an instance and wait for it; Problem says why it is not so."""
+        """Enable, home or disable an instance and wait for it; Problem gives the reason for a failure."""
         try:
             bring_all(self.name, [name], goal, timeout)
         except SegmentError as error:  # the system has gone, or others have all places

@@ -1,4 +1,4 @@
-"""What scripts give as numbers, in the order in which commands take them; springs and dampers of `servo_ci`, too."""
+"""Numbers from scripts, in the order in which commands take them; springs and dampers of `servo_ci`, too."""
 
 from __future__ import annotations
 

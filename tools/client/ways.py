@@ -1,8 +1,8 @@
-"""The ways to an instance, whichever machine it runs on: what it shows, what it is asked, and what it reports.
+"""Access to an instance, on any machine: its records, commands to it, and its events.
 
 Each has one class for this machine (shared.py) and one with the same methods for another machine (distant.py).
 
-Nothing here, and nothing that `import trocar` needs elsewhere, imports shared memory.
+This module, and all modules that `import trocar` needs on other machines, do not import shared memory.
 """
 
 from __future__ import annotations

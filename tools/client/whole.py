@@ -1,4 +1,4 @@
-"""A whole system: what it is asked and what it reports, and how one on another machine is reached."""
+"""A whole system: commands to it and its reports, and access to one on another machine."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from trocar.tools.client.ways import RowWay, Ways
 from trocar.tools.output.errors import Problem
 
 WHOLE: Final = "system"
-"""The process that brings all arms up, repeats what all report and makes sounds, where there are consoles."""
+"""The process that brings all arms up, repeats their reports and makes sounds, in systems with consoles."""
 WORDS: Final = {ENABLED: "power_on", HOMED: "home", DISABLED: "power_off"}
 
 
@@ -24,13 +24,13 @@ class WholeSystem(Reporting):
     """A running system; a context manager."""
 
     def __init__(self, ways: Ways) -> None:
-        """Nothing is asked yet."""
+        """Sends nothing yet."""
         self._ways, self.name = ways, ways.name
         self._rows: RowWay | None = None
         self._callbacks = Callbacks(ways.events(WHOLE), self._row)
 
     def power_on(self, timeout: float = 10.0) -> None:
-        """Enable every arm, and the setup joints; Problem says which are not and why."""
+        """Enable every arm, and the setup joints; Problem names the failed ones with reasons."""
         self._bring(ENABLED, timeout)
 
     def home(self, timeout: float = 60.0) -> None:
@@ -53,11 +53,11 @@ class WholeSystem(Reporting):
         return float(self._row()["volume"])
 
     def beep(self, duration: float = 0.3, frequency: float = 3000.0, volume: float | None = None) -> None:
-        """Make a beep: s, Hz, 0 to 1; at the system's volume unless told otherwise."""
+        """Make a beep: s, Hz, 0 to 1; default: at the system's volume."""
         self._ask("beep", (duration, frequency) if volume is None else (duration, frequency, volume))
 
     def string_to_speech(self, text: str) -> None:
-        """Say it."""
+        """Say this text."""
         self._ask("string_to_speech", text=text)
 
     def _ask(self, command: str, values: Sequence[float] = (), text: str = "") -> None:
